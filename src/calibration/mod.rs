@@ -1,0 +1,78 @@
+//! A rig's cameras and what their depth readings mean: project, unproject, linearise. This room computes;
+//! it reads no files and sees no pictures.
+
+mod camera;
+mod depth_response;
+mod intrinsics;
+
+pub use camera::Camera;
+pub use depth_response::DepthResponse;
+pub use intrinsics::{Distortion, Intrinsics};
+
+use nalgebra::Point3;
+
+/// Why a calibration is refused.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum Error {
+    /// A number that cannot be what it stands for.
+    #[error("{what} is {found}, expected {expected}")]
+    BadValue {
+        /// Which number.
+        what: &'static str,
+        /// What was there.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// A lens model that is not read.
+    #[error("distortion model {0:?} is not plumb_bob, rational_polynomial or empty")]
+    UnknownDistortionModel(String),
+}
+
+/// The box that bounds the object, in the rig's frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Smallest corner.
+    pub min: Point3<f64>,
+    /// Largest corner.
+    pub max: Point3<f64>,
+}
+
+impl Volume {
+    /// Longest edge that a volume may have, in metres: larger than any rig, small enough to bound the work.
+    pub const LONGEST_EDGE: f64 = 10.0;
+    /// Shortest edge that a volume may have, in metres.
+    pub const SHORTEST_EDGE: f64 = 1e-4;
+
+    /// Checks and makes a volume.
+    ///
+    /// # Errors
+    /// If a coordinate is not finite, or an edge is not from 0.1 mm to 10 m.
+    pub fn new(min: Point3<f64>, max: Point3<f64>) -> Result<Self, Error> {
+        let edges = max - min;
+        let fits = |e: f64| (Self::SHORTEST_EDGE..=Self::LONGEST_EDGE).contains(&e);
+        if min.coords.iter().all(|c| c.is_finite() && c.abs() <= 1e3)
+            && edges.iter().all(|&e| fits(e))
+        {
+            return Ok(Self { min, max });
+        }
+        Err(Error::BadValue {
+            what: "volume",
+            found: format!(
+                "{:?} to {:?} m",
+                min.coords.as_slice(),
+                max.coords.as_slice()
+            ),
+            expected: "edges from 0.0001 to 10 m, within 1000 m of the origin",
+        })
+    }
+}
+
+/// A depth camera: where it is, and what its readings mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthCamera {
+    /// Lens and pose, shared by its depth and its colour.
+    pub camera: Camera,
+    /// From raw readings to metres.
+    pub response: DepthResponse,
+}

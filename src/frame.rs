@@ -1,0 +1,191 @@
+//! What the rig hands over: cameras' names, timestamps, frames and triggers. Data, no behaviour beyond
+//! checking itself; nothing here decodes, stores or reconstructs.
+
+use std::fmt;
+use std::sync::Arc;
+
+/// A camera's id, `[a-z0-9_-]{1,32}`; also its `frame_id` in a recording.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CameraId(Arc<str>);
+
+/// A name that breaks the rule of its kind.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[error("{kind} {found:?} is not {expected}")]
+pub struct BadName {
+    kind: &'static str,
+    found: String,
+    expected: &'static str,
+}
+
+impl CameraId {
+    /// Checks and wraps a name.
+    ///
+    /// # Errors
+    /// If `name` is not `[a-z0-9_-]{1,32}`.
+    pub fn new(name: &str) -> Result<Self, BadName> {
+        let allowed =
+            |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'-';
+        if (1..=32).contains(&name.len()) && name.bytes().all(allowed) {
+            return Ok(Self(name.into()));
+        }
+        Err(BadName {
+            kind: "camera id",
+            found: shortened(name),
+            expected: "1 to 32 of a-z, 0-9, _ and -",
+        })
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for CameraId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl fmt::Debug for CameraId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.0, f)
+    }
+}
+
+/// A capture's id and the name of its output folder: `[A-Za-z0-9._-]{1,64}`, not starting with a dot, so
+/// that it can never leave the folder it is put into.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CaptureId(Arc<str>);
+
+impl CaptureId {
+    /// Checks and wraps a name.
+    ///
+    /// # Errors
+    /// If `name` is not `[A-Za-z0-9._-]{1,64}` or starts with a dot.
+    pub fn new(name: &str) -> Result<Self, BadName> {
+        let allowed = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-');
+        let length = (1..=64).contains(&name.len());
+        if length && name.bytes().all(allowed) && !name.starts_with('.') {
+            return Ok(Self(name.into()));
+        }
+        Err(BadName {
+            kind: "capture id",
+            found: shortened(name),
+            expected: "1 to 64 of A-Z, a-z, 0-9, ., _ and - not starting with a dot",
+        })
+    }
+
+    /// The name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for CaptureId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// Enough of a hostile name to find it, and no more.
+fn shortened(name: &str) -> String {
+    name.chars().take(80).collect()
+}
+
+/// UTC nanoseconds since 1970.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Timestamp(pub u64);
+
+impl Timestamp {
+    /// Nanoseconds from `earlier` to `self`; negative where `self` is the earlier one.
+    pub fn nanoseconds_since(self, earlier: Self) -> i128 {
+        i128::from(self.0) - i128::from(earlier.0)
+    }
+}
+
+/// What a stream of frames shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stream {
+    /// Pictures of a colour camera.
+    Color,
+    /// Raw readings of a depth camera.
+    Depth,
+    /// A depth camera's own colour pictures, registered to its depth.
+    DepthColor,
+}
+
+/// The pixels of a frame as they came: encoded, so that a capture stays small until it is needed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Picture {
+    /// Rows of pixels.
+    Raw {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// Name of the pixel encoding, such as `bayer_rggb8`.
+        encoding: String,
+        /// Bytes from one row's start to the next's.
+        step: u32,
+        /// The rows.
+        data: Vec<u8>,
+    },
+    /// A picture file.
+    Compressed {
+        /// `jpeg` or `png`.
+        format: String,
+        /// The file's bytes.
+        data: Vec<u8>,
+    },
+}
+
+/// One picture of one camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Who took it.
+    pub camera: CameraId,
+    /// What it shows.
+    pub stream: Stream,
+    /// When its exposure began.
+    pub timestamp: Timestamp,
+    /// Its pixels.
+    pub picture: Picture,
+}
+
+/// The moment a capture was asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Trigger {
+    /// Names the capture.
+    pub id: CaptureId,
+    /// When.
+    pub time: Timestamp,
+    /// `pedal`, `socket`, `replay` or another word.
+    pub source: String,
+    /// The object's number, where one was given.
+    pub subject: Option<String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_could_leave_a_folder_are_refused() {
+        for name in ["", ".", "..", ".hidden", "a/b", "a\0", "ä", &"x".repeat(65)] {
+            assert!(CaptureId::new(name).is_err(), "{name:?}");
+        }
+        for name in ["a", "cup-000", "2026-01-01.r1", "A_b"] {
+            assert_eq!(CaptureId::new(name).unwrap().as_str(), name);
+        }
+        for name in ["", "C00", "a.b", "a b", &"x".repeat(33)] {
+            assert!(CameraId::new(name).is_err(), "{name:?}");
+        }
+    }
+
+    #[test]
+    fn a_long_bad_name_is_shortened_in_its_message() {
+        let message = CameraId::new(&"X".repeat(100_000)).unwrap_err().to_string();
+        assert!(message.len() < 200, "{}", message.len());
+    }
+}

@@ -1,0 +1,125 @@
+//! The one container for pictures: a dense, row-major grid of pixels of any type.
+
+use std::ops::{Index, IndexMut};
+
+/// A row-major picture of `width` x `height` pixels. Pixel centres are at whole numbers: the centre of the
+/// top left pixel is (0, 0).
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Grid<T> {
+    width: usize,
+    height: usize,
+    pixels: Vec<T>,
+}
+
+impl<T: Clone> Grid<T> {
+    /// A grid with every pixel set to `value`.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self {
+            width,
+            height,
+            pixels: vec![value; width * height],
+        }
+    }
+}
+
+impl<T> Grid<T> {
+    /// Wraps `pixels`, which holds rows from top to bottom.
+    ///
+    /// # Panics
+    /// If `pixels` does not hold exactly `width * height` values.
+    pub fn from_pixels(width: usize, height: usize, pixels: Vec<T>) -> Self {
+        assert_eq!(pixels.len(), width * height, "a {width}x{height} grid");
+        Self {
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// Computes every pixel from its coordinates.
+    pub fn from_fn(width: usize, height: usize, mut f: impl FnMut(usize, usize) -> T) -> Self {
+        let mut pixels = Vec::with_capacity(width * height);
+        for y in 0..height {
+            for x in 0..width {
+                pixels.push(f(x, y));
+            }
+        }
+        Self {
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Whether `other` has the same width and height.
+    pub fn same_size<U>(&self, other: &Grid<U>) -> bool {
+        self.width == other.width && self.height == other.height
+    }
+
+    /// The pixel at (x, y), or `None` outside the grid.
+    pub fn get(&self, x: isize, y: isize) -> Option<&T> {
+        let inside = x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height;
+        inside.then(|| &self.pixels[y as usize * self.width + x as usize])
+    }
+
+    /// Row `y`, left to right.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.pixels[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Row `y`, to be written.
+    pub fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.pixels[y * self.width..(y + 1) * self.width]
+    }
+
+    /// All pixels, row by row.
+    pub fn pixels(&self) -> &[T] {
+        &self.pixels
+    }
+
+    /// All pixels, to be written.
+    pub fn pixels_mut(&mut self) -> &mut [T] {
+        &mut self.pixels
+    }
+
+    /// Takes the pixels out.
+    pub fn into_pixels(self) -> Vec<T> {
+        self.pixels
+    }
+
+    /// A grid of the same size with `f` applied to every pixel.
+    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Grid<U> {
+        let pixels = self.pixels.iter().map(f).collect();
+        Grid {
+            width: self.width,
+            height: self.height,
+            pixels,
+        }
+    }
+}
+
+impl<T> Index<(usize, usize)> for Grid<T> {
+    type Output = T;
+
+    fn index(&self, (x, y): (usize, usize)) -> &T {
+        debug_assert!(x < self.width);
+        &self.pixels[y * self.width + x]
+    }
+}
+
+impl<T> IndexMut<(usize, usize)> for Grid<T> {
+    fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
+        debug_assert!(x < self.width);
+        &mut self.pixels[y * self.width + x]
+    }
+}

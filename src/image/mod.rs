@@ -1,0 +1,12 @@
+//! Pixel grids, and what can be done to them without knowing which camera they came from. Nothing in this
+//! room knows of calibration, frames or files.
+
+mod grid;
+
+pub use grid::Grid;
+
+/// An sRGB-encoded colour picture.
+pub type RgbImage = Grid<[u8; 3]>;
+
+/// A silhouette: 128 and up is object, 255 is certainly object, 0 certainly not.
+pub type Mask = Grid<u8>;

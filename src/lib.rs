@@ -1,0 +1,12 @@
+//! scand takes synchronised pictures of an object from colour cameras and a depth camera, keeps them in a
+//! recording that survives whatever happens next, and reconstructs the object by the method of Jang, Park
+//! and Lee, "Hybrid optical system for three-dimensional shape acquisition", Applied Optics 52(16), 2013.
+//!
+//! Data flows one way: `drivers` → `sync` → `recording` → `reconstruct` → `output`. No room names the next
+//! one; the commands join them. ARCHITECTURE.md has the table of what each room may use.
+
+pub mod calibration;
+pub mod frame;
+pub mod image;
+pub mod mesh;
+pub mod reconstruct;

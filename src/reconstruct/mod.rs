@@ -1,0 +1,8 @@
+//! The paper, a stage a file: pure, no I/O, no hardware. This file is the only door: it holds the order of
+//! the stages, their parameters and the checks between them.
+
+mod model;
+mod scene;
+
+pub use model::{Model, Provenance, Texture};
+pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};

@@ -1,0 +1,65 @@
+//! What a reconstruction makes: a mesh that knows where each of its vertices comes from.
+
+use crate::image::RgbImage;
+use crate::mesh::Mesh;
+use nalgebra::Vector3;
+
+/// Where a vertex comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u8)]
+pub enum Provenance {
+    /// On the visual hull.
+    #[default]
+    Hull = 0,
+    /// Where the depth carved the hull.
+    Carved = 1,
+    /// In a concave region restored from the depth.
+    Restored = 2,
+    /// In a concave region, over a hole in the depth.
+    Bridged = 3,
+    /// In a concave region, never seen by a depth camera.
+    Unseen = 4,
+    /// Cut by the table's plane, the volume's floor.
+    Table = 5,
+}
+
+impl Provenance {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 6] = [
+        Self::Hull,
+        Self::Carved,
+        Self::Restored,
+        Self::Bridged,
+        Self::Unseen,
+        Self::Table,
+    ];
+}
+
+/// A reconstructed object in the rig's frame (z up, metres). The vectors are a value a vertex.
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    /// Closed, oriented, manifold and welded.
+    pub mesh: Mesh,
+    /// Unit outward normals.
+    pub normals: Vec<Vector3<f32>>,
+    /// Where each vertex comes from.
+    pub provenance: Vec<Provenance>,
+    /// Expected distance to the true surface, in metres.
+    pub expected_error: Vec<f32>,
+    /// Colours; `None` until textured.
+    pub texture: Option<Texture>,
+}
+
+/// A model's colours.
+#[derive(Clone, Debug)]
+pub struct Texture {
+    /// The atlas, sRGB-encoded.
+    pub atlas: RgbImage,
+    /// For each triangle its three corners in the atlas, in [0, 1], v down from the top edge (as in glTF).
+    pub corner_uv: Vec<[[f32; 2]; 3]>,
+    /// For each vertex its colour.
+    pub vertex_colors: Vec<[u8; 3]>,
+    /// For each triangle whether a camera saw it; colour of the others is spread from their neighbours.
+    pub seen: Vec<bool>,
+}

@@ -1,0 +1,54 @@
+//! What a reconstruction is made from: the decoded pictures of one capture with their cameras.
+
+use crate::calibration::{Camera, DepthCamera, Volume};
+use crate::image::{Grid, Mask, RgbImage};
+use std::sync::Arc;
+
+/// One capture, decoded.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The colour cameras' views, in the order of their ids.
+    pub colors: Vec<ColorView>,
+    /// The depth cameras' views, in the order of their ids.
+    pub depths: Vec<DepthView>,
+    /// The box that bounds the object.
+    pub volume: Volume,
+}
+
+/// What one colour camera saw.
+#[derive(Clone, Debug)]
+pub struct ColorView {
+    /// The camera.
+    pub camera: Camera,
+    /// Its picture, of the size of the camera's intrinsics, sRGB-encoded.
+    pub image: RgbImage,
+    /// What tells the object from the rest.
+    pub silhouette: SilhouetteSource,
+}
+
+/// What a silhouette comes from.
+#[derive(Clone, Debug)]
+pub enum SilhouetteSource {
+    /// A mask, used as it is.
+    Mask(Mask),
+    /// The view with no object in it.
+    Background(Arc<RgbImage>),
+}
+
+/// What one depth camera saw.
+#[derive(Clone, Debug)]
+pub struct DepthView {
+    /// The camera and its response.
+    pub camera: DepthCamera,
+    /// The burst.
+    pub frames: Vec<DepthFrame>,
+}
+
+/// One reading of a depth camera.
+#[derive(Clone, Debug)]
+pub struct DepthFrame {
+    /// Raw readings; 0 is none.
+    pub readings: Grid<u16>,
+    /// The colour picture nearest in time; shared where colour is rarer than depth.
+    pub color: Arc<RgbImage>,
+}
