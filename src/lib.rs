@@ -6,6 +6,7 @@
 //! one; the commands join them. ARCHITECTURE.md has the table of what each room may use.
 
 pub mod calibration;
+pub mod commands;
 pub mod frame;
 pub mod image;
 pub mod mesh;

@@ -1,3 +1,15 @@
 //! The thin binary: arguments in, exit code out. Everything else lives in the library.
 
-fn main() {}
+use clap::Parser;
+use scand::commands::{Cli, run};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("scand: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -2,7 +2,9 @@
 //! the stages, their parameters and the checks between them.
 
 mod model;
+mod progress;
 mod scene;
 
 pub use model::{Model, Provenance, Texture};
+pub use progress::{Progress, Silent, Stage};
 pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};

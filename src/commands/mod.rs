@@ -1,0 +1,35 @@
+//! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
+//! into words and exit codes; the work itself is done in the rooms.
+
+pub mod replay;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Exit code of a run that did what was asked but lost something on the way: damage in a recording, or some
+/// captures that failed.
+pub const EXIT_LOST: u8 = 3;
+
+/// Scans objects with colour cameras and a depth camera.
+#[derive(Debug, Parser)]
+#[command(version, about, long_about = None, args_conflicts_with_subcommands = true)]
+pub struct Cli {
+    #[command(flatten)]
+    replay: replay::Args,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {}
+
+/// Runs what was asked.
+///
+/// # Errors
+/// What went wrong, in words for the terminal; the exit code is then 1.
+pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
+    match cli.command {
+        Some(command) => match command {},
+        None => replay::run(cli.replay),
+    }
+}
