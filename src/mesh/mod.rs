@@ -1,9 +1,13 @@
 //! Triangle meshes and what can be said of them without knowing where they came from: an operation a file
 //! over one plain struct. Nothing in this room knows of cameras.
 
+mod bvh;
+mod closest;
 mod normals;
 mod raster;
 
+pub use bvh::{Bvh, Closest, Hit};
+pub use closest::closest_on_triangle;
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_mesh};
 
