@@ -2,12 +2,22 @@
 //! over one plain struct. Nothing in this room knows of cameras.
 
 mod bvh;
+mod check;
 mod closest;
+mod components;
+mod edges;
+mod measure;
 mod normals;
 mod raster;
+#[cfg(test)]
+pub mod shapes;
 
 pub use bvh::{Bvh, Closest, Hit};
+pub use check::{Report, check};
 pub use closest::closest_on_triangle;
+pub use components::{Component, Components, components, extract};
+pub use edges::{Side, edges, sorted_sides};
+pub use measure::volume_and_total_area;
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_mesh};
 
