@@ -4,6 +4,7 @@
 mod model;
 mod progress;
 mod scene;
+pub mod surface;
 
 pub use model::{Model, Provenance, Texture};
 pub use progress::{Progress, Silent, Stage};

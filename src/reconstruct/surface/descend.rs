@@ -1,0 +1,70 @@
+//! From coarse to fine: which cells the surface may cross. Work grows with the surface, not with the volume.
+
+use super::{Lattice, Side, Solid, Undecided};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Levels above the finest: the coarsest cubes have 2⁵ cells a side.
+const LEVELS: u32 = 5;
+
+/// A cell and the constraints that may matter in it.
+pub(super) type ActiveCell = ([u32; 3], Undecided);
+
+/// The cells of the lattice that the surface may cross, in no particular order that depends on threads.
+pub(super) fn cells_across(solid: &impl Solid, lattice: &Lattice) -> Vec<ActiveCell> {
+    let mut cubes = coarsest(lattice);
+    for level in (0..=LEVELS).rev() {
+        let across: Vec<ActiveCell> = cubes
+            .par_iter()
+            .filter_map(
+                |&(at, undecided)| match side(solid, lattice, at, level, undecided) {
+                    Side::Across(undecided) => Some((at, undecided)),
+                    _ => None,
+                },
+            )
+            .collect();
+        if level == 0 {
+            return across;
+        }
+        cubes = across.iter().flat_map(|&cube| children(cube)).collect();
+        let size = 1 << (level - 1);
+        cubes.retain(|&(at, _)| (0..3).all(|i| at[i] * size < lattice.cells[i]));
+    }
+    unreachable!("level 0 returns")
+}
+
+fn coarsest(lattice: &Lattice) -> Vec<ActiveCell> {
+    let [nx, ny, nz] = lattice.cells.map(|n| n.div_ceil(1 << LEVELS));
+    let mut cubes = Vec::with_capacity(nx as usize * ny as usize * nz as usize);
+    for z in 0..nz {
+        for y in 0..ny {
+            cubes.extend((0..nx).map(|x| ([x, y, z], Undecided::MAX)));
+        }
+    }
+    cubes
+}
+
+fn side(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    at: [u32; 3],
+    level: u32,
+    undecided: Undecided,
+) -> Side {
+    let half = 0.5 * lattice.cell_size * f64::from(1u32 << level);
+    let center = lattice.corner(at.map(|i| i << level)) + Vector3::repeat(half);
+    solid.side(center, half, undecided)
+}
+
+fn children((at, undecided): ActiveCell) -> impl Iterator<Item = ActiveCell> {
+    (0..8u32).map(move |child| {
+        (
+            [
+                2 * at[0] + (child & 1),
+                2 * at[1] + (child >> 1 & 1),
+                2 * at[2] + (child >> 2),
+            ],
+            undecided,
+        )
+    })
+}

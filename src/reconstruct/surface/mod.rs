@@ -1,0 +1,146 @@
+//! From a solid, given as a function of space, to its surface: dual contouring (Ju, Losasso, Schaefer and
+//! Warren 2002) on a sparse grid, one vertex for each sheet of the surface in a cell (Nielson 2004), so that
+//! the mesh is closed, oriented and manifold whatever the solid looks like. Knows neither cameras nor depth.
+//!
+//! - `descend` finds the cells that the surface may cross, from coarse to fine;
+//! - `lattice` gives their corners and edges numbers;
+//! - `sheets` decides how the surface runs through a cell;
+//! - `vertex` places a sheet's vertex.
+
+mod descend;
+mod lattice;
+mod sheets;
+mod vertex;
+
+use crate::mesh::Mesh;
+use lattice::{Cells, CutEdges};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// The constraints of a solid that may matter in a part of space: bit i stands for every constraint whose
+/// number is i modulo 64.
+pub type Undecided = u64;
+
+/// What is known of a box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// All of it is outside the solid.
+    Outside,
+    /// All of it is inside.
+    Inside,
+    /// The surface may cross it, by these constraints alone.
+    Across(Undecided),
+}
+
+/// Which constraint of a solid its surface lies on.
+pub type Constraint = u16;
+
+/// A solid as a function of space.
+pub trait Solid: Sync {
+    /// What is known of the cube of half edge `half` around `center`, where only `undecided` constraints may
+    /// matter. It may say `Across` too often, never too rarely.
+    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side;
+
+    /// Positive inside, negative outside, monotone across the surface; of no particular unit.
+    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32;
+
+    /// At a point of the surface: the unit outward normal, and the constraint that bounds the solid there.
+    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint);
+}
+
+/// A regular lattice of cubes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lattice {
+    /// Corner (0, 0, 0).
+    pub origin: Point3<f64>,
+    /// Edge of a cube in metres.
+    pub cell_size: f64,
+    /// Cubes along x, y and z; at most [`Lattice::LONGEST`] each.
+    pub cells: [u32; 3],
+}
+
+impl Lattice {
+    /// Most cubes along an axis: their corners' numbers still fit 63 bits, and the work stays bounded.
+    pub const LONGEST: u32 = 1 << 14;
+
+    /// A lattice over the box from `min` to `max` with a margin of more than a cell around it. Its corners
+    /// avoid the planes of the box, where a solid's faces often lie exactly.
+    pub fn covering(min: Point3<f64>, max: Point3<f64>, cell_size: f64) -> Self {
+        let margin = 1.63 * cell_size;
+        let origin = min - Vector3::repeat(margin);
+        let count =
+            |extent: f64| (((extent + 2.0 * margin) / cell_size).ceil() as u32).min(Self::LONGEST);
+        Self {
+            origin,
+            cell_size,
+            cells: (max - min).map(count).into(),
+        }
+    }
+
+    /// Where corner (x, y, z) is.
+    fn corner(&self, at: [u32; 3]) -> Point3<f64> {
+        self.origin + Vector3::from(at.map(f64::from)) * self.cell_size
+    }
+}
+
+/// A solid's surface.
+#[derive(Clone, Debug, Default)]
+pub struct Surface {
+    /// Closed, oriented, manifold.
+    pub mesh: Mesh,
+    /// For each vertex the constraint that it lies on (the one that most of its cell's edges cross).
+    pub constraints: Vec<Constraint>,
+}
+
+/// Extracts the surface of `solid` within `lattice`. The solid must not reach the lattice's border. Work
+/// grows with the number of cells that the surface crosses; the result does not depend on threads.
+pub fn extract(solid: &impl Solid, lattice: &Lattice) -> Surface {
+    let mut cells = Cells::new(lattice, descend::cells_across(solid, lattice));
+    let cut = loop {
+        let cut = CutEdges::find(solid, lattice, &cells);
+        // A solid whose `side` was wrong by a hair would leave a hole here: take in what is missing.
+        let missing = cut.missing_cells(lattice);
+        if missing.is_empty() {
+            break cut;
+        }
+        cells.insert(missing);
+    };
+    let sheets = sheets::trace(solid, lattice, &cells, &cut);
+    let crossings = cut.crossings(solid, lattice, &cells);
+    let placed: Vec<_> = sheets
+        .par_iter()
+        .enumerate()
+        .flat_map_iter(|(cell, sheets)| {
+            let (min, edges) = (lattice.corner(cells.position(cell)), cut.of_cell(cell));
+            let crossings = &crossings;
+            (0..sheets.count).map(move |sheet| {
+                let on_sheet = (0..12)
+                    .filter(move |&e| sheets.of_edge[e] == sheet)
+                    .map(|e| &crossings[edges[e] as usize]);
+                vertex::place(on_sheet, min, lattice.cell_size)
+            })
+        })
+        .collect();
+    let first_vertex: Vec<u32> = sheets
+        .iter()
+        .scan(0, |next, sheets| {
+            let first = *next;
+            *next += u32::from(sheets.count);
+            Some(first)
+        })
+        .collect();
+    let triangles = cut.triangles(&placed, |cell, edge| {
+        first_vertex[cell] + u32::from(sheets[cell].of_edge[edge])
+    });
+    let (vertices, constraints) = placed.into_iter().unzip();
+    Surface {
+        mesh: Mesh {
+            vertices,
+            triangles,
+        },
+        constraints,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! Solids whose surface is known.
+
+use super::*;
+use std::collections::BTreeMap;
+
+/// Any function; every cube may be crossed by its surface.
+struct Function<F>(F);
+
+impl<F: Fn(Point3<f64>) -> f64 + Sync> Solid for Function<F> {
+    fn side(&self, _: Point3<f64>, _: f64, undecided: Undecided) -> Side {
+        Side::Across(undecided)
+    }
+
+    fn value(&self, p: Point3<f64>, _: Undecided) -> f32 {
+        // In units of a thousandth, so that the root's tolerance is small against a cell.
+        (1e3 * self.0(p)) as f32
+    }
+
+    fn normal(&self, p: Point3<f64>, _: Undecided) -> (Vector3<f32>, Constraint) {
+        let slope = |axis: usize| {
+            let mut h = Vector3::zeros();
+            h[axis] = 1e-5;
+            self.0(p - h) - self.0(p + h)
+        };
+        (
+            Vector3::new(slope(0), slope(1), slope(2))
+                .normalize()
+                .cast(),
+            0,
+        )
+    }
+}
+
+fn unit_lattice(cells: u32) -> Lattice {
+    Lattice::covering(
+        Point3::new(-1.0, -1.0, -1.0),
+        Point3::new(1.0, 1.0, 1.0),
+        2.0 / f64::from(cells),
+    )
+}
+
+/// Each edge is used once in either direction, and the triangles around each vertex form one fan.
+fn assert_manifold(mesh: &Mesh) {
+    let mut next = BTreeMap::new();
+    for t in &mesh.triangles {
+        for i in 0..3 {
+            let edge = (t[i], t[(i + 1) % 3]);
+            assert!(
+                next.insert(edge, t[(i + 2) % 3]).is_none(),
+                "edge {edge:?} used twice"
+            );
+        }
+    }
+    let mut valence = vec![0; mesh.vertices.len()];
+    let mut start = vec![u32::MAX; mesh.vertices.len()];
+    for &(a, b) in next.keys() {
+        assert!(next.contains_key(&(b, a)), "edge {a} {b} is open");
+        valence[a as usize] += 1;
+        start[a as usize] = b;
+    }
+    for v in 0..mesh.vertices.len() as u32 {
+        let (first, mut around, mut steps) = (start[v as usize], start[v as usize], 0);
+        while steps == 0 || around != first {
+            around = next[&(v, around)];
+            steps += 1;
+        }
+        assert_eq!(
+            steps, valence[v as usize],
+            "vertex {v} has more than one fan"
+        );
+    }
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let corners =
+        (0..mesh.triangles.len()).map(|t| mesh.corners(t).map(|p| p.coords.cast::<f64>()));
+    corners.map(|[a, b, c]| a.dot(&b.cross(&c)) / 6.0).sum()
+}
+
+#[test]
+fn a_ball_is_round_and_turned_outwards() {
+    let ball = Function(|p: Point3<f64>| 0.7 - p.coords.norm());
+    let surface = extract(&ball, &unit_lattice(40));
+    assert_manifold(&surface.mesh);
+    let worst = surface
+        .mesh
+        .vertices
+        .iter()
+        .map(|v| (v.coords.norm() - 0.7).abs())
+        .fold(0.0, f32::max);
+    assert!(worst < 2e-3, "{worst}");
+    let expected = 4.0 / 3.0 * std::f64::consts::PI * 0.7f64.powi(3);
+    assert!((volume(&surface.mesh) / expected - 1.0).abs() < 3e-3);
+}
+
+#[test]
+fn a_box_keeps_its_edges_and_corners() {
+    let half = Vector3::new(0.61, 0.43, 0.37);
+    let cuboid = Function(move |p: Point3<f64>| (half - p.coords.abs()).min());
+    let surface = extract(&cuboid, &unit_lattice(32));
+    assert_manifold(&surface.mesh);
+    let expected = 8.0 * half.x * half.y * half.z;
+    assert!(
+        (volume(&surface.mesh) / expected - 1.0).abs() < 5e-3,
+        "{}",
+        volume(&surface.mesh)
+    );
+    let corner = Point3::from(half.cast::<f32>());
+    let nearest = surface
+        .mesh
+        .vertices
+        .iter()
+        .map(|v| (v - corner).norm())
+        .fold(1.0, f32::min);
+    assert!(nearest < 6e-3, "{nearest}");
+}
+
+#[test]
+fn noise_at_the_scale_of_a_cell_is_still_manifold() {
+    for seed in 0..12u32 {
+        // Random values on the lattice itself: every cell configuration and ambiguous face turns up.
+        let noise = Function(move |p: Point3<f64>| {
+            let inside = p.coords.abs().max() < 0.8;
+            let q = (p.coords * 97.0).map(|v| v.round() as i64 as u32);
+            let mut h =
+                q.x ^ q.y.rotate_left(11) ^ q.z.rotate_left(22) ^ seed.wrapping_mul(0x9e37_79b9);
+            for _ in 0..3 {
+                h = (h ^ h >> 15).wrapping_mul(0x2c1b_3c6d);
+            }
+            if inside {
+                f64::from(h >> 16) / 32768.0 - 1.0
+            } else {
+                -1.0
+            }
+        });
+        let surface = extract(&noise, &unit_lattice(24));
+        assert!(surface.mesh.triangles.len() > 1000);
+        assert_manifold(&surface.mesh);
+    }
+}
+
+#[test]
+fn an_empty_solid_has_no_surface() {
+    let surface = extract(&Function(|_| -1.0), &unit_lattice(8));
+    assert!(surface.mesh.vertices.is_empty() && surface.mesh.triangles.is_empty());
+}
