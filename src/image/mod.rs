@@ -2,8 +2,10 @@
 //! room knows of calibration, frames or files.
 
 mod grid;
+mod text;
 
 pub use grid::Grid;
+pub use text::{draw_text, text_size};
 
 /// An sRGB-encoded colour picture.
 pub type RgbImage = Grid<[u8; 3]>;

@@ -9,6 +9,7 @@ mod edges;
 mod measure;
 mod normals;
 mod raster;
+mod shade;
 #[cfg(test)]
 pub mod shapes;
 
@@ -20,6 +21,7 @@ pub use edges::{Side, edges, sorted_sides};
 pub use measure::volume_and_total_area;
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_mesh};
+pub use shade::{Eye, Style, View, four_sides, parallel_view, render, vertex_paint};
 
 use nalgebra::Point3;
 
