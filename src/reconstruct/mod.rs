@@ -1,6 +1,7 @@
 //! The paper, a stage a file: pure, no I/O, no hardware. This file is the only door: it holds the order of
 //! the stages, their parameters and the checks between them.
 
+pub mod depth;
 mod model;
 mod progress;
 mod scene;

@@ -1,0 +1,159 @@
+//! A burst cut to the window that the object can cover and linearised, and its statistics over the frames
+//! (equations 1 and 2). What a hole is filled with is decided elsewhere.
+
+use super::{Facts, Parameters};
+use crate::image::{Grid, Mask};
+use crate::reconstruct::DepthView;
+use rayon::prelude::*;
+
+/// The frames' depth in a window: the bounding rectangle of the region.
+pub struct Burst {
+    /// Column of the window's first pixel.
+    pub left: usize,
+    /// Row of the window's first pixel.
+    pub top: usize,
+    /// Width of the window in pixels.
+    pub width: usize,
+    /// Height of the window in pixels.
+    pub height: usize,
+    /// Pixels of the window that the object can cover.
+    pub inside: Grid<bool>,
+    /// Depth in metres of each frame, 0 where there is no reading or the object cannot be.
+    pub frames: Vec<Grid<f32>>,
+}
+
+/// What the frames say together.
+pub struct Fused {
+    /// Equation 1: the mean over the frames, 0 where there is none or a pixel was left out.
+    pub depth: Grid<f32>,
+    /// Standard deviation over the frames, in metres; 0 where there are fewer than two readings.
+    pub deviation: Grid<f32>,
+    /// Number of readings.
+    pub count: Grid<u16>,
+    /// Counts of pixels by why they were left out.
+    pub facts: Facts,
+}
+
+impl Burst {
+    /// Cuts and linearises.
+    pub fn new(view: &DepthView, region: &Mask) -> Self {
+        let (left, top, width, height) = bounds(region);
+        let inside = Grid::from_fn(width, height, |x, y| region[(x + left, y + top)] >= 128);
+        let linearise = |readings: &Grid<u16>| {
+            Grid::from_fn(width, height, |x, y| {
+                let reading = readings[(x + left, y + top)];
+                let depth = view.camera.response.depth(reading);
+                depth.filter(|_| inside[(x, y)]).unwrap_or(0.0) as f32
+            })
+        };
+        let frames = view
+            .frames
+            .par_iter()
+            .map(|frame| linearise(&frame.readings))
+            .collect();
+        Self {
+            left,
+            top,
+            width,
+            height,
+            inside,
+            frames,
+        }
+    }
+
+    /// Equations 1 and 2 over the frames as they are.
+    pub fn fuse(&self, parameters: &Parameters) -> Fused {
+        let mut fused = Fused {
+            depth: Grid::filled(self.width, self.height, 0.0),
+            deviation: Grid::filled(self.width, self.height, 0.0),
+            count: Grid::filled(self.width, self.height, 0),
+            facts: Facts::default(),
+        };
+        let least = (parameters.least_share * self.frames.len() as f32).max(1.0);
+        for i in 0..self.width * self.height {
+            if !self.inside.pixels()[i] {
+                continue;
+            }
+            fused.facts.region += 1;
+            let readings = Readings::at(&self.frames, i);
+            fused.count.pixels_mut()[i] = readings.count as u16;
+            if readings.count == 0 {
+                fused.facts.without_reading += 1;
+            } else if readings.spread() * 1e3 > parameters.spread_limit_mm {
+                fused.facts.spread_too_much += 1;
+            } else if (readings.count as f32) < least {
+                fused.facts.read_too_rarely += 1;
+            } else {
+                fused.depth.pixels_mut()[i] = readings.mean();
+                fused.deviation.pixels_mut()[i] = readings.deviation();
+            }
+        }
+        fused
+    }
+}
+
+/// Sums over the readings of one pixel; the first reading is the origin, so that f32 loses nothing.
+#[derive(Default)]
+struct Readings {
+    count: usize,
+    first: f32,
+    sum: f32,
+    sum_of_squares: f32,
+    least: f32,
+    most: f32,
+}
+
+impl Readings {
+    fn at(frames: &[Grid<f32>], pixel: usize) -> Self {
+        let mut r = Self::default();
+        for z in frames.iter().map(|frame| frame.pixels()[pixel]) {
+            if z <= 0.0 {
+                continue;
+            }
+            if r.count == 0 {
+                (r.first, r.least, r.most) = (z, z, z);
+            }
+            let d = z - r.first;
+            r.count += 1;
+            r.sum += d;
+            r.sum_of_squares += d * d;
+            r.least = r.least.min(z);
+            r.most = r.most.max(z);
+        }
+        r
+    }
+
+    fn spread(&self) -> f32 {
+        self.most - self.least
+    }
+
+    fn mean(&self) -> f32 {
+        self.first + self.sum / self.count as f32
+    }
+
+    fn deviation(&self) -> f32 {
+        if self.count < 2 {
+            return 0.0;
+        }
+        let n = self.count as f32;
+        ((self.sum_of_squares - self.sum * self.sum / n).max(0.0) / (n - 1.0)).sqrt()
+    }
+}
+
+/// Left, top, width and height of the pixels that are 128 and up; all 0 where there are none.
+fn bounds(region: &Mask) -> (usize, usize, usize, usize) {
+    let (mut left, mut right, mut top, mut bottom) = (usize::MAX, 0, usize::MAX, 0);
+    for y in 0..region.height() {
+        let row = region.row(y);
+        let Some(first) = row.iter().position(|&m| m >= 128) else {
+            continue;
+        };
+        let last = row.iter().rposition(|&m| m >= 128).unwrap_or(first);
+        (left, right) = (left.min(first), right.max(last + 1));
+        (top, bottom) = (top.min(y), y + 1);
+    }
+    if left == usize::MAX {
+        return (0, 0, 0, 0);
+    }
+    (left, top, right - left, bottom - top)
+}
