@@ -2,6 +2,7 @@
 //! the stages, their parameters and the checks between them.
 
 pub mod depth;
+pub mod hull;
 mod model;
 mod progress;
 mod scene;

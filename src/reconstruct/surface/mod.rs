@@ -142,5 +142,16 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice) -> Surface {
     }
 }
 
+/// A box around the surface, as tight as the lattice's cells; `None` where there is no surface.
+pub fn bounds(solid: &impl Solid, lattice: &Lattice) -> Option<(Point3<f64>, Point3<f64>)> {
+    let cells = descend::cells_across(solid, lattice);
+    cells.into_iter().fold(None, |bounds, (at, _)| {
+        let (low, high) = (lattice.corner(at), lattice.corner(at.map(|i| i + 1)));
+        bounds.map_or(Some((low, high)), |(l, h): (Point3<f64>, _)| {
+            Some((l.inf(&low), high.sup(&h)))
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests;

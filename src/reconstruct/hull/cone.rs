@@ -1,0 +1,166 @@
+//! One camera's silhouette cone: everything that projects into its silhouette.
+
+use super::extremes::Extremes;
+use crate::calibration::Camera;
+use crate::image::Grid;
+use crate::reconstruct::surface::Side;
+use nalgebra::{Point2, Point3, Vector3};
+
+/// The value of a silhouette's contour, between the values inside (up to 255) and outside (down to 0).
+const CONTOUR: f32 = 127.5;
+
+/// Values well inside and outside a cone.
+pub(super) const SURELY: f32 = CONTOUR;
+
+/// A silhouette seen by a camera.
+pub struct Cone<'a> {
+    camera: &'a Camera,
+    level: &'a Grid<u8>,
+    extremes: Extremes,
+}
+
+impl<'a> Cone<'a> {
+    /// From a silhouette as a level set (the contour at 127.5, bilinear between pixels) of the size of the
+    /// camera's pictures.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn new(camera: &'a Camera, level: &'a Grid<u8>) -> Self {
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        assert_eq!(
+            (level.width(), level.height()),
+            size,
+            "the silhouette of camera {}",
+            camera.id
+        );
+        Self {
+            camera,
+            level,
+            extremes: Extremes::new(level),
+        }
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &'a Camera {
+        self.camera
+    }
+
+    /// What the camera knows of a cube: inside its silhouette, outside it, both, or `None` where no part of
+    /// the cube is surely within the picture, so that it knows nothing.
+    pub(super) fn side(&self, center: Point3<f64>, half: f64) -> Known {
+        let radius = half * 3f64.sqrt();
+        let depth = self.camera.camera_from_rig(center).z;
+        if depth < -radius {
+            return Known {
+                side: Side::Inside,
+                seen: false,
+            };
+        }
+        let across = Known {
+            side: Side::Across(0),
+            seen: false,
+        };
+        let Some((pixel, depth)) = self.camera.project(center).filter(|_| depth > 2.0 * radius)
+        else {
+            return across;
+        };
+        // The sphere's image, with room for the lens and for the neighbours that bilinear sampling reads.
+        let lens = &self.camera.intrinsics;
+        let off_axis = (pixel - lens.center_px)
+            .coords
+            .component_div(&lens.focal_px)
+            .norm_squared();
+        let slack = 1.1 * (1.0 + off_axis);
+        let extent = lens.focal_px.max() * radius / (depth - radius) * slack + 1.0;
+        let (width, height) = (lens.width as f64 - 1.0, lens.height as f64 - 1.0);
+        let [x0, x1] = [pixel.x - extent, pixel.x + extent];
+        let [y0, y1] = [pixel.y - extent, pixel.y + extent];
+        if x1 < -0.5 || y1 < -0.5 || x0 > width + 0.5 || y0 > height + 0.5 {
+            return Known {
+                side: Side::Inside,
+                seen: false,
+            };
+        }
+        let pixels = |a: f64, b: f64, last: f64| {
+            [
+                a.clamp(0.0, last) as usize,
+                b.clamp(0.0, last).ceil() as usize,
+            ]
+        };
+        let [low, high] = self
+            .extremes
+            .within(pixels(x0, x1, width), pixels(y0, y1, height));
+        let seen = x0 >= -0.5 && y0 >= -0.5 && x1 <= width + 0.5 && y1 <= height + 0.5;
+        if f32::from(low) > CONTOUR {
+            Known {
+                side: Side::Inside,
+                seen,
+            }
+        } else if f32::from(high) < CONTOUR && seen {
+            Known {
+                side: Side::Outside,
+                seen,
+            }
+        } else {
+            Known {
+                side: Side::Across(0),
+                seen,
+            }
+        }
+    }
+
+    /// Positive inside the silhouette, negative outside; `None` where the camera does not see.
+    #[inline]
+    pub(super) fn value(&self, p: Point3<f64>) -> Option<f32> {
+        let (pixel, _) = self.camera.project(p)?;
+        self.camera
+            .intrinsics
+            .contains(pixel)
+            .then(|| self.sample(pixel) - CONTOUR)
+    }
+
+    /// Unit outward normal of the cone at a point of its surface.
+    pub(super) fn normal(&self, p: Point3<f64>) -> Option<Vector3<f64>> {
+        const STEP_PX: f64 = 0.75;
+        let (pixel, depth) = self.camera.project(p)?;
+        let at = |dx: f64, dy: f64| f64::from(self.sample(Point2::new(pixel.x + dx, pixel.y + dy)));
+        let slope_x = at(STEP_PX, 0.0) - at(-STEP_PX, 0.0);
+        let slope_y = at(0.0, STEP_PX) - at(0.0, -STEP_PX);
+        // The derivative of the pinhole; the lens' distortion turns it by next to nothing.
+        let lens = &self.camera.intrinsics;
+        let q = self.camera.camera_from_rig(p);
+        let (gx, gy) = (slope_x * lens.focal_px.x, slope_y * lens.focal_px.y);
+        let inwards = Vector3::new(gx, gy, -(gx * q.x + gy * q.y) / depth);
+        let outwards = -(self.camera.rig_from_camera.rotation * inwards);
+        outwards.try_normalize(1e-12)
+    }
+
+    /// Bilinear; beyond the outermost pixel centres the outermost value.
+    #[inline]
+    fn sample(&self, pixel: Point2<f64>) -> f32 {
+        let (last_x, last_y) = (self.level.width() - 1, self.level.height() - 1);
+        let x = pixel.x.clamp(0.0, last_x as f64);
+        let y = pixel.y.clamp(0.0, last_y as f64);
+        let (x0, y0) = (
+            (x as usize).min(last_x.max(1) - 1),
+            (y as usize).min(last_y.max(1) - 1),
+        );
+        let (x1, y1) = ((x0 + 1).min(last_x), (y0 + 1).min(last_y));
+        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+        let (top, bottom) = (self.level.row(y0), self.level.row(y1));
+        let lerp = |row: &[u8]| {
+            let (a, b) = (f32::from(row[x0]), f32::from(row[x1]));
+            a + (b - a) * fx
+        };
+        let (a, b) = (lerp(top), lerp(bottom));
+        a + (b - a) * fy
+    }
+}
+
+/// What a camera knows of a cube.
+pub(super) struct Known {
+    /// Where the cube is; `Inside` also where the camera sees nothing of it and so cannot object.
+    pub(super) side: Side,
+    /// Whether all of the cube is within the picture.
+    pub(super) seen: bool,
+}

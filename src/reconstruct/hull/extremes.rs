@@ -1,0 +1,86 @@
+//! Smallest and largest value in any rectangle of a picture, from a pyramid of blocks: what tells at a
+//! glance that a whole cell lies inside or outside a silhouette.
+
+use crate::image::Grid;
+
+/// Blocks of 2, 4, 8 … pixels a side with their smallest and largest values.
+pub(super) struct Extremes {
+    levels: Vec<Grid<[u8; 2]>>,
+}
+
+impl Extremes {
+    pub(super) fn new(picture: &Grid<u8>) -> Self {
+        let mut levels = vec![halve(&picture.map(|&v| [v, v]))];
+        while levels
+            .last()
+            .is_some_and(|l| l.width() > 1 || l.height() > 1)
+        {
+            let coarser = halve(&levels[levels.len() - 1]);
+            levels.push(coarser);
+        }
+        Self { levels }
+    }
+
+    /// Bounds of the values in the pixels x0..=x1, y0..=y1, which must lie within the picture. The bounds
+    /// may be wider than the rectangle's own, never narrower.
+    pub(super) fn within(&self, [x0, x1]: [usize; 2], [y0, y1]: [usize; 2]) -> [u8; 2] {
+        let longest = (x1 - x0).max(y1 - y0) + 1;
+        // Blocks of a quarter of the rectangle: tight enough, and at most 6 x 6 of them.
+        let level = (longest / 4).max(2).ilog2() as usize - 1;
+        let level = level.min(self.levels.len() - 1);
+        let (shift, blocks) = (level + 1, &self.levels[level]);
+        let mut bounds = [u8::MAX, 0];
+        for y in y0 >> shift..=y1 >> shift {
+            for [low, high] in &blocks.row(y)[x0 >> shift..=x1 >> shift] {
+                bounds = [bounds[0].min(*low), bounds[1].max(*high)];
+            }
+        }
+        bounds
+    }
+}
+
+fn halve(fine: &Grid<[u8; 2]>) -> Grid<[u8; 2]> {
+    let (width, height) = (fine.width().div_ceil(2), fine.height().div_ceil(2));
+    let mut coarse = Grid::filled(width, height, [u8::MAX, 0]);
+    for y in 0..fine.height() {
+        let row = coarse.row_mut(y / 2);
+        for (pair, block) in fine.row(y).chunks(2).zip(row) {
+            for [low, high] in pair {
+                *block = [block[0].min(*low), block[1].max(*high)];
+            }
+        }
+    }
+    coarse
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn bounds_hold_every_value_in_the_rectangle(
+            width in 1..40usize, height in 1..40usize, seed in any::<u32>(),
+            corners in any::<[u16; 4]>(),
+        ) {
+            let value = |x: usize, y: usize| (seed ^ (x * 31 + y * 57) as u32).wrapping_mul(2_654_435_761) >> 24;
+            let picture = Grid::from_fn(width, height, |x, y| value(x, y) as u8);
+            let sorted = |a: u16, b: u16, n: usize| {
+                let (a, b) = (a as usize % n, b as usize % n);
+                [a.min(b), a.max(b)]
+            };
+            let (xs, ys) = (sorted(corners[0], corners[1], width), sorted(corners[2], corners[3], height));
+            let [low, high] = Extremes::new(&picture).within(xs, ys);
+            for y in ys[0]..=ys[1] {
+                for x in xs[0]..=xs[1] {
+                    prop_assert!((low..=high).contains(&picture[(x, y)]));
+                }
+            }
+            if xs == [0, width - 1] && ys == [0, height - 1] {
+                prop_assert_eq!(low, *picture.pixels().iter().min().unwrap());
+                prop_assert_eq!(high, *picture.pixels().iter().max().unwrap());
+            }
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! The visual hull V (the paper's template, section 2.C): everything within the volume that lies inside the
+//! silhouette of each camera that can see it. Bounded by the cones and the volume; its surface is extracted
+//! by `surface`, with vertices on exact crossings of the silhouettes.
+
+mod cone;
+mod extremes;
+mod solid;
+
+pub use cone::Cone;
+pub use solid::Hull;
+
+use super::surface::{self, Constraint, Lattice, Solid, Surface};
+use crate::calibration::Volume;
+use crate::mesh::{self, Mesh};
+use nalgebra::Point3;
+
+/// How the hull is computed.
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Edge of a cell in metres; 0 chooses it from `resolution`.
+    pub cell_size: f64,
+    /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 280 give about 50,000
+    /// vertices.
+    pub resolution: f64,
+    /// Where `cell_size` is 0, cells are not made smaller than this many pixels.
+    pub smallest_cell_px: f64,
+    /// Cameras that must see a point before it can be part of the object.
+    pub least_views: usize,
+    /// Pieces with a smaller share of the largest one's volume are dropped: they are phantoms, where cones
+    /// meet away from the object, or specks.
+    pub smallest_piece: f64,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            cell_size: 0.0,
+            resolution: 280.0,
+            smallest_cell_px: 0.6,
+            least_views: 2,
+            smallest_piece: 0.05,
+        }
+    }
+}
+
+/// Why there is no hull.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum Error {
+    /// The cones meet nowhere.
+    #[error(
+        "the silhouettes meet nowhere within the volume {min:?} to {max:?} m: the object lies outside it, \
+         or a camera's silhouette or pose is wrong{}",
+        empty.as_ref().map(|id| format!(" (nothing of the volume is inside camera {id}'s silhouette)"))
+            .unwrap_or_default()
+    )]
+    Empty {
+        /// The volume's smallest corner.
+        min: [f64; 3],
+        /// The volume's largest corner.
+        max: [f64; 3],
+        /// A camera that sees nothing of the object within the volume, if there is one.
+        empty: Option<String>,
+    },
+    /// A cell size that would ask for too much.
+    #[error(
+        "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
+    )]
+    CellTooSmall {
+        /// What was asked.
+        found: f64,
+        /// What is possible.
+        least: f64,
+    },
+}
+
+/// Where a surface was extracted, to extract another one with the same cells.
+pub struct Extracted {
+    /// The surface, without stray pieces.
+    pub surface: Surface,
+    /// Pieces that were dropped.
+    pub dropped_pieces: usize,
+}
+
+/// Chooses the lattice for an object: over its bounds, with cells of the right size.
+///
+/// # Errors
+/// If the hull is empty, or the cell size asked for cannot be.
+pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
+    let Volume { min, max } = hull.volume();
+    let coarse_cell = (max - min).norm() / 96.0;
+    let bounds = surface::bounds(hull, &Lattice::covering(min, max, coarse_cell));
+    let (low, high) = bounds.ok_or_else(|| Error::Empty {
+        min: min.into(),
+        max: max.into(),
+        empty: hull.blind_camera().map(ToString::to_string),
+    })?;
+    let (low, high) = (low.sup(&min), high.inf(&max));
+    let diagonal = (high - low).norm().max(Volume::SHORTEST_EDGE);
+    let least = diagonal / 2000.0;
+    let cell_size = if parameters.cell_size == 0.0 {
+        let footprint = hull.pixel_footprint(nalgebra::center(&low, &high));
+        (diagonal / parameters.resolution.clamp(8.0, 1500.0))
+            .max(parameters.smallest_cell_px * footprint)
+    } else if parameters.cell_size >= least {
+        parameters.cell_size
+    } else {
+        return Err(Error::CellTooSmall {
+            found: parameters.cell_size,
+            least,
+        });
+    };
+    Ok(Lattice::covering(low, high, cell_size))
+}
+
+/// Extracts a solid's surface and drops stray pieces.
+pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -> Extracted {
+    let surface = surface::extract(solid, lattice);
+    let pieces = mesh::components(&surface.mesh);
+    let largest = pieces.parts.iter().map(|p| p.volume).fold(0.0, f64::max);
+    let keep: Vec<bool> = pieces
+        .parts
+        .iter()
+        .map(|p| p.volume >= parameters.smallest_piece * largest)
+        .collect();
+    let dropped_pieces = keep.iter().filter(|&&k| !k).count();
+    if dropped_pieces == 0 {
+        return Extracted {
+            surface,
+            dropped_pieces,
+        };
+    }
+    let (mesh, sources) = mesh::extract(&surface.mesh, &pieces, |piece| keep[piece as usize]);
+    let constraints = sources
+        .iter()
+        .map(|&v| surface.constraints[v as usize])
+        .collect();
+    Extracted {
+        surface: Surface { mesh, constraints },
+        dropped_pieces,
+    }
+}
+
+/// The box around a mesh.
+pub fn bounds(mesh: &Mesh) -> Option<(Point3<f32>, Point3<f32>)> {
+    mesh.vertices.iter().fold(None, |bounds, v| match bounds {
+        None => Some((*v, *v)),
+        Some((low, high)) => Some((low.inf(v), high.sup(v))),
+    })
+}
+
+/// Whether a constraint is the volume's floor: the table.
+pub fn is_floor(constraint: Constraint) -> bool {
+    constraint == solid::FLOOR
+}
+
+#[cfg(test)]
+mod tests;

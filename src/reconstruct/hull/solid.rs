@@ -1,0 +1,200 @@
+//! The hull as a solid: the intersection of the cones and the volume.
+
+use super::cone::{Cone, SURELY};
+use crate::calibration::Volume;
+use crate::frame::CameraId;
+use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
+use nalgebra::{Point3, Vector3};
+
+/// The volume's floor. Cameras are numbered from 0, the volume's other sides from [`WALLS`].
+pub(super) const FLOOR: Constraint = Constraint::MAX;
+const WALLS: Constraint = Constraint::MAX - 6;
+
+/// The bit for the volume and for whether enough cameras see a point.
+const BOUNDS: Undecided = 1;
+
+/// The visual hull.
+pub struct Hull<'a> {
+    cones: Vec<Cone<'a>>,
+    volume: Volume,
+    least_views: usize,
+    /// Turns metres beyond the volume's faces into the units of a silhouette.
+    values_per_metre: f64,
+}
+
+impl<'a> Hull<'a> {
+    /// The intersection of cones within a volume. A point needs to be in the picture of `least_views`
+    /// cameras (of all, where there are fewer).
+    pub fn new(cones: Vec<Cone<'a>>, volume: Volume, least_views: usize) -> Self {
+        let least_views = least_views.min(cones.len());
+        let values_per_metre = 300.0 * f64::from(SURELY) / (volume.max - volume.min).norm();
+        Self {
+            cones,
+            volume,
+            least_views,
+            values_per_metre,
+        }
+    }
+
+    /// The box that bounds it.
+    pub fn volume(&self) -> Volume {
+        self.volume
+    }
+
+    /// Its cones.
+    pub fn cones(&self) -> &[Cone<'a>] {
+        &self.cones
+    }
+
+    /// Size of a pixel at a point, the median over the cameras, in metres.
+    pub fn pixel_footprint(&self, p: Point3<f64>) -> f64 {
+        let mut sizes: Vec<f64> = self
+            .cones
+            .iter()
+            .map(|c| c.camera().pixel_footprint(p))
+            .collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// A camera for which all of the volume is outside its silhouette.
+    pub(super) fn blind_camera(&self) -> Option<&CameraId> {
+        let cell = (self.volume.max - self.volume.min) / 32.0;
+        let half = 0.5 * cell.max();
+        let centers = (0..32 * 32 * 32).map(|i: u32| {
+            let at = Vector3::new(i % 32, i / 32 % 32, i / 1024).map(|i| f64::from(i) + 0.5);
+            self.volume.min + at.component_mul(&cell)
+        });
+        let blind = |cone: &&Cone| {
+            centers
+                .clone()
+                .all(|c| cone.side(c, half).side == Side::Outside)
+        };
+        self.cones.iter().find(blind).map(|cone| &cone.camera().id)
+    }
+
+    fn bit(camera: usize) -> Undecided {
+        1 << ((camera + 1) % 64)
+    }
+
+    /// The cameras that may matter.
+    fn asked(&self, undecided: Undecided) -> impl Iterator<Item = (usize, &Cone<'a>)> {
+        self.cones
+            .iter()
+            .enumerate()
+            .filter(move |(i, _)| undecided & Self::bit(*i) != 0)
+    }
+
+    /// Distance to the nearest face of the volume, positive within, and the face.
+    fn nearest_face(&self, p: Point3<f64>) -> (f64, usize) {
+        let (below, above) = (p - self.volume.min, self.volume.max - p);
+        let distances = [below.x, above.x, below.y, above.y, below.z, above.z];
+        let face = (0..6)
+            .min_by(|&a, &b| distances[a].total_cmp(&distances[b]))
+            .unwrap_or(0);
+        (distances[face], face)
+    }
+
+    /// The value of the volume's bounds alone, and the face.
+    fn bounds_value(&self, p: Point3<f64>) -> (f32, usize) {
+        let (distance, face) = self.nearest_face(p);
+        (
+            (distance * self.values_per_metre).clamp(-f64::from(SURELY), f64::from(SURELY)) as f32,
+            face,
+        )
+    }
+
+    fn is_seen_enough(&self, p: Point3<f64>) -> bool {
+        let sees = |cone: &&Cone| {
+            let lens = &cone.camera().intrinsics;
+            cone.camera()
+                .project(p)
+                .is_some_and(|(pixel, _)| lens.contains(pixel))
+        };
+        self.cones
+            .iter()
+            .filter(sees)
+            .take(self.least_views)
+            .count()
+            >= self.least_views
+    }
+}
+
+impl Solid for Hull<'_> {
+    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side {
+        let mut left = 0;
+        let mut seen = 0;
+        for (i, cone) in self.asked(undecided) {
+            let known = cone.side(center, half);
+            seen += usize::from(known.seen);
+            match known.side {
+                Side::Outside => return Side::Outside,
+                Side::Inside => {}
+                Side::Across(_) => left |= Self::bit(i),
+            }
+        }
+        if undecided & BOUNDS != 0 {
+            let reach = |p: Point3<f64>, q: Point3<f64>| (p - q).min();
+            let beyond = reach(center, self.volume.min).min(reach(self.volume.max, center));
+            if beyond < -half {
+                return Side::Outside;
+            }
+            // Cameras that were decided before are no longer asked, so the count may be too low: never too
+            // high, which is what matters.
+            if beyond <= half || seen < self.least_views {
+                left |= BOUNDS;
+            }
+        }
+        if left == 0 {
+            Side::Inside
+        } else {
+            Side::Across(left)
+        }
+    }
+
+    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+        let mut value = SURELY;
+        if undecided & BOUNDS != 0 {
+            value = self.bounds_value(p).0;
+            if value > -SURELY && !self.is_seen_enough(p) {
+                return -SURELY;
+            }
+        }
+        for (_, cone) in self.asked(undecided) {
+            if value <= -SURELY {
+                break;
+            }
+            value = cone.value(p).map_or(value, |v| v.min(value));
+        }
+        value
+    }
+
+    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint) {
+        let (mut lowest, face) = self.bounds_value(p);
+        let mut nearest = None;
+        if undecided & BOUNDS == 0 {
+            lowest = f32::INFINITY;
+        }
+        for (i, cone) in self.asked(undecided) {
+            if let Some(value) = cone.value(p).filter(|v| *v < lowest) {
+                lowest = value;
+                nearest = Some(i);
+            }
+        }
+        if let Some(i) = nearest
+            && let Some(normal) = self.cones[i].normal(p)
+        {
+            return (normal.cast(), i as Constraint);
+        }
+        let mut normal = Vector3::zeros();
+        normal[face / 2] = if face % 2 == 0 { -1.0 } else { 1.0 };
+        (
+            normal,
+            if face == 4 {
+                FLOOR
+            } else {
+                WALLS + face as Constraint
+            },
+        )
+    }
+}

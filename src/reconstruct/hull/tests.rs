@@ -1,0 +1,176 @@
+//! Hulls against shapes that are known exactly.
+
+use super::*;
+use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::frame::CameraId;
+use crate::image::Grid;
+use crate::reconstruct::surface::{Side, Undecided};
+use nalgebra::{Isometry3, Point2, Vector2, Vector3};
+
+fn camera(index: usize, eye: Point3<f64>, width: usize, height: usize) -> Camera {
+    let look = Isometry3::face_towards(&eye, &Point3::origin(), &-Vector3::z());
+    let focal = Vector2::repeat(1.2 * width as f64);
+    let center = Vector2::new(width as f64 / 2.0 - 0.5, height as f64 / 2.0 - 0.5);
+    let lens = Intrinsics::new(width, height, focal, center, Distortion::default()).unwrap();
+    Camera::new(CameraId::new(&format!("c{index:02}")).unwrap(), lens, look)
+}
+
+fn ring(count: usize, width: usize, height: usize) -> Vec<Camera> {
+    let eye = |i: usize| {
+        let turn = std::f64::consts::TAU * i as f64 / count as f64;
+        Point3::new(
+            0.4 * turn.cos(),
+            0.4 * turn.sin(),
+            0.05 + 0.15 * (i % 3) as f64,
+        )
+    };
+    (0..count)
+        .map(|i| camera(i, eye(i), width, height))
+        .collect()
+}
+
+/// The silhouette of a ball around the origin: signed distance in the picture, 80 values a pixel.
+fn ball_silhouette(camera: &Camera, radius: f64) -> Grid<u8> {
+    let lens = &camera.intrinsics;
+    Grid::from_fn(lens.width, lens.height, |x, y| {
+        let ray = camera.ray(Point2::new(x as f64, y as f64)).unwrap();
+        let to_center = -camera.center().coords;
+        let miss = to_center.cross(&ray).norm() - radius;
+        let pixel = to_center.norm() / lens.focal_px.x;
+        (127.5 - 80.0 * miss / pixel).round().clamp(0.0, 255.0) as u8
+    })
+}
+
+fn cube(half: f64) -> Volume {
+    Volume::new(Point3::from([-half; 3]), Point3::from([half; 3])).unwrap()
+}
+
+fn surface_of(
+    cameras: &[Camera],
+    levels: &[Grid<u8>],
+    volume: Volume,
+    parameters: &Parameters,
+) -> Extracted {
+    let cones = cameras
+        .iter()
+        .zip(levels)
+        .map(|(c, l)| Cone::new(c, l))
+        .collect();
+    let hull = Hull::new(cones, volume, parameters.least_views);
+    let lattice = lattice(&hull, parameters).unwrap();
+    extract(&hull, &lattice, parameters)
+}
+
+/// A convex silhouette gives a cone that is known in closed form: the tangent cone of the ball. The hull is
+/// their intersection, so the distance of a vertex to it is known exactly.
+#[test]
+fn the_hull_of_a_ball_is_the_intersection_of_its_tangent_cones() {
+    let (radius, cameras) = (0.05, ring(7, 640, 480));
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, radius)).collect();
+    let found = surface_of(&cameras, &levels, cube(0.08), &Parameters::default());
+    assert!(mesh::check(&found.surface.mesh).is_watertight());
+    assert_eq!(mesh::components(&found.surface.mesh).parts.len(), 1);
+    // Signed distance to a tangent cone: its apex is the camera, its sine radius / distance.
+    let beyond = |camera: &Camera, p: Point3<f64>| {
+        let (axis, q) = (-camera.center().coords, p - camera.center());
+        let along = q.dot(&axis.normalize());
+        let across = (q - axis.normalize() * along).norm();
+        let sine = radius / axis.norm();
+        across * (1.0 - sine * sine).sqrt() - along * sine
+    };
+    let off: Vec<f64> = found
+        .surface
+        .mesh
+        .vertices
+        .iter()
+        .map(|v| {
+            cameras
+                .iter()
+                .map(|c| beyond(c, v.cast()))
+                .fold(f64::MIN, f64::max)
+        })
+        .collect();
+    let mean = off.iter().map(|d| d.abs()).sum::<f64>() / off.len() as f64;
+    let worst = off.iter().map(|d| d.abs()).fold(0.0, f64::max);
+    assert!(mean < 20e-6, "mean {mean}");
+    assert!(worst < 300e-6, "worst {worst}");
+}
+
+#[test]
+fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
+    let cameras = ring(5, 320, 240);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
+    let cones = cameras
+        .iter()
+        .zip(&levels)
+        .map(|(c, l)| Cone::new(c, l))
+        .collect();
+    let hull = Hull::new(cones, cube(0.3), 2);
+    let mut random = 1u64;
+    let mut uniform = || {
+        random = random
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (random >> 33) as f64 / f64::from(1u32 << 31)
+    };
+    let mut decided = 0;
+    for _ in 0..4000 {
+        let center = Point3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * 0.4;
+        let half = 0.03 * uniform();
+        let inside = match hull.side(center, half, Undecided::MAX) {
+            Side::Across(_) => continue,
+            side => side == Side::Inside,
+        };
+        decided += 1;
+        for _ in 0..20 {
+            let offset =
+                Vector3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * 2.0 * half;
+            assert_eq!(hull.value(center + offset, Undecided::MAX) > 0.0, inside);
+        }
+    }
+    assert!(decided > 2000, "{decided}");
+}
+
+#[test]
+fn a_picture_that_cuts_the_object_does_not_cut_the_hull() {
+    let mut cameras = ring(6, 320, 240);
+    // One camera sees half of the ball only.
+    let lens = cameras[0].intrinsics;
+    let half = Intrinsics::new(160, 240, lens.focal_px, lens.center_px, lens.distortion).unwrap();
+    cameras[0] = Camera::new(cameras[0].id.clone(), half, cameras[0].rig_from_camera);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
+    let found = surface_of(&cameras, &levels, cube(0.08), &Parameters::default());
+    let (low, high) = bounds(&found.surface.mesh).unwrap();
+    for axis in 0..2 {
+        assert!(low[axis] < -0.0495 && high[axis] > 0.0495, "{low} {high}");
+    }
+}
+
+#[test]
+fn an_object_outside_the_volume_is_an_error_that_names_a_camera() {
+    let cameras = ring(4, 160, 120);
+    let levels: Vec<_> = cameras
+        .iter()
+        .map(|c| Grid::filled(c.intrinsics.width, c.intrinsics.height, 0))
+        .collect();
+    let cones = cameras
+        .iter()
+        .zip(&levels)
+        .map(|(c, l)| Cone::new(c, l))
+        .collect();
+    let error = lattice(&Hull::new(cones, cube(0.02), 2), &Parameters::default()).unwrap_err();
+    assert!(error.to_string().contains("camera c00"), "{error}");
+}
+
+#[test]
+fn the_volume_cuts_what_stands_on_the_table() {
+    let cameras = ring(5, 320, 240);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
+    let volume = Volume::new(Point3::new(-0.07, -0.07, 0.0), Point3::new(0.07, 0.07, 0.1)).unwrap();
+    let Extracted { surface, .. } = surface_of(&cameras, &levels, volume, &Parameters::default());
+    assert!(mesh::check(&surface.mesh).is_watertight());
+    let on_floor = |v: usize| surface.mesh.vertices[v].z < 1e-4;
+    let floor = (0..surface.mesh.vertices.len()).filter(|&v| is_floor(surface.constraints[v]));
+    assert!(floor.clone().count() > 500);
+    assert!(floor.clone().all(on_floor), "only the floor is the table");
+}
