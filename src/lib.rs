@@ -10,4 +10,5 @@ pub mod commands;
 pub mod frame;
 pub mod image;
 pub mod mesh;
+pub mod output;
 pub mod reconstruct;

@@ -1,0 +1,191 @@
+//! Tests of the .glb writer: what it writes is parsed back by the letter of the specification.
+
+use super::*;
+use crate::mesh;
+use nalgebra::{Point3, Vector3};
+use serde_json::Value;
+
+/// A square of two triangles with a seam along its diagonal; the second triangle was not seen.
+pub(crate) fn textured_square() -> Model {
+    let vertices = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let mesh = mesh::Mesh {
+        vertices: vertices
+            .iter()
+            .map(|&[x, y]| Point3::new(x, y, 0.25))
+            .collect(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    };
+    Model {
+        normals: vec![Vector3::z(); 4],
+        provenance: vec![
+            Provenance::Hull,
+            Provenance::Table,
+            Provenance::Carved,
+            Provenance::Restored,
+        ],
+        expected_error: vec![0.0001, 0.0002, 0.0003, 0.0004],
+        texture: Some(Texture {
+            atlas: RgbImage::filled(16, 8, [200, 100, 50]),
+            corner_uv: vec![
+                [[0.0, 0.0], [0.5, 0.0], [0.5, 1.0]],
+                [[0.5, 0.0], [1.0, 1.0], [0.5, 1.0]],
+            ],
+            vertex_colors: vec![[200, 100, 50], [1, 2, 3], [4, 5, 6], [7, 8, 9]],
+            seen: vec![true, false],
+        }),
+        mesh,
+    }
+}
+
+/// The JSON and the binary chunk of a .glb, its framing checked.
+fn parse(bytes: &[u8]) -> (Value, &[u8]) {
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    assert_eq!(&bytes[..4], b"glTF");
+    assert_eq!(word(4), 2);
+    assert_eq!(word(8), bytes.len());
+    let json_size = word(12);
+    assert_eq!(&bytes[16..20], b"JSON");
+    assert_eq!(json_size % 4, 0);
+    let json = serde_json::from_slice(&bytes[20..20 + json_size]).unwrap();
+    let rest = &bytes[20 + json_size..];
+    if rest.is_empty() {
+        return (json, rest);
+    }
+    assert_eq!(&rest[4..8], b"BIN\0");
+    assert_eq!(rest.len() % 4, 0);
+    (json, &rest[8..])
+}
+
+/// The numbers of an accessor, row by row, and its limits checked.
+fn read(json: &Value, binary: &[u8], accessor: &Value) -> Vec<Vec<f64>> {
+    let accessor = &json["accessors"][accessor.as_u64().unwrap() as usize];
+    let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+    let number = |v: &Value| v.as_u64().map(|n| n as usize);
+    let offset = number(&view["byteOffset"]).unwrap();
+    assert_eq!(offset % 4, 0);
+    let width = match accessor["type"].as_str().unwrap() {
+        "SCALAR" => 1,
+        "VEC2" => 2,
+        _ => 3,
+    };
+    let kind = accessor["componentType"].as_u64().unwrap() as u32;
+    let size = if kind == UNSIGNED_BYTE { 1 } else { 4 };
+    let stride = number(&view["byteStride"]).unwrap_or(width * size);
+    let component = |at: usize| match kind {
+        UNSIGNED_BYTE => f64::from(binary[at]),
+        UNSIGNED_INT => f64::from(u32::from_le_bytes(binary[at..at + 4].try_into().unwrap())),
+        _ => f64::from(f32::from_le_bytes(binary[at..at + 4].try_into().unwrap())),
+    };
+    let rows: Vec<Vec<f64>> = (0..number(&accessor["count"]).unwrap())
+        .map(|row| {
+            let start = offset + row * stride;
+            (0..width).map(|c| component(start + c * size)).collect()
+        })
+        .collect();
+    for c in 0..width {
+        let column = || rows.iter().map(|r| r[c]);
+        let low = column().fold(f64::INFINITY, f64::min);
+        let high = column().fold(f64::NEG_INFINITY, f64::max);
+        assert_eq!(accessor["min"][c].as_f64(), Some(low));
+        assert_eq!(accessor["max"][c].as_f64(), Some(high));
+    }
+    rows
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let model = textured_square();
+    let bytes = encode(&model, "cup-1", &Parameters::default()).unwrap();
+    let (json, binary) = parse(&bytes);
+    assert_eq!(json["asset"]["extras"]["capture"], "cup-1");
+    let primitive = &json["meshes"][0]["primitives"][0];
+    let attribute = |name: &str| read(&json, binary, &primitive["attributes"][name]);
+    let positions = attribute("POSITION");
+    assert_eq!(positions.len(), 6, "the diagonal is a seam");
+    let indices = read(&json, binary, &primitive["indices"]);
+    assert_eq!(indices.len(), 6);
+    for (corner, index) in indices.iter().enumerate() {
+        let (triangle, corner) = (corner / 3, corner % 3);
+        let vertex = model.mesh.triangles[triangle][corner] as usize;
+        let index = index[0] as usize;
+        let expected = y_up(model.mesh.vertices[vertex].into()).map(f64::from);
+        assert_eq!(positions[index], expected);
+        assert_eq!(attribute("NORMAL")[index], [0.0, 1.0, 0.0]);
+        let provenance = f64::from(model.provenance[vertex] as u8);
+        assert_eq!(attribute("_PROVENANCE")[index], [provenance]);
+        let error = f64::from(model.expected_error[vertex]);
+        assert_eq!(attribute("_ERROR")[index], [error]);
+        let texture = model.texture.as_ref().unwrap();
+        let uv = texture.corner_uv[triangle][corner].map(f64::from);
+        assert_eq!(attribute("TEXCOORD_0")[index], uv);
+        let seen = f64::from(u8::from(texture.seen[triangle]));
+        assert_eq!(attribute("_SEEN")[index], [seen]);
+    }
+}
+
+#[test]
+fn the_embedded_picture_is_the_atlas() {
+    let bytes = encode(&textured_square(), "cup", &Parameters::default()).unwrap();
+    let (json, binary) = parse(&bytes);
+    let view = json["images"][0]["bufferView"].as_u64().unwrap() as usize;
+    let view = &json["bufferViews"][view];
+    let offset = view["byteOffset"].as_u64().unwrap() as usize;
+    let length = view["byteLength"].as_u64().unwrap() as usize;
+    let picture = ::image::load_from_memory(&binary[offset..offset + length])
+        .unwrap()
+        .into_rgb8();
+    assert_eq!(picture.dimensions(), (16, 8));
+    for (found, expected) in picture.get_pixel(7, 3).0.iter().zip([200, 100, 50]) {
+        assert!(found.abs_diff(expected) <= 3, "{found} {expected}");
+    }
+}
+
+#[test]
+fn a_model_without_texture_or_triangles_is_written() {
+    let plain = Model {
+        texture: None,
+        ..textured_square()
+    };
+    let bytes = encode(&plain, "x", &Parameters::default()).unwrap();
+    let (json, _) = parse(&bytes);
+    assert_eq!(json["accessors"][0]["count"], 4);
+    assert!(json["textures"].is_null());
+    let bytes = encode(&Model::default(), "x", &Parameters::default()).unwrap();
+    let (json, binary) = parse(&bytes);
+    assert!(json["meshes"].is_null() && binary.is_empty());
+}
+
+#[test]
+fn a_model_that_does_not_hold_together_is_refused() {
+    let refused = |spoil: fn(&mut Model), word: &str| {
+        let mut model = textured_square();
+        spoil(&mut model);
+        let error = encode(&model, "x", &Parameters::default()).unwrap_err();
+        assert!(error.to_string().contains(word), "{error}");
+        assert!(crate::output::ply::encode(&model, "x").is_err());
+    };
+    refused(|m| m.mesh.vertices[1].x = f32::NAN, "position");
+    refused(|m| m.mesh.triangles[0][0] = 9, "vertex index");
+    refused(|m| m.expected_error[0] = f32::INFINITY, "expected error");
+    refused(|m| m.normals.truncate(1), "normals");
+    refused(|m| m.provenance.clear(), "provenance");
+    refused(
+        |m| m.texture.as_mut().unwrap().corner_uv.clear(),
+        "corner uv",
+    );
+}
+
+#[test]
+fn normals_are_of_unit_length_whatever_comes() {
+    let mut model = textured_square();
+    model.normals[0] = Vector3::zeros();
+    model.normals[1] = Vector3::new(f32::NAN, 0.0, 0.0);
+    model.normals[2] = Vector3::new(0.0, 3.0, 0.0);
+    let bytes = encode(&model, "x", &Parameters::default()).unwrap();
+    let (json, binary) = parse(&bytes);
+    let primitive = &json["meshes"][0]["primitives"][0];
+    for normal in read(&json, binary, &primitive["attributes"]["NORMAL"]) {
+        let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+        assert!((length - 1.0).abs() < 1e-6, "{normal:?}");
+    }
+}

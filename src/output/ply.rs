@@ -1,0 +1,144 @@
+//! A model as binary PLY: welded, in the rig's frame, with colours, provenance and expected error a vertex.
+
+use super::Error;
+use super::attributes::{check, unit};
+use crate::reconstruct::{Model, Provenance};
+use std::fmt::Write;
+
+/// Bytes of one vertex: position, normal, colour, provenance, expected error.
+const VERTEX_BYTES: usize = 12 + 12 + 3 + 1 + 4;
+/// Bytes of one face: the count and three indices.
+const FACE_BYTES: usize = 1 + 12;
+/// Colour of a model that has none.
+const GREY: [u8; 3] = [200; 3];
+
+/// A model as the bytes of a binary little-endian .ply. `capture` is its capture's id, kept in a comment.
+///
+/// # Errors
+/// If the model's parts do not fit each other or hold a number that is not finite.
+pub fn encode(model: &Model, capture: &str) -> Result<Vec<u8>, Error> {
+    check(model)?;
+    let vertices = model.mesh.vertices.len();
+    let triangles = model.mesh.triangles.len();
+    let mut bytes = header(capture, vertices, triangles).into_bytes();
+    bytes.reserve_exact(vertices * VERTEX_BYTES + triangles * FACE_BYTES);
+    for vertex in 0..vertices {
+        push_vertex(&mut bytes, model, vertex);
+    }
+    for triangle in &model.mesh.triangles {
+        bytes.push(3);
+        for index in triangle {
+            bytes.extend_from_slice(&(*index as i32).to_le_bytes());
+        }
+    }
+    Ok(bytes)
+}
+
+fn push_vertex(bytes: &mut Vec<u8>, model: &Model, vertex: usize) {
+    let position = model.mesh.vertices[vertex];
+    let normal = unit(model.normals[vertex]);
+    for value in position.coords.iter().chain(normal.iter()) {
+        bytes.extend_from_slice(&value.to_le_bytes());
+    }
+    let color = model
+        .texture
+        .as_ref()
+        .map_or(GREY, |t| t.vertex_colors[vertex]);
+    bytes.extend_from_slice(&color);
+    bytes.push(model.provenance[vertex] as u8);
+    bytes.extend_from_slice(&model.expected_error[vertex].to_le_bytes());
+}
+
+fn header(capture: &str, vertices: usize, triangles: usize) -> String {
+    let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
+    // A line break in a comment would end it.
+    let capture = capture.replace(['\n', '\r'], " ");
+    let version = env!("CARGO_PKG_VERSION");
+    let names: Vec<_> = Provenance::ALL.iter().map(provenance_name).collect();
+    let comments = [
+        format!("generator scand {version}"),
+        format!("capture {capture}"),
+        "frame rig, right-handed, z up; x y z in metres".to_owned(),
+        "red green blue are sRGB-encoded".to_owned(),
+        "expected_error is the expected distance to the true surface in metres".to_owned(),
+        format!("provenance {}", names.join(", ")),
+    ];
+    for comment in comments {
+        let _ = writeln!(text, "comment {comment}");
+    }
+    let _ = writeln!(text, "element vertex {vertices}");
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        let _ = writeln!(text, "property float {name}");
+    }
+    for name in ["red", "green", "blue", "provenance"] {
+        let _ = writeln!(text, "property uchar {name}");
+    }
+    text.push_str("property float expected_error\n");
+    let _ = writeln!(text, "element face {triangles}");
+    text.push_str("property list uchar int vertex_indices\nend_header\n");
+    text
+}
+
+fn provenance_name(provenance: &Provenance) -> String {
+    let name = match provenance {
+        Provenance::Hull => "hull",
+        Provenance::Carved => "carved",
+        Provenance::Restored => "restored",
+        Provenance::Bridged => "bridged",
+        Provenance::Unseen => "unseen",
+        Provenance::Table => "table",
+    };
+    format!("{}={name}", *provenance as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::glb::tests::textured_square;
+    use super::*;
+
+    /// The header's lines and the bytes after it.
+    fn parts(bytes: &[u8]) -> (Vec<&str>, &[u8]) {
+        let end = b"end_header\n";
+        let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
+        let header = std::str::from_utf8(&bytes[..at]).unwrap();
+        (header.lines().collect(), &bytes[at + end.len()..])
+    }
+
+    fn float(bytes: &[u8], at: usize) -> f32 {
+        f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let model = textured_square();
+        let bytes = encode(&model, "cup").unwrap();
+        let (header, body) = parts(&bytes);
+        assert_eq!(header[0], "ply");
+        assert!(header.contains(&"comment capture cup"));
+        assert!(header.contains(&"element vertex 4"));
+        assert_eq!(body.len(), 4 * VERTEX_BYTES + 2 * FACE_BYTES);
+        for (vertex, position) in model.mesh.vertices.iter().enumerate() {
+            let record = &body[vertex * VERTEX_BYTES..];
+            for i in 0..3 {
+                assert_eq!(float(record, 4 * i), position[i]);
+                assert_eq!(float(record, 12 + 4 * i), model.normals[vertex][i]);
+            }
+            let colors = &model.texture.as_ref().unwrap().vertex_colors;
+            assert_eq!(record[24..27], colors[vertex]);
+            assert_eq!(record[27], model.provenance[vertex] as u8);
+            assert_eq!(float(record, 28), model.expected_error[vertex]);
+        }
+        let faces = &body[4 * VERTEX_BYTES..];
+        assert_eq!(faces[0], 3);
+        assert_eq!(faces[1..5], 0i32.to_le_bytes());
+    }
+
+    #[test]
+    fn an_empty_model_is_a_valid_file() {
+        let bytes = encode(&Model::default(), "a\nb").unwrap();
+        let (header, body) = parts(&bytes);
+        assert!(header.contains(&"comment capture a b"));
+        assert!(header.contains(&"element face 0"));
+        assert!(body.is_empty());
+    }
+}
