@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod commands;
+pub mod evaluate;
 pub mod frame;
 pub mod image;
 pub mod mesh;

@@ -1,0 +1,213 @@
+//! Reads model files back: PLY, GLB and OBJ into one mesh in the rig's frame (z up, metres) with what they
+//! know of each vertex. Nothing in a file is trusted: counts are held against the file's size before memory
+//! is taken, indices against the vertices, and coordinates must be finite.
+
+mod glb;
+mod obj;
+mod ply;
+
+use super::Error;
+use crate::mesh::{Mesh, check};
+use crate::reconstruct::Provenance;
+use nalgebra::{Point3, Vector3};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Larger files are refused.
+pub const MAX_FILE_BYTES: u64 = 2 << 30;
+
+/// A model from a file, in the rig's frame (z up, metres). The optional vectors are a value a vertex.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoadedModel {
+    /// The surface, welded.
+    pub mesh: Mesh,
+    /// Normals, as the file gives them.
+    pub normals: Option<Vec<Vector3<f32>>>,
+    /// Colours.
+    pub colors: Option<Vec<[u8; 3]>>,
+    /// Where each vertex comes from.
+    pub provenance: Option<Vec<Provenance>>,
+    /// Expected distance to the true surface, in metres.
+    pub expected_error: Option<Vec<f32>>,
+}
+
+/// Reads the model at `path`; its ending tells the format.
+///
+/// # Errors
+/// Where the file cannot be read or is not what its ending says; the error names the file and the place.
+pub fn load(path: &Path) -> Result<LoadedModel, Error> {
+    let io = |source| Error::Io {
+        path: path.to_owned(),
+        source,
+    };
+    let size = std::fs::metadata(path).map_err(io)?.len();
+    let extension = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let parse = match extension.as_deref() {
+        Some("ply") => ply::parse,
+        Some("glb") => glb::parse,
+        Some("obj") => obj::parse,
+        other => {
+            return Err(Error::UnknownFormat {
+                path: path.to_owned(),
+                extension: other.unwrap_or("none").to_owned(),
+            });
+        }
+    };
+    let what = |what: String| Error::Format {
+        path: path.to_owned(),
+        what,
+    };
+    if size > MAX_FILE_BYTES {
+        return Err(what(format!(
+            "{size} bytes, where at most {MAX_FILE_BYTES} are read"
+        )));
+    }
+    let model = parse(&std::fs::read(path).map_err(io)?).map_err(what)?;
+    examine(&model.mesh).map_err(what)?;
+    Ok(weld_if_open(model))
+}
+
+/// What every reader owes: triangles, indices within range and finite coordinates.
+fn examine(mesh: &Mesh) -> Result<(), String> {
+    if mesh.triangles.is_empty() {
+        return Err("no triangles".to_owned());
+    }
+    let finite = |p: &Point3<f32>| p.coords.iter().all(|c| c.is_finite());
+    if let Some(v) = mesh.vertices.iter().position(|p| !finite(p)) {
+        let p = mesh.vertices[v];
+        return Err(format!(
+            "vertex {v} is at ({}, {}, {}), which is no place",
+            p.x, p.y, p.z
+        ));
+    }
+    let count = mesh.vertices.len();
+    let broken = |t: &&[u32; 3]| t.iter().any(|&v| v as usize >= count);
+    if let Some(t) = mesh.triangles.iter().find(broken) {
+        return Err(format!("a face names vertices {t:?} of {count}"));
+    }
+    Ok(())
+}
+
+/// Joins vertices of equal position (seams of texture and normals), but only where the mesh is open without
+/// that: a closed one may hold two vertices in one place on purpose.
+fn weld_if_open(model: LoadedModel) -> LoadedModel {
+    if check(&model.mesh).is_closed() {
+        return model;
+    }
+    let mut seen = HashMap::new();
+    let mut kept = Vec::new();
+    let vertices = model.mesh.vertices.iter().enumerate();
+    let renumbered: Vec<u32> = vertices
+        .map(|(v, p)| {
+            // Adding zero turns −0 into 0.
+            let key = [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+            *seen.entry(key).or_insert_with(|| {
+                kept.push(v);
+                kept.len() as u32 - 1
+            })
+        })
+        .collect();
+    let triangles = model.mesh.triangles.iter();
+    let triangles = triangles
+        .map(|t| t.map(|v| renumbered[v as usize]))
+        .filter(|[a, b, c]| a != b && b != c && c != a)
+        .collect();
+    LoadedModel {
+        mesh: Mesh {
+            vertices: pick(&kept, &model.mesh.vertices),
+            triangles,
+        },
+        normals: model.normals.map(|v| pick(&kept, &v)),
+        colors: model.colors.map(|v| pick(&kept, &v)),
+        provenance: model.provenance.map(|v| pick(&kept, &v)),
+        expected_error: model.expected_error.map(|v| pick(&kept, &v)),
+    }
+}
+
+fn pick<T: Copy>(kept: &[usize], values: &[T]) -> Vec<T> {
+    kept.iter().map(|&v| values[v]).collect()
+}
+
+/// The provenance of number `value`.
+fn provenance(value: f64, vertex: usize) -> Result<Provenance, String> {
+    let known = Provenance::ALL
+        .into_iter()
+        .find(|&p| f64::from(p as u8) == value);
+    known.ok_or_else(|| {
+        let most = Provenance::ALL.len() - 1;
+        format!("vertex {vertex} has provenance {value}, where 0 to {most} are known")
+    })
+}
+
+/// A polygon as a fan of triangles.
+fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+    polygon
+        .windows(2)
+        .skip(1)
+        .map(|pair| [polygon[0], pair[0], pair[1]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+
+    #[test]
+    fn seams_are_welded_and_what_is_known_of_vertices_kept() {
+        let cube = shapes::cube(1.0);
+        let soup = LoadedModel {
+            mesh: Mesh {
+                vertices: cube
+                    .triangles
+                    .iter()
+                    .flatten()
+                    .map(|&v| cube.vertices[v as usize])
+                    .collect(),
+                triangles: (0..12).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+            },
+            expected_error: Some(cube.triangles.iter().flatten().map(|&v| v as f32).collect()),
+            ..LoadedModel::default()
+        };
+        let welded = weld_if_open(soup);
+        assert_eq!(welded.mesh.vertices.len(), 8);
+        assert!(check(&welded.mesh).is_watertight());
+        for (p, e) in welded
+            .mesh
+            .vertices
+            .iter()
+            .zip(welded.expected_error.unwrap())
+        {
+            assert_eq!(*p, cube.vertices[e as usize]);
+        }
+    }
+
+    #[test]
+    fn a_closed_mesh_keeps_vertices_that_share_a_place() {
+        let mut mesh = shapes::tetrahedron(1.0);
+        shapes::append(&mut mesh, &shapes::tetrahedron(1.0));
+        let model = LoadedModel {
+            mesh,
+            ..LoadedModel::default()
+        };
+        assert_eq!(weld_if_open(model.clone()), model);
+    }
+
+    #[test]
+    fn errors_name_the_file_and_what_is_wrong() {
+        let folder = tempfile::tempdir().unwrap();
+        let say = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            let text = load(&path).unwrap_err().to_string();
+            assert!(text.contains(name), "{text}");
+            text
+        };
+        assert!(say("a.stl", b"solid").contains("stl"));
+        assert!(say("a", b"").contains("none"));
+        assert!(say("a.obj", b"v 0 0 0\n").contains("no triangles"));
+        assert!(say("b.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3").contains("vertex 1"));
+        assert!(load(&folder.path().join("none.ply")).is_err());
+    }
+}
