@@ -404,7 +404,7 @@ mod tests {
         (0..4_u8).for_each(|i| binary.extend((f32::from(i) * 1e-3).to_le_bytes()));
         let json = json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": [{"indices": 1,
+            "meshes": [{"primitives": [{"mode": 4, "indices": 1,
                 "attributes": {"POSITION": 0, "_PROVENANCE": 2, "_ERROR": 3}}]}],
             "accessors": [
                 {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
