@@ -9,7 +9,7 @@ pub use camera::Camera;
 pub use depth_response::DepthResponse;
 pub use intrinsics::{Distortion, Intrinsics};
 
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3};
 
 /// Why a calibration is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -75,4 +75,31 @@ pub struct DepthCamera {
     pub camera: Camera,
     /// From raw readings to metres.
     pub response: DepthResponse,
+}
+
+impl DepthCamera {
+    /// The pixel that sees a point of the rig's frame, and its depth in metres along the optical axis;
+    /// `None` behind the camera. The pixel may lie outside the picture.
+    #[inline]
+    pub fn project(&self, p_in_rig: Point3<f64>) -> Option<(Point2<f64>, f64)> {
+        let p = self.camera.camera_from_rig(p_in_rig);
+        self.response
+            .project(&self.camera.intrinsics, p)
+            .map(|pixel| (pixel, p.z))
+    }
+
+    /// [`DepthCamera::project`] as the z-buffer wants it: pixel x, y and depth, NaN where there is none.
+    pub fn project_for_raster(&self, p_in_rig: Point3<f32>) -> [f32; 3] {
+        match self.project(p_in_rig.cast()) {
+            Some((pixel, depth)) => [pixel.x as f32, pixel.y as f32, depth as f32],
+            None => [f32::NAN; 3],
+        }
+    }
+
+    /// The point of the rig's frame at `depth` metres seen by `pixel`; `None` where the lens model cannot be
+    /// inverted.
+    pub fn point(&self, pixel: Point2<f64>, depth: f64) -> Option<Point3<f64>> {
+        let p = self.response.point(&self.camera.intrinsics, pixel, depth)?;
+        Some(self.camera.rig_from_camera * p)
+    }
 }

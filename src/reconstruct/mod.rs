@@ -5,6 +5,7 @@ pub mod depth;
 pub mod hull;
 mod model;
 mod progress;
+pub mod region;
 mod scene;
 pub mod surface;
 

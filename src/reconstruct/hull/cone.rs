@@ -16,7 +16,7 @@ pub(super) const SURELY: f32 = CONTOUR;
 pub struct Cone<'a> {
     camera: &'a Camera,
     level: &'a Grid<u8>,
-    extremes: Extremes,
+    extremes: Extremes<u8>,
 }
 
 impl<'a> Cone<'a> {

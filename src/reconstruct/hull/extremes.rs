@@ -4,12 +4,14 @@
 use crate::image::Grid;
 
 /// Blocks of 2, 4, 8 … pixels a side with their smallest and largest values.
-pub(super) struct Extremes {
-    levels: Vec<Grid<[u8; 2]>>,
+pub(super) struct Extremes<T> {
+    levels: Vec<Grid<[T; 2]>>,
 }
 
-impl Extremes {
-    pub(super) fn new(picture: &Grid<u8>) -> Self {
+impl<T: Copy + PartialOrd> Extremes<T> {
+    /// # Panics
+    /// If the picture has no pixel.
+    pub(super) fn new(picture: &Grid<T>) -> Self {
         let mut levels = vec![halve(&picture.map(|&v| [v, v]))];
         while levels
             .last()
@@ -23,34 +25,39 @@ impl Extremes {
 
     /// Bounds of the values in the pixels x0..=x1, y0..=y1, which must lie within the picture. The bounds
     /// may be wider than the rectangle's own, never narrower.
-    pub(super) fn within(&self, [x0, x1]: [usize; 2], [y0, y1]: [usize; 2]) -> [u8; 2] {
+    pub(super) fn within(&self, [x0, x1]: [usize; 2], [y0, y1]: [usize; 2]) -> [T; 2] {
         let longest = (x1 - x0).max(y1 - y0) + 1;
         // Blocks of a quarter of the rectangle: tight enough, and at most 6 x 6 of them.
         let level = (longest / 4).max(2).ilog2() as usize - 1;
         let level = level.min(self.levels.len() - 1);
         let (shift, blocks) = (level + 1, &self.levels[level]);
-        let mut bounds = [u8::MAX, 0];
+        let mut bounds = blocks[(x0 >> shift, y0 >> shift)];
         for y in y0 >> shift..=y1 >> shift {
-            for [low, high] in &blocks.row(y)[x0 >> shift..=x1 >> shift] {
-                bounds = [bounds[0].min(*low), bounds[1].max(*high)];
+            for &block in &blocks.row(y)[x0 >> shift..=x1 >> shift] {
+                bounds = join(bounds, block);
             }
         }
         bounds
     }
 }
 
-fn halve(fine: &Grid<[u8; 2]>) -> Grid<[u8; 2]> {
+fn join<T: Copy + PartialOrd>(a: [T; 2], b: [T; 2]) -> [T; 2] {
+    [
+        if b[0] < a[0] { b[0] } else { a[0] },
+        if b[1] > a[1] { b[1] } else { a[1] },
+    ]
+}
+
+fn halve<T: Copy + PartialOrd>(fine: &Grid<[T; 2]>) -> Grid<[T; 2]> {
     let (width, height) = (fine.width().div_ceil(2), fine.height().div_ceil(2));
-    let mut coarse = Grid::filled(width, height, [u8::MAX, 0]);
-    for y in 0..fine.height() {
-        let row = coarse.row_mut(y / 2);
-        for (pair, block) in fine.row(y).chunks(2).zip(row) {
-            for [low, high] in pair {
-                *block = [block[0].min(*low), block[1].max(*high)];
-            }
-        }
-    }
-    coarse
+    Grid::from_fn(width, height, |x, y| {
+        let (x1, y1) = (
+            (2 * x + 1).min(fine.width() - 1),
+            (2 * y + 1).min(fine.height() - 1),
+        );
+        let (top, bottom) = (fine.row(2 * y), fine.row(y1));
+        join(join(top[2 * x], top[x1]), join(bottom[2 * x], bottom[x1]))
+    })
 }
 
 #[cfg(test)]

@@ -2,10 +2,12 @@
 //! silhouette of each camera that can see it. Bounded by the cones and the volume; its surface is extracted
 //! by `surface`, with vertices on exact crossings of the silhouettes.
 
+mod carving;
 mod cone;
 mod extremes;
 mod solid;
 
+pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
 pub use solid::Hull;
 

@@ -1,0 +1,215 @@
+//! A solid carved by depth: what lies before a depth camera's surface, on rays that may carve, is empty.
+
+use super::extremes::Extremes;
+use super::solid::Hull;
+use crate::calibration::DepthCamera;
+use crate::image::Grid;
+use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
+use nalgebra::{Point2, Point3, Vector3};
+
+/// Depth cameras are numbered downwards from here, cameras from 0 upwards.
+const FIRST_CARVING: Constraint = Constraint::MAX - 64;
+
+/// The bit for all carvings together.
+const CARVING: Undecided = 1 << 63;
+
+/// What one depth camera carves away.
+pub struct Carving<'a> {
+    camera: &'a DepthCamera,
+    /// For each pixel the depth before which space is empty; 0 where the ray carves nothing.
+    depth: Grid<f32>,
+    extremes: Extremes<f32>,
+    /// Turns metres before the surface into the units of a silhouette.
+    values_per_metre: f64,
+}
+
+impl<'a> Carving<'a> {
+    /// From the depth, in metres, before which space is empty; 0 for pixels that carve nothing. Between
+    /// pixels depth is bilinear. `cell_size` is that of the lattice it will be extracted on.
+    pub fn new(camera: &'a DepthCamera, depth: Grid<f32>, cell_size: f64) -> Self {
+        let extremes = Extremes::new(&depth);
+        Self {
+            camera,
+            depth,
+            extremes,
+            values_per_metre: 127.5 / cell_size,
+        }
+    }
+
+    /// The depth camera.
+    pub fn camera(&self) -> &'a DepthCamera {
+        self.camera
+    }
+
+    /// Bilinear depth of the carving surface; `None` where a pixel around carves nothing.
+    pub fn depth_at(&self, pixel: Point2<f64>) -> Option<f64> {
+        let (x, y) = (pixel.x.floor(), pixel.y.floor());
+        let (width, height) = (self.depth.width() as f64, self.depth.height() as f64);
+        if !(x >= 0.0 && y >= 0.0 && x + 1.0 < width && y + 1.0 < height) {
+            return None;
+        }
+        let (fx, fy) = (pixel.x - x, pixel.y - y);
+        let (x, y) = (x as usize, y as usize);
+        let around = [
+            (self.depth[(x, y)], (1.0 - fx) * (1.0 - fy)),
+            (self.depth[(x + 1, y)], fx * (1.0 - fy)),
+            (self.depth[(x, y + 1)], (1.0 - fx) * fy),
+            (self.depth[(x + 1, y + 1)], fx * fy),
+        ];
+        if around.iter().any(|(d, _)| *d == 0.0) {
+            return None;
+        }
+        Some(
+            around
+                .iter()
+                .map(|(d, weight)| f64::from(*d) * weight)
+                .sum(),
+        )
+    }
+
+    /// Positive behind the surface; `None` where nothing is carved.
+    fn value(&self, p: Point3<f64>) -> Option<f32> {
+        let (pixel, z) = self.camera.project(p)?;
+        let behind = z - self.depth_at(pixel)?;
+        Some((behind * self.values_per_metre).clamp(-127.5, 127.5) as f32)
+    }
+
+    /// Unit outward normal of the carving surface at a point: towards the camera.
+    fn normal(&self, p: Point3<f64>) -> Option<Vector3<f64>> {
+        const STEP_PX: f64 = 0.5;
+        let (pixel, _) = self.camera.project(p)?;
+        let at = |dx: f64, dy: f64| self.depth_at(Point2::new(pixel.x + dx, pixel.y + dy));
+        let slope_x = at(STEP_PX, 0.0)? - at(-STEP_PX, 0.0)?;
+        let slope_y = at(0.0, STEP_PX)? - at(0.0, -STEP_PX)?;
+        let pose = &self.camera.camera;
+        let (q, lens) = (pose.camera_from_rig(p), &pose.intrinsics);
+        let (gx, gy) = (
+            slope_x * lens.focal_px.x / q.z,
+            slope_y * lens.focal_px.y / q.z,
+        );
+        // The gradient of z - D(x/z, y/z) points into the object.
+        let inwards = Vector3::new(-gx, -gy, 1.0 + (gx * q.x + gy * q.y) / q.z);
+        (-(pose.rig_from_camera.rotation * inwards)).try_normalize(1e-12)
+    }
+
+    fn side(&self, center: Point3<f64>, half: f64) -> Side {
+        let radius = half * 3f64.sqrt();
+        let Some((pixel, z)) = self
+            .camera
+            .project(center)
+            .filter(|(_, z)| *z > 2.0 * radius)
+        else {
+            return Side::Across(CARVING);
+        };
+        let lens = &self.camera.camera.intrinsics;
+        let extent = 1.2 * lens.focal_px.max() * radius / (z - radius) + 1.0;
+        let (last_x, last_y) = (
+            self.depth.width() as f64 - 1.0,
+            self.depth.height() as f64 - 1.0,
+        );
+        let [x0, x1, y0, y1] = [
+            pixel.x - extent,
+            pixel.x + extent,
+            pixel.y - extent,
+            pixel.y + extent,
+        ];
+        if x1 < 0.0 || y1 < 0.0 || x0 > last_x || y0 > last_y {
+            return Side::Inside;
+        }
+        let pixels = |a: f64, b: f64, last: f64| {
+            [
+                a.clamp(0.0, last) as usize,
+                b.clamp(0.0, last).ceil() as usize,
+            ]
+        };
+        let [low, high] = self
+            .extremes
+            .within(pixels(x0, x1, last_x), pixels(y0, y1, last_y));
+        let whole = x0 >= 0.0 && y0 >= 0.0 && x1 <= last_x && y1 <= last_y;
+        if z - radius > f64::from(high) {
+            Side::Inside
+        } else if low > 0.0 && whole && z + radius < f64::from(low) {
+            Side::Outside
+        } else {
+            Side::Across(CARVING)
+        }
+    }
+}
+
+/// The hull with everything taken away that a depth camera sees through: the paper's depth hull where all
+/// rays carve, the start of the restoration where only those of the concave regions do.
+pub struct Carved<'a> {
+    hull: &'a Hull<'a>,
+    carvings: &'a [Carving<'a>],
+}
+
+impl<'a> Carved<'a> {
+    /// Carves a hull.
+    pub fn new(hull: &'a Hull<'a>, carvings: &'a [Carving<'a>]) -> Self {
+        Self { hull, carvings }
+    }
+
+    /// The carving whose surface lies deepest behind a point, and by how much.
+    fn deepest(&self, p: Point3<f64>) -> Option<(f32, usize)> {
+        let values = self
+            .carvings
+            .iter()
+            .enumerate()
+            .filter_map(|(i, c)| Some((c.value(p)?, i)));
+        values.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+/// The number of the carving that a constraint stands for.
+pub fn carving_of(constraint: Constraint) -> Option<usize> {
+    (FIRST_CARVING - 1024..=FIRST_CARVING)
+        .contains(&constraint)
+        .then(|| (FIRST_CARVING - constraint) as usize)
+}
+
+impl Solid for Carved<'_> {
+    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side {
+        let hull = self.hull.side(center, half, undecided);
+        if hull == Side::Outside {
+            return Side::Outside;
+        }
+        let mut left = if let Side::Across(left) = hull {
+            left
+        } else {
+            0
+        };
+        if undecided & CARVING != 0 {
+            for carving in self.carvings {
+                match carving.side(center, half) {
+                    Side::Outside => return Side::Outside,
+                    Side::Inside => {}
+                    Side::Across(_) => left |= CARVING,
+                }
+            }
+        }
+        if left == 0 {
+            Side::Inside
+        } else {
+            Side::Across(left)
+        }
+    }
+
+    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+        let hull = self.hull.value(p, undecided);
+        if undecided & CARVING == 0 {
+            return hull;
+        }
+        self.deepest(p).map_or(hull, |(value, _)| value.min(hull))
+    }
+
+    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint) {
+        if undecided & CARVING != 0
+            && let Some((value, i)) = self.deepest(p)
+            && value < self.hull.value(p, undecided)
+            && let Some(normal) = self.carvings[i].normal(p)
+        {
+            return (normal.cast(), FIRST_CARVING - i as Constraint);
+        }
+        self.hull.normal(p, undecided)
+    }
+}

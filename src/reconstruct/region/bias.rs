@@ -1,0 +1,167 @@
+//! What a depth camera's calibration left over: a constant offset of its depth, estimated robustly where the
+//! true depth is known, and used no further than the calibration's uncertainty allows.
+
+use super::Parameters;
+use super::front::{Front, median, stands_on_table};
+use crate::calibration::{DepthCamera, Volume};
+use crate::image::{Grid, Mask};
+use crate::reconstruct::DepthView;
+use nalgebra::{Point2, Point3};
+
+/// An offset of the depth.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Bias {
+    /// Metres to take off each depth (positive where the camera reads too deep).
+    pub metres: f64,
+    /// Metres that were found, before the calibration's uncertainty limited them.
+    pub found: f64,
+    /// Standard error of what remains, in metres.
+    pub remaining: f64,
+    /// What it was estimated from.
+    pub source: BiasSource,
+}
+
+/// Where the true depth was known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BiasSource {
+    /// The table around the object.
+    Table,
+    /// The hull where it touches the object.
+    Hull,
+    /// Nowhere: nothing is taken off.
+    None,
+}
+
+/// Pixels that an estimate needs.
+const LEAST_PIXELS: usize = 200;
+
+/// Metres within which a reading can be the table.
+const TABLE_BAND: f64 = 0.03;
+
+impl Bias {
+    /// Estimates the offset from the table around the object; where the table is not seen, from the places
+    /// where the hull lies closest to the measured surface (it contains the object, so the difference is
+    /// never negative but for the bias).
+    pub(super) fn estimate(
+        view: &DepthView,
+        front: &Front,
+        difference: &Grid<f32>,
+        volume: &Volume,
+        object: &Mask,
+        parameters: &Parameters,
+    ) -> Self {
+        let (found, remaining, source) = from_table(view, volume, object)
+            .map(|(found, error)| (found, error, BiasSource::Table))
+            .or_else(|| {
+                from_hull(front, difference).map(|(found, error)| (found, error, BiasSource::Hull))
+            })
+            .unwrap_or((0.0, 0.0, BiasSource::None));
+        let stated = view.camera.response.uncertainty;
+        let allowed = if stated > 0.0 {
+            stated
+        } else {
+            1e-3 * f64::from(parameters.unstated_uncertainty_mm)
+        };
+        let metres = found.clamp(-allowed, allowed);
+        Self {
+            metres,
+            found,
+            remaining: remaining.hypot(found - metres),
+            source,
+        }
+    }
+}
+
+/// The median distance of readings around the object behind the table's plane, and its error.
+fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, f64)> {
+    if !stands_on_table(volume) {
+        return None;
+    }
+    let mut behind = Vec::new();
+    for y in (0..object.height()).step_by(3) {
+        for x in (0..object.width()).step_by(3) {
+            if object[(x, y)] >= 128 {
+                continue;
+            }
+            let pixel = Point2::new(x as f64, y as f64);
+            if let Some(table) = depth_of_table(&view.camera, pixel)
+                && let Some(depth) = mean_depth(view, x, y)
+                && (depth - table).abs() < TABLE_BAND
+                && is_around(&view.camera, pixel, table, volume)
+            {
+                behind.push((depth - table) as f32);
+            }
+        }
+    }
+    robust_center(behind)
+}
+
+/// Whether a point of the table lies within twice the volume's width of it, where its bias is the object's.
+fn is_around(camera: &DepthCamera, pixel: Point2<f64>, depth: f64, volume: &Volume) -> bool {
+    let reach = volume.max - volume.min;
+    camera.point(pixel, depth).is_some_and(|p| {
+        let center = nalgebra::center(&volume.min, &volume.max);
+        (0..2).all(|axis| (p[axis] - center[axis]).abs() < 1.5 * reach[axis])
+    })
+}
+
+/// Depth at which a pixel's ray meets the plane z = 0 of the rig.
+fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>) -> Option<f64> {
+    let height = |depth: f64| camera.point(pixel, depth).map(|p: Point3<f64>| p.z);
+    let start = camera.camera.center().z.abs().max(0.1);
+    // A ray is straight but for the response's scale; two secant steps find its foot.
+    let (mut a, mut b) = (start, start * 1.01);
+    for _ in 0..4 {
+        let (at_a, at_b) = (height(a)?, height(b)?);
+        if (at_b - at_a).abs() < 1e-9 {
+            break;
+        }
+        (a, b) = (b, b - at_b * (b - a) / (at_b - at_a));
+    }
+    (b.is_finite() && b > 0.0).then_some(b)
+}
+
+/// Mean over the frames of a pixel's depth, where most of them have a reading.
+fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
+    let depths = || {
+        let readings = view.frames.iter().map(|f| f.readings[(x, y)]);
+        readings.filter_map(|r| view.camera.response.depth(r))
+    };
+    let count = depths().count();
+    (2 * count > view.frames.len()).then(|| depths().sum::<f64>() / count as f64)
+}
+
+/// The low end of the differences on the hull's flatter front.
+fn from_hull(front: &Front, difference: &Grid<f32>) -> Option<(f64, f64)> {
+    const LOW: f64 = 0.2;
+    let mut values = Vec::new();
+    for y in 0..difference.height() {
+        for x in 0..difference.width() {
+            let f = difference[(x, y)];
+            if f.is_finite() && front.slope(x, y) < 2e-3 {
+                values.push(f);
+            }
+        }
+    }
+    if values.len() < LEAST_PIXELS {
+        return None;
+    }
+    values.sort_by(f32::total_cmp);
+    let low = &values[..(LOW * values.len() as f64) as usize];
+    let spread = f64::from(low[low.len() - 1] - low[low.len() / 10]);
+    // Only a sharp lower end is a surface that the hull touches; a slope is a cavity seen at a slant.
+    (spread < 4e-3).then(|| (f64::from(low[low.len() / 2]), spread))
+}
+
+/// Median and its error, where the values agree.
+fn robust_center(mut values: Vec<f32>) -> Option<(f64, f64)> {
+    if values.len() < LEAST_PIXELS {
+        return None;
+    }
+    let center = median(&mut values);
+    let mut off: Vec<f32> = values.iter().map(|v| (v - center).abs()).collect();
+    let spread = 1.4826 * f64::from(median(&mut off));
+    // A tenth of the spread: a fixed pattern does not average out as noise does.
+    (spread < 6e-3).then_some((f64::from(center), 0.1 * spread))
+}

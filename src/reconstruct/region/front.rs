@@ -1,0 +1,144 @@
+//! The hull as a depth camera sees it: the front surface S (equations 3 and 4), its depth Ds, and where a
+//! ray first leaves the hull again.
+
+use crate::calibration::{DepthCamera, Volume};
+use crate::image::{Grid, Mask};
+use crate::mesh::{Fragment, Mesh, rasterize};
+use nalgebra::{Point3, Vector3};
+
+/// Renderings of the hull, of the size of the depth camera's pictures.
+#[derive(Clone, Debug)]
+pub struct Front {
+    /// Depth of the nearest surface in metres; infinite where the hull is not.
+    pub depth: Grid<f32>,
+    /// Depth at which a ray first leaves the hull; infinite where the hull is not.
+    pub exit: Grid<f32>,
+    /// Whether the nearest surface belongs to the front surface S.
+    pub is_front: Grid<bool>,
+}
+
+impl Front {
+    /// Renders a hull with the vertex normals `normals`; `threshold` is T of equation 4.
+    pub fn render(
+        hull: &Mesh,
+        normals: &[Vector3<f32>],
+        camera: &DepthCamera,
+        threshold: f32,
+    ) -> Self {
+        let (width, height) = (
+            camera.camera.intrinsics.width,
+            camera.camera.intrinsics.height,
+        );
+        let projected: Vec<_> = hull
+            .vertices
+            .iter()
+            .map(|&v| camera.project_for_raster(v))
+            .collect();
+        let in_front = front_vertices(hull, normals, camera.camera.center().cast(), threshold);
+        let nearest = rasterize(&projected, &hull.triangles, width, height);
+        let is_front = nearest.map(|fragment| {
+            fragment.is_covered()
+                && hull.triangles[fragment.triangle as usize]
+                    .iter()
+                    .filter(|&&v| in_front[v as usize])
+                    .count()
+                    >= 2
+        });
+        let away: Vec<_> = hull
+            .triangles
+            .iter()
+            .copied()
+            .filter(|t| faces_away(&projected, t))
+            .collect();
+        let exit = rasterize(&projected, &away, width, height).map(|f: &Fragment| f.depth);
+        Self {
+            depth: nearest.map(|f| f.depth),
+            exit,
+            is_front,
+        }
+    }
+
+    /// Slope of the front surface in metres a pixel, from whichever neighbours are part of it.
+    pub fn slope(&self, x: usize, y: usize) -> f32 {
+        let here = self.depth[(x, y)];
+        let to = |dx: isize, dy: isize| {
+            let there = self.depth.get(x as isize + dx, y as isize + dy).copied();
+            there.filter(|d| d.is_finite()).map(|d| (d - here).abs())
+        };
+        // The smaller of two sides: a step on one side is a contour and not a slope.
+        let along = |a: Option<f32>, b: Option<f32>| match (a, b) {
+            (Some(a), Some(b)) => a.min(b),
+            (a, b) => a.or(b).unwrap_or(0.0),
+        };
+        along(to(-1, 0), to(1, 0)).hypot(along(to(0, -1), to(0, 1)))
+    }
+}
+
+/// Equations 3 and 4: vertices where the median of n·d over the vertex and its neighbours exceeds
+/// `threshold`, with d the unit vector from the vertex to the depth camera at `eye`.
+pub fn front_vertices(
+    mesh: &Mesh,
+    normals: &[Vector3<f32>],
+    eye: Point3<f32>,
+    threshold: f32,
+) -> Vec<bool> {
+    let facing: Vec<f32> = mesh
+        .vertices
+        .iter()
+        .zip(normals)
+        .map(|(v, n)| {
+            n.dot(
+                &(eye - v)
+                    .try_normalize(1e-12)
+                    .unwrap_or_else(Vector3::zeros),
+            )
+        })
+        .collect();
+    let mut around: Vec<Vec<f32>> = facing.iter().map(|&f| vec![f]).collect();
+    for t in &mesh.triangles {
+        // Each edge is met from both of its triangles; taking it in one direction lists a neighbour once.
+        for i in 0..3 {
+            around[t[i] as usize].push(facing[t[(i + 1) % 3] as usize]);
+        }
+    }
+    around
+        .iter_mut()
+        .map(|values| median(values) > threshold)
+        .collect()
+}
+
+/// The median; of an even number of values the lower one.
+pub(super) fn median(values: &mut [f32]) -> f32 {
+    if values.is_empty() {
+        return f32::NAN;
+    }
+    let middle = (values.len() - 1) / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Whether a triangle shows its back: seen from outside it is counter-clockwise, which in a picture with y
+/// down has a negative area.
+fn faces_away(projected: &[[f32; 3]], triangle: &[u32; 3]) -> bool {
+    let [a, b, c] = triangle.map(|v| projected[v as usize]);
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
+}
+
+/// The pixels of a depth camera that the object can cover: the hull's image, grown by `margin_px`. 255 and
+/// 0.
+pub fn object_pixels(hull: &Mesh, camera: &DepthCamera, margin_px: usize) -> Mask {
+    let (width, height) = (
+        camera.camera.intrinsics.width,
+        camera.camera.intrinsics.height,
+    );
+    let image = crate::mesh::rasterize_mesh(hull, |v| camera.project_for_raster(v), width, height);
+    let mut mask = image.map(|f| if f.is_covered() { 255 } else { 0 });
+    for _ in 0..margin_px {
+        mask = super::segment::dilate(&mask);
+    }
+    mask
+}
+
+/// Whether a rig's volume stands on the table: z = 0 on rigs of ours.
+pub(super) fn stands_on_table(volume: &Volume) -> bool {
+    volume.min.z.abs() < 2e-3
+}

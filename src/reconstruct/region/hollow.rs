@@ -1,0 +1,108 @@
+//! How hollow the measured surface itself is: how far each pixel lies behind the straight lines between
+//! nearer parts of the surface. A convex object has none of it, however far the hull stands off, and neither
+//! an offset of the depth nor a misregistration makes any.
+
+use crate::image::{Grid, Mask};
+use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+
+/// For each pixel, in metres, how far it lies behind the convex envelope of the measured depth along the
+/// rows, columns and diagonals through it (the largest of the four). 0 where there is no measured depth.
+pub(super) fn depth_below_rims(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
+    let (width, height) = (depth.depth.width(), depth.depth.height());
+    let inverse = inverse_depth(depth, object);
+    let mut hollow = Grid::filled(width, height, 0f32);
+    let (w, h) = (width as isize, height as isize);
+    let rows = (0..h).map(|y| (0, y, 1, 0));
+    let columns = (0..w).map(|x| (x, 0, 0, 1));
+    let falling = (1 - h..w).map(|d| (d.max(0), (-d).max(0), 1, 1));
+    let rising = (0..w + h - 1).map(|s| ((s - h + 1).max(0), s.min(h - 1), 1, -1));
+    let mut line = Vec::new();
+    for (x, y, dx, dy) in rows.chain(columns).chain(falling).chain(rising) {
+        line.clear();
+        let steps = (0..).map(|i| (x + i * dx, y + i * dy));
+        let inside = steps.take_while(|&(x, y)| x >= 0 && y >= 0 && x < w && y < h);
+        line.extend(inside.enumerate().filter_map(|(i, (x, y))| {
+            let value = inverse[(x as usize, y as usize)];
+            (value > 0.0).then_some((i as f64, f64::from(value), (x as usize, y as usize)))
+        }));
+        below_envelope(&line, &mut hollow);
+    }
+    hollow
+}
+
+/// 1 / depth of measured pixels, the median of 3 x 3 so that no single reading makes a rim; 0 elsewhere. In
+/// 1 / depth, straight lines of space are straight lines of the picture.
+fn inverse_depth(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
+    let usable =
+        |x: usize, y: usize| depth.kind[(x, y)] == DepthKind::Measured && object[(x, y)] >= 128;
+    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+        if !usable(x, y) {
+            return 0.0;
+        }
+        let mut values = [0f32; 9];
+        let mut count = 0;
+        for ny in y.saturating_sub(1)..=(y + 1).min(depth.depth.height() - 1) {
+            for nx in x.saturating_sub(1)..=(x + 1).min(depth.depth.width() - 1) {
+                if usable(nx, ny) {
+                    values[count] = depth.depth[(nx, ny)];
+                    count += 1;
+                }
+            }
+        }
+        super::front::median(&mut values[..count]).recip()
+    })
+}
+
+/// Raises `hollow` by how far the points of a line lie below its upper convex envelope (Andrew's monotone
+/// chain, 1979). Points are (position, 1 / depth, pixel) in the order of their positions.
+fn below_envelope(line: &[(f64, f64, (usize, usize))], hollow: &mut Grid<f32>) {
+    let mut envelope: Vec<(f64, f64)> = Vec::new();
+    for &(t, value, _) in line {
+        while let [.., a, b] = envelope[..]
+            && (b.1 - a.1) * (t - a.0) <= (value - a.1) * (b.0 - a.0)
+        {
+            envelope.pop();
+        }
+        envelope.push((t, value));
+    }
+    let mut segment = 0;
+    for &(t, value, pixel) in line {
+        while segment + 2 < envelope.len() && envelope[segment + 1].0 < t {
+            segment += 1;
+        }
+        let [a, b] = [
+            envelope[segment],
+            envelope[(segment + 1).min(envelope.len() - 1)],
+        ];
+        let share = if b.0 > a.0 {
+            (t - a.0) / (b.0 - a.0)
+        } else {
+            0.0
+        };
+        let top = a.1 + (b.1 - a.1) * share;
+        let behind = (1.0 / value - 1.0 / top) as f32;
+        hollow[pixel] = hollow[pixel].max(behind);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_below_the_envelope_are_hollow_and_those_on_it_are_not() {
+        let depths = [1.0, 1.05, 1.2, 1.05, 1.0, 1.3, 1.6];
+        let line: Vec<_> = depths
+            .iter()
+            .enumerate()
+            .map(|(x, z)| (x as f64, 1.0 / z, (x, 0)))
+            .collect();
+        let mut hollow = Grid::filled(7, 1, 0.0);
+        below_envelope(&line, &mut hollow);
+        assert!((hollow[(2, 0)] - 0.2).abs() < 1e-6);
+        assert!((hollow[(1, 0)] - 0.05).abs() < 1e-6);
+        for on in [0, 4, 6] {
+            assert!(hollow[(on, 0)].abs() < 1e-6, "{on}");
+        }
+    }
+}

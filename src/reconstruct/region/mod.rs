@@ -1,0 +1,176 @@
+//! Where the object is concave (the paper's section 2.E): the depth that a depth camera measured is compared
+//! with the depth of the plain hull, and the pixels where the object lies significantly behind the hull and
+//! is itself hollow make the regions of interest. Nothing is carved or moved here.
+//!
+//! - `front` renders the hull's front surface (equations 3 and 4) and its first way out;
+//! - `bias` estimates what the depth camera's calibration left over;
+//! - `hollow` measures how far the measured surface itself lies behind its own rims;
+//! - `segment` is the paper's segmentation (equation 5) of the difference.
+
+mod bias;
+mod front;
+mod hollow;
+mod segment;
+
+pub use bias::{Bias, BiasSource};
+pub use front::{Front, object_pixels};
+
+use crate::calibration::{DepthCamera, Volume};
+use crate::image::{Grid, Mask};
+use crate::mesh::Mesh;
+use crate::reconstruct::DepthView;
+use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+use nalgebra::Vector3;
+
+/// How regions are found. Lengths in millimetres where the name says so.
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// T of equation 4: a vertex belongs to the front where the median of n·d over it and its neighbours is
+    /// larger.
+    pub front_threshold: f32,
+    /// α of equation 5: without a standard deviation of the difference above this there is no region.
+    pub alpha_mm: f32,
+    /// Half the window of the adaptive threshold, as a share of the object's extent in the picture. The
+    /// paper gives none; a small window would leave flat floors out.
+    pub window: f32,
+    /// Times that erosion and then dilation are applied.
+    pub morphology_iterations: usize,
+    /// A pixel belongs only where the difference exceeds this many standard errors …
+    pub significance: f32,
+    /// … and this many millimetres.
+    pub least_difference_mm: f32,
+    /// A region needs pixels that lie this far behind the measured surface's own rims: a hull that stands
+    /// off a flat or convex surface is no concavity.
+    pub least_hollow_mm: f32,
+    /// Pixels that a region needs.
+    pub least_pixels: usize,
+    /// Pixels by which depth and hull may be misregistered.
+    pub registration_px: f32,
+    /// Bias that a depth camera may have where its recording does not say.
+    pub unstated_uncertainty_mm: f32,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            front_threshold: 0.5,
+            alpha_mm: 2.0,
+            window: 0.5,
+            morphology_iterations: 1,
+            significance: 3.0,
+            least_difference_mm: 1.0,
+            least_hollow_mm: 4.0,
+            least_pixels: 12,
+            registration_px: 0.5,
+            unstated_uncertainty_mm: 10.0,
+        }
+    }
+}
+
+/// The regions that one depth camera sees, with all they were found from.
+#[derive(Clone, Debug)]
+pub struct Regions {
+    /// The hull as the depth camera sees it.
+    pub front: Front,
+    /// Dk - Ds in metres, corrected for the bias: positive in a cavity; NaN where either is missing.
+    pub difference: Grid<f32>,
+    /// Standard deviation of the difference over the front surface, σF, in metres.
+    pub sigma_difference: f32,
+    /// For each pixel the number of its region, from 1; 0 outside.
+    pub labels: Grid<u16>,
+    /// How many regions.
+    pub count: usize,
+    /// What was taken off the depth.
+    pub bias: Bias,
+}
+
+impl Regions {
+    /// Whether a pixel belongs to a region.
+    pub fn contains(&self, x: usize, y: usize) -> bool {
+        self.labels[(x, y)] != 0
+    }
+
+    /// Pixels in regions.
+    pub fn pixels(&self) -> usize {
+        self.labels.pixels().iter().filter(|&&l| l != 0).count()
+    }
+}
+
+/// Finds the regions that one depth camera sees of a hull with vertex normals `normals`. `object` are the
+/// pixels that [`object_pixels`] gave.
+pub fn find(
+    hull: &Mesh,
+    normals: &[Vector3<f32>],
+    view: &DepthView,
+    depth: &EnhancedDepth,
+    volume: &Volume,
+    object: &Mask,
+    parameters: &Parameters,
+) -> Regions {
+    let camera: &DepthCamera = &view.camera;
+    let front = Front::render(hull, normals, camera, parameters.front_threshold);
+    let raw = difference(&front, depth);
+    let bias = Bias::estimate(view, &front, &raw, volume, object, parameters);
+    let difference = raw.map(|f| f - bias.metres as f32);
+    let sigma_difference = standard_deviation(&difference);
+    let mut regions = Regions {
+        labels: Grid::filled(difference.width(), difference.height(), 0),
+        front,
+        difference,
+        sigma_difference,
+        count: 0,
+        bias,
+    };
+    if sigma_difference > 1e-3 * parameters.alpha_mm {
+        let significant = significant(&regions, depth, parameters);
+        let hollow = hollow::depth_below_rims(depth, object);
+        let (labels, count) =
+            segment::regions(&regions.difference, &significant, &hollow, parameters);
+        (regions.labels, regions.count) = (labels, count);
+    }
+    regions
+}
+
+/// F = Dk - Ds; NaN where either is missing.
+fn difference(front: &Front, depth: &EnhancedDepth) -> Grid<f32> {
+    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+        if depth.kind[(x, y)] == DepthKind::None || !front.is_front[(x, y)] {
+            return f32::NAN;
+        }
+        depth.depth[(x, y)] - front.depth[(x, y)]
+    })
+}
+
+/// σF of equation 5, over the pixels where there is a difference.
+fn standard_deviation(difference: &Grid<f32>) -> f32 {
+    let values = || {
+        difference
+            .pixels()
+            .iter()
+            .filter(|f| f.is_finite())
+            .map(|&f| f64::from(f))
+    };
+    let count = values().count().max(1) as f64;
+    let mean = values().sum::<f64>() / count;
+    (values().map(|f| (f - mean).powi(2)).sum::<f64>() / count).sqrt() as f32
+}
+
+/// Where the difference exceeds what noise, slope and registration explain.
+fn significant(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters) -> Grid<bool> {
+    let least = 1e-3 * parameters.least_difference_mm;
+    let remaining = regions.bias.remaining as f32;
+    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+        let f = regions.difference[(x, y)];
+        if !f.is_finite() {
+            return false;
+        }
+        // The hull's own slope; the measured depth's would hide the very rims of a cavity.
+        let shift = regions.front.slope(x, y) * parameters.registration_px;
+        let sigma = depth.sigma[(x, y)].hypot(shift).hypot(remaining);
+        f > (parameters.significance * sigma).max(least)
+    })
+}
+
+#[cfg(test)]
+mod tests;

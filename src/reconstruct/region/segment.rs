@@ -1,0 +1,222 @@
+//! The segmentation of the difference image (equation 5): adaptive threshold, erosion and dilation, contours
+//! and their interiors, kept where the difference is significant.
+
+use super::Parameters;
+use crate::image::{Grid, Mask};
+
+/// Numbers the regions: pixels of the paper's segmentation grown over adjacent significant ones, where
+/// enough of them are hollow. Returns labels from 1 (0 is none) and how many there are.
+pub(super) fn regions(
+    difference: &Grid<f32>,
+    significant: &Grid<bool>,
+    hollow: &Grid<f32>,
+    parameters: &Parameters,
+) -> (Grid<u16>, usize) {
+    let mut mask = adaptive_threshold(difference, parameters.window);
+    for _ in 0..parameters.morphology_iterations {
+        mask = erode(&mask);
+    }
+    for _ in 0..parameters.morphology_iterations {
+        mask = dilate(&mask);
+    }
+    let inner = fill_interiors(&mask);
+    let is_seed = |x: usize, y: usize| {
+        inner[(x, y)] != 0
+            && significant[(x, y)]
+            && hollow[(x, y)] > 1e-3 * parameters.least_hollow_mm
+    };
+    let (mut labels, mut count) = (
+        Grid::filled(significant.width(), significant.height(), 0),
+        0,
+    );
+    let mut seen = Grid::filled(significant.width(), significant.height(), false);
+    for y in 0..significant.height() {
+        for x in 0..significant.width() {
+            if seen[(x, y)] || !significant[(x, y)] {
+                continue;
+            }
+            let pixels = connected(significant, &mut seen, (x, y));
+            let seeds = pixels.iter().filter(|&&(x, y)| is_seed(x, y)).count();
+            if seeds >= parameters.least_pixels && count < u16::MAX {
+                count += 1;
+                pixels.into_iter().for_each(|pixel| labels[pixel] = count);
+            }
+        }
+    }
+    (labels, usize::from(count))
+}
+
+/// The pixels 4-connected to `start` over true ones, which are marked as seen.
+fn connected(
+    mask: &Grid<bool>,
+    seen: &mut Grid<bool>,
+    start: (usize, usize),
+) -> Vec<(usize, usize)> {
+    let mut pixels = vec![start];
+    seen[start] = true;
+    let mut next = 0;
+    while let Some(&(x, y)) = pixels.get(next) {
+        next += 1;
+        for (nx, ny) in [
+            (x.wrapping_sub(1), y),
+            (x + 1, y),
+            (x, y.wrapping_sub(1)),
+            (x, y + 1),
+        ] {
+            if nx < mask.width() && ny < mask.height() && mask[(nx, ny)] && !seen[(nx, ny)] {
+                seen[(nx, ny)] = true;
+                pixels.push((nx, ny));
+            }
+        }
+    }
+    pixels
+}
+
+/// 255 where the difference exceeds its mean over a window of `window` times the extent of all differences
+/// to either side, else 0.
+fn adaptive_threshold(difference: &Grid<f32>, window: f32) -> Mask {
+    let (width, height) = (difference.width(), difference.height());
+    let (sums, counts) = (
+        integral(difference, |f| f64::from(f)),
+        integral(difference, |_| 1.0),
+    );
+    let half = (window * extent(difference) as f32).ceil().max(1.0) as usize;
+    Grid::from_fn(width, height, |x, y| {
+        let f = difference[(x, y)];
+        if !f.is_finite() {
+            return 0;
+        }
+        let (x0, x1) = (x.saturating_sub(half), (x + half + 1).min(width));
+        let (y0, y1) = (y.saturating_sub(half), (y + half + 1).min(height));
+        let within = |g: &Grid<f64>| g[(x1, y1)] - g[(x0, y1)] - g[(x1, y0)] + g[(x0, y0)];
+        if f64::from(f) > within(&sums) / within(&counts) {
+            255
+        } else {
+            0
+        }
+    })
+}
+
+/// Sums of `value` over all finite pixels above and to the left; a row and a column larger.
+fn integral(difference: &Grid<f32>, value: impl Fn(f32) -> f64) -> Grid<f64> {
+    let mut sums = Grid::filled(difference.width() + 1, difference.height() + 1, 0.0);
+    for y in 0..difference.height() {
+        let mut row = 0.0;
+        for x in 0..difference.width() {
+            let f = difference[(x, y)];
+            row += if f.is_finite() { value(f) } else { 0.0 };
+            sums[(x + 1, y + 1)] = sums[(x + 1, y)] + row;
+        }
+    }
+    sums
+}
+
+/// The longer side of the box around all finite differences, in pixels.
+fn extent(difference: &Grid<f32>) -> usize {
+    let (mut x_range, mut y_range) = ((usize::MAX, 0), (usize::MAX, 0));
+    for y in 0..difference.height() {
+        for (x, _) in difference
+            .row(y)
+            .iter()
+            .enumerate()
+            .filter(|(_, f)| f.is_finite())
+        {
+            x_range = (x_range.0.min(x), x_range.1.max(x));
+            y_range = (y_range.0.min(y), y_range.1.max(y));
+        }
+    }
+    let length = |(low, high): (usize, usize)| (high + 1).saturating_sub(low.min(high + 1));
+    length(x_range).max(length(y_range))
+}
+
+/// Each pixel becomes the least of itself and its four neighbours; beyond the picture nothing is taken off.
+pub(super) fn erode(mask: &Mask) -> Mask {
+    around(mask, u8::min)
+}
+
+/// Each pixel becomes the largest of itself and its four neighbours.
+pub(super) fn dilate(mask: &Mask) -> Mask {
+    around(mask, u8::max)
+}
+
+fn around(mask: &Mask, pick: fn(u8, u8) -> u8) -> Mask {
+    Grid::from_fn(mask.width(), mask.height(), |x, y| {
+        let neighbours = [(-1, 0), (1, 0), (0, -1), (0, 1)];
+        neighbours
+            .iter()
+            .filter_map(|&(dx, dy)| mask.get(x as isize + dx, y as isize + dy))
+            .fold(mask[(x, y)], |a, &b| pick(a, b))
+    })
+}
+
+/// The mask with everything inside its contours: what the outside does not reach.
+fn fill_interiors(mask: &Mask) -> Mask {
+    let (width, height) = (mask.width(), mask.height());
+    let mut outside = Grid::filled(width, height, false);
+    let empty = mask.map(|&m| m == 0);
+    let border = (0..width).flat_map(|x| [(x, 0), (x, height - 1)]);
+    for start in border.chain((0..height).flat_map(|y| [(0, y), (width - 1, y)])) {
+        if empty[start] && !outside[start] {
+            connected(&empty, &mut outside, start);
+        }
+    }
+    outside.map(|&out| if out { 0 } else { 255 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ring_is_filled_and_a_gap_is_not() {
+        let ring = |gap: bool| {
+            Grid::from_fn(9, 9, |x, y| {
+                let on = (2..7).contains(&x)
+                    && (2..7).contains(&y)
+                    && !((3..6).contains(&x) && (3..6).contains(&y));
+                if on && !(gap && x == 4 && y == 2) {
+                    255
+                } else {
+                    0
+                }
+            })
+        };
+        assert_eq!(fill_interiors(&ring(false))[(4, 4)], 255);
+        assert_eq!(fill_interiors(&ring(true))[(4, 4)], 0);
+    }
+
+    #[test]
+    fn a_flat_floor_and_its_rims_are_one_region() {
+        // A cavity of 20 mm with a flat floor in a field without difference.
+        let inside = |x: usize, y: usize| (10..30).contains(&x) && (10..30).contains(&y);
+        let difference = Grid::from_fn(40, 40, |x, y| if inside(x, y) { 0.02 } else { 0.0 });
+        let significant = difference.map(|&f| f > 0.001);
+        let (labels, count) = regions(
+            &difference,
+            &significant,
+            &difference,
+            &Parameters::default(),
+        );
+        assert_eq!(count, 1);
+        for y in 0..40 {
+            for x in 0..40 {
+                assert_eq!(labels[(x, y)] == 1, inside(x, y), "{x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_loose_hull_over_a_flat_top_is_no_region() {
+        let difference = Grid::from_fn(
+            40,
+            40,
+            |x, _| if (10..30).contains(&x) { 0.01 } else { 0.0 },
+        );
+        let significant = difference.map(|&f| f > 0.001);
+        let flat = difference.map(|_| 0.0);
+        assert_eq!(
+            regions(&difference, &significant, &flat, &Parameters::default()).1,
+            0
+        );
+    }
+}

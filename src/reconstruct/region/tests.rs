@@ -1,0 +1,74 @@
+//! Regions on renderings whose answer is known.
+
+use super::*;
+use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
+use crate::frame::CameraId;
+use crate::mesh::vertex_normals;
+use nalgebra::{Isometry3, Point3, Vector2};
+
+fn overhead() -> DepthCamera {
+    let lens = Intrinsics::new(
+        160,
+        120,
+        Vector2::repeat(150.0),
+        Vector2::new(79.5, 59.5),
+        Distortion::default(),
+    )
+    .unwrap();
+    let pose = Isometry3::face_towards(
+        &Point3::new(0.0, 0.0, 0.8),
+        &Point3::origin(),
+        &Vector3::y(),
+    );
+    let camera = Camera::new(CameraId::new("kinect").unwrap(), lens, pose);
+    DepthCamera {
+        camera,
+        response: DepthResponse::default(),
+    }
+}
+
+/// A box of 0.2 x 0.2 x 0.1 m on the table.
+fn block() -> Mesh {
+    let vertices = (0..8u8)
+        .map(|i| {
+            let at = |bit: u8| if i >> bit & 1 == 1 { 0.1 } else { -0.1 };
+            Point3::new(at(0), at(1), if i >> 2 == 1 { 0.1 } else { 0.0 })
+        })
+        .collect();
+    let quads = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
+    let triangles = quads
+        .iter()
+        .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
+        .collect();
+    Mesh {
+        vertices,
+        triangles,
+    }
+}
+
+#[test]
+fn the_front_is_the_top_and_the_way_out_the_bottom() {
+    let (mesh, camera) = (block(), overhead());
+    assert!(crate::mesh::check(&mesh).is_watertight());
+    let front = Front::render(&mesh, &vertex_normals(&mesh), &camera, 0.3);
+    let middle = (80, 60);
+    assert!(
+        (front.depth[middle] - 0.7).abs() < 1e-4,
+        "{}",
+        front.depth[middle]
+    );
+    assert!(
+        (front.exit[middle] - 0.8).abs() < 1e-4,
+        "{}",
+        front.exit[middle]
+    );
+    assert!(front.is_front[middle]);
+    assert!(front.depth[(0, 0)].is_infinite() && !front.is_front[(0, 0)]);
+}
