@@ -13,3 +13,4 @@ pub mod image;
 pub mod mesh;
 pub mod output;
 pub mod reconstruct;
+pub mod simulate;

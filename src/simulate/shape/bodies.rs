@@ -1,0 +1,124 @@
+//! Bodies given by signed distances: what is not a surface of revolution.
+
+use super::profiles::{self, Profile};
+use nalgebra::{Point3, Vector3};
+
+/// A body: negative inside. The value is a distance or smaller than one, so that empty space can be skipped.
+pub(super) struct Body {
+    distance: Box<dyn Fn(Point3<f64>) -> f64 + Sync>,
+    /// Smallest and largest corner of a box around it.
+    pub bounds: [[f64; 3]; 2],
+}
+
+impl Body {
+    pub(super) fn distance(&self, p: Point3<f64>) -> f64 {
+        (self.distance)(p)
+    }
+}
+
+/// Where fruit touch they merge with a fillet of this width, so that a contact has a size that can be meshed.
+const CONTACT: f64 = 0.004;
+
+/// Centres and radii of the fruit. Each rests on the bowl's floor or wall and touches a neighbour, with an
+/// overlap of some tenths of a millimetre, as soft fruit does.
+const FRUIT: [([f64; 3], f64); 3] = [
+    ([-0.0275, -0.0080, 0.0327], 0.027),
+    ([0.0230, -0.0060, 0.0297], 0.024),
+    ([-0.0070, 0.0355, 0.0287], 0.022),
+];
+
+/// The fruit on whose surface a point lies.
+pub(super) fn fruit_at(p: Point3<f64>) -> Option<usize> {
+    FRUIT
+        .iter()
+        .position(|&(center, radius)| ((p - Point3::from(center)).norm() - radius).abs() < 4e-4)
+}
+
+pub(super) fn fruit_bowl() -> Body {
+    let bowl = profiles::fruit_bowl();
+    Body {
+        distance: Box::new(move |p| {
+            let fruit = FRUIT
+                .iter()
+                .map(|&(center, radius)| (p - Point3::from(center)).norm() - radius);
+            fruit.fold(revolved(&bowl, p), |a, b| smooth_union(a, b, CONTACT))
+        }),
+        bounds: [[-0.101, -0.101, 0.0], [0.101, 0.101, 0.066]],
+    }
+}
+
+pub(super) fn mug() -> Body {
+    const HEIGHT: f64 = 0.092;
+    Body {
+        distance: Box::new(|p| {
+            let outside = cylinder(p, Vector3::zeros(), 0.040, HEIGHT, 0.003);
+            let inside = cylinder(p, Vector3::new(0.0, 0.0, 0.006), 0.036, HEIGHT, 0.005);
+            smooth_union(outside, handle(p), 0.003).max(-inside)
+        }),
+        bounds: [[-0.041, -0.041, 0.0], [0.076, 0.041, HEIGHT + 0.001]],
+    }
+}
+
+/// An oval ring in the plane y = 0, thicker than it is wide.
+fn handle(p: Point3<f64>) -> f64 {
+    let (x, z) = ((p.x - 0.043) / 0.9, (p.z - 0.048) / 1.1);
+    let across = (x.hypot(z) - 0.027).hypot(p.y * 0.75);
+    (across - 0.005) * 0.75
+}
+
+pub(super) fn ashtray() -> Body {
+    const HEIGHT: f64 = 0.034;
+    Body {
+        distance: Box::new(|p| {
+            let outside = cylinder(p, Vector3::zeros(), 0.060, HEIGHT, 0.002);
+            let pit = cylinder(p, Vector3::new(0.0, 0.0, 0.009), 0.046, HEIGHT, 0.012);
+            let along = |u: f64, v: f64| if u.abs() > v.abs() { v } else { u };
+            let notch = along(p.x, p.y).hypot(p.z - HEIGHT) - 0.006;
+            outside.max(-pit).max(-notch)
+        }),
+        bounds: [[-0.061, -0.061, 0.0], [0.061, 0.061, HEIGHT + 0.001]],
+    }
+}
+
+pub(super) fn two_pits() -> Body {
+    let half = Vector3::new(0.075, 0.042, 0.0275);
+    Body {
+        distance: Box::new(move |p| {
+            let block = rounded_box(p - Vector3::new(0.0, 0.0, half.z), half, 0.003);
+            let deep = cylinder(p, Vector3::new(-0.036, 0.0, 0.012), 0.028, 0.08, 0.008);
+            let round = (p - Point3::new(0.037, 0.0, 0.060)).norm() - 0.031;
+            block.max(-deep).max(-round)
+        }),
+        bounds: [[-0.076, -0.043, 0.0], [0.076, 0.043, 0.056]],
+    }
+}
+
+fn revolved(profile: &Profile, p: Point3<f64>) -> f64 {
+    profile.distance(p.x.hypot(p.y), p.z)
+}
+
+/// A cylinder that stands on `foot`, its edges rounded.
+fn cylinder(p: Point3<f64>, foot: Vector3<f64>, radius: f64, height: f64, rounding: f64) -> f64 {
+    let p = p - foot;
+    let side = p.x.hypot(p.y) - radius + rounding;
+    let end = (p.z - height / 2.0).abs() - height / 2.0 + rounding;
+    rounded(&[side, end], rounding)
+}
+
+fn rounded_box(p: Point3<f64>, half: Vector3<f64>, rounding: f64) -> f64 {
+    let outside = [0, 1, 2].map(|a| p[a].abs() - half[a] + rounding);
+    rounded(&outside, rounding)
+}
+
+/// Distance to a body with right angles, given how far a point is beyond each of its faces, rounded.
+fn rounded(beyond: &[f64], rounding: f64) -> f64 {
+    let outside = beyond.iter().map(|b| b.max(0.0).powi(2)).sum::<f64>();
+    let inside = beyond.iter().fold(f64::NEG_INFINITY, |m, &b| m.max(b));
+    outside.sqrt() + inside.min(0.0) - rounding
+}
+
+/// A union with a fillet of about `width` (polynomial smooth minimum, Quilez).
+fn smooth_union(a: f64, b: f64, width: f64) -> f64 {
+    let h = (width - (a - b).abs()).max(0.0) / width;
+    a.min(b) - h * h * width / 4.0
+}
