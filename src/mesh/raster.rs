@@ -65,7 +65,7 @@ fn draw(buffer: &mut Grid<Fragment>, [a, b, c]: [[f32; 3]; 3], triangle: u32) {
             if weights.iter().any(|w| w * area < 0.0) {
                 continue;
             }
-            let depth = area
+            let depth = (weights[0] + weights[1] + weights[2])
                 / (weights[0] * inverse_depths[0]
                     + weights[1] * inverse_depths[1]
                     + weights[2] * inverse_depths[2]);
@@ -83,9 +83,10 @@ fn pixel_range(a: f32, b: f32, c: f32, size: usize) -> (usize, usize) {
     ((low as usize).min(size), (high.max(0.0) as usize).min(size))
 }
 
-/// Twice the signed area of the triangle a, b, (x, y).
+/// Twice the signed area of the triangle a, b, (x, y). In this form swapping a and b changes the sign and
+/// nothing else, so two triangles that share an edge leave no pixel between them.
 fn edge(a: [f32; 3], b: [f32; 3], x: f32, y: f32) -> f32 {
-    (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+    (a[0] - x) * (b[1] - y) - (a[1] - y) * (b[0] - x)
 }
 
 /// Convenience for whole meshes: projects with `project` and draws.
@@ -102,6 +103,7 @@ pub fn rasterize_mesh(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn the_nearer_triangle_wins_and_depth_is_perspective() {
@@ -120,6 +122,18 @@ mod tests {
         // 1/z is linear in the picture: the middle of 1 m and 3 m is 1.5 m.
         assert!((middle.depth - 1.5).abs() < 1e-5, "{}", middle.depth);
         assert!(!buffer[(11, 11)].is_covered());
+    }
+
+    proptest! {
+        #[test]
+        fn an_edge_is_the_same_seen_from_both_of_its_triangles(
+            a in prop::array::uniform3(0.0..3000.0f32),
+            b in prop::array::uniform3(0.0..3000.0f32),
+            x in 0..3000u16, y in 0..3000u16,
+        ) {
+            let (x, y) = (f32::from(x), f32::from(y));
+            prop_assert_eq!(edge(a, b, x, y), -edge(b, a, x, y));
+        }
     }
 
     #[test]
