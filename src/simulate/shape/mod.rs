@@ -103,7 +103,10 @@ const CELL: f64 = 1.5;
 
 /// Meshes a body and keeps its outer surface: what two parts that touch enclose between them is dropped.
 fn meshed(body: &bodies::Body, spacing: f64) -> Mesh {
-    let mesh = implicit::mesh(|p| body.distance(p), body.bounds, spacing * CELL);
+    let mut mesh = implicit::mesh(|p| body.distance(p), body.bounds, spacing * CELL);
+    for v in &mut mesh.vertices {
+        v.z = v.z.max(0.0);
+    }
     let pieces = components(&mesh);
     match pieces.largest() {
         Some(largest) => extract(&mesh, &pieces, |piece| piece == largest).0,

@@ -1,0 +1,233 @@
+//! What a simulated recording is asked to be. Numbers only: how they come about is in the rooms' own files.
+
+use super::Shape;
+use serde::{Deserialize, Serialize};
+
+/// A simulated session: object, rig, sensors and faults.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Options {
+    /// The object.
+    pub shape: Shape,
+    /// Edge length of the truth's triangles in millimetres. Default 2.
+    pub spacing_mm: f64,
+    /// What all randomness derives from. Default 1.
+    pub seed: u64,
+    /// Colour cameras. Default 11.
+    pub cameras: usize,
+    /// Width of their pictures in pixels; the field of view stays. Default 2560.
+    pub width: usize,
+    /// Height of their pictures in pixels. Default 1920.
+    pub height: usize,
+    /// Depth cameras. Default 1.
+    pub depth_cameras: usize,
+    /// Angle in degrees between the first depth camera's view and straight down; the others look at 35
+    /// degrees more. Default 4.
+    pub depth_slant_deg: f64,
+    /// Captures of the same object. Default 1.
+    pub captures: usize,
+    /// Whether the object has a pattern. Default false.
+    pub textured: bool,
+    /// Whether the session holds exact masks instead of backgrounds. Default false.
+    pub masks: bool,
+    /// The colour cameras' sensors.
+    pub color: ColorSensor,
+    /// The depth cameras' sensors.
+    pub depth: DepthSensor,
+    /// What goes wrong.
+    pub faults: Faults,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            shape: Shape::Cup,
+            spacing_mm: 2.0,
+            seed: 1,
+            cameras: 11,
+            width: 2560,
+            height: 1920,
+            depth_cameras: 1,
+            depth_slant_deg: 4.0,
+            captures: 1,
+            textured: false,
+            masks: false,
+            color: ColorSensor::default(),
+            depth: DepthSensor::default(),
+            faults: Faults::default(),
+        }
+    }
+}
+
+/// How pictures are encoded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// The sensor's own mosaic, `bayer_rggb8`.
+    Bayer,
+    /// JPEG.
+    Jpeg,
+    /// PNG.
+    Png,
+    /// Rows of red, green and blue, `rgb8`.
+    Rgb,
+}
+
+/// A colour camera's sensor and lens.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ColorSensor {
+    /// How pictures are encoded. Default `bayer`.
+    pub encoding: Encoding,
+    /// Quality of JPEG, 1 to 100. Default 92.
+    pub jpeg_quality: u8,
+    /// Electrons at full scale: photon noise is their square root. 0 is no noise at all. Default 9000.
+    pub full_well: f64,
+    /// Read noise in electrons. Default 8.
+    pub read_noise: f64,
+    /// Standard deviation of the point spread in pixels: lens, focus and sensor together. Default 0.7.
+    pub blur_px: f64,
+    /// Standard deviation of the exposure's drift from the background plate to a picture, as a part of it;
+    /// each colour drifts by a third of that on its own. Default 0.01.
+    pub exposure_drift: f64,
+    /// How strongly the object darkens the table around it, 0 to 1. Default 1.
+    pub shadows: f64,
+    /// How much of the backdrop's colour the object catches, 0 to 1. Default 0.5.
+    pub spill: f64,
+    /// Whether lenses distort and differ. Default true.
+    pub distortion: bool,
+}
+
+impl Default for ColorSensor {
+    fn default() -> Self {
+        Self {
+            encoding: Encoding::Bayer,
+            jpeg_quality: 92,
+            full_well: 9000.0,
+            read_noise: 8.0,
+            blur_px: 0.7,
+            exposure_drift: 0.01,
+            shadows: 1.0,
+            spill: 0.5,
+            distortion: true,
+        }
+    }
+}
+
+/// What a recording knows of how the depth sensor responds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Response {
+    /// The sensor reads millimetres, and no response is written.
+    Ideal,
+    /// The sensor's readings need slope, intercept and scale, which the recording holds.
+    Written,
+    /// As before, but the recording says nothing of it.
+    Hidden,
+}
+
+/// A depth camera's sensor, after the Kinect of 2010.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthSensor {
+    /// Frames a capture. Default 30.
+    pub frames: usize,
+    /// Standard deviation of the disparity's noise, new in each frame, in steps of the disparity. 0.29 gives
+    /// the spread over frames that is seen on real table tops. Default 0.29.
+    pub noise_steps: f64,
+    /// Standard deviation of the fixed pattern in steps of the disparity, half of it smooth, half from pixel
+    /// to pixel. Default 0.25.
+    pub pattern_steps: f64,
+    /// Whether disparity comes in whole steps. Default true.
+    pub quantized: bool,
+    /// Whether there are holes: at grazing angles, in the projector's shadow, and some anywhere. Default true.
+    pub holes: bool,
+    /// Width in pixels over which readings at rims mix both sides. Default 1.5.
+    pub smear_px: f64,
+    /// Millimetres that readings are too deep, which the recording does not know. Default 0.
+    pub bias_mm: f64,
+    /// Pixels by which the depth is displaced against what the calibration says. Default 0.
+    pub misregistration_px: f64,
+    /// How the sensor responds. Default `ideal`.
+    pub response: Response,
+    /// A colour picture for each so many depth frames. Default 1.
+    pub color_every: usize,
+    /// Quality of the depth camera's colour as JPEG; 0 is `rgb8`. Default 0.
+    pub color_jpeg_quality: u8,
+}
+
+impl Default for DepthSensor {
+    fn default() -> Self {
+        Self {
+            frames: 30,
+            noise_steps: 0.29,
+            pattern_steps: 0.25,
+            quantized: true,
+            holes: true,
+            smear_px: 1.5,
+            bias_mm: 0.0,
+            misregistration_px: 0.0,
+            response: Response::Ideal,
+            color_every: 1,
+            color_jpeg_quality: 0,
+        }
+    }
+}
+
+impl DepthSensor {
+    /// A sensor that measures exactly, in one frame.
+    pub fn perfect() -> Self {
+        Self {
+            frames: 1,
+            noise_steps: 0.0,
+            pattern_steps: 0.0,
+            quantized: false,
+            holes: false,
+            smear_px: 0.0,
+            ..Self::default()
+        }
+    }
+}
+
+/// A fault of one camera.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraFault {
+    /// The camera's id.
+    pub camera: String,
+    /// How much, in the unit of the fault.
+    pub amount: f64,
+}
+
+/// What goes wrong in a session. The calibration knows of none of it, except where an object is cut off.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Faults {
+    /// Cameras turned by so many degrees since they were calibrated.
+    pub turned_deg: Vec<CameraFault>,
+    /// Cameras whose frame's edge cuts off such a part of the object, from the left; the calibration is true.
+    pub cut_off: Vec<CameraFault>,
+    /// Cameras out of focus by a point spread of so many more pixels.
+    pub blurred_px: Vec<CameraFault>,
+    /// Cameras that expose so many stops too long.
+    pub overexposed_stops: Vec<CameraFault>,
+    /// Cameras that give no frame to a capture.
+    pub missing: Vec<String>,
+    /// Cameras whose frames come so many milliseconds late.
+    pub late_ms: Vec<CameraFault>,
+    /// Cameras without a background (or mask).
+    pub no_background: Vec<String>,
+    /// No object on the table.
+    pub empty_table: bool,
+    /// Depth frames without a single reading.
+    pub no_depth: bool,
+}
+
+impl Faults {
+    /// The amount of a fault that a camera has, 0 without.
+    pub(super) fn amount(list: &[CameraFault], camera: &str) -> f64 {
+        list.iter()
+            .find(|fault| fault.camera == camera)
+            .map_or(0.0, |fault| fault.amount)
+    }
+}
