@@ -6,6 +6,7 @@ pub mod hull;
 mod model;
 mod progress;
 pub mod region;
+pub mod restore;
 mod scene;
 pub mod surface;
 

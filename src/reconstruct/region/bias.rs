@@ -15,7 +15,7 @@ pub struct Bias {
     pub metres: f64,
     /// Metres that were found, before the calibration's uncertainty limited them.
     pub found: f64,
-    /// Standard error of what remains, in metres.
+    /// What may remain, in metres.
     pub remaining: f64,
     /// What it was estimated from.
     pub source: BiasSource,
@@ -51,18 +51,18 @@ impl Bias {
         object: &Mask,
         parameters: &Parameters,
     ) -> Self {
-        let (found, remaining, source) = from_table(view, volume, object)
-            .map(|(found, error)| (found, error, BiasSource::Table))
-            .or_else(|| {
-                from_hull(front, difference).map(|(found, error)| (found, error, BiasSource::Hull))
-            })
-            .unwrap_or((0.0, 0.0, BiasSource::None));
         let stated = view.camera.response.uncertainty;
         let allowed = if stated > 0.0 {
             stated
         } else {
             1e-3 * f64::from(parameters.unstated_uncertainty_mm)
         };
+        let (found, remaining, source) = from_table(view, volume, object)
+            .map(|(found, error)| (found, error, BiasSource::Table))
+            .or_else(|| {
+                from_hull(front, difference).map(|(found, error)| (found, error, BiasSource::Hull))
+            })
+            .unwrap_or((0.0, allowed, BiasSource::None));
         let metres = found.clamp(-allowed, allowed);
         Self {
             metres,

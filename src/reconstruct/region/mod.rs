@@ -13,7 +13,7 @@ mod hollow;
 mod segment;
 
 pub use bias::{Bias, BiasSource};
-pub use front::{Front, object_pixels};
+pub use front::{Front, front_vertices, object_pixels};
 
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
@@ -167,8 +167,8 @@ fn significant(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters
         }
         // The hull's own slope; the measured depth's would hide the very rims of a cavity.
         let shift = regions.front.slope(x, y) * parameters.registration_px;
-        let sigma = depth.sigma[(x, y)].hypot(shift).hypot(remaining);
-        f > (parameters.significance * sigma).max(least)
+        let sigma = depth.sigma[(x, y)].hypot(shift);
+        f > (parameters.significance * sigma).max(least) + remaining
     })
 }
 

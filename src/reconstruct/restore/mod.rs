@@ -1,0 +1,201 @@
+//! Restoration of the concave regions (the paper's section 2.F), in two forms.
+//!
+//! - `carve` (the default): the hull is carved by the enhanced depth in the regions, which opens handles and
+//!   rings as a height field cannot, then the patches that face the camera are relaxed towards the depth;
+//! - `lid` (the paper's): the hull's patch over each region is given the Laplacian coordinates of the depth.
+
+mod carve;
+mod laplacian;
+mod lid;
+mod provenance;
+mod relax;
+
+pub use laplacian::Singular;
+
+use super::Model;
+use super::depth::EnhancedDepth;
+use super::hull::{self, Carved, Carving, Hull, carving_of};
+use super::region::Regions;
+use super::surface::{Lattice, Surface};
+use crate::calibration::DepthCamera;
+use crate::image::Grid;
+
+/// The form of the restoration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Form {
+    /// Carving, then relaxing.
+    #[default]
+    Carve,
+    /// The paper's coating transfer onto the hull's lid.
+    Lid,
+}
+
+/// How concave regions are restored. Lengths in millimetres where the name says so.
+#[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Which form.
+    pub form: Form,
+    /// Thinnest wall that is left standing where the depth does not clearly show that there is none.
+    pub least_wall_mm: f32,
+    /// Readings that must agree before the object is opened all the way through.
+    pub least_opening_px: usize,
+    /// Carving: weight of smoothness against the depth. 0 leaves the carved surface as it is.
+    pub smoothness: f64,
+    /// Lid: weight of the depth's positions against its Laplacian coordinates. 0 leaves the border as the
+    /// only anchor.
+    pub anchor_weight: f64,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            form: Form::Carve,
+            least_wall_mm: 1.0,
+            least_opening_px: 6,
+            smoothness: 1.0,
+            anchor_weight: 0.1,
+        }
+    }
+}
+
+/// What one depth camera contributes.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The camera.
+    pub camera: &'a DepthCamera,
+    /// Its enhanced depth.
+    pub depth: &'a EnhancedDepth,
+    /// The regions that it sees.
+    pub regions: &'a Regions,
+}
+
+/// What a restoration starts from.
+pub struct Template<'a> {
+    /// The hull as a solid.
+    pub hull: &'a Hull<'a>,
+    /// Its surface.
+    pub surface: &'a Surface,
+    /// The lattice that it was extracted on.
+    pub lattice: &'a Lattice,
+    /// How it was extracted.
+    pub parameters: &'a hull::Parameters,
+    /// T of equation 4.
+    pub front_threshold: f32,
+}
+
+/// A restored model and what happened to it.
+pub struct Restored {
+    /// The model, not yet textured.
+    pub model: Model,
+    /// Pieces that were cut off and dropped.
+    pub dropped_pieces: usize,
+}
+
+/// The hull as it is: for objects without concave regions, and as a baseline.
+pub fn plain(template: &Template) -> Model {
+    provenance::describe(template.surface.clone(), template.hull, &[], &[])
+}
+
+/// Restores the regions of all `sources`. Without any region the result is [`plain`], bit for bit.
+///
+/// # Errors
+/// If a Laplacian system has no anchor.
+pub fn restore(
+    template: &Template,
+    sources: &[Source],
+    parameters: &Parameters,
+) -> Result<Restored, Singular> {
+    let sources: Vec<Source> = sources
+        .iter()
+        .copied()
+        .filter(|s| s.regions.count > 0)
+        .collect();
+    if sources.is_empty() {
+        return Ok(Restored {
+            model: plain(template),
+            dropped_pieces: 0,
+        });
+    }
+    let depths: Vec<Grid<f32>> = sources
+        .iter()
+        .map(|s| carve::carving_depth(s.depth, s.regions, parameters))
+        .collect();
+    match parameters.form {
+        Form::Carve => carve_and_relax(template, &sources, depths, parameters),
+        Form::Lid => {
+            let mut model = plain(template);
+            for (source, depth) in sources.iter().zip(&depths) {
+                lid::restore(
+                    &mut model,
+                    source,
+                    depth,
+                    parameters,
+                    template.front_threshold,
+                )?;
+            }
+            Ok(Restored {
+                model,
+                dropped_pieces: 0,
+            })
+        }
+    }
+}
+
+fn carve_and_relax(
+    template: &Template,
+    sources: &[Source],
+    depths: Vec<Grid<f32>>,
+    parameters: &Parameters,
+) -> Result<Restored, Singular> {
+    let (surface, mut restored) = carve_by(template, sources, depths);
+    if parameters.smoothness > 0.0 {
+        for (i, source) in sources.iter().enumerate() {
+            let is_of_source = |v: usize| carving_of(surface[v]) == Some(i);
+            relax::relax(&mut restored.model, source, is_of_source, parameters)?;
+        }
+    }
+    Ok(restored)
+}
+
+/// The depth hull of the paper's Fig. 6: the hull carved by every depth in front of it, region or not.
+pub fn depth_hull(template: &Template, sources: &[Source]) -> Restored {
+    let everywhere = |s: &Source| {
+        let (depth, front) = (&s.depth.depth, &s.regions.front.depth);
+        Grid::from_fn(depth.width(), depth.height(), |x, y| {
+            if front[(x, y)].is_finite() {
+                depth[(x, y)]
+            } else {
+                0.0
+            }
+        })
+    };
+    let depths = sources.iter().map(everywhere).collect();
+    carve_by(template, sources, depths).1
+}
+
+/// Carves the hull; also tells the constraint of each vertex.
+fn carve_by(
+    template: &Template,
+    sources: &[Source],
+    depths: Vec<Grid<f32>>,
+) -> (Vec<super::surface::Constraint>, Restored) {
+    let cell_size = template.lattice.cell_size;
+    let carvings: Vec<Carving> = sources
+        .iter()
+        .zip(depths)
+        .map(|(s, d)| Carving::new(s.camera, d, cell_size))
+        .collect();
+    let carved = Carved::new(template.hull, &carvings);
+    let extracted = hull::extract(&carved, template.lattice, template.parameters);
+    let constraints = extracted.surface.constraints.clone();
+    let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
+    (
+        constraints,
+        Restored {
+            model,
+            dropped_pieces: extracted.dropped_pieces,
+        },
+    )
+}

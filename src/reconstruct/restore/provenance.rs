@@ -1,0 +1,88 @@
+//! What is known of each vertex: where it comes from and how far off it may be.
+
+use super::Source;
+use crate::mesh::vertex_normals;
+use crate::reconstruct::depth::DepthKind;
+use crate::reconstruct::hull::{Carving, Hull, carving_of, is_floor};
+use crate::reconstruct::surface::Surface;
+use crate::reconstruct::{Model, Provenance};
+use nalgebra::{Point2, Point3};
+
+/// Cosine between normal and view above which a carved vertex faces the depth camera.
+const FACING: f32 = 0.15;
+
+/// A step between neighbouring pixels of more than this many pixels' width hides what lies behind it.
+const STEP_PX: f32 = 4.0;
+
+/// Makes a model of a surface of `hull` carved by `carvings`, which come from `sources` with regions, in
+/// their order.
+pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[Source]) -> Model {
+    let normals = vertex_normals(&surface.mesh);
+    let mut provenance = Vec::with_capacity(normals.len());
+    let mut expected_error = Vec::with_capacity(normals.len());
+    for (v, &constraint) in surface.constraints.iter().enumerate() {
+        let p = surface.mesh.vertices[v];
+        let footprint = hull.pixel_footprint(p.cast()) as f32;
+        let (from, error) = match carving_of(constraint) {
+            Some(i) => {
+                let source = &sources[i];
+                let eye = carvings[i].camera().camera.center().cast::<f32>();
+                let facing = normals[v].dot(&(eye - p).normalize());
+                of_carved(p, facing, source)
+            }
+            None if is_floor(constraint) => (Provenance::Table, footprint),
+            None => (Provenance::Hull, footprint),
+        };
+        provenance.push(from);
+        expected_error.push(error);
+    }
+    Model {
+        mesh: surface.mesh,
+        normals,
+        provenance,
+        expected_error,
+        texture: None,
+    }
+}
+
+fn of_carved(p: Point3<f32>, facing: f32, source: &Source) -> (Provenance, f32) {
+    let Some((pixel, z)) = source.camera.project(p.cast()) else {
+        return (Provenance::Carved, 0.0);
+    };
+    let footprint = source.camera.camera.pixel_footprint(p.cast()) as f32;
+    let (depth, kind) = (&source.depth.depth, &source.depth.kind);
+    let (x, y) = nearest(pixel, depth.width(), depth.height());
+    let remaining = source.regions.bias.remaining as f32;
+    let along_view = source.depth.sigma[(x, y)].hypot(remaining);
+    // A lateral half pixel where the surface is steep, the depth's own error where it faces the camera.
+    let lateral = 0.5 * footprint * (1.0 - facing * facing).max(0.0).sqrt();
+    let error = (along_view * facing.abs()).hypot(lateral);
+    if facing > FACING {
+        match kind[(x, y)] {
+            DepthKind::Measured => (Provenance::Restored, error),
+            _ => (Provenance::Bridged, error),
+        }
+    } else if step(depth, x, y) > STEP_PX * footprint
+        && (z as f32 - depth[(x, y)]).abs() > 2.0 * footprint
+    {
+        (Provenance::Unseen, error)
+    } else {
+        (Provenance::Carved, error)
+    }
+}
+
+fn nearest(pixel: Point2<f64>, width: usize, height: usize) -> (usize, usize) {
+    let clamp = |v: f64, n: usize| v.round().clamp(0.0, n as f64 - 1.0) as usize;
+    (clamp(pixel.x, width), clamp(pixel.y, height))
+}
+
+/// The largest difference of depth between a pixel and its four neighbours.
+fn step(depth: &crate::image::Grid<f32>, x: usize, y: usize) -> f32 {
+    let here = depth[(x, y)];
+    [(-1, 0), (1, 0), (0, -1), (0, 1)]
+        .iter()
+        .filter_map(|&(dx, dy)| depth.get(x as isize + dx, y as isize + dy))
+        .filter(|&&d| d > 0.0)
+        .map(|d| (d - here).abs())
+        .fold(0.0, f32::max)
+}
