@@ -1,7 +1,21 @@
 //! A model against the truth or against another model: distances, what they say, and pictures of them.
 //! Files are only read here; what is found is handed back as data.
 
+mod against_truth;
+mod figures;
 pub mod load;
+mod rim;
+mod sample;
+mod statistics;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod wall;
+
+pub use against_truth::{Evaluation, ExpectedBin, ProvenanceFigures, Solid, evaluate};
+pub use figures::{Angles, Bias, Expected, FScore, Figures, Part, RimFigures, WallFigures};
+pub use sample::{Sample, sample};
+pub use statistics::Summary;
 
 use std::path::PathBuf;
 
@@ -32,4 +46,52 @@ pub enum Error {
         /// What is wrong, and where.
         what: String,
     },
+    /// A mesh has nothing to measure.
+    #[error("the {what} has no surface above {floor_mm} mm of height")]
+    NoSurface {
+        /// Which mesh.
+        what: &'static str,
+        /// The floor.
+        floor_mm: f64,
+    },
+}
+
+/// What is measured, and how closely.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Points on each surface: 200 000.
+    pub samples: usize,
+    /// What is at or below this height (of z, in millimetres) is left out, for no camera sees it: 1.5.
+    pub floor_mm: f64,
+    /// Thresholds of the F-scores, in millimetres: 0.5, 1 and 2.
+    pub thresholds_mm: Vec<f64>,
+    /// The truth's concave part lies deeper than this inside its convex hull, in millimetres: 4.
+    pub concave_depth_mm: f64,
+    /// Distances along the normal and errors of thickness count as at most this, in millimetres: 30.
+    pub cap_mm: f64,
+    /// A rim bends outwards with a radius below this, in millimetres: 3.
+    pub rim_radius_mm: f64,
+    /// What is nearer to a rim than this is near it, in millimetres: 3.
+    pub rim_width_mm: f64,
+    /// What is thicker than this is no wall, in millimetres: 10.
+    pub wall_mm: f64,
+    /// Where the bins of expected errors end, in millimetres, ascending: 0.1, 0.25, 0.5, 1, 2, 4 and 8.
+    pub expected_bins_mm: Vec<f64>,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            samples: 200_000,
+            floor_mm: 1.5,
+            thresholds_mm: vec![0.5, 1.0, 2.0],
+            concave_depth_mm: 4.0,
+            cap_mm: 30.0,
+            rim_radius_mm: 3.0,
+            rim_width_mm: 3.0,
+            wall_mm: 10.0,
+            expected_bins_mm: vec![0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0],
+        }
+    }
 }
