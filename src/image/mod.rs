@@ -2,9 +2,12 @@
 //! room knows of calibration, frames or files.
 
 mod grid;
+mod rect;
+pub mod srgb;
 mod text;
 
 pub use grid::Grid;
+pub use rect::PixelRect;
 pub use text::{draw_text, text_size};
 
 /// An sRGB-encoded colour picture.

@@ -8,6 +8,7 @@ mod progress;
 pub mod region;
 pub mod restore;
 mod scene;
+pub mod silhouette;
 pub mod surface;
 
 pub use model::{Model, Provenance, Texture};

@@ -1,0 +1,49 @@
+//! From sRGB-encoded values to linear light and back (IEC 61966-2-1). Light mixes linearly: a pixel that a
+//! contour halves is the mean of both sides' linear values.
+
+use std::sync::LazyLock;
+
+static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|v| decode(v as f32)));
+
+/// Linear light, in [0, 1], of all 256 encoded values.
+pub fn linear_from_srgb() -> &'static [f32; 256] {
+    &LINEAR
+}
+
+/// Linear light, in [0, 1], of an encoded value between whole numbers, in [0, 255].
+#[inline]
+pub fn decode(srgb: f32) -> f32 {
+    let v = srgb / 255.0;
+    if v <= 0.04045 {
+        v / 12.92
+    } else {
+        ((v + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// Encoded value, in [0, 255], of linear light; light beyond [0, 1] is clipped.
+#[inline]
+pub fn encode(linear: f32) -> f32 {
+    let l = linear.clamp(0.0, 1.0);
+    255.0
+        * if l <= 0.003_130_8 {
+            12.92 * l
+        } else {
+            1.055 * l.powf(1.0 / 2.4) - 0.055
+        }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn encoding_inverts_decoding() {
+        for v in 0..=255u8 {
+            let back = encode(linear_from_srgb()[usize::from(v)]);
+            assert!((back - f32::from(v)).abs() < 1e-2, "{v}: {back}");
+        }
+        // The standard's own mid grey: 18 % reflects as 118 (117.6).
+        assert!((encode(0.18) - 117.6).abs() < 0.1);
+    }
+}

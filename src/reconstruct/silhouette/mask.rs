@@ -1,0 +1,109 @@
+//! A mask that was given: used as it is.
+
+use super::Silhouette;
+use super::facts::{self, Facts};
+use crate::image::{Mask, PixelRect, RgbImage};
+
+/// The mask as a level set; an error says why there is no object.
+pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, String> {
+    let whole = PixelRect::whole(mask.width(), mask.height());
+    let bounds = facts::bounds(mask, whole);
+    if bounds.is_empty() {
+        return Err("no pixel of its mask is 128 or more".to_owned());
+    }
+    let level = if is_soft(mask) {
+        mask.clone()
+    } else {
+        smoothed(mask, bounds)
+    };
+    Ok(Silhouette {
+        facts: Facts::of_level(picture, &level, whole),
+        bounds,
+        region: whole,
+        level,
+    })
+}
+
+/// Whether the mask has grey levels along its contour, which then say where in a pixel it passes.
+fn is_soft(mask: &Mask) -> bool {
+    let (mut grey, mut steps) = (0usize, 0usize);
+    for y in 0..mask.height() {
+        for pair in mask.row(y).windows(2) {
+            grey += usize::from((16..240).contains(&pair[0]));
+            steps += usize::from((pair[0] >= 128) != (pair[1] >= 128));
+        }
+    }
+    grey * 4 > steps
+}
+
+/// A light blur (binomial, 3x3) that widens the step and smooths its stairs. Every pixel stays on its side,
+/// so that corners and lines one pixel wide are as they were.
+fn smoothed(mask: &Mask, bounds: PixelRect) -> Mask {
+    let mut level = mask.map(|&v| if v >= 128 { 255 } else { 0 });
+    let original = level.clone();
+    let around = bounds.grown(1, mask.width(), mask.height());
+    for y in around.y0..around.y1 {
+        for x in around.x0..around.x1 {
+            let blurred = binomial(&original, x, y);
+            level[(x, y)] = if original[(x, y)] == 255 {
+                blurred.max(144)
+            } else {
+                blurred.min(111)
+            };
+        }
+    }
+    level
+}
+
+/// Pixels beyond the border repeat those on it: the object is not closed there.
+fn binomial(grid: &Mask, x: usize, y: usize) -> u8 {
+    let mut sum = 0u32;
+    for (dy, wy) in [(-1isize, 1u32), (0, 2), (1, 1)] {
+        let ny = y.saturating_add_signed(dy).min(grid.height() - 1);
+        for (dx, wx) in [(-1isize, 1u32), (0, 2), (1, 1)] {
+            let nx = x.saturating_add_signed(dx).min(grid.width() - 1);
+            sum += wy * wx * u32::from(grid[(nx, ny)]);
+        }
+    }
+    ((sum + 8) / 16) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn silhouette_of(mask: &Mask) -> Silhouette {
+        let picture = RgbImage::filled(mask.width(), mask.height(), [100; 3]);
+        silhouette(&picture, mask).unwrap()
+    }
+
+    #[test]
+    fn a_binary_mask_keeps_its_pixels_and_its_contour() {
+        let mut mask = Grid::from_fn(40, 30, |x, y| if x >= 10 && y > 4 { 255 } else { 0 });
+        mask[(3, 20)] = 255;
+        let found = silhouette_of(&mask);
+        for (level, mask) in found.level.pixels().iter().zip(mask.pixels()) {
+            assert_eq!(*level >= 128, *mask >= 128);
+        }
+        let left = found.level_at(9.5, 15.0).unwrap();
+        assert!((left - 127.5).abs() < 1.0, "{left}");
+        // The object leaves the picture on the right and below: it stays open there.
+        assert_eq!(found.level_at(39.4, 15.0), Some(255.0));
+        assert_eq!(found.level_at(20.0, 29.4), Some(255.0));
+        assert_eq!(found.level_at(39.6, 15.0), None);
+    }
+
+    #[test]
+    fn a_soft_mask_is_kept_to_the_bit() {
+        let mask = Grid::from_fn(30, 30, |x, _| [0, 40, 200, 255][(x / 3).min(3)]);
+        assert_eq!(silhouette_of(&mask).level, mask);
+    }
+
+    #[test]
+    fn an_empty_mask_is_refused() {
+        let picture = RgbImage::filled(8, 8, [0; 3]);
+        assert!(silhouette(&picture, &Mask::filled(8, 8, 127)).is_err());
+    }
+
+    use crate::image::Grid;
+}

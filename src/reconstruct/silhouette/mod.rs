@@ -1,0 +1,198 @@
+//! From a picture and a mask or a background plate to a silhouette with a contour located to a fraction of
+//! a pixel. This file holds what comes out and the order of the steps; a step a file:
+//! `region` (where the object can be) → `cells` (coarse means of picture and plate) → `photometry` (exposure
+//! drift and noise) → `evidence` (object or backdrop, per cell) → `segment` (a decision regularised in space)
+//! → `components` (specks and pinholes) → `contour` (the mixture of object and backdrop along the outline).
+
+mod cells;
+mod components;
+mod contour;
+mod evidence;
+mod facts;
+mod mask;
+mod photometry;
+mod region;
+mod segment;
+
+pub use facts::{DifferenceFacts, Facts};
+
+use super::{ColorView, SilhouetteSource};
+use crate::calibration::Volume;
+use crate::frame::CameraId;
+use crate::image::{Mask, PixelRect, RgbImage};
+use cells::Cells;
+use photometry::Photometry;
+use region::Region;
+
+/// What the silhouettes' settings are. The defaults are for pictures of 0.3 to 5 megapixels.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Side of the cells that are segmented before the contour is located, in pixels; 0 chooses 1, 2 or 4
+    /// from the size of the object's region.
+    pub cell_px: usize,
+    /// How many standard deviations of noise a cell must differ from the plate to count as object.
+    pub significance: f32,
+    /// Darkest shadow that may fall on the backdrop, as a share of its light.
+    pub darkest_shadow: f32,
+    /// How much of the light that a shadow takes may be coloured, as a share.
+    pub shadow_tint: f32,
+    /// How much light the object may throw onto the backdrop, as a share of its light.
+    pub spill: f32,
+    /// Cost of a boundary along one side of a cell, in units of evidence.
+    pub smoothness: f32,
+    /// Smallest hole that stays a hole, in pixels.
+    pub smallest_hole_px: f32,
+    /// Smallest separate piece that is kept, as a share of the largest one's area.
+    pub smallest_piece: f32,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            cell_px: 0,
+            significance: 4.0,
+            darkest_shadow: 0.3,
+            shadow_tint: 0.15,
+            spill: 0.06,
+            smoothness: 6.0,
+            smallest_hole_px: 40.0,
+            smallest_piece: 0.005,
+        }
+    }
+}
+
+/// A silhouette as a level set.
+#[derive(Clone, Debug)]
+pub struct Silhouette {
+    /// Of the picture's size: 255 well inside the object, 0 well outside; interpolated bilinearly it crosses
+    /// 127.5 at the contour, to a fraction of a pixel. Nothing falls to 0 towards the picture's border: an
+    /// object that the frame cuts stays cut open there.
+    pub level: Mask,
+    /// Where the picture was looked at: the volume's projection and a margin. Outside it the level is 0.
+    pub region: PixelRect,
+    /// The object's pixels (128 and up).
+    pub bounds: PixelRect,
+    /// What was found on the way.
+    pub facts: Facts,
+}
+
+/// Value of a silhouette's contour.
+pub const CONTOUR: f32 = 127.5;
+
+/// Why there is no silhouette.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum Error {
+    /// A picture that does not fit its camera.
+    #[error(
+        "camera {camera}: its {what} is {}x{} pixels, its calibration {}x{}",
+        found.0, found.1, expected.0, expected.1
+    )]
+    Size {
+        /// Whose.
+        camera: CameraId,
+        /// Which picture.
+        what: &'static str,
+        /// Its size.
+        found: (usize, usize),
+        /// The calibration's.
+        expected: (usize, usize),
+    },
+    /// The volume is not in the picture.
+    #[error("camera {camera}: the volume's projection lies outside its picture")]
+    VolumeNotSeen {
+        /// Whose.
+        camera: CameraId,
+    },
+    /// No object.
+    #[error("camera {camera}: its silhouette is empty: {reason}")]
+    Empty {
+        /// Whose.
+        camera: CameraId,
+        /// What was seen instead.
+        reason: String,
+    },
+}
+
+/// The silhouette of what is in `volume`.
+///
+/// # Errors
+/// If a picture's size is not the calibration's, the volume is not in the picture, or there is no object.
+pub fn extract(
+    view: &ColorView,
+    volume: &Volume,
+    parameters: &Parameters,
+) -> Result<Silhouette, Error> {
+    let camera = &view.camera;
+    let expected = (camera.intrinsics.width, camera.intrinsics.height);
+    let check = |what, found: (usize, usize)| {
+        (found == expected).then_some(()).ok_or(Error::Size {
+            camera: camera.id.clone(),
+            what,
+            found,
+            expected,
+        })
+    };
+    check("picture", (view.image.width(), view.image.height()))?;
+    let region = region::project(camera, volume).ok_or_else(|| Error::VolumeNotSeen {
+        camera: camera.id.clone(),
+    })?;
+    let silhouette = match &view.silhouette {
+        SilhouetteSource::Mask(mask) => {
+            check("mask", (mask.width(), mask.height()))?;
+            mask::silhouette(&view.image, mask)
+        }
+        SilhouetteSource::Background(plate) => {
+            check("background", (plate.width(), plate.height()))?;
+            difference(&view.image, plate, &region, parameters)
+        }
+    };
+    silhouette.map_err(|reason| Error::Empty {
+        camera: camera.id.clone(),
+        reason,
+    })
+}
+
+/// The silhouette of what differs from the plate; an error says what was seen instead of an object.
+fn difference(
+    picture: &RgbImage,
+    plate: &RgbImage,
+    region: &Region,
+    parameters: &Parameters,
+) -> Result<Silhouette, String> {
+    let cells = Cells::new(picture, plate, region, parameters.cell_px);
+    let photometry = Photometry::estimate(picture, plate, &cells);
+    let evidence = evidence::of_cells(&cells, &photometry, parameters);
+    let mut object = segment::decide(&evidence, parameters);
+    let tidied = components::tidy(&mut object, &cells, &evidence, parameters);
+    if !object.pixels().contains(&true) {
+        return Err("the picture does not differ from its background plate".to_owned());
+    }
+    let level = contour::locate(picture, plate, &cells, &photometry, &object);
+    Ok(Silhouette {
+        bounds: facts::bounds(&level, cells.region),
+        facts: Facts::of_difference(picture, &level, &cells, &photometry, tidied),
+        region: cells.region,
+        level,
+    })
+}
+
+impl Silhouette {
+    /// The level at a pixel between whole ones; `None` outside the picture, where it is unknown.
+    pub fn level_at(&self, x: f64, y: f64) -> Option<f32> {
+        let (width, height) = (self.level.width(), self.level.height());
+        let inside = x >= -0.5 && y >= -0.5 && x < width as f64 - 0.5 && y < height as f64 - 0.5;
+        if !inside {
+            return None;
+        }
+        let (x, y) = (x.max(0.0), y.max(0.0));
+        let (x0, y0) = (x as usize, y as usize);
+        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
+        let (fx, fy) = ((x - x0 as f64) as f32, (y - y0 as f64) as f32);
+        let mix = |y| {
+            let (a, b) = (self.level[(x0, y)], self.level[(x1, y)]);
+            f32::from(a) * (1.0 - fx) + f32::from(b) * fx
+        };
+        Some(mix(y0) * (1.0 - fy) + mix(y1) * fy)
+    }
+}

@@ -1,0 +1,147 @@
+//! How picture and plate differ where both show the backdrop: exposure and white balance that drifted, and
+//! the sensor's noise, both estimated from the pictures themselves.
+
+use super::cells::Cells;
+use crate::image::{RgbImage, srgb};
+
+/// What turns the plate into the picture of the backdrop.
+#[derive(Clone, Debug)]
+pub(super) struct Photometry {
+    /// Linear light of the picture over that of the plate, per channel.
+    pub gain: [f32; 3],
+    /// Standard deviation of a cell's difference, in sRGB units, per channel.
+    pub noise: [f32; 3],
+    /// The same of a single pixel.
+    pub pixel_noise: [f32; 3],
+    /// Share of the cells around the volume that differ from the plate by more than noise.
+    pub mismatch: f32,
+}
+
+/// Fewest cells around the volume that are trusted on their own.
+const FEWEST_REFERENCES: usize = 200;
+/// Least noise that is assumed, in sRGB units: the rounding of one picture and the other.
+const LEAST_NOISE: f32 = 0.4;
+
+impl Photometry {
+    /// Learns from the cells around the volume, or where those are few, from all.
+    pub fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
+        let around = indices(cells, |i| !cells.in_volume.pixels()[i]);
+        let reference = if around.len() >= FEWEST_REFERENCES {
+            around
+        } else {
+            indices(cells, |_| true)
+        };
+        let mut this = Self {
+            gain: std::array::from_fn(|c| gain_of_channel(cells, &reference, c)),
+            noise: [LEAST_NOISE; 3],
+            pixel_noise: [LEAST_NOISE; 3],
+            mismatch: 0.0,
+        };
+        this.noise = std::array::from_fn(|c| this.noise_of_channel(cells, c));
+        this.pixel_noise = std::array::from_fn(|c| this.noise_of_pixels(picture, plate, cells, c));
+        let differing = reference
+            .iter()
+            .filter(|&&i| this.differs(cells, i))
+            .count();
+        this.mismatch = differing as f32 / reference.len().max(1) as f32;
+        this
+    }
+
+    /// sRGB-encoded values that the picture would have where it shows what the plate shows.
+    pub fn expected(&self, plate: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|c| srgb::encode(self.gain[c] * srgb::decode(plate[c])))
+    }
+
+    fn differs(&self, cells: &Cells, i: usize) -> bool {
+        let picture = cells.picture.pixels()[i];
+        let plate = self.expected(cells.plate.pixels()[i]);
+        (0..3).any(|c| (picture[c] - plate[c]).abs() > 6.0 * self.noise[c] + 0.03 * plate[c])
+    }
+
+    /// Noise from differences of neighbours, which shadows and spill leave alone.
+    fn noise_of_channel(&self, cells: &Cells, c: usize) -> f32 {
+        let columns = cells.picture.width();
+        let n = cells.picture.pixels().len();
+        let error = |i: usize| {
+            let plate = self.expected(cells.plate.pixels()[i]);
+            cells.picture.pixels()[i][c] - plate[c]
+        };
+        let mut differences: Vec<f32> = (0..n)
+            .step_by((n / 20_000).max(1))
+            .filter(|i| i % columns + 1 < columns)
+            .map(|i| (error(i + 1) - error(i)).abs())
+            .collect();
+        deviation_of_pairs(&mut differences)
+    }
+
+    /// The same of pixels two columns apart, which a colour filter array treats alike.
+    fn noise_of_pixels(
+        &self,
+        picture: &RgbImage,
+        plate: &RgbImage,
+        cells: &Cells,
+        c: usize,
+    ) -> f32 {
+        let r = cells.region;
+        let expected: [f32; 256] =
+            std::array::from_fn(|v| srgb::encode(self.gain[c] * srgb::decode(v as f32)));
+        let step = (r.height() / 60).max(1);
+        let mut differences = Vec::new();
+        for y in (r.y0..r.y1).step_by(step) {
+            let error =
+                |x: usize| f32::from(picture[(x, y)][c]) - expected[usize::from(plate[(x, y)][c])];
+            let pairs = (r.x0..r.x1.saturating_sub(2)).step_by(4);
+            differences.extend(pairs.map(|x| (error(x + 2) - error(x)).abs()));
+        }
+        deviation_of_pairs(&mut differences)
+    }
+}
+
+fn indices(cells: &Cells, keep: impl Fn(usize) -> bool) -> Vec<usize> {
+    let n = cells.picture.pixels().len();
+    let step = (n / 60_000).max(1);
+    (0..n).step_by(step).filter(|&i| keep(i)).collect()
+}
+
+/// The most frequent ratio of picture to plate, then the median of those near it: half of the cells may be
+/// object, whose ratios spread.
+fn gain_of_channel(cells: &Cells, reference: &[usize], c: usize) -> f32 {
+    const BINS: usize = 240;
+    const BIN: f32 = 0.01;
+    const WINDOW: usize = 7;
+    let mut log_ratios: Vec<f32> = reference
+        .iter()
+        .map(|&i| (cells.picture.pixels()[i][c], cells.plate.pixels()[i][c]))
+        .filter(|(picture, plate)| (3.0..250.0).contains(plate) && (1.0..252.0).contains(picture))
+        .map(|(picture, plate)| (srgb::decode(picture) / srgb::decode(plate)).ln())
+        .collect();
+    let mut histogram = [0u32; BINS];
+    for r in &log_ratios {
+        let bin = (r / BIN + BINS as f32 / 2.0).floor();
+        if (0.0..BINS as f32).contains(&bin) {
+            histogram[bin as usize] += 1;
+        }
+    }
+    let count = |b: usize| histogram[b..b + WINDOW].iter().sum::<u32>();
+    let fullest = (0..BINS - WINDOW)
+        .max_by_key(|&b| (count(b), std::cmp::Reverse(b)))
+        .unwrap_or(0);
+    let mode = (fullest as f32 + (WINDOW as f32 - BINS as f32) / 2.0) * BIN;
+    log_ratios.retain(|r| (r - mode).abs() < 0.1);
+    median(&mut log_ratios).map_or(1.0, f32::exp)
+}
+
+/// Standard deviation of one value from absolute differences of two.
+fn deviation_of_pairs(differences: &mut [f32]) -> f32 {
+    let deviation = median(differences).unwrap_or(0.0) * 1.4826;
+    (deviation / std::f32::consts::SQRT_2).max(LEAST_NOISE)
+}
+
+/// The middle value; `None` of nothing.
+pub(super) fn median(values: &mut [f32]) -> Option<f32> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
