@@ -1,0 +1,27 @@
+# What people and CI do with scand. `make test` is the gate: CI runs nothing else.
+
+CARGO ?= cargo
+RECORDING ?= recordings/cup.mcap
+
+.PHONY: help demo deps test lint bench
+
+help: ## what there is to make
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+
+demo: ## reconstruct a recording and say where the model lies
+	$(CARGO) run --release -- --replay $(RECORDING)
+
+deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
+	tests/deps.sh
+
+test: deps lint ## format, clippy, documentation, every test
+	$(CARGO) test --locked
+	$(CARGO) test --locked --release --test reconstruction
+
+lint: ## format, clippy and documentation without warnings
+	$(CARGO) fmt --all -- --check
+	$(CARGO) clippy --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+
+bench: ## measure each stage and the whole
+	$(CARGO) bench --locked

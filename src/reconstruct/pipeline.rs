@@ -1,0 +1,207 @@
+//! The order of the stages.
+
+use super::depth::{self, EnhancedDepth};
+use super::hull::{self, Cone, Hull};
+use super::region::{self, Regions};
+use super::restore::{self, Restored, Source, Template};
+use super::silhouette::{self, Silhouette};
+use super::surface::{Lattice, Surface};
+use super::{Model, Progress, Scene, Stage};
+use crate::image::Mask;
+use crate::mesh::{Mesh, vertex_normals};
+use rayon::prelude::*;
+
+/// Which model is made.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, clap::ValueEnum,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The hull with its concave regions restored from the depth.
+    #[default]
+    Hybrid,
+    /// The visual hull alone.
+    Hull,
+    /// The hull carved by depth everywhere.
+    DepthHull,
+}
+
+/// The parameters of every stage. Values the paper gives are the defaults.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Which model is made.
+    pub method: Method,
+    /// Silhouettes from masks or background plates.
+    pub silhouette: silhouette::Parameters,
+    /// The visual hull.
+    pub hull: hull::Parameters,
+    /// Depth enhancement.
+    pub depth: depth::Parameters,
+    /// The concave regions.
+    pub region: region::Parameters,
+    /// Their restoration.
+    pub restoration: restore::Parameters,
+}
+
+/// Why there is no model.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A silhouette cannot be had.
+    #[error(transparent)]
+    Silhouette(#[from] silhouette::Error),
+    /// There is no hull.
+    #[error(transparent)]
+    Hull(#[from] hull::Error),
+    /// A depth burst cannot be enhanced.
+    #[error(transparent)]
+    Depth(#[from] depth::Error),
+    /// A region cannot be restored.
+    #[error(transparent)]
+    Restoration(#[from] restore::Singular),
+    /// Too few cameras.
+    #[error("{found} colour camera(s) with a silhouette: a visual hull needs two or more")]
+    TooFewCameras {
+        /// How many there are.
+        found: usize,
+    },
+    /// Someone asked it to stop.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// A model, and what was found on the way to it.
+pub struct Reconstruction {
+    /// The model, textured.
+    pub model: Model,
+    /// The plain hull that it was made from.
+    pub hull: Mesh,
+    /// Edge of a cell of the surfaces, in metres.
+    pub cell_size: f64,
+    /// A silhouette for each colour view of the scene.
+    pub silhouettes: Vec<Silhouette>,
+    /// What was found in each depth view of the scene.
+    pub depths: Vec<DepthResult>,
+    /// Stray pieces dropped from the hull.
+    pub dropped_hull_pieces: usize,
+    /// Pieces that carving cut off, dropped.
+    pub dropped_carved_pieces: usize,
+}
+
+/// What was found in one depth view.
+pub struct DepthResult {
+    /// Its enhanced depth.
+    pub enhanced: EnhancedDepth,
+    /// Its concave regions.
+    pub regions: Regions,
+}
+
+/// Pixels around the hull's image in which depth is enhanced: the filter's kernel wants them.
+const OBJECT_MARGIN_PX: usize = 4;
+
+/// Makes a model of a scene. The result depends on nothing but its arguments.
+///
+/// # Errors
+/// What makes a model impossible, with the camera and the value that are to blame.
+pub fn reconstruct(
+    scene: &Scene,
+    parameters: &Parameters,
+    progress: &dyn Progress,
+) -> Result<Reconstruction, Error> {
+    let begin = |stage| {
+        progress.stage(stage);
+        if progress.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+    };
+    begin(Stage::Silhouettes)?;
+    let silhouettes = silhouettes(scene, parameters)?;
+
+    begin(Stage::Hull)?;
+    let cones = scene.colors.iter().zip(&silhouettes).map(|(v, s)| Cone::new(&v.camera, &s.level)).collect();
+    let hull = Hull::new(cones, scene.volume, parameters.hull.least_views);
+    let lattice = hull::lattice(&hull, &parameters.hull)?;
+    let extracted = hull::extract(&hull, &lattice, &parameters.hull);
+
+    begin(Stage::Depth)?;
+    let template = Template {
+        hull: &hull,
+        surface: &extracted.surface,
+        lattice: &lattice,
+        parameters: &parameters.hull,
+        front_threshold: parameters.region.front_threshold,
+    };
+    let depths = depths(scene, &extracted.surface, parameters, &begin)?;
+
+    begin(Stage::Restoration)?;
+    let restored = restore(&template, scene, &depths, parameters)?;
+    Ok(Reconstruction {
+        model: restored.model,
+        cell_size: lattice.cell_size,
+        silhouettes,
+        depths,
+        dropped_hull_pieces: extracted.dropped_pieces,
+        dropped_carved_pieces: restored.dropped_pieces,
+        hull: extracted.surface.mesh,
+    })
+}
+
+fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {
+    if scene.colors.len() < 2 {
+        return Err(Error::TooFewCameras { found: scene.colors.len() });
+    }
+    let extract = |view| silhouette::extract(view, &scene.volume, &parameters.silhouette);
+    // Collected in the order of the cameras, so that the first error is always the same one.
+    let found: Vec<_> = scene.colors.par_iter().map(extract).collect();
+    Ok(found.into_iter().collect::<Result<_, _>>()?)
+}
+
+/// Enhances each depth view and finds its regions.
+fn depths(
+    scene: &Scene,
+    hull: &Surface,
+    parameters: &Parameters,
+    begin: &dyn Fn(Stage) -> Result<(), Error>,
+) -> Result<Vec<DepthResult>, Error> {
+    if parameters.method == Method::Hull {
+        return Ok(Vec::new());
+    }
+    let objects: Vec<Mask> = scene
+        .depths
+        .iter()
+        .map(|view| region::object_pixels(&hull.mesh, &view.camera, OBJECT_MARGIN_PX))
+        .collect();
+    let mut enhanced = Vec::with_capacity(objects.len());
+    for (view, object) in scene.depths.iter().zip(&objects) {
+        enhanced.push(depth::enhance(view, object, &parameters.depth)?);
+    }
+    begin(Stage::Region)?;
+    let normals = vertex_normals(&hull.mesh);
+    let find = |((view, enhanced), object): ((_, EnhancedDepth), _)| {
+        let regions =
+            region::find(&hull.mesh, &normals, view, &enhanced, &scene.volume, object, &parameters.region);
+        DepthResult { enhanced, regions }
+    };
+    Ok(scene.depths.iter().zip(enhanced).zip(&objects).map(find).collect())
+}
+
+fn restore(
+    template: &Template,
+    scene: &Scene,
+    depths: &[DepthResult],
+    parameters: &Parameters,
+) -> Result<Restored, Error> {
+    let sources: Vec<Source> = scene
+        .depths
+        .iter()
+        .zip(depths)
+        .map(|(view, DepthResult { enhanced, regions })| Source {
+            camera: &view.camera,
+            depth: enhanced,
+            regions,
+        })
+        .collect();
+    Ok(match parameters.method {
+        Method::Hull => Restored { model: restore::plain(template), dropped_pieces: 0 },
+        Method::DepthHull => restore::depth_hull(template, &sources),
+        Method::Hybrid => restore::restore(template, &sources, &parameters.restoration)?,
+    })
+}
