@@ -4,6 +4,7 @@
 pub mod depth;
 pub mod hull;
 mod model;
+mod pipeline;
 mod progress;
 pub mod region;
 pub mod restore;
@@ -12,5 +13,6 @@ pub mod silhouette;
 pub mod surface;
 
 pub use model::{Model, Provenance, Texture};
+pub use pipeline::{DepthResult, Error, Method, Parameters, Reconstruction, reconstruct};
 pub use progress::{Progress, Silent, Stage};
 pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};

@@ -5,7 +5,7 @@ use super::hull::{self, Cone, Hull};
 use super::region::{self, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::{Lattice, Surface};
+use super::surface::Surface;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{Mesh, vertex_normals};
@@ -13,7 +13,15 @@ use rayon::prelude::*;
 
 /// Which model is made.
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize, clap::ValueEnum,
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    serde::Deserialize,
+    serde::Serialize,
+    clap::ValueEnum,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -110,13 +118,22 @@ pub fn reconstruct(
 ) -> Result<Reconstruction, Error> {
     let begin = |stage| {
         progress.stage(stage);
-        if progress.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+        if progress.is_cancelled() {
+            Err(Error::Cancelled)
+        } else {
+            Ok(())
+        }
     };
     begin(Stage::Silhouettes)?;
     let silhouettes = silhouettes(scene, parameters)?;
 
     begin(Stage::Hull)?;
-    let cones = scene.colors.iter().zip(&silhouettes).map(|(v, s)| Cone::new(&v.camera, &s.level)).collect();
+    let cones = scene
+        .colors
+        .iter()
+        .zip(&silhouettes)
+        .map(|(v, s)| Cone::new(&v.camera, &s.level))
+        .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull);
@@ -146,7 +163,9 @@ pub fn reconstruct(
 
 fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {
     if scene.colors.len() < 2 {
-        return Err(Error::TooFewCameras { found: scene.colors.len() });
+        return Err(Error::TooFewCameras {
+            found: scene.colors.len(),
+        });
     }
     let extract = |view| silhouette::extract(view, &scene.volume, &parameters.silhouette);
     // Collected in the order of the cameras, so that the first error is always the same one.
@@ -176,11 +195,24 @@ fn depths(
     begin(Stage::Region)?;
     let normals = vertex_normals(&hull.mesh);
     let find = |((view, enhanced), object): ((_, EnhancedDepth), _)| {
-        let regions =
-            region::find(&hull.mesh, &normals, view, &enhanced, &scene.volume, object, &parameters.region);
+        let regions = region::find(
+            &hull.mesh,
+            &normals,
+            view,
+            &enhanced,
+            &scene.volume,
+            object,
+            &parameters.region,
+        );
         DepthResult { enhanced, regions }
     };
-    Ok(scene.depths.iter().zip(enhanced).zip(&objects).map(find).collect())
+    Ok(scene
+        .depths
+        .iter()
+        .zip(enhanced)
+        .zip(&objects)
+        .map(find)
+        .collect())
 }
 
 fn restore(
@@ -200,7 +232,10 @@ fn restore(
         })
         .collect();
     Ok(match parameters.method {
-        Method::Hull => Restored { model: restore::plain(template), dropped_pieces: 0 },
+        Method::Hull => Restored {
+            model: restore::plain(template),
+            dropped_pieces: 0,
+        },
         Method::DepthHull => restore::depth_hull(template, &sources),
         Method::Hybrid => restore::restore(template, &sources, &parameters.restoration)?,
     })
