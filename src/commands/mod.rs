@@ -1,6 +1,7 @@
 //! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
 //! into words and exit codes; the work itself is done in the rooms.
 
+pub mod evaluate;
 pub mod replay;
 
 use clap::{Parser, Subcommand};
@@ -21,7 +22,9 @@ pub struct Cli {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Evaluate(evaluate::Args),
+}
 
 /// Runs what was asked.
 ///
@@ -29,7 +32,7 @@ enum Command {}
 /// What went wrong, in words for the terminal; the exit code is then 1.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
-        Some(command) => match command {},
+        Some(Command::Evaluate(args)) => evaluate::run(args),
         None => replay::run(cli.replay),
     }
 }

@@ -4,10 +4,12 @@
 mod against_truth;
 mod figures;
 pub mod load;
+pub mod picture;
 mod rim;
 mod sample;
 mod statistics;
 mod surface;
+pub mod table;
 #[cfg(test)]
 mod tests;
 mod wall;

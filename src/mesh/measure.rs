@@ -1,7 +1,17 @@
 //! Volumes and areas, summed in double precision.
 
 use super::Mesh;
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
+
+/// The lowest and the highest corner of the box around `points`; `None` of no points.
+pub fn bounding_box(points: &[Point3<f32>]) -> Option<[Point3<f32>; 2]> {
+    let first = *points.first()?;
+    Some(
+        points
+            .iter()
+            .fold([first; 2], |[low, high], p| [low.inf(p), high.sup(p)]),
+    )
+}
 
 /// Signed volume (cubic metres; positive where triangles are counter-clockwise from outside) and area (square
 /// metres) of a mesh. Triangles that name a missing vertex or hold a number that is not finite count nothing.

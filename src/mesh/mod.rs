@@ -20,7 +20,7 @@ pub use closest::closest_on_triangle;
 pub use components::{Component, Components, components, extract};
 pub use convex_hull::convex_hull;
 pub use edges::{Side, edges, sorted_sides};
-pub use measure::volume_and_total_area;
+pub use measure::{bounding_box, volume_and_total_area};
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_mesh};
 pub use shade::{Eye, Style, View, four_sides, parallel_view, render, vertex_paint};

@@ -5,8 +5,10 @@ mod attributes;
 pub mod glb;
 mod gltf;
 pub mod ply;
+mod png;
 mod staging;
 
+pub use png::encode_png;
 pub use staging::{StagedFolder, write_atomically};
 
 use std::path::{Path, PathBuf};
@@ -43,6 +45,9 @@ pub enum Error {
     /// The atlas could not be compressed.
     #[error("cannot encode the texture as JPEG: {0}")]
     Jpeg(#[from] ::image::ImageError),
+    /// A picture could not be compressed.
+    #[error("cannot encode a picture as PNG: {0}")]
+    Png(#[source] ::image::ImageError),
 }
 
 impl Error {
