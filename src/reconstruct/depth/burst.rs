@@ -1,7 +1,7 @@
 //! A burst cut to the window that the object can cover and linearised, and its statistics over the frames
 //! (equations 1 and 2). What a hole is filled with is decided elsewhere.
 
-use super::{Facts, Parameters};
+use super::{Facts, Parameters, Spread};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
 use rayon::prelude::*;
@@ -69,17 +69,25 @@ impl Burst {
             count: Grid::filled(self.width, self.height, 0),
             facts: Facts::default(),
         };
+        let mut sorted = Vec::with_capacity(self.frames.len());
         let least = (parameters.least_share * self.frames.len() as f32).max(1.0);
         for i in 0..self.width * self.height {
             if !self.inside.pixels()[i] {
                 continue;
             }
             fused.facts.region += 1;
-            let readings = Readings::at(&self.frames, i);
-            fused.count.pixels_mut()[i] = readings.count as u16;
+            let mut readings = Readings::at(&self.frames, i, |_| true);
             if readings.count == 0 {
                 fused.facts.without_reading += 1;
-            } else if readings.spread() * 1e3 > parameters.spread_limit_mm {
+                continue;
+            }
+            if parameters.spread == Spread::Majority {
+                let middle = median_at(&self.frames, i, &mut sorted);
+                let near = parameters.majority_mm * 1e-3;
+                readings = Readings::at(&self.frames, i, |z| (z - middle).abs() <= near);
+            }
+            fused.count.pixels_mut()[i] = readings.count as u16;
+            if readings.spread() * 1e3 > parameters.spread_limit_mm {
                 fused.facts.spread_too_much += 1;
             } else if (readings.count as f32) < least {
                 fused.facts.read_too_rarely += 1;
@@ -90,6 +98,35 @@ impl Burst {
         }
         fused
     }
+}
+
+impl Fused {
+    /// Median of the depth; 1 m where there is none.
+    pub fn middle_depth(&self) -> f32 {
+        let mut depths: Vec<f32> = self.depth.pixels().to_vec();
+        depths.retain(|&z| z > 0.0);
+        if depths.is_empty() {
+            return 1.0;
+        }
+        let middle = depths.len() / 2;
+        *depths.select_nth_unstable_by(middle, f32::total_cmp).1
+    }
+}
+
+/// Equations 1 and 2 over filtered frames: the mean per pixel of the valid depths, 0 where there is none
+/// or they spread by more than `limit` metres.
+pub fn mean_of_filtered(frames: &[Grid<f32>], limit: f32) -> Grid<f32> {
+    let Some(first) = frames.first() else {
+        return Grid::default();
+    };
+    let mut out = first.map(|_| 0.0);
+    for (i, out) in out.pixels_mut().iter_mut().enumerate() {
+        let readings = Readings::at(frames, i, |_| true);
+        if readings.count > 0 && readings.spread() <= limit {
+            *out = readings.mean();
+        }
+    }
+    out
 }
 
 /// Sums over the readings of one pixel; the first reading is the origin, so that f32 loses nothing.
@@ -104,10 +141,10 @@ struct Readings {
 }
 
 impl Readings {
-    fn at(frames: &[Grid<f32>], pixel: usize) -> Self {
+    fn at(frames: &[Grid<f32>], pixel: usize, counts: impl Fn(f32) -> bool) -> Self {
         let mut r = Self::default();
         for z in frames.iter().map(|frame| frame.pixels()[pixel]) {
-            if z <= 0.0 {
+            if z <= 0.0 || !counts(z) {
                 continue;
             }
             if r.count == 0 {
@@ -138,6 +175,18 @@ impl Readings {
         let n = self.count as f32;
         ((self.sum_of_squares - self.sum * self.sum / n).max(0.0) / (n - 1.0)).sqrt()
     }
+}
+
+/// Median of one pixel's readings; 0 where there are none. `sorted` is room to work in.
+fn median_at(frames: &[Grid<f32>], pixel: usize, sorted: &mut Vec<f32>) -> f32 {
+    sorted.clear();
+    let readings = frames.iter().map(|frame| frame.pixels()[pixel]);
+    sorted.extend(readings.filter(|&z| z > 0.0));
+    if sorted.is_empty() {
+        return 0.0;
+    }
+    let middle = sorted.len() / 2;
+    *sorted.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Left, top, width and height of the pixels that are 128 and up; all 0 where there are none.

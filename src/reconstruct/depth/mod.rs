@@ -4,14 +4,19 @@
 
 mod burst;
 mod fill;
+mod guide;
+mod joint_bilateral;
 mod noise;
+mod plate;
+mod pyramid;
 
 pub use noise::SensorNoise;
 
 use crate::frame::CameraId;
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
-use burst::Burst;
+use burst::{Burst, Fused};
+use rayon::prelude::*;
 
 /// Why a burst cannot be enhanced.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -46,24 +51,99 @@ pub enum Error {
     },
 }
 
+/// What smooths the depth.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The mean of the frames, its holes filled, and a weak plate laid through it.
+    #[default]
+    Plate,
+    /// The mean of the frames, filtered once by the pyramid of joint bilateral filters.
+    MeanThenBilateral,
+    /// The paper's: each frame filtered by the pyramid of joint bilateral filters, then their mean.
+    BilateralThenMean,
+}
+
+/// What becomes of a pixel whose readings spread.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Spread {
+    /// The readings near their median count, the others do not. A rim that is read now on this side, now
+    /// on the other, stays where it is seen in most of the frames.
+    #[default]
+    Majority,
+    /// The paper's equation 2: the pixel is left out.
+    LeaveOut,
+}
+
 /// How depth is enhanced.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
+    /// What smooths the depth.
+    pub method: Method,
+    /// What becomes of a pixel whose readings spread.
+    pub spread: Spread,
     /// Equation 2: a pixel whose readings spread (max − min over the frames) by more than this many
     /// millimetres is left out. The paper's "≈ 30" has no unit.
     pub spread_limit_mm: f32,
+    /// Readings within this many millimetres of a pixel's median are its majority.
+    pub majority_mm: f32,
     /// A pixel is measured only where at least this share of the frames has a reading. Rims are seen in
     /// some frames and missed in others, and those readings belong to the near side. The paper has no such
     /// test.
     pub least_share: f32,
+
+    /// Levels of the pyramid, the full size included.
+    pub levels: usize,
+    /// The joint bilateral filter's half-width in pixels: the paper's "kernel size of 10".
+    pub half_width_px: usize,
+    /// Its spatial standard deviation in pixels.
+    pub spatial_sigma_px: f32,
+    /// Its range standard deviation, of an intensity in [0, 1].
+    pub range_sigma: f32,
+    /// Standard deviation in millimetres of a range weight on depth as well; 0 has none, as in the paper.
+    pub depth_sigma_mm: f32,
+
+    /// Two depths this many millimetres apart around a hole may be an edge that hides what is behind.
+    pub least_step_mm: f32,
+    /// Widest hole in pixels that such an edge may leave; a wider one is a wall.
+    pub widest_step_px: f32,
+    /// Steepest slope (metres a metre across the view) towards the edge that what lies behind it may have;
+    /// a steeper one is a wall's foot.
+    pub steepest_floor: f32,
+
+    /// The plate's stiffness: weight of its bending against its distance from the readings, both in
+    /// units of a reading's expected error.
+    pub stiffness: f32,
+    /// Bending, in expected errors a pixel squared, at which the plate begins to break.
+    pub bend_limit: f32,
+    /// How often the plate's weights are set anew.
+    pub plate_rounds: usize,
+    /// Steps of conjugate gradients between.
+    pub plate_steps: usize,
 }
 
 impl Default for Parameters {
     fn default() -> Self {
         Self {
+            method: Method::default(),
+            spread: Spread::default(),
             spread_limit_mm: 30.0,
-            least_share: 0.5,
+            majority_mm: 8.0,
+            least_share: 0.3,
+            levels: 4,
+            half_width_px: 10,
+            spatial_sigma_px: 3.0,
+            range_sigma: 0.1,
+            depth_sigma_mm: 0.0,
+            least_step_mm: 12.0,
+            widest_step_px: 3.5,
+            steepest_floor: 1.0,
+            stiffness: 100.0,
+            bend_limit: 0.3,
+            plate_rounds: 5,
+            plate_steps: 20,
         }
     }
 }
@@ -137,8 +217,88 @@ pub fn enhance(
     check_sizes(view, region)?;
     let burst = Burst::new(view, region);
     let fused = burst.fuse(parameters);
-    let filled = fill::fill(&fused.depth, &burst.inside);
-    Ok(assemble(view, &burst, fused, filled))
+    let smooth = match parameters.method {
+        Method::Plate => on_a_plate(view, &burst, &fused, parameters),
+        Method::MeanThenBilateral => {
+            let guide = vec![guide::mean(view, &burst)];
+            bilateral(&burst, fused.depth.clone(), guide, parameters)
+        }
+        Method::BilateralThenMean => each_frame_bilateral(view, &burst, &fused, parameters),
+    };
+    Ok(assemble(view, &burst, fused, smooth))
+}
+
+/// The mean's holes filled and a plate laid through it.
+fn on_a_plate(
+    view: &DepthView,
+    burst: &Burst,
+    fused: &Fused,
+    parameters: &Parameters,
+) -> Grid<f32> {
+    let guide = guide::mean(view, burst);
+    let pixel = (1.0 / view.camera.camera.intrinsics.focal_px.min()) as f32;
+    let filled = fill::fill(&fused.depth, &burst.inside, &guide, pixel, parameters);
+    let frames = burst.frames.len().max(1) as f32;
+    let confidence = Grid::from_fn(burst.width, burst.height, |x, y| {
+        if fused.depth[(x, y)] > 0.0 {
+            f32::from(fused.count[(x, y)]) / frames
+        } else {
+            0.0
+        }
+    });
+    let plate = plate::Plate {
+        stiffness: parameters.stiffness,
+        bend_limit: parameters.bend_limit,
+        rounds: parameters.plate_rounds,
+        steps: parameters.plate_steps,
+    };
+    let error = SensorNoise::measure(fused).reading_error(fused.middle_depth());
+    plate::lay(&filled, &confidence, error, &plate)
+}
+
+/// One picture through the pyramid of joint bilateral filters.
+fn bilateral(
+    burst: &Burst,
+    depth: Grid<f32>,
+    guide: Vec<Grid<f32>>,
+    parameters: &Parameters,
+) -> Grid<f32> {
+    let kernel = joint_bilateral::Kernel {
+        half_width_px: parameters.half_width_px,
+        spatial_sigma_px: parameters.spatial_sigma_px,
+        range_sigma: parameters.range_sigma,
+        depth_sigma: (parameters.depth_sigma_mm > 0.0).then_some(parameters.depth_sigma_mm * 1e-3),
+    };
+    let level = pyramid::Level {
+        depth,
+        guide,
+        inside: burst.inside.clone(),
+    };
+    let step = parameters.least_step_mm * 1e-3;
+    pyramid::filter_pyramid(level, parameters.levels, &kernel, step)
+}
+
+/// The paper's order: each frame by itself, then equations 1 and 2 over the filtered frames. Pixels that
+/// equation 2 leaves out of the raw frames are holes in each.
+fn each_frame_bilateral(
+    view: &DepthView,
+    burst: &Burst,
+    fused: &Fused,
+    parameters: &Parameters,
+) -> Grid<f32> {
+    let filtered: Vec<Grid<f32>> = (0..burst.frames.len())
+        .into_par_iter()
+        .map(|i| {
+            let frame = &burst.frames[i];
+            let depth = Grid::from_fn(burst.width, burst.height, |x, y| {
+                let kept = fused.depth[(x, y)] > 0.0;
+                if kept { frame[(x, y)] } else { 0.0 }
+            });
+            let guide = vec![guide::intensity(&view.frames[i].color, burst)];
+            bilateral(burst, depth, guide, parameters)
+        })
+        .collect();
+    burst::mean_of_filtered(&filtered, parameters.spread_limit_mm * 1e-3)
 }
 
 impl Parameters {
@@ -153,14 +313,33 @@ impl Parameters {
                 expected,
             })
         };
-        in_range(
-            "spread_limit_mm",
-            self.spread_limit_mm,
-            1e-3,
-            1e6,
-            "0.001 to 1000000 mm",
+        let size = |name, value, least: u16, most: u16, expected| {
+            in_range(name, value, least.into(), most.into(), expected)
+        };
+        let mm = "0.001 to 1000000 mm";
+        in_range("spread_limit_mm", self.spread_limit_mm, 1e-3, 1e6, mm)?;
+        in_range("majority_mm", self.majority_mm, 1e-3, 1e6, mm)?;
+        in_range("least_step_mm", self.least_step_mm, 1e-3, 1e6, mm)?;
+        in_range("least_share", self.least_share, 0.0, 1.0, "0 to 1")?;
+        size("levels", self.levels as f32, 1, 12, "1 to 12")?;
+        size(
+            "half_width_px",
+            self.half_width_px as f32,
+            0,
+            64,
+            "0 to 64 px",
         )?;
-        in_range("least_share", self.least_share, 0.0, 1.0, "0 to 1")
+        let px = "0.01 to 1000 px";
+        in_range("spatial_sigma_px", self.spatial_sigma_px, 1e-2, 1e3, px)?;
+        in_range("range_sigma", self.range_sigma, 1e-3, 1e3, "0.001 to 1000")?;
+        let or_none = "0 (none) to 1000000 mm";
+        in_range("depth_sigma_mm", self.depth_sigma_mm, 0.0, 1e6, or_none)?;
+        in_range("widest_step_px", self.widest_step_px, 0.0, 6.0, "0 to 6 px")?;
+        in_range("steepest_floor", self.steepest_floor, 0.0, 1e3, "0 to 1000")?;
+        in_range("stiffness", self.stiffness, 0.0, 1e6, "0 to 1000000")?;
+        in_range("bend_limit", self.bend_limit, 1e-3, 1e6, "0.001 to 1000000")?;
+        size("plate_rounds", self.plate_rounds as f32, 0, 100, "0 to 100")?;
+        size("plate_steps", self.plate_steps as f32, 0, 1000, "0 to 1000")
     }
 }
 
@@ -193,12 +372,7 @@ fn check_sizes(view: &DepthView, region: &Mask) -> Result<(), Error> {
 }
 
 /// Puts the window back into pictures of the camera's size.
-fn assemble(
-    view: &DepthView,
-    burst: &Burst,
-    fused: burst::Fused,
-    filled: Grid<f32>,
-) -> EnhancedDepth {
+fn assemble(view: &DepthView, burst: &Burst, fused: Fused, filled: Grid<f32>) -> EnhancedDepth {
     let lens = &view.camera.camera.intrinsics;
     let (width, height) = (lens.width, lens.height);
     let noise = SensorNoise::measure(&fused);

@@ -36,9 +36,15 @@ impl SensorNoise {
         Self {
             per_square_depth: median(&mut scaled).max(LEAST_PER_SQUARE_DEPTH),
             jitter_px: 0.1,
-            fixed_per_square_depth: 1e-3,
+            fixed_per_square_depth: 1.4e-3,
             median_deviation: median(&mut deviations),
         }
+    }
+
+    /// Expected error in metres of the mean of many readings at depth `z`, where the surface faces the
+    /// camera: what is the same in every frame.
+    pub fn reading_error(&self, z: f32) -> f32 {
+        self.fixed_per_square_depth * z * z
     }
 
     /// Standard error in metres of the mean of `frames` readings at depth `z` (metres) where the surface

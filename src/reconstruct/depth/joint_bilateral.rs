@@ -1,0 +1,177 @@
+//! The joint bilateral filter over pictures with holes: a weighted mean of a pixel's surroundings, where
+//! weights fall with distance and with the guide's difference, and a hole has none. Where there is no hole
+//! it is the filter of the paper's section 2.D and of OpenCV's `ximgproc::jointBilateralFilter`.
+
+use crate::image::Grid;
+
+/// The filter's kernel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kernel {
+    /// Half-width in pixels: the kernel is the disc of this radius.
+    pub half_width_px: usize,
+    /// Standard deviation of the spatial weight, in pixels.
+    pub spatial_sigma_px: f32,
+    /// Standard deviation of the range weight, in units of the guide ([0, 1] an intensity). The guide's
+    /// channels add up as absolute differences, as in OpenCV.
+    pub range_sigma: f32,
+    /// Standard deviation in metres of a second range weight, on depth itself; `None` has none, as in the
+    /// paper.
+    pub depth_sigma: Option<f32>,
+}
+
+/// One row's sums while it is filtered.
+struct Row {
+    weighted: Vec<f32>,
+    weights: Vec<f32>,
+}
+
+/// Filters `depth` (0 is a hole) guided by the channels of `guide`, all of one size. A pixel with nothing
+/// but holes within the kernel stays a hole. `source` decides which pixels count, `depth` being what the
+/// output starts from, so a hole gets a value where its surroundings have one.
+pub fn filter(depth: &Grid<f32>, guide: &[Grid<f32>], kernel: &Kernel) -> Grid<f32> {
+    let (width, height) = (depth.width(), depth.height());
+    let mut out = Grid::filled(width, height, 0.0);
+    let mut row = Row {
+        weighted: vec![0.0; width],
+        weights: vec![0.0; width],
+    };
+    let taps = taps(kernel);
+    for y in 0..height {
+        row.weighted.fill(0.0);
+        row.weights.fill(0.0);
+        for tap in &taps {
+            let Some(other) = y.checked_add_signed(tap.dy).filter(|&o| o < height) else {
+                continue;
+            };
+            accumulate(&mut row, depth, guide, kernel, tap, y, other);
+        }
+        for (x, out) in out.row_mut(y).iter_mut().enumerate() {
+            if row.weights[x] > 0.0 {
+                *out = row.weighted[x] / row.weights[x];
+            }
+        }
+    }
+    out
+}
+
+/// One pixel of the kernel.
+struct Tap {
+    dx: isize,
+    dy: isize,
+    weight: f32,
+}
+
+/// The disc's pixels, row by row.
+fn taps(kernel: &Kernel) -> Vec<Tap> {
+    let r = kernel.half_width_px as isize;
+    let scale = -0.5 / (kernel.spatial_sigma_px * kernel.spatial_sigma_px);
+    let square = (-r..=r).flat_map(|dy| (-r..=r).map(move |dx| (dx, dy)));
+    square
+        .filter(|(dx, dy)| dx * dx + dy * dy <= r * r)
+        .map(|(dx, dy)| Tap {
+            dx,
+            dy,
+            weight: ((dx * dx + dy * dy) as f32 * scale).exp(),
+        })
+        .collect()
+}
+
+/// Adds to every pixel of row `y` its neighbour at one tap, which lies in row `other`. Plain loops over
+/// slices of one length, so that the compiler vectorises them.
+fn accumulate(
+    row: &mut Row,
+    depth: &Grid<f32>,
+    guide: &[Grid<f32>],
+    kernel: &Kernel,
+    tap: &Tap,
+    y: usize,
+    other: usize,
+) {
+    let width = depth.width();
+    let shift = tap.dx.unsigned_abs();
+    if shift >= width {
+        return;
+    }
+    let (to, from) = if tap.dx < 0 {
+        (shift..width, 0..width - shift)
+    } else {
+        (0..width - shift, shift..width)
+    };
+    let mut difference = [0.0f32; CHUNK];
+    let weighted = row.weighted[to.clone()].chunks_mut(CHUNK);
+    let weights = row.weights[to.clone()].chunks_mut(CHUNK);
+    for (i, (weighted, weights)) in weighted.zip(weights).enumerate() {
+        let n = weights.len();
+        let here = to.start + i * CHUNK..to.start + i * CHUNK + n;
+        let there = from.start + i * CHUNK..from.start + i * CHUNK + n;
+        let exponent = &mut difference[..n];
+        range_exponent(
+            exponent,
+            guide,
+            kernel,
+            (y, here.clone()),
+            (other, there.clone()),
+        );
+        let z = &depth.row(other)[there];
+        if let Some(sigma) = kernel.depth_sigma {
+            depth_exponent(exponent, &depth.row(y)[here], z, sigma);
+        }
+        for (((weighted, weights), &e), &z) in
+            weighted.iter_mut().zip(weights).zip(&*exponent).zip(z)
+        {
+            let w = if z > 0.0 { tap.weight * exp(e) } else { 0.0 };
+            *weighted += w * z;
+            *weights += w;
+        }
+    }
+}
+
+/// Pixels that are worked on at a time: few enough to stay in the first cache.
+const CHUNK: usize = 128;
+
+type Span = (usize, std::ops::Range<usize>);
+
+/// −d²/2σ² of the guide's L1 difference d between two spans of pixels.
+fn range_exponent(out: &mut [f32], guide: &[Grid<f32>], kernel: &Kernel, a: Span, b: Span) {
+    out.fill(0.0);
+    for channel in guide {
+        let (a, b) = (
+            &channel.row(a.0)[a.1.clone()],
+            &channel.row(b.0)[b.1.clone()],
+        );
+        for ((out, a), b) in out.iter_mut().zip(a).zip(b) {
+            *out += (a - b).abs();
+        }
+    }
+    let scale = -0.5 / (kernel.range_sigma * kernel.range_sigma);
+    for out in out {
+        *out *= *out * scale;
+    }
+}
+
+/// Adds −d²/2σ² of the depth's difference d; a hole in the middle has no opinion.
+fn depth_exponent(out: &mut [f32], here: &[f32], there: &[f32], sigma: f32) {
+    let scale = -0.5 / (sigma * sigma);
+    for ((out, &a), &b) in out.iter_mut().zip(here).zip(there) {
+        let d = a - b;
+        *out += if a > 0.0 { d * d * scale } else { 0.0 };
+    }
+}
+
+/// e^x for x <= 0 to a relative error of 4e-6 down to x = −80, below which it stays at e^−80: a
+/// polynomial for 2^fraction, and the whole part put into the exponent's bits.
+#[inline]
+fn exp(x: f32) -> f32 {
+    /// 1.5 · 2^23: adding it leaves the nearest whole number in the lowest bits.
+    const ROUND: f32 = 12_582_912.0;
+    let t = x.max(-80.0) * std::f32::consts::LOG2_E;
+    let shifted = t + ROUND;
+    let f = t - (shifted - ROUND);
+    let p = 1.333_355_8e-3;
+    let p = p * f + 9.618_129e-3;
+    let p = p * f + 5.550_411e-2;
+    let p = p * f + 0.240_226_51;
+    let p = p * f + std::f32::consts::LN_2;
+    let p = p * f + 1.0;
+    f32::from_bits(p.to_bits().wrapping_add(shifted.to_bits() << 23))
+}

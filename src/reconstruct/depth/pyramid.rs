@@ -1,0 +1,119 @@
+//! The pyramid of section 2.D: depth and guide are halved, the coarsest level is filtered, and every finer
+//! level has its holes filled from the one above before it is filtered itself.
+
+use super::joint_bilateral::{Kernel, filter};
+use crate::image::Grid;
+
+/// One level: depth with holes, its guide, and where the object can be.
+pub struct Level {
+    /// Depth in metres, 0 is a hole.
+    pub depth: Grid<f32>,
+    /// The guide's channels.
+    pub guide: Vec<Grid<f32>>,
+    /// Pixels that may be filled.
+    pub inside: Grid<bool>,
+}
+
+/// Filters `finest` through a pyramid of `levels` levels, itself included. Holes within `inside` are filled
+/// as far as the kernels reach; nothing outside is.
+pub fn filter_pyramid(finest: Level, levels: usize, kernel: &Kernel, step: f32) -> Grid<f32> {
+    let mut pyramid = vec![finest];
+    while pyramid.len() < levels {
+        let below = &pyramid[pyramid.len() - 1];
+        if below.depth.width() < 2 || below.depth.height() < 2 {
+            break;
+        }
+        pyramid.push(below.halved(step));
+    }
+    let mut coarser: Option<Grid<f32>> = None;
+    for level in pyramid.iter().rev() {
+        let carried = match &coarser {
+            Some(coarser) => level.with_holes_from(coarser),
+            None => level.depth.clone(),
+        };
+        let mut filtered = filter(&carried, &level.guide, kernel);
+        for (z, &inside) in filtered.pixels_mut().iter_mut().zip(level.inside.pixels()) {
+            if !inside {
+                *z = 0.0;
+            }
+        }
+        coarser = Some(filtered);
+    }
+    coarser.unwrap_or_default()
+}
+
+impl Level {
+    /// The next coarser level: means of two by two pixels. Where two depths more than `step` apart meet in
+    /// one coarse pixel, the nearer alone counts, so that no depth arises between them.
+    fn halved(&self, step: f32) -> Self {
+        let (width, height) = (
+            self.depth.width().div_ceil(2),
+            self.depth.height().div_ceil(2),
+        );
+        let depth = Grid::from_fn(width, height, |x, y| {
+            let nearest = self.four(&self.depth, x, y).filter(|&z| z > 0.0);
+            let nearest = nearest.fold(f32::INFINITY, f32::min);
+            mean(
+                self.four(&self.depth, x, y)
+                    .filter(|&z| z > 0.0 && z <= nearest + step),
+            )
+        });
+        let halve = |channel| Grid::from_fn(width, height, |x, y| mean(self.four(channel, x, y)));
+        Self {
+            depth,
+            guide: self.guide.iter().map(halve).collect(),
+            inside: Grid::from_fn(width, height, |x, y| {
+                self.four(&self.inside, x, y).any(|inside| inside)
+            }),
+        }
+    }
+
+    /// The up to four pixels under a coarse one.
+    fn four<'a, T: Copy>(
+        &self,
+        of: &'a Grid<T>,
+        x: usize,
+        y: usize,
+    ) -> impl Iterator<Item = T> + 'a {
+        let at = move |dx: usize, dy: usize| {
+            of.get((2 * x + dx) as isize, (2 * y + dy) as isize)
+                .copied()
+        };
+        [at(0, 0), at(1, 0), at(0, 1), at(1, 1)]
+            .into_iter()
+            .flatten()
+    }
+
+    /// Depth with its holes filled from the coarser level: the mean of the four coarse pixels around,
+    /// weighted bilinearly, of those that have depth.
+    fn with_holes_from(&self, coarser: &Grid<f32>) -> Grid<f32> {
+        Grid::from_fn(self.depth.width(), self.depth.height(), |x, y| {
+            let own = self.depth[(x, y)];
+            if own > 0.0 || !self.inside[(x, y)] {
+                return own;
+            }
+            let (mut sum, mut weights) = (0.0, 0.0);
+            // A pixel's centre lies a quarter of a coarse pixel beside its coarse pixel's centre.
+            for (cx, wx) in [(x as isize / 2, 0.75), (x as isize / 2 + side(x), 0.25)] {
+                for (cy, wy) in [(y as isize / 2, 0.75), (y as isize / 2 + side(y), 0.25)] {
+                    let z = coarser.get(cx, cy).copied().unwrap_or(0.0);
+                    if z > 0.0 {
+                        sum += wx * wy * z;
+                        weights += wx * wy;
+                    }
+                }
+            }
+            if weights > 0.0 { sum / weights } else { 0.0 }
+        })
+    }
+}
+
+/// Which coarse neighbour a pixel is nearer to.
+fn side(x: usize) -> isize {
+    if x % 2 == 0 { -1 } else { 1 }
+}
+
+fn mean(values: impl Iterator<Item = f32>) -> f32 {
+    let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+    if count > 0.0 { sum / count } else { 0.0 }
+}
