@@ -1,6 +1,7 @@
 //! What the rig hands over: cameras' names, timestamps, frames and triggers. Data, no behaviour beyond
 //! checking itself; nothing here decodes, stores or reconstructs.
 
+use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
 
@@ -88,6 +89,24 @@ impl fmt::Display for CaptureId {
     }
 }
 
+/// As their names; a timestamp as a string of decimal nanoseconds, which a JSON number cannot hold.
+macro_rules! serialize_as_text {
+    ($($type:ty: $text:expr;)*) => {$(
+        impl serde::Serialize for $type {
+            fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+                let text: fn(&Self) -> _ = $text;
+                to.collect_str(&text(self))
+            }
+        }
+    )*};
+}
+
+serialize_as_text! {
+    CameraId: |id| id.to_string();
+    CaptureId: |id| id.to_string();
+    Timestamp: |time| time.0;
+}
+
 /// Enough of a hostile name to find it, and no more.
 fn shortened(name: &str) -> String {
     name.chars().take(80).collect()
@@ -129,14 +148,14 @@ pub enum Picture {
         /// Bytes from one row's start to the next's.
         step: u32,
         /// The rows.
-        data: Vec<u8>,
+        data: Bytes,
     },
     /// A picture file.
     Compressed {
         /// `jpeg` or `png`.
         format: String,
         /// The file's bytes.
-        data: Vec<u8>,
+        data: Bytes,
     },
 }
 

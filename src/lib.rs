@@ -7,10 +7,14 @@
 
 pub mod calibration;
 pub mod commands;
+pub mod drivers;
 pub mod evaluate;
 pub mod frame;
 pub mod image;
+pub mod job;
 pub mod mesh;
 pub mod output;
 pub mod reconstruct;
+pub mod recording;
 pub mod simulate;
+pub mod sync;

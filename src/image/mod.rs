@@ -1,11 +1,18 @@
 //! Pixel grids, and what can be done to them without knowing which camera they came from. Nothing in this
 //! room knows of calibration, frames or files.
 
+mod decode;
+mod demosaic;
 mod grid;
 mod rect;
 pub mod srgb;
 mod text;
 
+pub use decode::{
+    DecodeError, RawPixels, encode_linear_as_srgb, grey_from_file, grey_from_raw,
+    readings_from_raw, rgb_from_file, rgb_from_raw,
+};
+pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;
 pub use rect::PixelRect;
 pub use text::{draw_text, text_size};

@@ -1,0 +1,448 @@
+//! Joins a recording, its replay and the synchronisation: lists the captures of a recording, and makes of
+//! one of them the scene that is reconstructed.
+
+use super::facts::{CaptureFacts, LeftOut};
+use super::plan::{ColorPlan, DepthPlan, Plan, Shelf};
+use super::rig::RigAt;
+use crate::drivers::replay::{self, Event};
+use crate::frame::{CameraId, CaptureId, Timestamp};
+use crate::image::{DecodeError, RgbImage};
+use crate::reconstruct::Scene;
+use crate::recording::{self, ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
+use crate::sync::{self, Capture, Synchronizer};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Why a capture cannot be reconstructed.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The recording, or a message in it.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
+    /// A picture that cannot be decoded.
+    #[error("{path}: {topic} at {} ns: {problem}", timestamp.0)]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// The picture's timestamp.
+        timestamp: Timestamp,
+        /// What is wrong with it.
+        problem: DecodeError,
+    },
+    /// No captures.
+    #[error("{path}: has no /trigger that can be read, expected one for each capture{details}")]
+    NoTrigger {
+        /// The file.
+        path: PathBuf,
+        /// What may be the reason.
+        details: String,
+    },
+    /// No capture of this name.
+    #[error("{path}: has no capture {id}, only {known}")]
+    NoSuchCapture {
+        /// The file.
+        path: PathBuf,
+        /// The name that was asked for.
+        id: CaptureId,
+        /// Names that there are.
+        known: String,
+    },
+    /// A capture that is not complete.
+    #[error("{path}: capture {id} failed: {reason}")]
+    Failed {
+        /// The file.
+        path: PathBuf,
+        /// The capture.
+        id: CaptureId,
+        /// Why, naming the cameras.
+        reason: String,
+    },
+    /// Too few colour cameras.
+    #[error("{path}: capture {id} has {found} colour cameras, expected at least 2")]
+    TooFewCameras {
+        /// The file.
+        path: PathBuf,
+        /// The capture.
+        id: CaptureId,
+        /// How many there are.
+        found: usize,
+    },
+    /// A message that is needed and not there, or not yet.
+    #[error("{path}: {topic} has no message at or before the trigger at {} ns{}", trigger.0,
+            first.map_or_else(String::new, |t| format!(", its first is at {} ns", t.0)))]
+    NothingYet {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Time of the trigger.
+        trigger: Timestamp,
+        /// Time of the first message, if there is any.
+        first: Option<Timestamp>,
+    },
+    /// A pose that is missing or that no camera has.
+    #[error("{path}: /tf: pose of camera {camera}: {problem}")]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// The camera.
+        camera: CameraId,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A camera whose silhouette cannot be found.
+    #[error(
+        "{path}: colour camera {camera} has neither a mask of the frame at {} ns nor a background at or \
+         before the trigger, expected one of them", timestamp.0
+    )]
+    NoSilhouette {
+        /// The file.
+        path: PathBuf,
+        /// The camera.
+        camera: CameraId,
+        /// Timestamp of its frame.
+        timestamp: Timestamp,
+    },
+}
+
+/// What is known of a capture before its pictures are read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureSummary {
+    /// Its name.
+    pub id: CaptureId,
+    /// When it was triggered.
+    pub time: Timestamp,
+    /// What triggered it.
+    pub source: String,
+    /// Why it failed, if it did.
+    pub failure: Option<String>,
+    /// Spread of the colour cameras' timestamps in nanoseconds.
+    pub skew_ns: u64,
+    /// Colour frames it has.
+    pub color_frames: usize,
+    /// Depth frames it has.
+    pub depth_frames: usize,
+}
+
+/// A capture as it was assembled.
+#[derive(Debug)]
+struct Planned {
+    capture: Capture<MessageRef>,
+    failure: Option<String>,
+}
+
+/// Decoded backgrounds, by message and by whether they were linear.
+pub(super) type Backgrounds = BTreeMap<(MessageRef, bool), Arc<RgbImage>>;
+
+/// An open recording with its captures.
+#[derive(Debug)]
+pub struct Session {
+    recording: Recording,
+    captures: Vec<Planned>,
+    left_out: Vec<LeftOut>,
+    warnings: Vec<String>,
+    /// Decoded backgrounds of the capture before; most captures of a session share them.
+    backgrounds: Mutex<Backgrounds>,
+}
+
+impl Session {
+    /// Opens a recording and assembles its captures.
+    ///
+    /// # Errors
+    /// If it cannot be read, is no recording, or has no capture.
+    pub fn open(path: &Path, parameters: &sync::Parameters) -> Result<Self, Error> {
+        Self::of(Recording::open(path)?, parameters)
+    }
+
+    /// Assembles the captures of an open recording.
+    ///
+    /// # Errors
+    /// If it cannot be read or has no capture.
+    pub fn of(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
+        let mut session = Self::lenient(recording, parameters)?;
+        if session.captures.is_empty() {
+            let damage = session.recording.damage().iter().map(ToString::to_string);
+            let reasons: Vec<String> = session.warnings.drain(..).chain(damage).take(5).collect();
+            return Err(Error::NoTrigger {
+                path: session.recording.path().into(),
+                details: reasons.iter().map(|r| format!("; {r}")).collect(),
+            });
+        }
+        Ok(session)
+    }
+
+    /// As [`Self::of`], for a recording that need not have captures.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn lenient(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
+        let (cameras, left_out) = cameras(&recording);
+        let played = replay::events(&recording)?;
+        let mut warnings = misnamed(&recording);
+        warnings.extend(played.problems);
+        let captures = assemble(played.events, cameras, parameters, &mut warnings);
+        Ok(Self {
+            recording,
+            captures,
+            left_out,
+            warnings,
+            backgrounds: Mutex::default(),
+        })
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    /// Cameras that take no part in any capture.
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
+    }
+
+    /// What a person should know of the recording as a whole.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The parts of the file that are known to be unreadable.
+    pub fn damage(&self) -> &[Damage] {
+        self.recording.damage()
+    }
+
+    /// The captures in the order of their triggers.
+    pub fn captures(&self) -> Vec<CaptureSummary> {
+        let summary = |planned: &Planned| {
+            let Planned { capture, failure } = planned;
+            CaptureSummary {
+                id: capture.trigger.id.clone(),
+                time: capture.trigger.time,
+                source: capture.trigger.source.clone(),
+                failure: failure.clone(),
+                skew_ns: capture.skew_ns(),
+                color_frames: capture.colors.len(),
+                depth_frames: capture.depths.values().map(Vec::len).sum(),
+            }
+        };
+        self.captures.iter().map(summary).collect()
+    }
+
+    /// Reads and decodes a capture.
+    ///
+    /// # Errors
+    /// If there is no such capture, it failed, or something that it needs is missing, damaged or wrong.
+    pub fn load(&self, id: &CaptureId) -> Result<(Scene, CaptureFacts), Error> {
+        let planned = self.planned(id)?;
+        let capture = &planned.capture;
+        let cameras = capture.colors.keys().chain(capture.depths.keys());
+        let rig = RigAt::new(&self.recording, capture.trigger.time, cameras)?;
+        let volume = rig.volume()?;
+        let mut shelf = Shelf::default();
+        let mut plan = Plan {
+            recording: &self.recording,
+            rig: &rig,
+            trigger: capture.trigger.time,
+            shelf: &mut shelf,
+        };
+        let colors = capture.colors.iter();
+        let colors: Vec<ColorPlan> = colors
+            .map(|(id, frame)| plan.color(id, frame))
+            .collect::<Result<_, _>>()?;
+        let depths = capture.depths.iter();
+        let depths: Vec<DepthPlan> = depths
+            .map(|(id, takes)| plan.depth(id, takes))
+            .collect::<Result<_, _>>()?;
+        let mut kept = self
+            .backgrounds
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        shelf.fill(&self.recording, &kept)?;
+        if self.captures.len() > 1 {
+            *kept = shelf.backgrounds();
+        }
+        drop(kept);
+        let facts = self.facts(capture, &colors, &depths);
+        let scene = Scene {
+            colors: colors.into_iter().map(|c| c.view(&mut shelf)).collect(),
+            depths: depths.into_iter().map(|d| d.view(&mut shelf)).collect(),
+            volume,
+        };
+        Ok((scene, facts))
+    }
+
+    /// The capture of this name, if it can be reconstructed.
+    fn planned(&self, id: &CaptureId) -> Result<&Planned, Error> {
+        let path = || self.recording.path().into();
+        let named = |p: &&Planned| p.capture.trigger.id == *id;
+        let Some(planned) = self.captures.iter().find(named) else {
+            let known = self.captures.iter().take(20);
+            let known: Vec<&str> = known.map(|p| p.capture.trigger.id.as_str()).collect();
+            return Err(Error::NoSuchCapture {
+                path: path(),
+                id: id.clone(),
+                known: known.join(", "),
+            });
+        };
+        if let Some(reason) = &planned.failure {
+            return Err(Error::Failed {
+                path: path(),
+                id: id.clone(),
+                reason: reason.clone(),
+            });
+        }
+        let found = planned.capture.colors.len();
+        if found < 2 {
+            return Err(Error::TooFewCameras {
+                path: path(),
+                id: id.clone(),
+                found,
+            });
+        }
+        Ok(planned)
+    }
+
+    fn facts(
+        &self,
+        capture: &Capture<MessageRef>,
+        colors: &[ColorPlan],
+        depths: &[DepthPlan],
+    ) -> CaptureFacts {
+        let mut left_out = self.left_out.clone();
+        left_out.extend(capture.shortfalls.iter().map(|shortfall| LeftOut {
+            camera: shortfall.camera.clone(),
+            reason: shortfall.to_string(),
+        }));
+        let depths: Vec<_> = depths.iter().map(DepthPlan::facts).collect();
+        let mut warnings = self.warnings.clone();
+        for depth in depths.iter().filter(|d| d.color_frames == 0) {
+            warnings.push(format!(
+                "depth camera {} has no colour pictures near its depth; a flat grey stands for them",
+                depth.camera
+            ));
+        }
+        CaptureFacts {
+            id: capture.trigger.id.clone(),
+            time_ns: capture.trigger.time,
+            source: capture.trigger.source.clone(),
+            subject: capture.trigger.subject.clone(),
+            skew_ns: capture.skew_ns(),
+            colors: colors.iter().map(ColorPlan::facts).collect(),
+            depths,
+            left_out,
+            warnings,
+            damage: self.recording.damage().to_vec(),
+        }
+    }
+}
+
+/// The cameras whose frames make captures: those with both images and a calibration. The others are left
+/// out, with the reason.
+fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOut>) {
+    let has = |topic: Topic| !recording.messages(&topic).is_empty();
+    let ids = |of: fn(&Topic) -> Option<&CameraId>| -> BTreeSet<CameraId> {
+        recording.topics().filter_map(of).cloned().collect()
+    };
+    let mut cameras = sync::Cameras::default();
+    let mut left_out = Vec::new();
+    let mut decide = |camera: &CameraId, kind: &str, image: bool, calibration: bool| {
+        let reason = match (image, calibration) {
+            (true, true) => return true,
+            (true, false) => format!("{kind} camera {camera} has images and no calibration"),
+            (false, true) => format!("{kind} camera {camera} has a calibration and no images"),
+            (false, false) => {
+                format!("{kind} camera {camera} has neither images nor a calibration")
+            }
+        };
+        let camera = camera.clone();
+        left_out.push(LeftOut { camera, reason });
+        false
+    };
+    for id in ids(|t| match t {
+        Topic::Color(id, _) => Some(id),
+        _ => None,
+    }) {
+        let part = |part| has(Topic::Color(id.clone(), part));
+        if decide(
+            &id,
+            "colour",
+            part(ColorPart::Image),
+            part(ColorPart::Calibration),
+        ) {
+            cameras.colors.insert(id);
+        }
+    }
+    for id in ids(|t| match t {
+        Topic::Depth(id, _) => Some(id),
+        _ => None,
+    }) {
+        let part = |part| has(Topic::Depth(id.clone(), part));
+        if decide(
+            &id,
+            "depth",
+            part(DepthPart::Image),
+            part(DepthPart::Calibration),
+        ) {
+            cameras.depths.insert(id.clone(), part(DepthPart::Color));
+        }
+    }
+    (cameras, left_out)
+}
+
+/// Channels that look like a camera's and are not.
+fn misnamed(recording: &Recording) -> Vec<String> {
+    let like_ours = |topic: &str| topic.starts_with("/color/") || topic.starts_with("/depth/");
+    let channels = recording.channels().into_iter();
+    channels
+        .filter(|c| !c.known && like_ours(&c.topic))
+        .take(20)
+        .map(|c| {
+            let topic: String = c.topic.chars().take(80).collect();
+            format!("{topic}: is no topic of a recording and is left out")
+        })
+        .collect()
+}
+
+/// Hands everything to the synchronisation in the order of time, as a live rig would.
+fn assemble(
+    events: Vec<(Timestamp, Event)>,
+    cameras: sync::Cameras,
+    parameters: &sync::Parameters,
+    warnings: &mut Vec<String>,
+) -> Vec<Planned> {
+    let mut synchronizer = Synchronizer::new(cameras, parameters.clone());
+    let mut failed = BTreeMap::new();
+    let mut captures = Vec::new();
+    for (time, event) in events {
+        match event {
+            Event::Frame {
+                camera,
+                stream,
+                timestamp,
+                message,
+            } => synchronizer.push_frame(&camera, stream, timestamp, message),
+            Event::Trigger(request) => {
+                captures.extend(synchronizer.advance(time));
+                let id = request.trigger.id.clone();
+                if !synchronizer.push_trigger(request.trigger, request.listed) {
+                    let at = time.0;
+                    let what = "is not the first of its id and makes no capture";
+                    warnings.push(format!("/trigger at {at} ns: {id} {what}"));
+                } else if let Some(reason) = request.failed {
+                    failed.insert(id, reason);
+                }
+            }
+        }
+    }
+    captures.extend(synchronizer.finish());
+    let plan = |capture: Capture<MessageRef>| Planned {
+        failure: match failed.remove(&capture.trigger.id) {
+            Some(reason) => Some(format!("it failed at the rig: {reason}")),
+            None => (!capture.complete).then(|| capture.reason()),
+        },
+        capture,
+    };
+    captures.into_iter().map(plan).collect()
+}

@@ -1,0 +1,256 @@
+//! What a capture needs from its recording, gathered first so that all of it can be read at once.
+
+use super::facts::{ColorFacts, DepthFacts, Silhouette};
+use super::load::{Backgrounds, Error};
+use super::pictures::{Decoded, Kind, Wanted, read_all};
+use super::rig::RigAt;
+use crate::calibration::{Camera, DepthCamera};
+use crate::frame::{CameraId, Timestamp};
+use crate::image::{Grid, Mask, RgbImage};
+use crate::reconstruct::{ColorView, DepthFrame, DepthView, SilhouetteSource};
+use crate::recording::{ColorPart, DepthPart, MessageRef, Recording, Topic, Transfer};
+use crate::sync::{DepthTake, Stamped};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// The pictures that are wanted, and then those that were read. A place on it is a number.
+#[derive(Default)]
+pub(super) struct Shelf {
+    wanted: Vec<Wanted>,
+    decoded: Vec<Option<Decoded>>,
+    places: BTreeMap<(MessageRef, bool), usize>,
+}
+
+impl Shelf {
+    /// Asks for a picture; one that was asked for before has its place already.
+    fn want(&mut self, wanted: Wanted) -> usize {
+        let key = key(&wanted);
+        *self.places.entry(key).or_insert_with(|| {
+            self.wanted.push(wanted);
+            self.wanted.len() - 1
+        })
+    }
+
+    /// Reads what is wanted and not among the pictures that are `kept`.
+    pub(super) fn fill(&mut self, recording: &Recording, kept: &Backgrounds) -> Result<(), Error> {
+        let of_kept = |w: &Wanted| kept.get(&key(w)).cloned().map(Decoded::Color);
+        self.decoded = self.wanted.iter().map(of_kept).collect();
+        let missing: Vec<usize> = (0..self.wanted.len())
+            .filter(|&i| self.decoded[i].is_none())
+            .collect();
+        let wanted: Vec<Wanted> = missing.iter().map(|&i| self.wanted[i].clone()).collect();
+        for (i, decoded) in missing.into_iter().zip(read_all(recording, &wanted)?) {
+            self.decoded[i] = Some(decoded);
+        }
+        Ok(())
+    }
+
+    /// The backgrounds on the shelf.
+    pub(super) fn backgrounds(&self) -> Backgrounds {
+        let both = self.wanted.iter().zip(&self.decoded);
+        both.filter_map(|(wanted, decoded)| match (&wanted.topic, decoded) {
+            (Topic::Color(_, ColorPart::Background), Some(Decoded::Color(picture))) => {
+                Some((key(wanted), picture.clone()))
+            }
+            _ => None,
+        })
+        .collect()
+    }
+
+    fn color(&self, place: usize) -> Arc<RgbImage> {
+        match self.decoded.get(place) {
+            Some(Some(Decoded::Color(picture))) => picture.clone(),
+            _ => Arc::default(),
+        }
+    }
+
+    fn take_color(&mut self, place: usize) -> RgbImage {
+        match self.decoded.get_mut(place).and_then(Option::take) {
+            Some(Decoded::Color(picture)) => Arc::unwrap_or_clone(picture),
+            _ => Grid::default(),
+        }
+    }
+
+    fn take_mask(&mut self, place: usize) -> Mask {
+        match self.decoded.get_mut(place).and_then(Option::take) {
+            Some(Decoded::Mask(mask)) => mask,
+            _ => Grid::default(),
+        }
+    }
+
+    fn take_readings(&mut self, place: usize) -> Grid<u16> {
+        match self.decoded.get_mut(place).and_then(Option::take) {
+            Some(Decoded::Readings(readings)) => readings,
+            _ => Grid::default(),
+        }
+    }
+}
+
+fn key(wanted: &Wanted) -> (MessageRef, bool) {
+    (wanted.message, wanted.kind == Kind::Color { linear: true })
+}
+
+/// Plans one capture.
+pub(super) struct Plan<'a> {
+    pub recording: &'a Recording,
+    pub rig: &'a RigAt<'a>,
+    pub trigger: Timestamp,
+    pub shelf: &'a mut Shelf,
+}
+
+/// A colour camera's part.
+pub(super) struct ColorPlan {
+    camera: Camera,
+    image: usize,
+    silhouette: usize,
+    facts: ColorFacts,
+}
+
+/// A depth camera's part.
+pub(super) struct DepthPlan {
+    camera: DepthCamera,
+    /// Places of the readings and of their colours.
+    frames: Vec<(usize, Option<usize>)>,
+    facts: DepthFacts,
+}
+
+impl Plan<'_> {
+    pub(super) fn color(
+        &mut self,
+        id: &CameraId,
+        frame: &Stamped<MessageRef>,
+    ) -> Result<ColorPlan, Error> {
+        let camera = self.rig.color(id)?;
+        let size = (camera.intrinsics.width, camera.intrinsics.height);
+        let linear = self.rig.settings(id)?.transfer == Transfer::Linear;
+        let topic = |part| Topic::Color(id.clone(), part);
+        let mut want = |part, message, kind| {
+            self.shelf.want(Wanted {
+                topic: topic(part),
+                message,
+                kind,
+                size,
+            })
+        };
+        let image = want(ColorPart::Image, frame.handle, Kind::Color { linear });
+        let masks = self
+            .recording
+            .messages_at(&topic(ColorPart::Mask), frame.timestamp);
+        let background = self.rig.newest(&topic(ColorPart::Background));
+        let (silhouette, from) = match (masks.last(), background) {
+            (Some(mask), _) => {
+                let place = want(ColorPart::Mask, *mask, Kind::Mask);
+                (place, Silhouette::Mask)
+            }
+            (None, Some(plate)) => {
+                let age_ns = self.trigger.0 - plate.log_time().0;
+                let place = want(ColorPart::Background, plate, Kind::Color { linear });
+                (place, Silhouette::Background { age_ns })
+            }
+            (None, None) => {
+                return Err(Error::NoSilhouette {
+                    path: self.recording.path().into(),
+                    camera: id.clone(),
+                    timestamp: frame.timestamp,
+                });
+            }
+        };
+        let delay = frame.timestamp.nanoseconds_since(self.trigger);
+        Ok(ColorPlan {
+            camera,
+            image,
+            silhouette,
+            facts: ColorFacts {
+                camera: id.clone(),
+                delay_ns: i64::try_from(delay).unwrap_or(i64::MAX),
+                silhouette: from,
+            },
+        })
+    }
+
+    pub(super) fn depth(
+        &mut self,
+        id: &CameraId,
+        takes: &[DepthTake<MessageRef>],
+    ) -> Result<DepthPlan, Error> {
+        let camera = self.rig.depth(id)?;
+        let lens = &camera.camera.intrinsics;
+        let size = (lens.width, lens.height);
+        let mut want = |part, message, kind| {
+            self.shelf.want(Wanted {
+                topic: Topic::Depth(id.clone(), part),
+                message,
+                kind,
+                size,
+            })
+        };
+        let linear = Kind::Color { linear: false };
+        let frames: Vec<(usize, Option<usize>)> = takes
+            .iter()
+            .map(|take| {
+                let readings = want(DepthPart::Image, take.depth.handle, Kind::Readings);
+                let color = take.color.as_ref();
+                let color = color.map(|c| want(DepthPart::Color, c.handle, linear));
+                (readings, color)
+            })
+            .collect();
+        let colors: BTreeSet<usize> = frames.iter().filter_map(|(_, color)| *color).collect();
+        let lag = |take: &DepthTake<MessageRef>| {
+            let color = take.color.as_ref()?.timestamp;
+            Some(take.depth.timestamp.0.abs_diff(color.0))
+        };
+        Ok(DepthPlan {
+            camera,
+            facts: DepthFacts {
+                camera: id.clone(),
+                frames: frames.len(),
+                color_frames: colors.len(),
+                largest_color_lag_ns: takes.iter().filter_map(lag).max().unwrap_or(0),
+            },
+            frames,
+        })
+    }
+}
+
+impl ColorPlan {
+    pub(super) fn facts(&self) -> ColorFacts {
+        self.facts.clone()
+    }
+
+    pub(super) fn view(self, shelf: &mut Shelf) -> ColorView {
+        ColorView {
+            camera: self.camera,
+            image: shelf.take_color(self.image),
+            silhouette: match self.facts.silhouette {
+                Silhouette::Mask => SilhouetteSource::Mask(shelf.take_mask(self.silhouette)),
+                Silhouette::Background { .. } => {
+                    SilhouetteSource::Background(shelf.color(self.silhouette))
+                }
+            },
+        }
+    }
+}
+
+impl DepthPlan {
+    pub(super) fn facts(&self) -> DepthFacts {
+        self.facts.clone()
+    }
+
+    pub(super) fn view(self, shelf: &mut Shelf) -> DepthView {
+        let lens = &self.camera.camera.intrinsics;
+        // Where no colour was recorded, a flat picture guides nothing and hinders nothing.
+        let flat = Arc::new(if self.facts.color_frames == 0 {
+            Grid::filled(lens.width, lens.height, [128; 3])
+        } else {
+            Grid::default()
+        });
+        let frame = |(readings, color): (usize, Option<usize>)| DepthFrame {
+            readings: shelf.take_readings(readings),
+            color: color.map_or_else(|| flat.clone(), |place| shelf.color(place)),
+        };
+        DepthView {
+            frames: self.frames.into_iter().map(frame).collect(),
+            camera: self.camera,
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! What can be wrong with a recording: each error names the file and what finds the bad place in it.
+
+use crate::{calibration, frame};
+use std::fmt;
+use std::path::PathBuf;
+
+/// Why a recording, or something in it, cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The operating system refused.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A folder, a pipe or a device.
+    #[error("{path}: is not a regular file, expected an MCAP recording")]
+    NotAFile {
+        /// What was given.
+        path: PathBuf,
+    },
+    /// Not an MCAP file at all.
+    #[error(
+        "{path}: is not an MCAP file: {found}, expected the magic bytes 89 4d 43 41 50 30 0d 0a"
+    )]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+        /// How it begins.
+        found: String,
+    },
+    /// A recording of another version.
+    #[error("{path}: recording format {found:?} is not known, expected \"1\"")]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+        /// The version it names.
+        found: String,
+    },
+    /// A part of the file that cannot be read.
+    #[error("{path}: {damage}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where and what.
+        damage: Damage,
+    },
+    /// A message that does not hold what its topic promises.
+    #[error("{path}: {topic} at {log_time} ns: {problem}")]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Log time in nanoseconds.
+        log_time: u64,
+        /// What is wrong with it.
+        problem: MessageError,
+    },
+    /// A channel whose messages are of another kind than its topic promises.
+    #[error("{path}: {topic} has schema {found:?} in {encoding:?}, expected {expected}")]
+    Schema {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Name of its schema.
+        found: String,
+        /// Its message encoding.
+        encoding: String,
+        /// What would do.
+        expected: String,
+    },
+    /// The writer was used in an order that makes no recording, or the file could not be written.
+    #[error("{path}: writing the recording: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the MCAP library said.
+        source: mcap::McapError,
+    },
+    /// A message that is not fit to be written.
+    #[error("{path}: {topic}: {problem}")]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// What is wrong with it.
+        problem: MessageError,
+    },
+}
+
+/// What is wrong with one message.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum MessageError {
+    /// It cannot be decoded.
+    #[error("is not a {schema} message: {reason}")]
+    Malformed {
+        /// The schema's name.
+        schema: &'static str,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// A member that cannot be what it stands for.
+    #[error("{field} is {found}, expected {expected}")]
+    BadField {
+        /// The member's name.
+        field: &'static str,
+        /// What was there.
+        found: String,
+        /// What would do.
+        expected: String,
+    },
+    /// A calibration that no camera has.
+    #[error(transparent)]
+    Calibration(#[from] calibration::Error),
+    /// A name that breaks its rule.
+    #[error(transparent)]
+    Name(#[from] frame::BadName),
+}
+
+/// A part of the file that could not be read, and how much was lost with it.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Damage {
+    /// Where it begins, in bytes from the file's start.
+    pub offset: u64,
+    /// How many bytes of the file are lost with it.
+    pub length: u64,
+    /// What is wrong.
+    pub what: String,
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            offset,
+            length,
+            what,
+        } = self;
+        write!(f, "damaged at byte {offset}: {what}")?;
+        if *length > 0 {
+            write!(f, " ({length} bytes lost)")?;
+        }
+        Ok(())
+    }
+}
+
+/// Enough of a hostile text to find it, and no more.
+pub(super) fn shortened(text: &str) -> String {
+    text.chars().take(80).collect()
+}

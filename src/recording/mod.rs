@@ -1,0 +1,21 @@
+//! The recording format: one MCAP file that holds a session of captures and all that a rerun needs. This is
+//! the only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
+
+mod chunk;
+mod error;
+mod index;
+mod json;
+mod proto;
+mod reader;
+mod records;
+mod source;
+mod topic;
+mod typed;
+mod walk;
+
+pub use error::{Damage, Error, MessageError};
+pub use index::{Attachment, MessageRef};
+pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Transfer};
+pub use proto::Pose;
+pub use reader::{ChannelInfo, Recording};
+pub use topic::{ColorPart, DepthPart, Topic};

@@ -1,0 +1,145 @@
+//! The messages that are Foxglove's, from their Protobuf bytes and back.
+
+use super::MessageError;
+use crate::calibration::{Distortion, Intrinsics};
+use crate::frame::Picture;
+use bytes::Bytes;
+use foxglove::messages::{
+    CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, RawImage,
+};
+use nalgebra::Vector2;
+use prost::Message;
+
+/// Where a frame is in its parent's, as a recording has it; not checked yet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pose {
+    /// The frame that the pose maps into.
+    pub parent: String,
+    /// The frame that it maps from.
+    pub child: String,
+    /// Metres.
+    pub translation: [f64; 3],
+    /// Quaternion x, y, z, w; `None` where the message has none.
+    pub rotation_xyzw: Option<[f64; 4]>,
+}
+
+fn decode<M: Message + Default>(schema: &'static str, data: Bytes) -> Result<M, MessageError> {
+    M::decode(data).map_err(|error| MessageError::Malformed {
+        schema,
+        reason: super::error::shortened(&error.to_string()),
+    })
+}
+
+/// A picture's pixels, still encoded; they share the message's memory.
+pub(super) fn read_picture(schema: &str, data: Bytes) -> Result<Picture, MessageError> {
+    if schema == "foxglove.CompressedImage" {
+        let image: CompressedImage = decode("foxglove.CompressedImage", data)?;
+        return Ok(Picture::Compressed {
+            format: image.format,
+            data: image.data,
+        });
+    }
+    let image: RawImage = decode("foxglove.RawImage", data)?;
+    Ok(Picture::Raw {
+        width: image.width,
+        height: image.height,
+        encoding: image.encoding,
+        step: image.step,
+        data: image.data,
+    })
+}
+
+pub(super) fn read_intrinsics(data: Bytes) -> Result<Intrinsics, MessageError> {
+    let message: CameraCalibration = decode("foxglove.CameraCalibration", data)?;
+    let k = checked_k(&message.k)?;
+    check_r(&message.r)?;
+    let distortion = Distortion::from_model(&message.distortion_model, &message.d)?;
+    Ok(Intrinsics::new(
+        message.width as usize,
+        message.height as usize,
+        Vector2::new(k[0], k[4]),
+        Vector2::new(k[2], k[5]),
+        distortion,
+    )?)
+}
+
+/// K without skew, and with nothing in its bottom row but the 1.
+fn checked_k(k: &[f64]) -> Result<&[f64; 9], MessageError> {
+    let bad = |found: String| MessageError::BadField {
+        field: "K",
+        found,
+        expected: "fx 0 cx 0 fy cy 0 0 1".into(),
+    };
+    let k: &[f64; 9] = k
+        .try_into()
+        .map_err(|_| bad(format!("{} numbers", k.len())))?;
+    let zeros = [k[1], k[3], k[6], k[7]];
+    if zeros != [0.0; 4] || k[8] != 1.0 {
+        return Err(bad(format!("{k:?}")));
+    }
+    Ok(k)
+}
+
+/// R says nothing: the identity, or empty.
+fn check_r(r: &[f64]) -> Result<(), MessageError> {
+    const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let same = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-9;
+    if r.is_empty() || r.len() == 9 && r.iter().zip(&IDENTITY).all(same) {
+        return Ok(());
+    }
+    Err(MessageError::BadField {
+        field: "R",
+        found: format!("{:?} ({} numbers)", &r[..r.len().min(9)], r.len()),
+        expected: "the identity, or empty".into(),
+    })
+}
+
+pub(super) fn write_intrinsics(id: &str, lens: &Intrinsics, log_time: u64) -> CameraCalibration {
+    let (f, c, d) = (lens.focal_px, lens.center_px, &lens.distortion);
+    let [k1, k2, k3, k4, k5, k6] = d.radial;
+    let [p1, p2] = d.tangential;
+    let (model, coefficients) = if d.is_none() {
+        ("", vec![])
+    } else if [k4, k5, k6] == [0.0; 3] {
+        ("plumb_bob", vec![k1, k2, p1, p2, k3])
+    } else {
+        ("rational_polynomial", vec![k1, k2, p1, p2, k3, k4, k5, k6])
+    };
+    CameraCalibration {
+        timestamp: Some(timestamp(log_time)),
+        frame_id: id.into(),
+        width: lens.width as u32,
+        height: lens.height as u32,
+        distortion_model: model.into(),
+        d: coefficients,
+        k: vec![f.x, 0.0, c.x, 0.0, f.y, c.y, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![f.x, 0.0, c.x, 0.0, 0.0, f.y, c.y, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+}
+
+/// The poses of a FrameTransform or FrameTransforms message.
+pub(super) fn read_poses(schema: &str, data: Bytes) -> Result<Vec<Pose>, MessageError> {
+    let transforms = if schema == "foxglove.FrameTransforms" {
+        decode::<FrameTransforms>("foxglove.FrameTransforms", data)?.transforms
+    } else {
+        vec![decode::<FrameTransform>("foxglove.FrameTransform", data)?]
+    };
+    Ok(transforms.into_iter().map(pose).collect())
+}
+
+fn pose(transform: FrameTransform) -> Pose {
+    let t = transform.translation.unwrap_or_default();
+    Pose {
+        parent: transform.parent_frame_id,
+        child: transform.child_frame_id,
+        translation: [t.x, t.y, t.z],
+        rotation_xyzw: transform.rotation.map(|q| [q.x, q.y, q.z, q.w]),
+    }
+}
+
+/// Nanoseconds as seconds and the rest; seconds end in the year 2106.
+pub(super) fn timestamp(nanoseconds: u64) -> foxglove::messages::Timestamp {
+    let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
+    foxglove::messages::Timestamp::new(seconds, (nanoseconds % 1_000_000_000) as u32)
+}

@@ -1,0 +1,404 @@
+//! Opens a recording and hands out its messages. It is indexed first; a message's chunk is read when the
+//! message is asked for, so that a recording may be larger than memory.
+
+use super::chunk;
+use super::index::{Attachment, ChunkInfo, Index, MessageRef};
+use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
+use super::source::Source;
+use super::walk::{LARGEST_RECORD, walk};
+use super::{Damage, Error, MessageError, Topic};
+use crate::frame::Timestamp;
+use bytes::Bytes;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+/// A channel as a recording has it.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct ChannelInfo {
+    /// Its topic's name.
+    pub topic: String,
+    /// Its messages' schema.
+    pub schema: String,
+    /// `protobuf` or `json`.
+    pub encoding: String,
+    /// How many messages it has.
+    pub messages: u64,
+    /// Whether it is a topic of the format.
+    pub known: bool,
+}
+
+/// An open recording.
+#[derive(Debug)]
+pub struct Recording {
+    source: Source,
+    index: Index,
+    /// Messages of each topic in the order of their log times.
+    topics: BTreeMap<Topic, Vec<MessageRef>>,
+    cache: Mutex<ChunkCache>,
+}
+
+impl Recording {
+    /// Opens a file and finds what is in it. Damage is no error as long as anything can be read: see
+    /// [`Self::damage`].
+    ///
+    /// # Errors
+    /// If it cannot be read, is no MCAP file, or is a recording of another format.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let source = Source::open(path)?;
+        let mut index = walk(&source)?;
+        if !index.is_trustworthy() {
+            scan_chunks(&source, &mut index)?;
+        }
+        check_format(&source, &index)?;
+        let topics = sort_by_topic(&mut index);
+        Ok(Self {
+            source,
+            index,
+            topics,
+            cache: Mutex::default(),
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.source.path
+    }
+
+    /// Its length in bytes.
+    pub fn file_length(&self) -> u64 {
+        self.source.length
+    }
+
+    /// Profile and library that the file says wrote it.
+    pub fn written_by(&self) -> (&str, &str) {
+        (&self.index.profile, &self.index.library)
+    }
+
+    /// What could not be read, as far as opening the file showed. Contents of chunks are checked when they
+    /// are read: [`Self::verify`] reads them all.
+    pub fn damage(&self) -> &[Damage] {
+        &self.index.damage
+    }
+
+    /// Metadata records: name and pairs.
+    pub fn metadata(&self) -> &[(String, BTreeMap<String, String>)] {
+        &self.index.metadata
+    }
+
+    /// Attached files.
+    pub fn attachments(&self) -> &[Attachment] {
+        &self.index.attachments
+    }
+
+    /// Reads an attached file.
+    ///
+    /// # Errors
+    /// If it is larger than 256 MiB, damaged or cannot be read.
+    pub fn attachment(&self, attachment: &Attachment) -> Result<Vec<u8>, Error> {
+        let Attachment { offset, length, .. } = *attachment;
+        let damaged = |what: &str| self.damaged(offset, length, what.into());
+        if length > LARGEST_RECORD {
+            return Err(damaged("the attachment is larger than 256 MiB"));
+        }
+        let body = self.source.read(offset, length as usize)?;
+        match records::attachment(&body) {
+            Ok((_, _, data)) => Ok(data.to_vec()),
+            Err(_) => Err(damaged("the attachment's lengths or CRC are wrong")),
+        }
+    }
+
+    /// All channels, in the order of their topics.
+    pub fn channels(&self) -> Vec<ChannelInfo> {
+        let mut counts: BTreeMap<u16, u64> = BTreeMap::new();
+        for message in &self.index.messages {
+            *counts.entry(message.channel).or_default() += 1;
+        }
+        let mut channels: Vec<_> = self.index.channels.values().collect();
+        channels.sort_by_key(|c| (&c.topic, c.id));
+        let info = |c: &records::Channel| ChannelInfo {
+            topic: c.topic.clone(),
+            schema: self.schema_of(c.id).into(),
+            encoding: c.message_encoding.clone(),
+            messages: counts.get(&c.id).copied().unwrap_or(0),
+            known: Topic::parse(&c.topic).is_some(),
+        };
+        channels.into_iter().map(info).collect()
+    }
+
+    /// Topics that have messages.
+    pub fn topics(&self) -> impl Iterator<Item = &Topic> {
+        self.topics.keys()
+    }
+
+    /// A topic's messages in the order of their log times.
+    pub fn messages(&self, topic: &Topic) -> &[MessageRef] {
+        self.topics.get(topic).map_or(&[], Vec::as_slice)
+    }
+
+    /// A topic's messages with a log time at or before `time`, oldest first.
+    pub fn messages_until(&self, topic: &Topic, time: Timestamp) -> &[MessageRef] {
+        let messages = self.messages(topic);
+        &messages[..messages.partition_point(|m| m.log_time <= time.0)]
+    }
+
+    /// A topic's messages with exactly this log time.
+    pub fn messages_at(&self, topic: &Topic, time: Timestamp) -> &[MessageRef] {
+        let until = self.messages_until(topic, time);
+        &until[until.partition_point(|m| m.log_time < time.0)..]
+    }
+
+    /// A message's bytes and the name of its schema.
+    ///
+    /// # Errors
+    /// If its chunk is damaged, or its schema is not one of its topic's.
+    pub fn read(&self, topic: &Topic, message: &MessageRef) -> Result<(Bytes, &str), Error> {
+        let schema = self.checked_schema(topic, message.channel)?;
+        if message.chunk == MessageRef::LOOSE {
+            return Ok((self.read_loose(message)?, schema));
+        }
+        let bytes = self.chunk(message.chunk)?;
+        match chunk::message_data(&bytes, message.offset as usize, message) {
+            Some(data) => Ok((data, schema)),
+            None => {
+                let chunk = &self.index.chunks[message.chunk as usize];
+                let what = format!(
+                    "the chunk's index promises a message at its byte {}, there is none",
+                    message.offset
+                );
+                Err(self.damaged(chunk.record_offset, chunk.compressed_size, what))
+            }
+        }
+    }
+
+    /// Reads and checks every chunk.
+    ///
+    /// # Errors
+    /// If the file cannot be read at all.
+    pub fn verify(&self) -> Result<Vec<Damage>, Error> {
+        let check = |chunk: &ChunkInfo| match chunk::unpack(&self.source, chunk) {
+            Err(Error::Damaged { damage, .. }) => Ok(Some(damage)),
+            Err(error) => Err(error),
+            Ok(_) => Ok(None),
+        };
+        let found: Vec<Option<Damage>> = each_chunk(&self.index.chunks, |_, chunk| check(chunk))?;
+        let mut damage: Vec<Damage> = self.index.damage.clone();
+        damage.extend(found.into_iter().flatten());
+        damage.sort_by_key(|d| d.offset);
+        damage.dedup();
+        Ok(damage)
+    }
+
+    /// An error about a message, with everything that finds it.
+    pub(super) fn message_error(
+        &self,
+        topic: &Topic,
+        message: &MessageRef,
+        problem: impl Into<MessageError>,
+    ) -> Error {
+        Error::Message {
+            path: self.source.path.clone(),
+            topic: topic.to_string(),
+            log_time: message.log_time,
+            problem: problem.into(),
+        }
+    }
+
+    fn damaged(&self, offset: u64, length: u64, what: String) -> Error {
+        Error::Damaged {
+            path: self.source.path.clone(),
+            damage: Damage {
+                offset,
+                length,
+                what,
+            },
+        }
+    }
+
+    fn schema_of(&self, channel: u16) -> &str {
+        let id = self.index.channels.get(&channel).map_or(0, |c| c.schema_id);
+        self.index.schemas.get(&id).map_or("", |s| &s.name)
+    }
+
+    fn checked_schema(&self, topic: &Topic, channel: u16) -> Result<&str, Error> {
+        let found = self.schema_of(channel);
+        let encoding = self
+            .index
+            .channels
+            .get(&channel)
+            .map_or("", |c| &c.message_encoding);
+        let expected = topic.schemas();
+        let wanted = if expected[0].starts_with("scand.") {
+            "json"
+        } else {
+            "protobuf"
+        };
+        if expected.contains(&found) && encoding == wanted {
+            return Ok(found);
+        }
+        Err(Error::Schema {
+            path: self.source.path.clone(),
+            topic: topic.to_string(),
+            found: super::error::shortened(found),
+            encoding: super::error::shortened(encoding),
+            expected: expected.join(" or ") + " in " + wanted,
+        })
+    }
+
+    fn read_loose(&self, message: &MessageRef) -> Result<Bytes, Error> {
+        let header = self.source.read(message.offset, RECORD_HEADER)?;
+        let length = match records::record_header(&header) {
+            Ok((_, length)) if length <= LARGEST_RECORD => length as usize,
+            _ => 0,
+        };
+        let bytes: Bytes = self
+            .source
+            .read(message.offset, RECORD_HEADER + length)?
+            .into();
+        chunk::message_data(&bytes, 0, message).ok_or_else(|| {
+            let length = (RECORD_HEADER + MESSAGE_HEADER) as u64;
+            self.damaged(message.offset, length, "the message is gone".into())
+        })
+    }
+
+    /// An unpacked chunk, from the cache if it is there.
+    fn chunk(&self, number: u32) -> Result<Bytes, Error> {
+        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = cache().get(number) {
+            return Ok(bytes);
+        }
+        let bytes = chunk::unpack(&self.source, &self.index.chunks[number as usize])?;
+        cache().put(number, bytes.clone());
+        Ok(bytes)
+    }
+}
+
+/// The chunks that were unpacked last, up to a few megabytes.
+#[derive(Debug, Default)]
+struct ChunkCache {
+    chunks: VecDeque<(u32, Bytes)>,
+}
+
+impl ChunkCache {
+    const MOST_BYTES: usize = 48 << 20;
+
+    fn get(&mut self, number: u32) -> Option<Bytes> {
+        let at = self.chunks.iter().position(|(n, _)| *n == number)?;
+        let found = self.chunks.remove(at)?;
+        self.chunks.push_back(found.clone());
+        Some(found.1)
+    }
+
+    fn put(&mut self, number: u32, bytes: Bytes) {
+        self.chunks.push_back((number, bytes));
+        let mut size: usize = self.chunks.iter().map(|(_, b)| b.len()).sum();
+        while size > Self::MOST_BYTES
+            && let Some((_, dropped)) = self.chunks.pop_front()
+        {
+            size -= dropped.len();
+        }
+    }
+}
+
+/// Runs `task` on every chunk, on all cores; large chunks one after the other, so that memory stays bounded.
+fn each_chunk<T: Send>(
+    chunks: &[ChunkInfo],
+    task: impl Fn(u32, &ChunkInfo) -> Result<T, Error> + Sync,
+) -> Result<Vec<T>, Error> {
+    const LARGE: u64 = 32 << 20;
+    let is_large = |c: &ChunkInfo| c.uncompressed_size.max(c.compressed_size) > LARGE;
+    let numbered = || (0u32..).zip(chunks);
+    let mut done: Vec<(u32, T)> = numbered()
+        .collect::<Vec<_>>()
+        .into_par_iter()
+        .filter(|(_, c)| !is_large(c))
+        .map(|(n, c)| Ok((n, task(n, c)?)))
+        .collect::<Result<_, Error>>()?;
+    for (n, c) in numbered().filter(|(_, c)| is_large(c)) {
+        done.push((n, task(n, c)?));
+    }
+    done.sort_by_key(|(n, _)| *n);
+    Ok(done.into_iter().map(|(_, t)| t).collect())
+}
+
+/// Opens every chunk to find its messages, where the file's own indexes are missing or cannot be believed.
+fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
+    let chunks = std::mem::take(&mut index.chunks);
+    let found = each_chunk(&chunks, |number, chunk| {
+        match chunk::unpack(source, chunk) {
+            Ok(bytes) => Ok(Ok(chunk::list(&bytes, number))),
+            Err(Error::Damaged { damage, .. }) => Ok(Err(damage)),
+            Err(error) => Err(error),
+        }
+    })?;
+    index.messages.retain(|m| m.chunk == MessageRef::LOOSE);
+    for (chunk, contents) in chunks.iter().zip(found) {
+        match contents {
+            Ok(contents) => {
+                for schema in contents.schemas {
+                    index.add_schema(schema, chunk.record_offset);
+                }
+                for channel in contents.channels {
+                    index.add_channel(channel, chunk.record_offset);
+                }
+                index.messages.extend(contents.messages);
+                if let Some(at) = contents.broken_at {
+                    let what = format!("the chunk's records stop making sense at its byte {at}");
+                    index.add_damage(chunk.record_offset, 0, what);
+                }
+            }
+            Err(damage) => index.add_damage(damage.offset, damage.length, damage.what),
+        }
+    }
+    index.chunks = chunks;
+    Ok(())
+}
+
+/// Refuses a recording of another format, by the metadata record that names it.
+fn check_format(source: &Source, index: &Index) -> Result<(), Error> {
+    for (name, pairs) in &index.metadata {
+        if name == "scand"
+            && let Some(format) = pairs.get("format")
+            && format != "1"
+        {
+            return Err(Error::UnknownFormat {
+                path: source.path.clone(),
+                found: super::error::shortened(format),
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The messages of each topic of ours, in the order of their log times; messages of channels that nobody
+/// defined are counted as damage.
+fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
+    let of_channel: BTreeMap<u16, Option<Topic>> = index
+        .channels
+        .iter()
+        .map(|(&id, c)| (id, Topic::parse(&c.topic)))
+        .collect();
+    let mut topics: BTreeMap<Topic, Vec<MessageRef>> = BTreeMap::new();
+    let mut lost = 0u64;
+    for message in &index.messages {
+        match of_channel.get(&message.channel) {
+            Some(Some(topic)) => match topics.get_mut(topic) {
+                Some(messages) => messages.push(*message),
+                None => {
+                    topics.insert(topic.clone(), vec![*message]);
+                }
+            },
+            Some(None) => {}
+            None => lost += 1,
+        }
+    }
+    for messages in topics.values_mut() {
+        messages.sort_unstable();
+    }
+    if lost > 0 {
+        let what = format!("{lost} messages are of channels that the file does not define");
+        index.add_damage(0, 0, what);
+    }
+    topics
+}

@@ -1,0 +1,82 @@
+//! The file under a recording: opened once, read at places, never trusted about its length or its lengths.
+
+use super::Error;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Bytes read ahead while walking over small records.
+const WINDOW: usize = 64 << 10;
+
+/// A regular file and its length when it was opened.
+#[derive(Debug)]
+pub(super) struct Source {
+    pub path: PathBuf,
+    file: File,
+    pub length: u64,
+}
+
+impl Source {
+    pub(super) fn open(path: &Path) -> Result<Self, Error> {
+        let io = |source| Error::Io {
+            path: path.into(),
+            source,
+        };
+        // Looked at before it is opened: opening a pipe would wait for its writer.
+        if !std::fs::metadata(path).map_err(io)?.is_file() {
+            return Err(Error::NotAFile { path: path.into() });
+        }
+        let file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
+        Ok(Self {
+            path: path.into(),
+            file,
+            length,
+        })
+    }
+
+    /// The bytes from `offset`, as many as `length` or the file has. The caller bounds `length`.
+    pub(super) fn read(&self, offset: u64, length: usize) -> Result<Vec<u8>, Error> {
+        let left = self.length.saturating_sub(offset);
+        let length = usize::try_from(left).map_or(length, |left| left.min(length));
+        let mut bytes = vec![0; length];
+        self.file
+            .read_exact_at(&mut bytes, offset)
+            .map_err(|source| Error::Io {
+                path: self.path.clone(),
+                source,
+            })?;
+        Ok(bytes)
+    }
+}
+
+/// Reads a file from front to back in small pieces, with one system call for many of them.
+pub(super) struct Window<'a> {
+    source: &'a Source,
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Window<'a> {
+    pub(super) fn new(source: &'a Source) -> Self {
+        Self {
+            source,
+            offset: 0,
+            bytes: Vec::new(),
+        }
+    }
+
+    /// The bytes from `offset`, as many as `length` or the file has.
+    pub(super) fn read(&mut self, offset: u64, length: usize) -> Result<&[u8], Error> {
+        let inside = offset
+            .checked_sub(self.offset)
+            .and_then(|start| usize::try_from(start).ok())
+            .filter(|start| start + length <= self.bytes.len());
+        if let Some(start) = inside {
+            return Ok(&self.bytes[start..start + length]);
+        }
+        self.bytes = self.source.read(offset, length.max(WINDOW))?;
+        self.offset = offset;
+        Ok(&self.bytes[..length.min(self.bytes.len())])
+    }
+}

@@ -1,0 +1,441 @@
+//! Frames and triggers in, complete or failed captures out: a pure state machine with no clock, no thread
+//! and no I/O. It looks at timestamps only, so a replay and a live rig give the same captures; `H` is what
+//! stands for a frame, a reference into a recording or the frame itself.
+//!
+//! A capture's window opens at its trigger less the tolerance and closes after the window's length or where
+//! the next trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two
+//! captures. Frames that a recording lists for a capture are that capture's whatever its window.
+
+use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::fmt;
+
+/// How frames are chosen.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// How much before its trigger a frame of a capture may begin, in milliseconds. Default 5.
+    pub tolerance_ms: f64,
+    /// How long after its trigger a capture takes frames, in milliseconds. Default 2000.
+    pub window_ms: f64,
+    /// Whether colour cameras run freely, so that the frame nearest to the trigger counts rather than the
+    /// first one after it. Default false.
+    pub nearest_color: bool,
+    /// Frames of each depth camera that a capture takes. Default 30.
+    pub depth_frames: usize,
+    /// Fewest frames of a depth camera that make a capture. Default 10.
+    pub min_depth_frames: usize,
+    /// Whether a capture goes on without a camera that gave too few frames. Default false.
+    pub go_on_without_missing: bool,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            tolerance_ms: 5.0,
+            window_ms: 2000.0,
+            nearest_color: false,
+            depth_frames: 30,
+            min_depth_frames: 10,
+            go_on_without_missing: false,
+        }
+    }
+}
+
+impl Parameters {
+    fn tolerance_ns(&self) -> u64 {
+        nanoseconds(self.tolerance_ms)
+    }
+
+    fn window_ns(&self) -> u64 {
+        nanoseconds(self.window_ms)
+    }
+}
+
+/// Milliseconds as nanoseconds; the conversion saturates, so nonsense cannot overflow.
+fn nanoseconds(milliseconds: f64) -> u64 {
+    (milliseconds * 1e6) as u64
+}
+
+/// The cameras whose frames make a capture.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cameras {
+    /// Colour cameras.
+    pub colors: BTreeSet<CameraId>,
+    /// Depth cameras, and whether they have colour pictures of their own.
+    pub depths: BTreeMap<CameraId, bool>,
+}
+
+/// The frames of each camera that a recording says are a capture's.
+pub type Listed = BTreeMap<CameraId, Vec<Timestamp>>;
+
+/// A frame that was handed in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stamped<H> {
+    /// When its exposure began.
+    pub timestamp: Timestamp,
+    /// What stands for it.
+    pub handle: H,
+}
+
+/// A depth frame with the colour picture nearest in time, if there is one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DepthTake<H> {
+    /// The readings.
+    pub depth: Stamped<H>,
+    /// The colour picture.
+    pub color: Option<Stamped<H>>,
+}
+
+/// A camera that gave too few frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shortfall {
+    /// The camera.
+    pub camera: CameraId,
+    /// `Color` or `Depth`.
+    pub stream: Stream,
+    /// Frames it gave.
+    pub found: usize,
+    /// Fewest that would do.
+    pub needed: usize,
+    /// Time of the trigger.
+    pub trigger: Timestamp,
+    /// Where frames were looked for.
+    pub window: [Timestamp; 2],
+    /// Time of the frame nearest to the trigger that is no other capture's.
+    pub nearest: Option<Timestamp>,
+}
+
+impl fmt::Display for Shortfall {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ms = |t: Timestamp| t.nanoseconds_since(self.trigger) as f64 / 1e6;
+        let kind = match self.stream {
+            Stream::Color => "colour",
+            Stream::Depth | Stream::DepthColor => "depth",
+        };
+        write!(
+            f,
+            "{kind} camera {} gave {} of at least {} frames from {:.1} to {:.1} ms after the trigger",
+            self.camera,
+            self.found,
+            self.needed,
+            ms(self.window[0]),
+            ms(self.window[1]),
+        )?;
+        match self.nearest {
+            Some(t) => write!(f, "; its nearest frame is at {:.1} ms", ms(t)),
+            None => write!(f, "; it has no frames"),
+        }
+    }
+}
+
+/// What came of a trigger.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Capture<H> {
+    /// What asked for it.
+    pub trigger: Trigger,
+    /// The frame of each colour camera that gave one.
+    pub colors: BTreeMap<CameraId, Stamped<H>>,
+    /// The frames of each depth camera that gave enough, oldest first.
+    pub depths: BTreeMap<CameraId, Vec<DepthTake<H>>>,
+    /// Cameras that gave too few.
+    pub shortfalls: Vec<Shortfall>,
+    /// Whether the capture goes on with what it has.
+    pub complete: bool,
+}
+
+impl<H> Capture<H> {
+    /// Spread of the colour frames' timestamps in nanoseconds.
+    pub fn skew_ns(&self) -> u64 {
+        let times = || self.colors.values().map(|c| c.timestamp.0);
+        times().max().unwrap_or(0) - times().min().unwrap_or(0)
+    }
+
+    /// Why it failed, in words; empty when nothing was short.
+    pub fn reason(&self) -> String {
+        let reasons: Vec<String> = self.shortfalls.iter().map(ToString::to_string).collect();
+        reasons.join("; ")
+    }
+}
+
+/// A trigger whose capture is still open.
+struct Open {
+    trigger: Trigger,
+    listed: Listed,
+}
+
+/// Assembles captures. Hand in frames and triggers in any order, and say with [`Self::advance`] until when
+/// they are all there: what comes out depends on the timestamps alone.
+pub struct Synchronizer<H> {
+    parameters: Parameters,
+    cameras: Cameras,
+    streams: BTreeMap<(CameraId, Stream), VecDeque<Stamped<H>>>,
+    open: VecDeque<Open>,
+    seen: BTreeSet<CaptureId>,
+    /// Where the window of the last closed capture ended.
+    closed_until: Timestamp,
+}
+
+impl<H: Clone> Synchronizer<H> {
+    /// Starts with no frames.
+    pub fn new(cameras: Cameras, parameters: Parameters) -> Self {
+        Self {
+            parameters,
+            cameras,
+            streams: BTreeMap::new(),
+            open: VecDeque::new(),
+            seen: BTreeSet::new(),
+            closed_until: Timestamp(0),
+        }
+    }
+
+    /// Takes a frame. Frames of cameras that are not the rig's are dropped, and so is a second frame of one
+    /// camera with the same timestamp.
+    pub fn push_frame(
+        &mut self,
+        camera: &CameraId,
+        stream: Stream,
+        timestamp: Timestamp,
+        handle: H,
+    ) {
+        let known = match stream {
+            Stream::Color => self.cameras.colors.contains(camera),
+            Stream::Depth | Stream::DepthColor => self.cameras.depths.contains_key(camera),
+        };
+        if !known {
+            return;
+        }
+        let frames = self.streams.entry((camera.clone(), stream)).or_default();
+        let at = frames.partition_point(|f| f.timestamp < timestamp);
+        if frames.get(at).is_none_or(|f| f.timestamp != timestamp) {
+            frames.insert(at, Stamped { timestamp, handle });
+        }
+    }
+
+    /// Takes a trigger, and the frames that a recording lists for it. Returns false, and makes no capture,
+    /// when there was a trigger of this id before.
+    pub fn push_trigger(&mut self, trigger: Trigger, listed: Listed) -> bool {
+        if !self.seen.insert(trigger.id.clone()) {
+            return false;
+        }
+        let at = self
+            .open
+            .partition_point(|o| (o.trigger.time, &o.trigger.id) < (trigger.time, &trigger.id));
+        self.open.insert(at, Open { trigger, listed });
+        true
+    }
+
+    /// Closes every capture that nothing later than `complete_until` can change. All frames and triggers
+    /// before that time must have been handed in.
+    pub fn advance(&mut self, complete_until: Timestamp) -> Vec<Capture<H>> {
+        let mut done = Vec::new();
+        while let Some(first) = self.open.front() {
+            let window = self.window_of_first(first);
+            // The next trigger, not seen yet, may open its window a tolerance before itself.
+            let settled = window[1].0.saturating_add(self.parameters.tolerance_ns());
+            if settled > complete_until.0 {
+                break;
+            }
+            done.extend(self.close_first(window));
+        }
+        self.forget(complete_until);
+        done
+    }
+
+    /// Closes all captures: nothing more will come.
+    pub fn finish(&mut self) -> Vec<Capture<H>> {
+        let mut done = Vec::new();
+        while let Some(first) = self.open.front() {
+            let window = self.window_of_first(first);
+            done.extend(self.close_first(window));
+        }
+        done
+    }
+
+    /// Where the frames of the oldest open capture are looked for.
+    fn window_of_first(&self, first: &Open) -> [Timestamp; 2] {
+        let time = first.trigger.time.0;
+        let tolerance = self.parameters.tolerance_ns();
+        let start = time.saturating_sub(tolerance);
+        let mut end = time.saturating_add(self.parameters.window_ns());
+        if let Some(next) = self.open.get(1) {
+            end = end.min(next.trigger.time.0.saturating_sub(tolerance));
+        }
+        [Timestamp(start), Timestamp(end.max(start))]
+    }
+
+    fn close_first(&mut self, window: [Timestamp; 2]) -> Option<Capture<H>> {
+        let open = self.open.pop_front()?;
+        let mut capture = Capture {
+            trigger: open.trigger.clone(),
+            colors: BTreeMap::new(),
+            depths: BTreeMap::new(),
+            shortfalls: Vec::new(),
+            complete: false,
+        };
+        for camera in self.cameras.colors.clone() {
+            let taken = self.take(&camera, Stream::Color, &open, window);
+            match taken.into_iter().next() {
+                Some(frame) => drop(capture.colors.insert(camera, frame)),
+                None => {
+                    let shortfall = self.shortfall(camera, Stream::Color, 0, &open, window);
+                    capture.shortfalls.push(shortfall);
+                }
+            }
+        }
+        for camera in self.cameras.depths.clone().into_keys() {
+            let taken = self.take(&camera, Stream::Depth, &open, window);
+            if taken.len() >= self.parameters.min_depth_frames.max(1) {
+                let takes = self.with_colors(&camera, taken, window);
+                capture.depths.insert(camera, takes);
+            } else {
+                let shortfall = self.shortfall(camera, Stream::Depth, taken.len(), &open, window);
+                capture.shortfalls.push(shortfall);
+            }
+        }
+        capture.complete = capture.shortfalls.is_empty() || self.parameters.go_on_without_missing;
+        self.closed_until = window[1];
+        Some(capture)
+    }
+
+    /// Takes a camera's frames for a capture out of its stream.
+    fn take(
+        &mut self,
+        camera: &CameraId,
+        stream: Stream,
+        open: &Open,
+        window: [Timestamp; 2],
+    ) -> Vec<Stamped<H>> {
+        let key = (camera.clone(), stream);
+        let Some(frames) = self.streams.get(&key) else {
+            return Vec::new();
+        };
+        let chosen: Vec<usize> = match open.listed.get(camera) {
+            Some(listed) => (0..frames.len())
+                .filter(|&i| listed.contains(&frames[i].timestamp))
+                .collect(),
+            None => self.choose(camera, stream, frames, open, window),
+        };
+        let frames = self.streams.entry(key).or_default();
+        let taken = chosen.iter().map(|&i| frames[i].clone()).collect();
+        for i in chosen.into_iter().rev() {
+            frames.remove(i);
+        }
+        taken
+    }
+
+    /// Frames by the rule, as indices in the order of time.
+    fn choose(
+        &self,
+        camera: &CameraId,
+        stream: Stream,
+        frames: &VecDeque<Stamped<H>>,
+        open: &Open,
+        window: [Timestamp; 2],
+    ) -> Vec<usize> {
+        let promised = |t: &Timestamp| {
+            let lists = |o: &Open| o.listed.get(camera).is_some_and(|l| l.contains(t));
+            self.open.iter().any(lists)
+        };
+        let nearest = stream == Stream::Color && self.parameters.nearest_color;
+        let start = if nearest {
+            self.earliest(open.trigger.time)
+        } else {
+            window[0]
+        };
+        let mut free = (0..frames.len()).filter(|&i| {
+            let t = frames[i].timestamp;
+            start <= t && t < window[1] && !promised(&t)
+        });
+        match stream {
+            Stream::Color if nearest => free
+                .min_by_key(|&i| distance(frames[i].timestamp, open.trigger.time))
+                .into_iter()
+                .collect(),
+            Stream::Color => free.next().into_iter().collect(),
+            _ => free.take(self.parameters.depth_frames).collect(),
+        }
+    }
+
+    /// How far before a trigger frames that are nearest to it may lie: a window, but not into another
+    /// capture's.
+    fn earliest(&self, trigger: Timestamp) -> Timestamp {
+        let back = trigger.0.saturating_sub(self.parameters.window_ns());
+        Timestamp(back).max(self.closed_until)
+    }
+
+    /// Gives each depth frame the colour frame nearest in time, the earlier one of two.
+    fn with_colors(
+        &mut self,
+        camera: &CameraId,
+        taken: Vec<Stamped<H>>,
+        window: [Timestamp; 2],
+    ) -> Vec<DepthTake<H>> {
+        let colors = self
+            .streams
+            .entry((camera.clone(), Stream::DepthColor))
+            .or_default();
+        // The first frame counts where a list has frames from outside the window.
+        let first = taken.first().map_or(window[0], |f| f.timestamp);
+        let last = taken.last().map_or(window[1], |f| f.timestamp);
+        let back = first.0.saturating_sub(self.parameters.window_ns());
+        let start = Timestamp(back).max(self.closed_until.min(first));
+        let end = window[1].max(last);
+        let near: Vec<Stamped<H>> = colors
+            .iter()
+            .filter(|c| start <= c.timestamp && c.timestamp <= end)
+            .cloned()
+            .collect();
+        let nearest = |t: Timestamp| near.iter().min_by_key(|c| distance(c.timestamp, t));
+        taken
+            .into_iter()
+            .map(|depth| DepthTake {
+                color: nearest(depth.timestamp).cloned(),
+                depth,
+            })
+            .collect()
+    }
+
+    fn shortfall(
+        &self,
+        camera: CameraId,
+        stream: Stream,
+        found: usize,
+        open: &Open,
+        window: [Timestamp; 2],
+    ) -> Shortfall {
+        let trigger = open.trigger.time;
+        let frames = self.streams.get(&(camera.clone(), stream));
+        let times = frames.into_iter().flatten().map(|f| f.timestamp);
+        Shortfall {
+            needed: match stream {
+                Stream::Color => 1,
+                _ => self.parameters.min_depth_frames.max(1),
+            },
+            nearest: times.min_by_key(|&t| distance(t, trigger)),
+            camera,
+            stream,
+            found,
+            trigger,
+            window,
+        }
+    }
+
+    /// Drops frames that no capture can want any more.
+    fn forget(&mut self, complete_until: Timestamp) {
+        let oldest_trigger = self.open.front().map_or(complete_until, |o| o.trigger.time);
+        let listed = self.open.iter().flat_map(|o| o.listed.values().flatten());
+        let oldest = listed.copied().min().unwrap_or(oldest_trigger);
+        let wanted = oldest.min(oldest_trigger).min(complete_until).0;
+        let reach = self.parameters.window_ns() + self.parameters.tolerance_ns();
+        let keep_from = Timestamp(wanted.saturating_sub(reach));
+        for frames in self.streams.values_mut() {
+            let drop = frames.partition_point(|f| f.timestamp < keep_from);
+            frames.drain(..drop);
+        }
+    }
+}
+
+fn distance(a: Timestamp, b: Timestamp) -> u64 {
+    a.0.abs_diff(b.0)
+}
