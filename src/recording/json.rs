@@ -159,7 +159,8 @@ pub(super) fn read<T: DeserializeOwned>(
     })
 }
 
-fn write<T: Serialize>(message: &T) -> Vec<u8> {
+/// Writes a JSON message.
+pub(super) fn write<T: Serialize>(message: &T) -> Vec<u8> {
     // These types hold strings, numbers and maps with text for keys: nothing that JSON cannot say.
     serde_json::to_vec(message).unwrap_or_default()
 }
@@ -238,18 +239,6 @@ pub(super) fn write_trigger(trigger: &Trigger) -> Vec<u8> {
         source: trigger.source.clone(),
         subject: trigger.subject.clone().map(Label::Text),
     })
-}
-
-pub(super) fn write_settings(settings: &CameraSettings) -> Vec<u8> {
-    write(settings)
-}
-
-pub(super) fn write_capture(capture: &CaptureRecord) -> Vec<u8> {
-    write(capture)
-}
-
-pub(super) fn write_note(note: &Note) -> Vec<u8> {
-    write(note)
 }
 
 /// Nanoseconds as a string, or as a number where a writer was careless.

@@ -8,10 +8,12 @@ mod json;
 mod proto;
 mod reader;
 mod records;
+mod schemas;
 mod source;
 mod topic;
 mod typed;
 mod walk;
+mod writer;
 
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
@@ -19,3 +21,9 @@ pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Tr
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
 pub use topic::{ColorPart, DepthPart, Topic};
+pub use writer::{Compression, Writer};
+
+#[cfg(test)]
+pub(crate) mod testing;
+#[cfg(test)]
+mod tests;

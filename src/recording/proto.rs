@@ -7,7 +7,7 @@ use bytes::Bytes;
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, RawImage,
 };
-use nalgebra::Vector2;
+use nalgebra::{Isometry3, Vector2};
 use prost::Message;
 
 /// Where a frame is in its parent's, as a recording has it; not checked yet.
@@ -136,6 +136,70 @@ fn pose(transform: FrameTransform) -> Pose {
         translation: [t.x, t.y, t.z],
         rotation_xyzw: transform.rotation.map(|q| [q.x, q.y, q.z, q.w]),
     }
+}
+
+/// A camera's pose in the rig.
+pub(super) fn write_pose(
+    id: &str,
+    rig_from_camera: &Isometry3<f64>,
+    log_time: u64,
+) -> FrameTransform {
+    let (t, q) = (
+        rig_from_camera.translation.vector,
+        rig_from_camera.rotation.coords,
+    );
+    FrameTransform {
+        timestamp: Some(timestamp(log_time)),
+        parent_frame_id: "rig".into(),
+        child_frame_id: id.into(),
+        translation: Some(foxglove::messages::Vector3 {
+            x: t.x,
+            y: t.y,
+            z: t.z,
+        }),
+        rotation: Some(foxglove::messages::Quaternion {
+            x: q.x,
+            y: q.y,
+            z: q.z,
+            w: q.w,
+        }),
+    }
+}
+
+/// A picture of raw rows; a compressed one would be none.
+pub(super) fn write_raw(id: &str, picture: &Picture, log_time: u64) -> RawImage {
+    let mut message = RawImage {
+        timestamp: Some(timestamp(log_time)),
+        frame_id: id.into(),
+        ..RawImage::default()
+    };
+    if let Picture::Raw {
+        width,
+        height,
+        encoding,
+        step,
+        data,
+    } = picture
+    {
+        (message.width, message.height, message.step) = (*width, *height, *step);
+        message.encoding.clone_from(encoding);
+        message.data = data.clone();
+    }
+    message
+}
+
+/// A picture file; raw rows would be none.
+pub(super) fn write_compressed(id: &str, picture: &Picture, log_time: u64) -> CompressedImage {
+    let mut message = CompressedImage {
+        timestamp: Some(timestamp(log_time)),
+        frame_id: id.into(),
+        ..CompressedImage::default()
+    };
+    if let Picture::Compressed { format, data } = picture {
+        message.format.clone_from(format);
+        message.data = data.clone();
+    }
+    message
 }
 
 /// Nanoseconds as seconds and the rest; seconds end in the year 2106.

@@ -1,0 +1,419 @@
+//! Writes recordings in their plainest form. A recording is written as `NAME.part` beside its place; it gets
+//! its name when it is complete and on the disk.
+
+use super::json::{self, CameraSettings, CaptureRecord, Note};
+use super::schemas::{self, SchemaDefinition};
+use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
+use crate::calibration::{Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
+use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp, Trigger};
+use crate::image::Mask;
+use nalgebra::Isometry3;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// Largest chunk that holds more than one message, in bytes before compression.
+const LARGEST_CHUNK: usize = 16 << 20;
+/// Bytes that a message takes in a chunk beside its data.
+const MESSAGE_OVERHEAD: usize = 31;
+
+/// How a recording's chunks are packed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// Not at all, as a rig does it: pictures of real sensors hardly shrink.
+    #[default]
+    None,
+    /// With zstd at its default level.
+    Zstd,
+}
+
+/// A recording that is being written.
+pub struct Writer {
+    path: PathBuf,
+    part: PathBuf,
+    /// The same file, to bring what was written to the disk.
+    file: File,
+    mcap: mcap::Writer<BufWriter<File>>,
+    channels: BTreeMap<String, Channel>,
+    chunk: Chunk,
+}
+
+/// A channel that was added, and how many messages it has.
+#[derive(Clone, Copy)]
+struct Channel {
+    id: u16,
+    messages: u32,
+}
+
+/// What the open chunk holds.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Chunk {
+    bytes: usize,
+    pictures: bool,
+}
+
+impl Writer {
+    /// Starts a recording that will be found at `path`; `program` is the name and version of what writes it.
+    ///
+    /// # Errors
+    /// If there is something at `path` already, or its `.part` that an earlier run left, or the folder
+    /// cannot be written to.
+    pub fn create(path: &Path, program: &str, compression: Compression) -> Result<Self, Error> {
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let part = PathBuf::from(part);
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |source| Error::Io { path, source }
+        };
+        if path.try_exists().map_err(io(path))? {
+            return Err(io(path)(std::io::ErrorKind::AlreadyExists.into()));
+        }
+        let file = File::create_new(&part).map_err(io(&part))?;
+        sync_folder(&part).map_err(io(&part))?;
+        let sink = BufWriter::with_capacity(1 << 20, file.try_clone().map_err(io(&part))?);
+        let compression = match compression {
+            Compression::None => None,
+            Compression::Zstd => Some(mcap::Compression::Zstd),
+        };
+        // Chunks are cut here rather than by size, so that a frame is never behind a full chunk.
+        let mcap = mcap::WriteOptions::new()
+            .profile("scand")
+            .library(program)
+            .compression(compression)
+            .compression_threads(0)
+            .chunk_size(None)
+            .disable_seeking(true)
+            .create(sink)
+            .map_err(|source| Error::Write {
+                path: part.clone(),
+                source,
+            })?;
+        let mut writer = Self {
+            path: path.into(),
+            part,
+            file,
+            mcap,
+            channels: BTreeMap::new(),
+            chunk: Chunk::default(),
+        };
+        let format = [("format", "1"), ("writer", program)];
+        writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
+        Ok(writer)
+    }
+
+    /// Writes a metadata record: a name and pairs. `session` and `board` are of the format.
+    ///
+    /// # Errors
+    /// If the file cannot be written; so for all that follow.
+    pub fn metadata(&mut self, name: &str, pairs: &BTreeMap<String, String>) -> Result<(), Error> {
+        self.chunk = Chunk::default();
+        let record = mcap::records::Metadata {
+            name: name.into(),
+            metadata: pairs.clone(),
+        };
+        let written = self.mcap.write_metadata(&record);
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// Attaches a file, such as `rig.toml`.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn attach(
+        &mut self,
+        name: &str,
+        media_type: &str,
+        time: Timestamp,
+        data: &[u8],
+    ) -> Result<(), Error> {
+        self.finish_chunk()?;
+        let attachment = mcap::Attachment {
+            log_time: time.0,
+            create_time: time.0,
+            name: name.into(),
+            media_type: media_type.into(),
+            data: data.into(),
+        };
+        let written = self.mcap.attach(&attachment);
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// Writes a colour camera: its lens and its pose.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn color_camera(&mut self, camera: &Camera, time: Timestamp) -> Result<(), Error> {
+        let topic = Topic::Color(camera.id.clone(), ColorPart::Calibration);
+        self.lens(&topic, &camera.id, &camera.intrinsics, time)?;
+        self.pose(&camera.id, &camera.rig_from_camera, time)
+    }
+
+    /// Writes a depth camera: its lens, its pose and its response.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn depth_camera(&mut self, depth: &DepthCamera, time: Timestamp) -> Result<(), Error> {
+        let DepthCamera { camera, response } = depth;
+        let topic = Topic::Depth(camera.id.clone(), DepthPart::Calibration);
+        self.lens(&topic, &camera.id, &camera.intrinsics, time)?;
+        self.pose(&camera.id, &camera.rig_from_camera, time)?;
+        self.response(&camera.id, response, time)
+    }
+
+    fn lens(
+        &mut self,
+        topic: &Topic,
+        id: &CameraId,
+        lens: &Intrinsics,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let message = proto::write_intrinsics(id.as_str(), lens, time.0);
+        self.protobuf(topic, &message, time)
+    }
+
+    /// Writes a camera's pose alone.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn pose(
+        &mut self,
+        id: &CameraId,
+        rig_from_camera: &Isometry3<f64>,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let message = proto::write_pose(id.as_str(), rig_from_camera, time.0);
+        self.protobuf(&Topic::Tf, &message, time)
+    }
+
+    /// Writes what a depth camera's readings mean.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn response(
+        &mut self,
+        id: &CameraId,
+        response: &DepthResponse,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let topic = Topic::Depth(id.clone(), DepthPart::Response);
+        let checked = response.checked().map_err(|e| self.unwritable(&topic, e))?;
+        self.json(&topic, &json::write_response(&checked), time)
+    }
+
+    /// Writes the box that is reconstructed.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn volume(&mut self, volume: &Volume, time: Timestamp) -> Result<(), Error> {
+        let checked = Volume::new(volume.min, volume.max);
+        let checked = checked.map_err(|e| self.unwritable(&Topic::Volume, e))?;
+        self.json(&Topic::Volume, &json::write_volume(&checked), time)
+    }
+
+    /// Writes how a colour camera was set.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn settings(
+        &mut self,
+        id: &CameraId,
+        settings: &CameraSettings,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let topic = Topic::Color(id.clone(), ColorPart::Settings);
+        self.json(&topic, &json::write(settings), time)
+    }
+
+    /// Writes a trigger.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn trigger(&mut self, trigger: &Trigger) -> Result<(), Error> {
+        let message = json::write_trigger(trigger);
+        self.json(&Topic::Trigger, &message, trigger.time)
+    }
+
+    /// Writes what became of a capture.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn capture(&mut self, capture: &CaptureRecord, time: Timestamp) -> Result<(), Error> {
+        self.json(&Topic::Capture, &json::write(capture), time)
+    }
+
+    /// Writes what a person said of a capture.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
+        self.json(&Topic::Note, &json::write(note), time)
+    }
+
+    /// Writes a frame of any camera.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn frame(&mut self, frame: &Frame) -> Result<(), Error> {
+        let camera = frame.camera.clone();
+        let topic = match frame.stream {
+            Stream::Color => Topic::Color(camera, ColorPart::Image),
+            Stream::Depth => Topic::Depth(camera, DepthPart::Image),
+            Stream::DepthColor => Topic::Depth(camera, DepthPart::Color),
+        };
+        self.picture(&topic, &frame.camera, &frame.picture, frame.timestamp)
+    }
+
+    /// Writes a colour camera's view of the rig with no object in it.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn background(
+        &mut self,
+        id: &CameraId,
+        picture: &Picture,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let topic = Topic::Color(id.clone(), ColorPart::Background);
+        self.picture(&topic, id, picture, time)
+    }
+
+    /// Writes the silhouette of a colour camera's frame with this timestamp.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn mask(&mut self, id: &CameraId, mask: &Mask, time: Timestamp) -> Result<(), Error> {
+        let picture = Picture::Raw {
+            width: mask.width() as u32,
+            height: mask.height() as u32,
+            encoding: "mono8".into(),
+            step: mask.width() as u32,
+            data: mask.pixels().to_vec().into(),
+        };
+        let topic = Topic::Color(id.clone(), ColorPart::Mask);
+        self.picture(&topic, id, &picture, time)
+    }
+
+    fn picture(
+        &mut self,
+        topic: &Topic,
+        id: &CameraId,
+        picture: &Picture,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        match picture {
+            Picture::Raw { .. } => {
+                let message = proto::write_raw(id.as_str(), picture, time.0);
+                self.protobuf(topic, &message, time)
+            }
+            Picture::Compressed { .. } => {
+                let message = proto::write_compressed(id.as_str(), picture, time.0);
+                self.protobuf(topic, &message, time)
+            }
+        }
+    }
+
+    /// Brings everything written so far to the disk: what is a capture by then survives a power cut.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn sync(&mut self) -> Result<(), Error> {
+        self.finish_chunk()?;
+        let synced = self.file.sync_data();
+        synced.map_err(|source| self.io(&self.part, source))
+    }
+
+    /// Completes the recording and gives it its name.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn finish(mut self) -> Result<(), Error> {
+        let finished = self.mcap.finish();
+        finished.map_err(|source| self.failed(source))?;
+        let renamed = self
+            .file
+            .sync_all()
+            .and_then(|()| std::fs::rename(&self.part, &self.path))
+            .and_then(|()| sync_folder(&self.path));
+        renamed.map_err(|source| self.io(&self.path, source))
+    }
+
+    fn json(&mut self, topic: &Topic, data: &[u8], time: Timestamp) -> Result<(), Error> {
+        self.write(topic, schemas::json_schema(topic), "json", data, time)
+    }
+
+    fn protobuf<M: foxglove::Encode + prost::Message>(
+        &mut self,
+        topic: &Topic,
+        message: &M,
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let schema = schemas::protobuf_schema::<M>();
+        self.write(topic, schema, "protobuf", &message.encode_to_vec(), time)
+    }
+
+    /// Writes a message, into a new chunk when the open one is full or of the other kind: small messages
+    /// stay apart from pictures, so that a reader finds the captures without reading every picture.
+    fn write(
+        &mut self,
+        topic: &Topic,
+        schema: SchemaDefinition,
+        encoding: &str,
+        data: &[u8],
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let bytes = data.len() + MESSAGE_OVERHEAD;
+        let pictures = schema.name.ends_with("Image");
+        let open = self.chunk;
+        let fits = open.pictures == pictures && open.bytes + bytes <= LARGEST_CHUNK;
+        if open.bytes > 0 && !fits {
+            self.finish_chunk()?;
+        }
+        self.chunk.pictures = pictures;
+        self.chunk.bytes += bytes;
+        let channel = self.channel(topic, &schema, encoding)?;
+        let header = mcap::records::MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.messages,
+            log_time: time.0,
+            publish_time: time.0,
+        };
+        let written = self.mcap.write_to_known_channel(&header, data);
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// The channel of a topic and schema, with its next message's number.
+    fn channel(
+        &mut self,
+        topic: &Topic,
+        schema: &SchemaDefinition,
+        encoding: &str,
+    ) -> Result<Channel, Error> {
+        let key = format!("{topic} {}", schema.name);
+        if let Some(channel) = self.channels.get_mut(&key) {
+            channel.messages += 1;
+            return Ok(*channel);
+        }
+        // The open chunk holds the definitions too.
+        self.chunk.bytes += schema.data.len() + 256;
+        let schema_id = self
+            .mcap
+            .add_schema(&schema.name, schema.encoding, &schema.data);
+        let id = schema_id.and_then(|schema_id| {
+            let topic = topic.to_string();
+            self.mcap
+                .add_channel(schema_id, &topic, encoding, &BTreeMap::new())
+        });
+        let channel = Channel {
+            id: id.map_err(|source| self.failed(source))?,
+            messages: 0,
+        };
+        self.channels.insert(key, channel);
+        Ok(channel)
+    }
+
+    fn finish_chunk(&mut self) -> Result<(), Error> {
+        self.chunk = Chunk::default();
+        let flushed = self.mcap.flush();
+        flushed.map_err(|source| self.failed(source))
+    }
+
+    fn failed(&self, source: mcap::McapError) -> Error {
+        Error::Write {
+            path: self.part.clone(),
+            source,
+        }
+    }
+
+    fn io(&self, path: &Path, source: std::io::Error) -> Error {
+        Error::Io {
+            path: path.into(),
+            source,
+        }
+    }
+
+    fn unwritable(&self, topic: &Topic, problem: impl Into<MessageError>) -> Error {
+        Error::Unwritable {
+            path: self.path.clone(),
+            topic: topic.to_string(),
+            problem: problem.into(),
+        }
+    }
+}
+
+/// Brings a folder's entries to the disk: those of the folder that `path` is in.
+fn sync_folder(path: &Path) -> std::io::Result<()> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}
