@@ -11,6 +11,7 @@ pub mod restore;
 mod scene;
 pub mod silhouette;
 pub mod surface;
+pub mod texture;
 
 pub use model::{Model, Provenance, Texture};
 pub use pipeline::{DepthResult, Error, Method, Parameters, Reconstruction, reconstruct};

@@ -1,0 +1,264 @@
+//! Filling the atlas: each chart is painted by itself, its edge extended into the gutter, and copied into
+//! its place.
+
+use super::blend::{Blend, Share};
+use super::charts::{Chart, Layout, Plane};
+use super::exposure::Gain;
+use super::{Surface, to_bytes};
+use crate::image::{Grid, RgbImage};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// What texels are painted from.
+pub(super) struct Paint<'a> {
+    pub surface: &'a Surface<'a>,
+    pub gains: &'a [Gain],
+    pub blend: &'a Blend,
+    /// Colours where no camera sees.
+    pub vertex_colors: &'a [Vector3<f32>],
+}
+
+/// One view's part in a triangle's colour.
+struct Source {
+    view: usize,
+    /// Its weight at each corner.
+    weights: [f32; 3],
+    /// What is added at each corner, times the weight.
+    offsets: [Vector3<f32>; 3],
+    /// The corners in the view's picture; `None` for the view whose chart it is.
+    pixels: Option<[[f32; 2]; 3]>,
+}
+
+/// A triangle's corners in a tile, ready to be filled.
+struct Corners([[f32; 2]; 3]);
+
+impl Paint<'_> {
+    /// Paints all charts of a layout. Between them lies the mean colour, which compresses well.
+    pub fn compose(&self, layout: &Layout) -> RgbImage {
+        let count = self.vertex_colors.len().max(1) as f32;
+        let mean = self.vertex_colors.iter().sum::<Vector3<f32>>() / count;
+        let mut atlas = RgbImage::filled(layout.size[0], layout.size[1], to_bytes(mean));
+        let tiles: Vec<Tile> = layout
+            .charts
+            .par_iter()
+            .map(|chart| self.tile(layout, chart, to_bytes(mean)))
+            .collect();
+        for (chart, tile) in layout.charts.iter().zip(&tiles) {
+            let [left, top] = chart.place;
+            for y in 0..tile.colors.height() {
+                let row = &mut atlas.row_mut(top + y)[left..left + tile.colors.width()];
+                row.copy_from_slice(tile.colors.row(y));
+            }
+        }
+        atlas
+    }
+
+    fn tile(&self, layout: &Layout, chart: &Chart, background: [u8; 3]) -> Tile {
+        let mut tile = Tile::new(chart.size, background);
+        let mut sources = Vec::new();
+        for &triangle in &chart.triangles {
+            let vertices = self.surface.mesh.triangles[triangle as usize];
+            let corners = Corners(vertices.map(|v| layout.in_chart(self.surface, chart, v)));
+            match chart.plane {
+                Plane::View(view) => {
+                    self.gather(vertices, view, &mut sources);
+                    tile.fill(&corners, |texel, shares| {
+                        self.mix(&sources, layout.pixel(chart, texel), shares, layout.scale)
+                    });
+                }
+                Plane::Axis(_) => {
+                    let colors = vertices.map(|v| self.vertex_colors[v as usize]);
+                    tile.fill(&corners, |_, shares| interpolate(&colors, shares));
+                }
+            }
+        }
+        tile.extend(layout.gutter);
+        tile
+    }
+
+    /// The views that a triangle is mixed from; its own chart's view is always among them.
+    fn gather(&self, vertices: [u32; 3], own: usize, sources: &mut Vec<Source>) {
+        sources.clear();
+        for (corner, v) in vertices.into_iter().enumerate() {
+            for share in self.blend.of(v as usize) {
+                let view = usize::from(share.label);
+                let known = sources.iter().position(|s| s.view == view);
+                let index = known.or_else(|| {
+                    sources.push(self.source(vertices, view, own)?);
+                    Some(sources.len() - 1)
+                });
+                if let Some(index) = index {
+                    sources[index].add(corner, share);
+                }
+            }
+        }
+    }
+
+    /// A view with no weight yet; `None` where it does not see the whole triangle.
+    fn source(&self, vertices: [u32; 3], view: usize, own: usize) -> Option<Source> {
+        use super::visibility::Sight;
+        let hidden = |v: u32| self.surface.sights[view][v as usize] == Sight::Hidden;
+        if view != own && vertices.into_iter().any(hidden) {
+            return None;
+        }
+        let projected = &self.surface.views[view].projected;
+        let pixel = |v: u32| [projected[v as usize][0], projected[v as usize][1]];
+        Some(Source {
+            view,
+            weights: [0.0; 3],
+            offsets: [Vector3::zeros(); 3],
+            pixels: (view != own).then(|| vertices.map(pixel)),
+        })
+    }
+
+    /// The colour of a place in a triangle, given by its shares of the corners; `own` is its pixel in the
+    /// picture of the chart's view.
+    fn mix(&self, sources: &[Source], own: [f32; 2], shares: [f32; 3], scale: f32) -> Vector3<f32> {
+        let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
+        for source in sources {
+            let weight = dot(source.weights, shares);
+            if weight <= 0.0 {
+                continue;
+            }
+            let [x, y] = match &source.pixels {
+                None => own,
+                Some(p) => [0, 1].map(|i| dot([p[0][i], p[1][i], p[2][i]], shares)),
+            };
+            let color = self.sample(source.view, x, y, scale);
+            sum += color.component_mul(&self.gains[source.view]) * weight;
+            sum += interpolate(&source.offsets, shares);
+            weights += weight;
+        }
+        if weights > 0.0 { sum / weights } else { sum }
+    }
+
+    /// A view's colour at a pixel; where texels are larger than pixels, the mean over the texel.
+    fn sample(&self, view: usize, x: f32, y: f32, scale: f32) -> Vector3<f32> {
+        let view = &self.surface.views[view];
+        if scale >= 1.0 {
+            return view.color(x, y);
+        }
+        let taps = (1.0 / scale).ceil().min(16.0) as usize;
+        let mut sum = Vector3::zeros();
+        for i in 0..taps * taps {
+            let step = |k: usize| ((k as f32 + 0.5) / taps as f32 - 0.5) / scale;
+            sum += view.color(x + step(i % taps), y + step(i / taps));
+        }
+        sum / (taps * taps) as f32
+    }
+}
+
+impl Source {
+    fn add(&mut self, corner: usize, share: &Share) {
+        self.weights[corner] = share.weight;
+        self.offsets[corner] = share.known_offset() * share.weight;
+    }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn interpolate(corners: &[Vector3<f32>; 3], shares: [f32; 3]) -> Vector3<f32> {
+    corners[0] * shares[0] + corners[1] * shares[1] + corners[2] * shares[2]
+}
+
+/// A texel that nothing has painted yet.
+const EMPTY: u8 = u8::MAX;
+
+/// One chart's pixels.
+struct Tile {
+    colors: RgbImage,
+    /// How far each texel is from what was painted: 0 is painted, [`EMPTY`] is not.
+    distance: Grid<u8>,
+}
+
+impl Tile {
+    fn new([width, height]: [usize; 2], background: [u8; 3]) -> Self {
+        Self {
+            colors: RgbImage::filled(width, height, background),
+            distance: Grid::filled(width, height, EMPTY),
+        }
+    }
+
+    /// Paints the texels whose centres lie in a triangle; one that holds none paints the texel of its middle,
+    /// so that no chart stays empty. `color` is given the texel and its shares of the three corners.
+    fn fill(&mut self, corners: &Corners, color: impl Fn([f32; 2], [f32; 3]) -> Vector3<f32>) {
+        let [a, b, c] = corners.0;
+        let area = edge(a, b, c);
+        let [width, height] = [self.colors.width(), self.colors.height()];
+        let (x0, x1) = span(a[0], b[0], c[0], width);
+        let (y0, y1) = span(a[1], b[1], c[1], height);
+        let mut painted = false;
+        if area.abs() > 1e-6 {
+            for y in y0..y1 {
+                for x in x0..x1 {
+                    let p = [x as f32, y as f32];
+                    let shares = [edge(b, c, p), edge(c, a, p), edge(a, b, p)].map(|e| e / area);
+                    if shares.iter().all(|&s| s >= -1e-4) {
+                        self.paint(x, y, color(p, shares));
+                        painted = true;
+                    }
+                }
+            }
+        }
+        if !painted {
+            let middle = [0, 1].map(|i| (a[i] + b[i] + c[i]) / 3.0);
+            let x = ((middle[0] + 0.5) as usize).min(width - 1);
+            let y = ((middle[1] + 0.5) as usize).min(height - 1);
+            if self.distance[(x, y)] == EMPTY {
+                self.paint(x, y, color(middle, [1.0 / 3.0; 3]));
+            }
+        }
+    }
+
+    fn paint(&mut self, x: usize, y: usize, color: Vector3<f32>) {
+        self.colors[(x, y)] = to_bytes(color);
+        self.distance[(x, y)] = 0;
+    }
+
+    /// Extends what is painted by `reach` texels, along rows, then along columns.
+    fn extend(&mut self, reach: usize) {
+        let reach = reach.min(usize::from(EMPTY) - 1) as u8;
+        let [width, height] = [self.colors.width(), self.colors.height()];
+        for y in 0..height {
+            for x in 1..width {
+                self.spread((x - 1, y), (x, y), reach);
+            }
+            for x in (1..width).rev() {
+                self.spread((x, y), (x - 1, y), reach);
+            }
+        }
+        for y in 1..height {
+            for x in 0..width {
+                self.spread((x, y - 1), (x, y), reach);
+            }
+        }
+        for y in (1..height).rev() {
+            for x in 0..width {
+                self.spread((x, y), (x, y - 1), reach);
+            }
+        }
+    }
+
+    #[inline]
+    fn spread(&mut self, from: (usize, usize), to: (usize, usize), reach: u8) {
+        let distance = self.distance[from].saturating_add(1);
+        if distance <= reach && distance < self.distance[to] {
+            self.colors[to] = self.colors[from];
+            self.distance[to] = distance;
+        }
+    }
+}
+
+/// Whole texels between three coordinates, first and one past last, cut to `size`.
+fn span(a: f32, b: f32, c: f32, size: usize) -> (usize, usize) {
+    let low = a.min(b).min(c).ceil().max(0.0) as usize;
+    let high = (a.max(b).max(c).floor() + 1.0).max(0.0) as usize;
+    (low.min(size), high.min(size))
+}
+
+/// Twice the signed area of a triangle.
+fn edge(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}

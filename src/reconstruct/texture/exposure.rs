@@ -1,0 +1,121 @@
+//! Evening out exposures: one gain a camera and channel, so that what two cameras see of one vertex agrees.
+//! Gains act on the encoded values: a power law turns a factor of the light into a factor of them.
+
+use super::Surface;
+use super::view::View;
+use super::visibility::Sight;
+use nalgebra::{DMatrix, DVector, Vector3};
+use rayon::prelude::*;
+
+/// A factor for each channel.
+pub(super) type Gain = Vector3<f32>;
+
+/// Vertices that a pair of cameras is compared at, at most.
+const MOST_SAMPLES: usize = 2_000;
+/// A pair with fewer common vertices says nothing.
+const FEWEST_SAMPLES: usize = 30;
+/// Channel values outside tell little of the exposure: noise below, clipping above.
+const USABLE: std::ops::RangeInclusive<f32> = 12.0..=245.0;
+/// Weight, in samples, of the assumption that a gain is 1: decides where nothing else does.
+const PRIOR: f64 = 1.0;
+/// Gains outside are not exposure; they are held at the limit.
+const LIMITS: [f32; 2] = [0.5, 2.0];
+
+/// How two cameras' colours differ.
+struct Pair {
+    views: [usize; 2],
+    /// Median of the logarithm of the first's value over the second's, a channel each.
+    log_ratio: [f64; 3],
+    weight: f64,
+}
+
+/// A gain for each view and channel, their mean over the colour cameras 1.
+pub(super) fn even_out(surface: &Surface) -> Vec<Gain> {
+    let count = surface.views.len();
+    let indices: Vec<[usize; 2]> = (0..count)
+        .flat_map(|a| (a + 1..count).map(move |b| [a, b]))
+        .collect();
+    let pairs: Vec<Pair> = indices
+        .par_iter()
+        .filter_map(|&views| compare(surface, views))
+        .collect();
+    let channels = [0, 1, 2].map(|channel| solve(&surface.views, &pairs, channel));
+    (0..count)
+        .map(|view| Vector3::from_fn(|channel, _| channels[channel][view]))
+        .collect()
+}
+
+fn compare(surface: &Surface, views: [usize; 2]) -> Option<Pair> {
+    let [a, b] = views.map(|v| &surface.views[v]);
+    let [sights_a, sights_b] = views.map(|v| &surface.sights[v]);
+    let common: Vec<usize> = (0..surface.mesh.vertices.len())
+        .filter(|&v| sights_a[v] == Sight::Safe && sights_b[v] == Sight::Safe)
+        .collect();
+    let step = common.len().div_ceil(MOST_SAMPLES).max(1);
+    let mut ratios = [const { Vec::new() }; 3];
+    for &v in common.iter().step_by(step) {
+        let [p, q] = [a, b].map(|view| mean_at(view, v));
+        for (channel, ratios) in ratios.iter_mut().enumerate() {
+            if USABLE.contains(&p[channel]) && USABLE.contains(&q[channel]) {
+                ratios.push((p[channel] / q[channel]).ln());
+            }
+        }
+    }
+    let fewest = ratios.iter().map(Vec::len).min().unwrap_or(0);
+    (fewest >= FEWEST_SAMPLES).then(|| Pair {
+        views,
+        log_ratio: ratios.map(|mut r| f64::from(median(&mut r))),
+        weight: fewest as f64,
+    })
+}
+
+fn mean_at(view: &View, vertex: usize) -> Vector3<f32> {
+    let [x, y, _] = view.projected[vertex];
+    view.mean_color(x, y)
+}
+
+/// The middle value.
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+/// Least squares over the logarithms of gains: log g_a − log g_b = −log ratio for each pair.
+fn solve(views: &[View], pairs: &[Pair], channel: usize) -> Vec<f32> {
+    let count = views.len();
+    let mut normal = DMatrix::<f64>::identity(count, count) * PRIOR;
+    let mut right = DVector::<f64>::zeros(count);
+    for pair in pairs {
+        let [a, b] = pair.views;
+        let (weight, ratio) = (pair.weight, pair.log_ratio[channel]);
+        normal[(a, a)] += weight;
+        normal[(b, b)] += weight;
+        normal[(a, b)] -= weight;
+        normal[(b, a)] -= weight;
+        right[a] -= weight * ratio;
+        right[b] += weight * ratio;
+    }
+    let Some(cholesky) = normal.cholesky() else {
+        return vec![1.0; count];
+    };
+    let logs = cholesky.solve(&right);
+    let colors = views.iter().filter(|v| !v.is_depth).count();
+    let anchors = if colors > 0 { colors } else { count };
+    let mean = logs.iter().take(anchors).map(|l| l.exp()).sum::<f64>() / anchors.max(1) as f64;
+    logs.iter()
+        .map(|l| ((l.exp() / mean) as f32).clamp(LIMITS[0], LIMITS[1]))
+        .collect()
+}
+
+/// For each view the evened out colour of each vertex that it sees; 0 for the others.
+pub(super) fn samples(surface: &Surface, gains: &[Gain]) -> Vec<Vec<Vector3<f32>>> {
+    let views = surface.views.par_iter().zip(&surface.sights).zip(gains);
+    let of_view = |((view, sights), gain): ((&View, &Vec<Sight>), &Gain)| {
+        let sample = |(v, sight): (usize, &Sight)| match sight {
+            Sight::Hidden => Vector3::zeros(),
+            _ => mean_at(view, v).component_mul(gain),
+        };
+        sights.par_iter().enumerate().map(sample).collect()
+    };
+    views.map(of_view).collect()
+}

@@ -1,0 +1,219 @@
+//! Which camera paints which triangle: the one that sees it best, traded against borders between cameras
+//! (Lempitsky and Ivanov 2007, equation 1, solved by iterated conditional modes), then small regions merged.
+
+use super::rings::NONE;
+use super::visibility::{Sight, facing};
+use super::{Parameters, Surface};
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+/// The label of a triangle that no camera sees.
+pub(super) const UNSEEN: u16 = u16::MAX;
+
+/// What a view is worth that is marginal at a corner, against a safe one.
+const MARGINAL: f32 = 0.02;
+/// What a depth camera's colour is worth against a colour camera's.
+const DEPTH_COLOR: f32 = 0.1;
+/// Sweeps over all triangles at most; labels settle sooner.
+const SWEEPS: usize = 10;
+/// Rounds of merging small regions.
+const MERGES: usize = 3;
+
+/// For each triangle the view that paints it, or [`UNSEEN`].
+pub(super) fn choose(surface: &Surface, parameters: &Parameters) -> Vec<u16> {
+    let scores = Scores::new(surface);
+    let across = &surface.across;
+    let mut labels = scores.best();
+    for _ in 0..SWEEPS {
+        if !sweep(&mut labels, &scores, across, parameters.smoothness) {
+            break;
+        }
+    }
+    for _ in 0..MERGES {
+        if !merge_small(
+            &mut labels,
+            &scores,
+            across,
+            parameters.smallest_chart_faces,
+        ) {
+            break;
+        }
+    }
+    labels
+}
+
+/// How well each view sees each triangle, as a share of the best: 0 is not at all.
+struct Scores {
+    views: usize,
+    triangles: usize,
+    values: Vec<f32>,
+}
+
+impl Scores {
+    fn new(surface: &Surface) -> Self {
+        let views = surface.views.len().min(usize::from(UNSEEN));
+        let triangles = surface.mesh.triangles.len();
+        let mut values = vec![0.0; views * triangles];
+        if views > 0 {
+            let rows = values.par_chunks_mut(views).enumerate();
+            rows.for_each(|(triangle, row)| fill_row(surface, triangle, row));
+        }
+        Self {
+            views,
+            triangles,
+            values,
+        }
+    }
+
+    fn row(&self, triangle: usize) -> &[f32] {
+        &self.values[triangle * self.views..(triangle + 1) * self.views]
+    }
+
+    /// What painting a triangle from a view loses, 0 to 1; infinite where the view does not see it.
+    fn cost(&self, triangle: usize, label: u16) -> f32 {
+        match self.row(triangle).get(usize::from(label)) {
+            Some(&score) if score > 0.0 => 1.0 - score,
+            _ => f32::INFINITY,
+        }
+    }
+
+    fn best(&self) -> Vec<u16> {
+        let best_of = |row: &[f32]| {
+            let mut best = (0.0, UNSEEN);
+            for (label, &score) in row.iter().enumerate() {
+                if score > best.0 {
+                    best = (score, label as u16);
+                }
+            }
+            best.1
+        };
+        (0..self.triangles).map(|t| best_of(self.row(t))).collect()
+    }
+}
+
+/// Scores one triangle: the cosine of the viewing angle times the area it covers in the picture.
+fn fill_row(surface: &Surface, triangle: usize, row: &mut [f32]) {
+    let t = surface.mesh.triangles[triangle];
+    let corners = surface.mesh.corners(triangle);
+    let plane = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+    let normal = t.map(|v| surface.normals[v as usize]).iter().sum();
+    let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
+    for (view, score) in row.iter_mut().enumerate() {
+        let sights = t.map(|v| surface.sights[view][v as usize]);
+        let worst = sights.into_iter().min().unwrap_or(Sight::Hidden);
+        let view = &surface.views[view];
+        let cosine = facing(view.center, middle, normal) / normal.norm().max(1e-6);
+        if worst == Sight::Hidden || plane.dot(&(view.center - middle)) <= 0.0 || cosine <= 0.0 {
+            continue;
+        }
+        let depth = t.map(|v| view.projected[v as usize][2]).iter().sum::<f32>() / 3.0;
+        let resolution = view.focal_px / depth;
+        let trust = if worst == Sight::Safe { 1.0 } else { MARGINAL };
+        let kind = if view.is_depth { DEPTH_COLOR } else { 1.0 };
+        *score = resolution * resolution * cosine * cosine * trust * kind;
+    }
+    let best = row.iter().copied().fold(0.0, f32::max);
+    if best > 0.0 {
+        row.iter_mut().for_each(|score| *score /= best);
+    }
+}
+
+/// Gives each triangle the cheapest label among its own and its neighbours'; tells whether anything changed.
+fn sweep(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], smoothness: f32) -> bool {
+    let mut changed = false;
+    for triangle in 0..labels.len() {
+        let own = labels[triangle];
+        if own == UNSEEN {
+            continue;
+        }
+        let around = across[triangle].map(|n| labels.get(n as usize).copied().unwrap_or(UNSEEN));
+        if around.iter().all(|&label| label == own) {
+            continue;
+        }
+        let cost = |label: u16| {
+            let borders = around.iter().filter(|&&l| l != UNSEEN && l != label);
+            scores.cost(triangle, label) + smoothness / 3.0 * borders.count() as f32
+        };
+        let mut best = (cost(own), own);
+        for label in around {
+            let cost = cost(label);
+            if cost < best.0 {
+                best = (cost, label);
+            }
+        }
+        labels[triangle] = best.1;
+        changed |= best.1 != own;
+    }
+    changed
+}
+
+/// Connected regions of one label, in the order of their first triangles.
+pub(super) fn regions(labels: &[u16], across: &[[u32; 3]]) -> Vec<Vec<u32>> {
+    let mut done = vec![false; labels.len()];
+    let mut regions = Vec::new();
+    for first in 0..labels.len() {
+        if done[first] {
+            continue;
+        }
+        done[first] = true;
+        let mut region = vec![first as u32];
+        let mut next = 0;
+        while let Some(&triangle) = region.get(next) {
+            next += 1;
+            for n in across[triangle as usize] {
+                if n != NONE && !done[n as usize] && labels[n as usize] == labels[first] {
+                    done[n as usize] = true;
+                    region.push(n);
+                }
+            }
+        }
+        regions.push(region);
+    }
+    regions
+}
+
+/// Gives each small region to the neighbour with the longest common border that sees all of it.
+fn merge_small(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], smallest: usize) -> bool {
+    let mut changed = false;
+    for region in regions(labels, across) {
+        let own = labels[region[0] as usize];
+        if own == UNSEEN || region.len() >= smallest {
+            continue;
+        }
+        let sees_all = |label: u16| {
+            let mut cost = region.iter().map(|&t| scores.cost(t as usize, label));
+            cost.all(f32::is_finite)
+        };
+        let candidates = borders(&region, own, labels, across);
+        let fit = candidates
+            .into_iter()
+            .map(|(label, _)| label)
+            .find(|&l| sees_all(l));
+        if let Some(label) = fit {
+            region.iter().for_each(|&t| labels[t as usize] = label);
+            changed = true;
+        }
+    }
+    changed
+}
+
+/// The labels around a region with the lengths of their borders in triangles, the longest first.
+fn borders(region: &[u32], own: u16, labels: &[u16], across: &[[u32; 3]]) -> Vec<(u16, usize)> {
+    let mut lengths: Vec<(u16, usize)> = Vec::new();
+    for &triangle in region {
+        for n in across[triangle as usize] {
+            let Some(&label) = labels.get(n as usize) else {
+                continue;
+            };
+            if label == own || label == UNSEEN {
+                continue;
+            }
+            match lengths.iter_mut().find(|(l, _)| *l == label) {
+                Some((_, length)) => *length += 1,
+                None => lengths.push((label, 1)),
+            }
+        }
+    }
+    lengths.sort_by_key(|&(label, length)| (std::cmp::Reverse(length), label));
+    lengths
+}

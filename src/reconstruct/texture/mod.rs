@@ -1,0 +1,138 @@
+//! Paints a model from the pictures: which camera sees each face best, exposures evened out, seams blended,
+//! an atlas packed. This file holds the order of the steps and their parameters; no geometry changes here.
+
+mod atlas;
+mod blend;
+mod charts;
+mod exposure;
+mod labels;
+mod pack;
+mod rings;
+mod unseen;
+mod view;
+mod visibility;
+
+#[cfg(test)]
+mod tests;
+
+use super::{Model, Scene, Texture};
+use crate::image::Mask;
+use crate::mesh::{self, Mesh};
+use nalgebra::Vector3;
+use rings::Rings;
+use view::View;
+use visibility::Sight;
+
+/// How a model is painted.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Largest width and height of the atlas in texels; pictures are scaled down to fit. Default 4096.
+    pub largest_side: usize,
+    /// How far from an edge, of the silhouette or of what hides the surface, a picture is trusted, in pixels:
+    /// nearer it serves only where no other does, and nearer than three quarters of it not at all, since light from
+    /// behind mixes in. Default 2.
+    pub edge_margin_px: f32,
+    /// Pixels of the z-buffer that decides what is hidden, at most, a camera. Default 400 000.
+    pub occlusion_pixels: usize,
+    /// What a border between cameras costs, against the loss of seeing a face less well, which is at most 1.
+    /// Default 1.
+    pub smoothness: f32,
+    /// Regions of one camera with fewer faces go to a neighbour that sees them too. Default 150.
+    pub smallest_chart_faces: usize,
+    /// Half the width of the band in which two cameras are mixed, in rings of vertices. Default 4.
+    pub feather_rings: usize,
+    /// How far the difference of a camera to the mean of all is smoothed before it is taken out, in rings of
+    /// vertices. Default 8; 0 leaves differences in.
+    pub level_rings: usize,
+    /// Texels by which charts are extended beyond their edge, against bleeding in smaller mip levels.
+    /// Default 4.
+    pub gutter_px: usize,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            largest_side: 4096,
+            edge_margin_px: 2.0,
+            occlusion_pixels: 400_000,
+            smoothness: 1.0,
+            smallest_chart_faces: 150,
+            feather_rings: 4,
+            level_rings: 8,
+            gutter_px: 4,
+        }
+    }
+}
+
+/// Everything the steps share: the surface, and each camera's view of it.
+struct Surface<'a> {
+    mesh: &'a Mesh,
+    rings: Rings,
+    /// For each triangle those across its three sides.
+    across: Vec<[u32; 3]>,
+    /// Normals smoothed over a few rings: a hull's own are rough.
+    normals: Vec<Vector3<f32>>,
+    views: Vec<View<'a>>,
+    /// For each view how well it sees each vertex.
+    sights: Vec<Vec<Sight>>,
+}
+
+/// Paints `model` from the pictures of `scene`. `silhouettes` are the colour cameras', in their order (128
+/// and up is object), or empty; where there is one, nothing is painted from outside it. A triangle that no
+/// camera sees takes the colours around it and is marked in [`Texture::seen`].
+pub fn paint(
+    model: &Model,
+    scene: &Scene,
+    silhouettes: &[&Mask],
+    parameters: &Parameters,
+) -> Texture {
+    let surface = Surface::new(&model.mesh, scene, silhouettes, parameters);
+    let gains = exposure::even_out(&surface);
+    let samples = exposure::samples(&surface, &gains);
+    let labels = labels::choose(&surface, parameters);
+    let blend = blend::Blend::new(&surface, &labels, &samples, parameters);
+    let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples);
+    let layout = charts::Layout::new(&surface, &labels, parameters);
+    let painted = atlas::Paint {
+        surface: &surface,
+        gains: &gains,
+        blend: &blend,
+        vertex_colors: &vertex_colors,
+    };
+    Texture {
+        atlas: painted.compose(&layout),
+        corner_uv: layout.corner_uv(&surface),
+        vertex_colors: vertex_colors.iter().map(|&c| to_bytes(c)).collect(),
+        seen: labels.iter().map(|&l| l != labels::UNSEEN).collect(),
+    }
+}
+
+impl<'a> Surface<'a> {
+    fn new(
+        mesh: &'a Mesh,
+        scene: &'a Scene,
+        silhouettes: &[&'a Mask],
+        parameters: &Parameters,
+    ) -> Self {
+        let rings = Rings::new(mesh);
+        let across = rings.across(mesh);
+        let normals = rings.smoothed_normals(mesh, &mesh::vertex_normals(mesh));
+        let views = view::views(mesh, scene, silhouettes);
+        let sights = visibility::sights(mesh, &normals, &views, parameters);
+        Self {
+            mesh,
+            rings,
+            across,
+            normals,
+            views,
+            sights,
+        }
+    }
+}
+
+/// A colour as bytes, sRGB-encoded.
+fn to_bytes(color: Vector3<f32>) -> [u8; 3] {
+    // The cast saturates, and turns what is not a number into 0.
+    color.map(|c| (c + 0.5) as u8).into()
+}

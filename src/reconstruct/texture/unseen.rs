@@ -1,0 +1,105 @@
+//! Colours of vertices, and how they spread to where no camera looks: ring by ring from what is seen, then
+//! smoothed until they lie over the gap like a membrane.
+
+use super::Surface;
+use super::blend::Blend;
+use nalgebra::Vector3;
+
+/// Colour of a surface when nothing at all is seen.
+const GREY: f32 = 128.0;
+/// Passes of smoothing over what is not seen.
+const PASSES: usize = 30;
+
+/// The colour of each vertex, sRGB-encoded, 0 to 255.
+pub(super) fn vertex_colors(
+    surface: &Surface,
+    blend: &Blend,
+    samples: &[Vec<Vector3<f32>>],
+) -> Vec<Vector3<f32>> {
+    let count = surface.mesh.vertices.len();
+    let mut colors = Vec::with_capacity(count);
+    let mut known = Vec::with_capacity(count);
+    for v in 0..count {
+        let mut color = Vector3::zeros();
+        for share in blend.of(v) {
+            let sample = samples[usize::from(share.label)][v];
+            color += (sample + share.known_offset()) * share.weight;
+        }
+        known.push(blend.of(v).next().is_some());
+        colors.push(color.map(|c| c.clamp(0.0, 255.0)));
+    }
+    spread(surface, &mut colors, &mut known);
+    colors
+}
+
+/// Fills what is not known from what is.
+fn spread(surface: &Surface, colors: &mut [Vector3<f32>], known: &mut [bool]) {
+    let unknown: Vec<usize> = (0..known.len()).filter(|&v| !known[v]).collect();
+    let mut front: Vec<usize> = unknown
+        .iter()
+        .copied()
+        .filter(|&v| surface.rings.neighbors(v).any(|n| known[n]))
+        .collect();
+    while !front.is_empty() {
+        // The whole ring is computed from the one before it, so that no direction is favoured.
+        let ring: Vec<_> = front
+            .iter()
+            .map(|&v| mean(surface, colors, v, |n| known[n]))
+            .collect();
+        for (&v, color) in front.iter().zip(ring) {
+            colors[v] = color;
+            known[v] = true;
+        }
+        let around = front.iter().flat_map(|&v| surface.rings.neighbors(v));
+        let mut next: Vec<usize> = around.filter(|&n| !known[n]).collect();
+        next.sort_unstable();
+        next.dedup();
+        front = next;
+    }
+    let fallback = mean_of_known(colors, known);
+    for &v in unknown.iter().filter(|&&v| !known[v]) {
+        colors[v] = fallback;
+    }
+    for _ in 0..PASSES {
+        let smooth: Vec<_> = unknown
+            .iter()
+            .map(|&v| mean(surface, colors, v, |_| true))
+            .collect();
+        for (&v, color) in unknown.iter().zip(smooth) {
+            colors[v] = color;
+        }
+    }
+}
+
+fn mean_of_known(colors: &[Vector3<f32>], known: &[bool]) -> Vector3<f32> {
+    let count = known.iter().filter(|&&k| k).count();
+    if count == 0 {
+        return Vector3::repeat(GREY);
+    }
+    let sum: Vector3<f32> = colors
+        .iter()
+        .zip(known)
+        .filter(|(_, k)| **k)
+        .map(|(c, _)| c)
+        .sum();
+    sum / count as f32
+}
+
+/// Mean colour of the neighbours that `counts` lets pass; the vertex' own where there is none.
+fn mean(
+    surface: &Surface,
+    colors: &[Vector3<f32>],
+    vertex: usize,
+    counts: impl Fn(usize) -> bool,
+) -> Vector3<f32> {
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for n in surface.rings.neighbors(vertex).filter(|&n| counts(n)) {
+        sum += colors[n];
+        count += 1.0;
+    }
+    if count > 0.0 {
+        sum / count
+    } else {
+        colors[vertex]
+    }
+}
