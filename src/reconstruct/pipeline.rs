@@ -6,6 +6,7 @@ use super::region::{self, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Surface;
+use super::texture;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{Mesh, vertex_normals};
@@ -50,6 +51,8 @@ pub struct Parameters {
     pub region: region::Parameters,
     /// Their restoration.
     pub restoration: restore::Parameters,
+    /// The colours.
+    pub texture: texture::Parameters,
 }
 
 /// Why there is no model.
@@ -149,7 +152,12 @@ pub fn reconstruct(
     let depths = depths(scene, &extracted.surface, parameters, &begin)?;
 
     begin(Stage::Restoration)?;
-    let restored = restore(&template, scene, &depths, parameters)?;
+    let mut restored = restore(&template, scene, &depths, parameters)?;
+
+    begin(Stage::Texture)?;
+    let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
+    let texture = texture::paint(&restored.model, scene, &masks, &parameters.texture);
+    restored.model.texture = Some(texture);
     Ok(Reconstruction {
         model: restored.model,
         cell_size: lattice.cell_size,
