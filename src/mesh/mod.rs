@@ -13,6 +13,7 @@ mod raster;
 mod shade;
 #[cfg(test)]
 pub mod shapes;
+mod simplify;
 
 pub use bvh::{Bvh, Closest, Hit};
 pub use check::{Report, check};
@@ -24,6 +25,7 @@ pub use measure::{bounding_box, volume_and_total_area};
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_mesh};
 pub use shade::{Eye, Style, View, four_sides, parallel_view, render, vertex_paint};
+pub use simplify::{Simplified, SimplifyError, simplify};
 
 use nalgebra::Point3;
 

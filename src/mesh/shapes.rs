@@ -67,7 +67,7 @@ pub fn sphere(radius: f32, levels: usize) -> Mesh {
     ];
     let mut vertices: Vec<Vector3<f32>> = corners.map(|c| Vector3::from(c).normalize()).to_vec();
     for _ in 0..levels {
-        triangles = split(&triangles, &mut vertices);
+        triangles = split(&triangles, &mut vertices, |a, b| (a + b).normalize());
     }
     let vertices = vertices.iter().map(|v| Point3::from(v * radius)).collect();
     Mesh {
@@ -76,11 +76,26 @@ pub fn sphere(radius: f32, levels: usize) -> Mesh {
     }
 }
 
-fn split(triangles: &[[u32; 3]], vertices: &mut Vec<Vector3<f32>>) -> Vec<[u32; 3]> {
+/// The same surface with every triangle split into four.
+pub fn subdivided(mesh: &Mesh) -> Mesh {
+    let mut vertices: Vec<Vector3<f32>> = mesh.vertices.iter().map(|v| v.coords).collect();
+    let triangles = split(&mesh.triangles, &mut vertices, |a, b| (a + b) / 2.0);
+    let vertices = vertices.into_iter().map(Point3::from).collect();
+    Mesh {
+        vertices,
+        triangles,
+    }
+}
+
+fn split(
+    triangles: &[[u32; 3]],
+    vertices: &mut Vec<Vector3<f32>>,
+    between: impl Fn(Vector3<f32>, Vector3<f32>) -> Vector3<f32>,
+) -> Vec<[u32; 3]> {
     let mut middles = std::collections::BTreeMap::new();
     let mut middle = |a: u32, b: u32| {
         *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-            vertices.push((vertices[a as usize] + vertices[b as usize]).normalize());
+            vertices.push(between(vertices[a as usize], vertices[b as usize]));
             vertices.len() as u32 - 1
         })
     };
