@@ -2,6 +2,7 @@
 //! into words and exit codes; the work itself is done in the rooms.
 
 pub mod evaluate;
+pub mod info;
 pub mod replay;
 
 use clap::{Parser, Subcommand};
@@ -24,6 +25,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Evaluate(evaluate::Args),
+    Info(info::Args),
 }
 
 /// Runs what was asked.
@@ -33,6 +35,7 @@ enum Command {
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Some(Command::Evaluate(args)) => evaluate::run(args),
+        Some(Command::Info(args)) => info::run(args),
         None => replay::run(cli.replay),
     }
 }

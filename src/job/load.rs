@@ -109,7 +109,7 @@ pub enum Error {
 }
 
 /// What is known of a capture before its pictures are read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CaptureSummary {
     /// Its name.
     pub id: CaptureId,

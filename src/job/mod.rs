@@ -9,3 +9,4 @@ mod rig;
 
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Error, Session};
+pub use rig::RigAt;

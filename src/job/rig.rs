@@ -9,7 +9,7 @@ use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 
 /// Reads the rig of one moment out of a recording.
-pub(super) struct RigAt<'a> {
+pub struct RigAt<'a> {
     recording: &'a Recording,
     time: Timestamp,
     poses: BTreeMap<String, (MessageRef, Pose)>,
@@ -17,7 +17,10 @@ pub(super) struct RigAt<'a> {
 
 impl<'a> RigAt<'a> {
     /// Finds the newest pose of each of `cameras`.
-    pub(super) fn new<'c>(
+    ///
+    /// # Errors
+    /// If a pose cannot be read.
+    pub fn new<'c>(
         recording: &'a Recording,
         time: Timestamp,
         cameras: impl Iterator<Item = &'c CameraId>,
@@ -44,7 +47,7 @@ impl<'a> RigAt<'a> {
     }
 
     /// The newest message of a topic at the rig's time.
-    pub(super) fn newest(&self, topic: &Topic) -> Option<MessageRef> {
+    pub fn newest(&self, topic: &Topic) -> Option<MessageRef> {
         self.recording
             .messages_until(topic, self.time)
             .last()
@@ -89,12 +92,18 @@ impl<'a> RigAt<'a> {
     }
 
     /// A colour camera.
-    pub(super) fn color(&self, id: &CameraId) -> Result<Camera, Error> {
+    ///
+    /// # Errors
+    /// If a message that is needed is missing, damaged or wrong.
+    pub fn color(&self, id: &CameraId) -> Result<Camera, Error> {
         self.camera(id, &Topic::Color(id.clone(), ColorPart::Calibration))
     }
 
     /// How a colour camera was set; the defaults where nothing says.
-    pub(super) fn settings(&self, id: &CameraId) -> Result<CameraSettings, Error> {
+    ///
+    /// # Errors
+    /// If a message that is needed is missing, damaged or wrong.
+    pub fn settings(&self, id: &CameraId) -> Result<CameraSettings, Error> {
         let topic = Topic::Color(id.clone(), ColorPart::Settings);
         match self.newest(&topic) {
             Some(message) => Ok(self.recording.settings(&topic, &message)?),
@@ -103,7 +112,10 @@ impl<'a> RigAt<'a> {
     }
 
     /// A depth camera with its response.
-    pub(super) fn depth(&self, id: &CameraId) -> Result<DepthCamera, Error> {
+    ///
+    /// # Errors
+    /// If a message that is needed is missing, damaged or wrong.
+    pub fn depth(&self, id: &CameraId) -> Result<DepthCamera, Error> {
         let camera = self.camera(id, &Topic::Depth(id.clone(), DepthPart::Calibration))?;
         let topic = Topic::Depth(id.clone(), DepthPart::Response);
         let response = match self.newest(&topic) {
@@ -114,7 +126,10 @@ impl<'a> RigAt<'a> {
     }
 
     /// The box that bounds the object.
-    pub(super) fn volume(&self) -> Result<Volume, Error> {
+    ///
+    /// # Errors
+    /// If a message that is needed is missing, damaged or wrong.
+    pub fn volume(&self) -> Result<Volume, Error> {
         Ok(self.recording.volume(&self.needed(&Topic::Volume)?)?)
     }
 }

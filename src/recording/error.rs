@@ -148,7 +148,15 @@ impl fmt::Display for Damage {
     }
 }
 
-/// Enough of a hostile text to find it, and no more.
+/// Enough of a hostile text to find it, and nothing that a terminal would obey.
 pub(super) fn shortened(text: &str) -> String {
-    text.chars().take(80).collect()
+    let mut short = String::new();
+    for letter in text.chars().take(80) {
+        if letter.is_control() {
+            short.extend(letter.escape_default());
+        } else {
+            short.push(letter);
+        }
+    }
+    short
 }

@@ -40,14 +40,16 @@ impl MessageRef {
 }
 
 /// An attached file: its name and where it is.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Attachment {
     /// Its name.
     pub name: String,
     /// Its media type.
     pub media_type: String,
+    #[serde(skip)]
     pub(super) offset: u64,
-    pub(super) length: u64,
+    /// Bytes it takes in the recording, its name included.
+    pub length: u64,
 }
 
 /// Everything that walking over a file finds.

@@ -1,0 +1,339 @@
+//! `scand info`: what a recording holds, who took part in it, and what of it is damaged.
+
+use super::EXIT_LOST;
+use crate::calibration::{Camera, DepthResponse, Volume};
+use crate::frame::{CameraId, Timestamp};
+use crate::job::{CaptureSummary, LeftOut, RigAt, Session};
+use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
+use crate::sync;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Tells what a recording holds: channels, captures, cameras, calibration, damage
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The recording
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Answer in JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Reads all of a recording and tells what is in it. The exit code is 3 when parts of it are damaged.
+///
+/// # Errors
+/// If it cannot be read at all.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let recording = Recording::open(&args.file)?;
+    let session = Session::lenient(recording, &sync::Parameters::default())?;
+    let info = Info::of(&session)?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&info)? + "\n"
+    } else {
+        info.in_words()
+    };
+    std::io::stdout().lock().write_all(text.as_bytes())?;
+    Ok(if info.damage.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(EXIT_LOST)
+    })
+}
+
+/// Everything that is told of a recording.
+#[derive(Serialize)]
+struct Info {
+    file: PathBuf,
+    bytes: u64,
+    profile: String,
+    library: String,
+    metadata: Vec<(String, BTreeMap<String, String>)>,
+    attachments: Vec<Attachment>,
+    channels: Vec<ChannelInfo>,
+    cameras: Vec<CameraInfo>,
+    volume: Result<[[f64; 3]; 2], String>,
+    captures: Vec<CaptureSummary>,
+    left_out: Vec<LeftOut>,
+    warnings: Vec<String>,
+    damage: Vec<Damage>,
+}
+
+/// A camera with its newest calibration.
+#[derive(Serialize)]
+struct CameraInfo {
+    id: CameraId,
+    kind: &'static str,
+    images: usize,
+    backgrounds: usize,
+    masks: usize,
+    calibration: Result<CalibrationInfo, String>,
+}
+
+/// A lens at a pose.
+#[derive(Serialize)]
+struct CalibrationInfo {
+    width: usize,
+    height: usize,
+    focal_px: [f64; 2],
+    center_px: [f64; 2],
+    radial: [f64; 6],
+    tangential: [f64; 2],
+    position_m: [f64; 3],
+    looks_along: [f64; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    response: Option<ResponseInfo>,
+}
+
+/// What a depth camera's readings mean.
+#[derive(Serialize)]
+struct ResponseInfo {
+    slope: f64,
+    intercept: f64,
+    scale: [f64; 5],
+    range_m: Option<[f64; 2]>,
+    uncertainty_m: f64,
+}
+
+impl Info {
+    fn of(session: &Session) -> anyhow::Result<Self> {
+        let recording = session.recording();
+        let (profile, library) = recording.written_by();
+        let ids: BTreeSet<&CameraId> = recording.topics().filter_map(camera_of).collect();
+        let rig = RigAt::new(recording, Timestamp(u64::MAX), ids.iter().copied());
+        let of_rig = |volume: Volume| [volume.min.into(), volume.max.into()];
+        let (cameras, volume) = match &rig {
+            Ok(rig) => (
+                cameras(recording, rig),
+                rig.volume().map(of_rig).map_err(|e| e.to_string()),
+            ),
+            Err(error) => (Vec::new(), Err(error.to_string())),
+        };
+        let mut warnings = session.warnings().to_vec();
+        warnings.extend(rig.err().map(|e| e.to_string()));
+        Ok(Self {
+            file: recording.path().into(),
+            bytes: recording.file_length(),
+            profile: profile.into(),
+            library: library.into(),
+            metadata: recording.metadata().to_vec(),
+            attachments: recording.attachments().to_vec(),
+            channels: recording.channels(),
+            cameras,
+            volume,
+            captures: session.captures(),
+            left_out: session.left_out().to_vec(),
+            warnings,
+            damage: recording.verify()?,
+        })
+    }
+}
+
+fn camera_of(topic: &Topic) -> Option<&CameraId> {
+    match topic {
+        Topic::Color(id, _) | Topic::Depth(id, _) => Some(id),
+        _ => None,
+    }
+}
+
+/// The cameras that have a calibration, colour before depth.
+fn cameras(recording: &Recording, rig: &RigAt<'_>) -> Vec<CameraInfo> {
+    let count = |topic: Topic| recording.messages(&topic).len();
+    let camera = |topic: &Topic| match topic {
+        Topic::Color(id, ColorPart::Calibration) => Some(CameraInfo {
+            id: id.clone(),
+            kind: "colour",
+            images: count(Topic::Color(id.clone(), ColorPart::Image)),
+            backgrounds: count(Topic::Color(id.clone(), ColorPart::Background)),
+            masks: count(Topic::Color(id.clone(), ColorPart::Mask)),
+            calibration: match rig.color(id) {
+                Ok(camera) => Ok(calibration(&camera, None)),
+                Err(error) => Err(error.to_string()),
+            },
+        }),
+        Topic::Depth(id, DepthPart::Calibration) => Some(CameraInfo {
+            id: id.clone(),
+            kind: "depth",
+            images: count(Topic::Depth(id.clone(), DepthPart::Image)),
+            backgrounds: 0,
+            masks: 0,
+            calibration: match rig.depth(id) {
+                Ok(depth) => Ok(calibration(&depth.camera, Some(&depth.response))),
+                Err(error) => Err(error.to_string()),
+            },
+        }),
+        _ => None,
+    };
+    recording.topics().filter_map(camera).collect()
+}
+
+fn calibration(camera: &Camera, response: Option<&DepthResponse>) -> CalibrationInfo {
+    let lens = &camera.intrinsics;
+    let forward = camera.rig_from_camera.rotation * nalgebra::Vector3::z();
+    CalibrationInfo {
+        width: lens.width,
+        height: lens.height,
+        focal_px: lens.focal_px.into(),
+        center_px: lens.center_px.into(),
+        radial: lens.distortion.radial,
+        tangential: lens.distortion.tangential,
+        position_m: camera.center().into(),
+        looks_along: forward.into(),
+        response: response.map(|r| ResponseInfo {
+            slope: r.slope,
+            intercept: r.intercept,
+            scale: r.scale,
+            range_m: r.range,
+            uncertainty_m: r.uncertainty,
+        }),
+    }
+}
+
+/// Most lines of one kind that are told in words; JSON has them all.
+const MOST_LINES: usize = 500;
+
+/// Text for the terminal, a heading and its lines at a time.
+#[derive(Default)]
+struct Words(String);
+
+impl Words {
+    fn section(&mut self, heading: &str, lines: impl IntoIterator<Item = String>) {
+        let mut lines = lines.into_iter();
+        let shown: Vec<String> = lines.by_ref().take(MOST_LINES).collect();
+        if shown.is_empty() {
+            return;
+        }
+        self.0 += &format!("\n{heading}\n");
+        for line in shown {
+            self.0 += &format!("  {}\n", printable(&line));
+        }
+        let left = lines.count();
+        if left > 0 {
+            self.0 += &format!("  … and {left} more\n");
+        }
+    }
+}
+
+/// Text without letters that a terminal would obey, and not endless.
+fn printable(text: &str) -> String {
+    let letter = |c: char| if c.is_control() { '\u{fffd}' } else { c };
+    text.chars().take(400).map(letter).collect()
+}
+
+impl Info {
+    fn in_words(&self) -> String {
+        let mut words = Words::default();
+        words.0 = printable(&format!(
+            "{}: {} bytes, profile {:?}, written by {:?}",
+            self.file.display(),
+            self.bytes,
+            self.profile,
+            self.library
+        )) + "\n";
+        words.section("Metadata", self.metadata.iter().map(metadata_line));
+        words.section(
+            "Attachments",
+            self.attachments
+                .iter()
+                .map(|a| format!("{} ({}, {} bytes)", a.name, a.media_type, a.length)),
+        );
+        words.section("Channels", self.channels.iter().map(channel_line));
+        words.section("Cameras", self.cameras.iter().map(CameraInfo::line));
+        words.section(
+            "Volume",
+            [match &self.volume {
+                Ok([min, max]) => format!("{min:?} to {max:?} m"),
+                Err(error) => error.clone(),
+            }],
+        );
+        words.section("Captures", self.captures.iter().map(capture_line));
+        words.section("Left out", self.left_out.iter().map(|l| l.reason.clone()));
+        words.section("Warnings", self.warnings.iter().cloned());
+        words.section("Damage", self.damage.iter().map(ToString::to_string));
+        words.0
+    }
+}
+
+fn metadata_line((name, pairs): &(String, BTreeMap<String, String>)) -> String {
+    let pairs: Vec<String> = pairs.iter().map(|(k, v)| format!("{k} = {v}")).collect();
+    format!("{name}: {}", pairs.join(", "))
+}
+
+fn channel_line(channel: &ChannelInfo) -> String {
+    let ChannelInfo {
+        topic,
+        schema,
+        encoding,
+        messages,
+        known,
+    } = channel;
+    let remark = if *known { "" } else { " (not of the format)" };
+    format!("{messages:6} {topic:28} {schema} in {encoding}{remark}")
+}
+
+fn capture_line(capture: &CaptureSummary) -> String {
+    let CaptureSummary {
+        id,
+        time,
+        source,
+        failure,
+        skew_ns,
+        color_frames,
+        depth_frames,
+    } = capture;
+    let outcome = match failure {
+        None => "complete".to_owned(),
+        Some(reason) => format!("failed: {reason}"),
+    };
+    let skew_ms = *skew_ns as f64 / 1e6;
+    format!(
+        "{id} at {} ns by {source}: {color_frames} colour and {depth_frames} depth frames, skew {skew_ms} \
+         ms, {outcome}",
+        time.0
+    )
+}
+
+impl CameraInfo {
+    fn line(&self) -> String {
+        let Self {
+            id,
+            kind,
+            images,
+            backgrounds,
+            masks,
+            ..
+        } = self;
+        let lens = match &self.calibration {
+            Ok(lens) => lens.words(),
+            Err(error) => error.clone(),
+        };
+        let plates = match (backgrounds, masks) {
+            (0, 0) => String::new(),
+            _ => format!(", {backgrounds} backgrounds, {masks} masks"),
+        };
+        format!("{id} ({kind}, {images} images{plates}): {lens}")
+    }
+}
+
+impl CalibrationInfo {
+    fn words(&self) -> String {
+        let [x, y, z] = self.position_m;
+        let [dx, dy, dz] = self.looks_along;
+        let bent = self.radial != [0.0; 6] || self.tangential != [0.0; 2];
+        let lens = if bent { "distorted" } else { "no distortion" };
+        let response = self.response.as_ref().map_or_else(String::new, |r| {
+            let ResponseInfo {
+                slope, intercept, ..
+            } = r;
+            format!(", depth = {slope} r + {intercept} m, scale {:?}", r.scale)
+        });
+        format!(
+            "{}x{}, focal {:.1} {:.1} px, {lens}, at {x:.3} {y:.3} {z:.3} m, looks along {dx:.3} {dy:.3} \
+             {dz:.3}{response}",
+            self.width, self.height, self.focal_px[0], self.focal_px[1]
+        )
+    }
+}
