@@ -206,3 +206,88 @@ fn bounds(region: &Mask) -> (usize, usize, usize, usize) {
     }
     (left, top, right - left, bottom - top)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn burst(frames: &[&[f32]]) -> Burst {
+        let width = frames[0].len();
+        Burst {
+            left: 0,
+            top: 0,
+            width,
+            height: 1,
+            inside: Grid::filled(width, 1, true),
+            frames: frames
+                .iter()
+                .map(|f| Grid::from_pixels(width, 1, f.to_vec()))
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn equation_1_is_the_mean_of_the_valid_depths() {
+        let frames = [
+            [0.801, 0.0, 0.0].as_slice(),
+            &[0.803, 0.9, 0.0],
+            &[0.802, 0.904, 0.0],
+        ];
+        let mean = mean_of_filtered(&burst(&frames).frames, 0.03);
+        for (found, expected) in mean.pixels().iter().zip([0.802, 0.902, 0.0]) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        for spread in [Spread::Majority, Spread::LeaveOut] {
+            let parameters = Parameters {
+                spread,
+                ..Parameters::default()
+            };
+            assert_eq!(burst(&frames).fuse(&parameters).depth, mean);
+        }
+    }
+
+    #[test]
+    fn equation_2_leaves_out_a_spread_of_more_than_30_mm_of_valid_readings() {
+        let frames = [
+            [0.800, 0.800, 0.0].as_slice(),
+            &[0.829, 0.831, 0.8],
+            &[0.815, 0.815, 0.8],
+        ];
+        let paper = Parameters {
+            spread: Spread::LeaveOut,
+            ..Parameters::default()
+        };
+        let fused = burst(&frames).fuse(&paper);
+        let kept: Vec<bool> = fused.depth.pixels().iter().map(|&z| z > 0.0).collect();
+        assert_eq!(kept, [true, false, true], "a missing reading is no spread");
+        assert_eq!(fused.facts.spread_too_much, 1);
+        let filtered = mean_of_filtered(&burst(&frames).frames, 0.03);
+        assert_eq!(filtered.pixels()[1], 0.0);
+    }
+
+    #[test]
+    fn a_rim_stays_where_most_frames_see_it() {
+        let near_mostly = [[0.80].as_slice(), &[0.801], &[0.90], &[0.799]];
+        let fused = burst(&near_mostly).fuse(&Parameters::default());
+        assert!((fused.depth.pixels()[0] - 0.80).abs() < 1e-6);
+        assert_eq!(fused.count.pixels()[0], 3);
+    }
+
+    #[test]
+    fn what_few_frames_read_is_left_out() {
+        let frames: Vec<&[f32]> = vec![&[0.8], &[0.0], &[0.0], &[0.0], &[0.0]];
+        let fused = burst(&frames).fuse(&Parameters::default());
+        assert_eq!(fused.depth.pixels()[0], 0.0);
+        assert_eq!(fused.facts.read_too_rarely, 1);
+    }
+
+    #[test]
+    fn bounds_are_the_regions() {
+        let mut region = Grid::filled(9, 7, 0);
+        assert_eq!(bounds(&region), (0, 0, 0, 0));
+        region[(3, 2)] = 255;
+        region[(5, 4)] = 128;
+        region[(8, 6)] = 127;
+        assert_eq!(bounds(&region), (3, 2, 3, 3));
+    }
+}

@@ -85,15 +85,21 @@ impl Holes<'_> {
         }
         far_side.sort_by(|a, b| a.distance.total_cmp(&b.distance));
         far_side.truncate(FOOT);
-        let (rise, far_depth) = rise_towards(&far_side, &near_side);
-        if rise > self.pixel * far * self.parameters.steepest_floor {
+        let floor = Plane::through(&far_side);
+        let edge = center(&closest(&near_side, 1.0));
+        if floor.depth_at(edge) - depth_of_nearest(&near_side)
+            < self.parameters.least_step_mm * 1e-3
+        {
+            return None;
+        }
+        if floor.rise_towards(edge) > self.pixel * far * self.parameters.steepest_floor {
             return None;
         }
         let near_is_alike = likeness(&near_side) > 2.0 * likeness(&far_side);
         Some(if near_is_alike {
             depth_of_nearest(&near_side)
         } else {
-            far_depth
+            floor.depth_at((0.0, 0.0))
         })
     }
 
@@ -148,46 +154,74 @@ fn nearest(side: &[Neighbour]) -> f32 {
     side.iter().fold(f32::INFINITY, |n, q| n.min(q.distance))
 }
 
+/// The pixels of a side that are hardly farther than its nearest.
+fn closest(side: &[Neighbour], more_px: f32) -> Vec<Neighbour> {
+    let limit = nearest(side) + more_px;
+    side.iter()
+        .copied()
+        .filter(|q| q.distance < limit)
+        .collect()
+}
+
+fn mean(side: &[Neighbour], of: impl Fn(&Neighbour) -> f32) -> f32 {
+    side.iter().map(of).sum::<f32>() / side.len() as f32
+}
+
+fn center(side: &[Neighbour]) -> (f32, f32) {
+    (mean(side, |q| q.dx), mean(side, |q| q.dy))
+}
+
 fn depth_of_nearest(side: &[Neighbour]) -> f32 {
-    let d = nearest(side);
-    let closest = side.iter().filter(|q| q.distance < d + 0.5);
-    let (sum, count) = closest.fold((0.0, 0.0), |(s, n), q| (s + q.depth, n + 1.0));
-    sum / count
+    mean(&closest(side, 0.5), |q| q.depth)
 }
 
 /// Mean likeness of a side's closest pixels.
 fn likeness(side: &[Neighbour]) -> f32 {
-    let d = nearest(side);
-    let closest = side.iter().filter(|q| q.distance < d + 1.5);
-    let (sum, count) = closest.fold((0.0, 0.0), |(s, n), q| (s + q.likeness, n + 1.0));
-    sum / count
+    mean(&closest(side, 1.5), |q| q.likeness)
 }
 
-/// How steeply (metres a pixel) the far side comes nearer in the direction of the near side, and its depth
-/// carried on to the hole's pixel: a line fitted to the depth along that direction.
-fn rise_towards(far: &[Neighbour], near: &[Neighbour]) -> (f32, f32) {
-    let center = |side: &[Neighbour]| {
-        let n = side.len() as f32;
-        let sum = side
-            .iter()
-            .fold((0.0, 0.0), |(x, y), q| (x + q.dx, y + q.dy));
-        (sum.0 / n, sum.1 / n)
-    };
-    let (f, n) = (center(far), center(near));
-    let length = (n.0 - f.0).hypot(n.1 - f.1).max(1e-3);
-    let toward = ((n.0 - f.0) / length, (n.1 - f.1) / length);
-    let along = |q: &Neighbour| q.dx * toward.0 + q.dy * toward.1;
-    let count = far.len() as f32;
-    let mean_along = far.iter().map(along).sum::<f32>() / count;
-    let mean_depth = far.iter().map(|q| q.depth).sum::<f32>() / count;
-    let (mut xx, mut xz) = (0.0, 0.0);
-    for q in far {
-        let x = along(q) - mean_along;
-        xx += x * x;
-        xz += x * (q.depth - mean_depth);
+/// A plane of depth over the pixels around a hole's pixel.
+struct Plane {
+    center: (f32, f32),
+    depth: f32,
+    /// Metres a pixel in x and y.
+    slope: (f32, f32),
+}
+
+impl Plane {
+    /// Least squares, held level where the pixels lie in one line.
+    fn through(side: &[Neighbour]) -> Self {
+        const LEVEL: f32 = 0.05;
+        let (center, depth) = (center(side), mean(side, |q| q.depth));
+        let (mut xx, mut xy, mut yy, mut xz, mut yz) = (LEVEL, 0.0, LEVEL, 0.0, 0.0);
+        for q in side {
+            let (x, y, z) = (q.dx - center.0, q.dy - center.1, q.depth - depth);
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
+            xz += x * z;
+            yz += y * z;
+        }
+        let determinant = xx * yy - xy * xy;
+        Self {
+            center,
+            depth,
+            slope: (
+                (xz * yy - yz * xy) / determinant,
+                (yz * xx - xz * xy) / determinant,
+            ),
+        }
     }
-    let slope = if xx > 1.0 { xz / xx } else { 0.0 };
-    (-slope, mean_depth - slope * mean_along)
+
+    fn depth_at(&self, (dx, dy): (f32, f32)) -> f32 {
+        self.depth + self.slope.0 * (dx - self.center.0) + self.slope.1 * (dy - self.center.1)
+    }
+
+    /// How steeply (metres a pixel) it comes nearer on the way from its centre to a pixel.
+    fn rise_towards(&self, pixel: (f32, f32)) -> f32 {
+        let way = (pixel.0 - self.center.0).hypot(pixel.1 - self.center.1);
+        (self.depth - self.depth_at(pixel)) / way.max(1e-3)
+    }
 }
 
 /// Lets depth run across the `open` pixels: the harmonic function bounded by what is around them, started
@@ -228,4 +262,115 @@ fn around_mean(depth: &Grid<f32>, (x, y): (usize, usize)) -> Option<f32> {
         }
     }
     (count > 0.0).then(|| sum / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Size of a pixel at 1 m of a lens of 576 px.
+    const PIXEL: f32 = 1.0 / 576.0;
+
+    fn filled(depth: &Grid<f32>) -> Grid<f32> {
+        let inside = depth.map(|_| true);
+        fill(
+            depth,
+            &inside,
+            &depth.map(|_| 0.5),
+            PIXEL,
+            &Parameters::default(),
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn a_hole_on_a_plane_is_filled_onto_the_plane(
+            slope_x in -0.01..0.01f32, slope_y in -0.01..0.01f32,
+            left in 1..12usize, top in 1..12usize, width in 1..8usize, height in 1..8usize,
+        ) {
+            let plane = |x: usize, y: usize| 1.0 + slope_x * x as f32 + slope_y * y as f32;
+            let hole = |x, y| (left..left + width).contains(&x) && (top..top + height).contains(&y);
+            let depth = Grid::from_fn(21, 21, |x, y| if hole(x, y) { 0.0 } else { plane(x, y) });
+            let out = filled(&depth);
+            for y in 0..21 {
+                for x in 0..21 {
+                    let error = out[(x, y)] - plane(x, y);
+                    prop_assert!(error.abs() < 1e-4, "{error} at {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_hole_at_an_edge_keeps_the_step() {
+        // A shadow of 3 pixels beside a near box, on a floor that does not rise towards it.
+        let depth = Grid::from_fn(30, 20, |x, _| match x {
+            0..12 => 0.88,
+            12..15 => 0.0,
+            _ => 0.83,
+        });
+        let out = filled(&depth);
+        for y in 0..20 {
+            for x in 0..30 {
+                let expected = if x < 15 { 0.88 } else { 0.83 };
+                assert!(
+                    (out[(x, y)] - expected).abs() < 1e-5,
+                    "{x} {y}: {}",
+                    out[(x, y)]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn colour_gives_a_hole_at_an_edge_to_the_near_side() {
+        let depth = Grid::from_fn(30, 20, |x, _| match x {
+            0..12 => 0.88,
+            12..14 => 0.0,
+            _ => 0.83,
+        });
+        let guide = Grid::from_fn(30, 20, |x, _| if x < 12 { 0.3 } else { 0.7 });
+        let inside = depth.map(|_| true);
+        let out = fill(&depth, &inside, &guide, PIXEL, &Parameters::default());
+        assert!((out[(12, 9)] - 0.83).abs() < 1e-5, "{}", out[(12, 9)]);
+        assert!((out[(11, 9)] - 0.88).abs() < 1e-5);
+    }
+
+    #[test]
+    fn depth_runs_across_a_wall_too_steep_to_read() {
+        // From a rim at 0.80 down to a floor at 0.88 that rises towards the wall's foot.
+        let depth = Grid::from_fn(30, 20, |x, _| match x {
+            0..8 => 0.80,
+            8..15 => 0.0,
+            15..18 => 0.88 - 0.003 * (18 - x) as f32,
+            _ => 0.88,
+        });
+        let out = filled(&depth);
+        for y in 2..18 {
+            for x in 8..15 {
+                let expected = 0.80 + (0.871 - 0.80) * (x - 7) as f32 / 8.0;
+                assert!(
+                    (out[(x, y)] - expected).abs() < 2e-3,
+                    "{x} {y}: {}",
+                    out[(x, y)]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_thin_rim_hides_the_table_behind_it() {
+        // Rim of 3 pixels between the table at 0.95 and a hole of the wall inside it.
+        let depth = Grid::from_fn(30, 20, |x, _| match x {
+            0..5 => 0.95,
+            5..8 => 0.80,
+            8..11 => 0.0,
+            _ => 0.81,
+        });
+        let out = filled(&depth);
+        for x in 8..11 {
+            assert!((0.80..=0.81).contains(&out[(x, 10)]), "{}", out[(x, 10)]);
+        }
+    }
 }

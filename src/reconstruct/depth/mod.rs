@@ -118,6 +118,9 @@ pub struct Parameters {
     pub stiffness: f32,
     /// Bending, in expected errors a pixel squared, at which the plate begins to break.
     pub bend_limit: f32,
+    /// The same in the first round, in standard deviations of the bending that the noise of the mean
+    /// makes.
+    pub noise_bend: f32,
     /// How often the plate's weights are set anew.
     pub plate_rounds: usize,
     /// Steps of conjugate gradients between.
@@ -142,6 +145,7 @@ impl Default for Parameters {
             steepest_floor: 1.0,
             stiffness: 100.0,
             bend_limit: 0.3,
+            noise_bend: 0.5,
             plate_rounds: 5,
             plate_steps: 20,
         }
@@ -246,13 +250,18 @@ fn on_a_plate(
             0.0
         }
     });
+    let noise = SensorNoise::measure(fused);
+    let middle = fused.middle_depth();
+    let error = noise.standard_error(middle, 0.0, burst.frames.len());
+    // White noise of variance 1 has second differences of variance 6.
+    let white = noise.frame_error(middle, 0.0) / frames.sqrt() / error;
     let plate = plate::Plate {
+        first_bend_limit: parameters.noise_bend * white * 6f32.sqrt(),
         stiffness: parameters.stiffness,
         bend_limit: parameters.bend_limit,
         rounds: parameters.plate_rounds,
         steps: parameters.plate_steps,
     };
-    let error = SensorNoise::measure(fused).reading_error(fused.middle_depth());
     plate::lay(&filled, &confidence, error, &plate)
 }
 
@@ -338,6 +347,7 @@ impl Parameters {
         in_range("steepest_floor", self.steepest_floor, 0.0, 1e3, "0 to 1000")?;
         in_range("stiffness", self.stiffness, 0.0, 1e6, "0 to 1000000")?;
         in_range("bend_limit", self.bend_limit, 1e-3, 1e6, "0.001 to 1000000")?;
+        in_range("noise_bend", self.noise_bend, 0.0, 1e3, "0 to 1000")?;
         size("plate_rounds", self.plate_rounds as f32, 0, 100, "0 to 100")?;
         size("plate_steps", self.plate_steps as f32, 0, 1000, "0 to 1000")
     }

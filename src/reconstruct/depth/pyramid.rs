@@ -110,10 +110,64 @@ impl Level {
 
 /// Which coarse neighbour a pixel is nearer to.
 fn side(x: usize) -> isize {
-    if x % 2 == 0 { -1 } else { 1 }
+    if x.is_multiple_of(2) { -1 } else { 1 }
 }
 
 fn mean(values: impl Iterator<Item = f32>) -> f32 {
     let (sum, count) = values.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
     if count > 0.0 { sum / count } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KERNEL: Kernel = Kernel {
+        half_width_px: 3,
+        spatial_sigma_px: 1.0,
+        range_sigma: 0.1,
+        depth_sigma: None,
+    };
+
+    fn level(depth: Grid<f32>) -> Level {
+        Level {
+            guide: vec![depth.map(|_| 0.5)],
+            inside: depth.map(|_| true),
+            depth,
+        }
+    }
+
+    #[test]
+    fn coarse_levels_fill_a_hole_wider_than_the_kernel() {
+        let hole = |x: usize, y: usize| (10..30).contains(&x) && (10..30).contains(&y);
+        let depth = Grid::from_fn(40, 40, |x, y| if hole(x, y) { 0.0 } else { 0.85 });
+        let alone = filter_pyramid(level(depth.clone()), 1, &KERNEL, 0.012);
+        assert_eq!(alone[(20, 20)], 0.0, "beyond the kernel's reach");
+        let carried = filter_pyramid(level(depth), 4, &KERNEL, 0.012);
+        for z in carried.pixels() {
+            assert!((z - 0.85).abs() < 1e-5, "{z}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_filled_outside() {
+        let mut level = level(Grid::from_fn(16, 16, |x, _| if x < 8 { 0.85 } else { 0.0 }));
+        level.inside = Grid::from_fn(16, 16, |x, _| x < 8);
+        let out = filter_pyramid(level, 4, &KERNEL, 0.012);
+        for y in 0..16 {
+            for x in 0..16 {
+                assert_eq!(out[(x, y)] > 0.0, x < 8);
+            }
+        }
+    }
+
+    #[test]
+    fn halving_makes_no_depth_between_two() {
+        let depth = Grid::from_fn(8, 8, |x, _| if x < 3 { 0.80 } else { 0.90 });
+        let half = level(depth).halved(0.012);
+        let expected = [0.80, 0.80, 0.90, 0.90];
+        for (x, expected) in expected.into_iter().enumerate() {
+            assert!((half.depth[(x, 1)] - expected).abs() < 1e-6);
+        }
+    }
 }
