@@ -7,7 +7,7 @@ use crate::mesh::{Fragment, Mesh, rasterize};
 use nalgebra::Point3;
 
 /// Pixels around the object that a layer keeps, so that blur has room.
-const MARGIN: f64 = 12.0;
+const MARGIN: f64 = 16.0;
 /// Samples a pixel of the contour.
 const SAMPLES: usize = 64;
 

@@ -59,6 +59,23 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// A small session of a shape that a test can afford: eleven cameras of 320 x 240 and ten depth frames.
+    pub fn small(shape: Shape) -> Self {
+        Self {
+            shape,
+            spacing_mm: 3.0,
+            width: 320,
+            height: 240,
+            depth: DepthSensor {
+                frames: 10,
+                ..DepthSensor::default()
+            },
+            ..Self::default()
+        }
+    }
+}
+
 /// How pictures are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]

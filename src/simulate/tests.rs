@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::calibration::Camera;
+use crate::image::Mask;
 use nalgebra::{Point2, Vector2};
 
 /// The simulation of a shape with pictures of `width` pixels and nothing else out of the ordinary.
@@ -136,4 +137,82 @@ fn exact_depth_is_that_of_a_ray_to_the_surface() {
     }
     assert!(compared > 200, "{compared}");
     assert!(different <= 1, "{different} of {compared}");
+}
+
+/// A small session of a shape, with a burst of `frames`.
+fn small(shape: Shape, frames: usize) -> Options {
+    let mut options = Options::small(shape);
+    options.cameras = 4;
+    options.depth.frames = frames;
+    options
+}
+
+#[test]
+fn a_session_is_the_same_whatever_the_number_of_threads() {
+    let frames = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let simulation = Simulation::new(small(Shape::Mug, 3)).unwrap();
+            (simulation.backgrounds(), simulation.capture(0).unwrap())
+        })
+    };
+    let (one, many) = (frames(1), frames(5));
+    assert!(one == many);
+    let mut other = small(Shape::Mug, 3);
+    other.seed = 2;
+    let other = Simulation::new(other).unwrap();
+    assert!(other.backgrounds() != one.0);
+}
+
+#[test]
+fn a_scene_holds_what_the_frames_hold() {
+    let mut options = small(Shape::Bowl, 4);
+    options.color.encoding = Encoding::Rgb;
+    options.depth.color_every = 2;
+    let simulation = Simulation::new(options).unwrap();
+    let (scene, capture) = (simulation.scene(0), simulation.capture(0).unwrap());
+    assert_eq!(scene.colors.len(), 4);
+    assert_eq!(scene.depths[0].frames.len(), 4);
+    let colors = capture
+        .frames
+        .iter()
+        .filter(|f| f.stream == crate::frame::Stream::DepthColor);
+    assert_eq!(colors.count(), 2);
+    let c02 = &scene.colors[2];
+    let frame = capture
+        .frames
+        .iter()
+        .find(|f| f.camera == c02.camera.id)
+        .unwrap();
+    let crate::frame::Picture::Raw { data, .. } = &frame.picture else {
+        panic!("not raw");
+    };
+    assert_eq!(data, c02.image.pixels().as_flattened());
+}
+
+#[test]
+fn the_object_stands_out_of_its_background_and_its_shadow_does_less() {
+    let simulation = Simulation::new(small(Shape::Cup, 1)).unwrap();
+    let masks = simulation.masks();
+    for (view, mask) in simulation.scene(0).colors.iter().zip(&masks) {
+        let crate::reconstruct::SilhouetteSource::Background(plate) = &view.silhouette else {
+            panic!("no background");
+        };
+        let difference = |at: (usize, usize)| {
+            let (a, b) = (view.image[at], plate[at]);
+            (0..3)
+                .map(|c| (f64::from(a[c]) - f64::from(b[c])).abs())
+                .sum::<f64>()
+        };
+        let all = (0..320 * 240).map(|k| (k % 320, k / 320));
+        let (inside, outside): (Vec<_>, Vec<_>) = all.partition(|&at| mask[at] == 255);
+        let mean = |of: &[(usize, usize)]| {
+            of.iter().map(|&at| difference(at)).sum::<f64>() / of.len() as f64
+        };
+        assert!(mean(&inside) > 120.0, "{}", mean(&inside));
+        assert!(mean(&outside) < 20.0, "{}", mean(&outside));
+    }
 }

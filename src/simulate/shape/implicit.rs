@@ -10,7 +10,7 @@ use std::collections::HashMap;
 /// Cells a side of the blocks that are skipped as one where the surface is far.
 const BLOCK: usize = 8;
 /// A value nearer to 0 than this part of a cell counts as this, so that no triangle degenerates.
-const NEAREST: f64 = 0.02;
+const NEAREST: f64 = 0.004;
 
 /// Meshes the surface of the body where `distance` is negative. `distance` must never exceed the distance
 /// to the surface. `bounds` (smallest and largest corner) contain the body, `spacing` is the cell's edge in

@@ -1,0 +1,180 @@
+//! A colour camera's sensor: photons and read noise behind a Bayer mosaic, the sRGB curve, and the encodings
+//! in which a camera hands its pictures over.
+
+use super::options::{ColorSensor, Encoding};
+use super::random::Random;
+use super::render::{Light3, Rendered};
+use crate::frame::Picture;
+use crate::image::Grid;
+use bytes::Bytes;
+use image::ExtendedColorType;
+use image::ImageEncoder;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use std::sync::LazyLock;
+
+/// Exposes a rendered scene: `gains` multiply red, green and blue, `key` is what the noise derives from.
+pub(super) fn expose(
+    rendered: &Rendered,
+    sensor: &ColorSensor,
+    gains: Light3,
+    key: [u64; 4],
+) -> Picture {
+    let (width, height) = rendered.size();
+    match sensor.encoding {
+        Encoding::Bayer => Picture::Raw {
+            width: width as u32,
+            height: height as u32,
+            encoding: "bayer_rggb8".to_owned(),
+            step: width as u32,
+            data: mosaic(rendered, sensor, gains, key)
+                .pixels()
+                .iter()
+                .map(|&l| srgb(l))
+                .collect(),
+        },
+        Encoding::Rgb => Picture::Raw {
+            width: width as u32,
+            height: height as u32,
+            encoding: "rgb8".to_owned(),
+            step: width as u32 * 3,
+            data: developed(rendered, sensor, gains, key).into(),
+        },
+        Encoding::Jpeg => {
+            let rgb = developed(rendered, sensor, gains, key);
+            let mut data = Vec::new();
+            let quality = sensor.jpeg_quality.clamp(1, 100);
+            let encoder = JpegEncoder::new_with_quality(&mut data, quality);
+            compressed("jpeg", data_of(encoder, &rgb, width, height), data)
+        }
+        Encoding::Png => {
+            let rgb = developed(rendered, sensor, gains, key);
+            let mut data = Vec::new();
+            let encoder =
+                PngEncoder::new_with_quality(&mut data, CompressionType::Fast, FilterType::Up);
+            compressed("png", data_of(encoder, &rgb, width, height), data)
+        }
+    }
+}
+
+fn data_of(encoder: impl ImageEncoder, rgb: &[u8], width: usize, height: usize) -> bool {
+    let size = (width as u32, height as u32);
+    encoder
+        .write_image(rgb, size.0, size.1, ExtendedColorType::Rgb8)
+        .is_ok()
+}
+
+/// A picture file. Writing to memory fails only for sizes that a file's header cannot hold; such a picture
+/// stays empty, which every reader refuses by name.
+fn compressed(format: &str, is_complete: bool, data: Vec<u8>) -> Picture {
+    Picture::Compressed {
+        format: format.to_owned(),
+        data: if is_complete {
+            data.into()
+        } else {
+            Bytes::new()
+        },
+    }
+}
+
+/// Linear values behind a mosaic of red, green, green and blue, with noise, in [0, 1].
+fn mosaic(rendered: &Rendered, sensor: &ColorSensor, gains: Light3, key: [u64; 4]) -> Grid<f32> {
+    let (width, height) = rendered.size();
+    let mut mosaic = Grid::filled(width, height, 0.0);
+    let mut light = vec![[0.0; 3]; width];
+    let mut normal = vec![0.0; width];
+    let full_well = sensor.full_well as f32;
+    let read_variance = (sensor.read_noise * sensor.read_noise) as f32;
+    for y in 0..height {
+        rendered.fill_row(y, &mut light);
+        if full_well > 0.0 {
+            Random::new(&[key[0], key[1], key[2], key[3], y as u64]).fill_normal(&mut normal);
+        }
+        let channels = if y % 2 == 0 { [0, 1] } else { [1, 2] };
+        let row = mosaic.row_mut(y);
+        for (x, value) in row.iter_mut().enumerate() {
+            let channel = channels[x % 2];
+            let linear = light[x][channel] * gains[channel];
+            *value = if full_well > 0.0 {
+                let electrons = linear * full_well;
+                let noise = (electrons + read_variance).sqrt() * normal[x];
+                ((electrons + noise) / full_well).clamp(0.0, 1.0)
+            } else {
+                linear.clamp(0.0, 1.0)
+            };
+        }
+    }
+    mosaic
+}
+
+/// Rows of red, green and blue, sRGB-encoded, as a camera develops its mosaic. A sensor without noise has
+/// no mosaic either, so that a test can ask for exact colours.
+fn developed(rendered: &Rendered, sensor: &ColorSensor, gains: Light3, key: [u64; 4]) -> Vec<u8> {
+    let (width, height) = rendered.size();
+    let mut rgb = Vec::with_capacity(width * height * 3);
+    if sensor.full_well <= 0.0 {
+        let mut light = vec![[0.0; 3]; width];
+        for y in 0..height {
+            rendered.fill_row(y, &mut light);
+            rgb.extend(
+                light
+                    .iter()
+                    .flat_map(|l| [0, 1, 2].map(|c| srgb(l[c] * gains[c]))),
+            );
+        }
+        return rgb;
+    }
+    let mosaic = mosaic(rendered, sensor, gains, key);
+    for y in 0..height {
+        let rows = [mirrored(y, -1, height), y, mirrored(y, 1, height)].map(|y| mosaic.row(y));
+        for x in 0..width {
+            let columns = [mirrored(x, -1, width), x, mirrored(x, 1, width)];
+            rgb.extend(demosaiced(rows, columns, x % 2, y % 2).map(srgb));
+        }
+    }
+    rgb
+}
+
+/// The neighbour in a mosaic, mirrored at the border, where the colours stay in their places.
+fn mirrored(at: usize, by: isize, size: usize) -> usize {
+    let to = at as isize + by;
+    let inside = (0..size as isize).contains(&to);
+    let to = if inside { to } else { at as isize - by };
+    to.clamp(0, size as isize - 1) as usize
+}
+
+/// Bilinear demosaicing of one pixel from its 3x3 neighbours.
+#[inline]
+fn demosaiced(rows: [&[f32]; 3], columns: [usize; 3], odd_x: usize, odd_y: usize) -> Light3 {
+    let [above, here, below] = rows;
+    let [left, x, right] = columns;
+    let beside = (here[left] + here[right]) * 0.5;
+    let over = (above[x] + below[x]) * 0.5;
+    let diagonal = (above[left] + above[right] + below[left] + below[right]) * 0.25;
+    let cross = (beside + over) * 0.5;
+    match (odd_x, odd_y) {
+        (0, 0) => [here[x], cross, diagonal],
+        (1, 1) => [diagonal, cross, here[x]],
+        (1, 0) => [beside, here[x], over],
+        _ => [over, here[x], beside],
+    }
+}
+
+const CURVE: usize = 1 << 14;
+
+/// The sRGB curve (IEC 61966-2-1) as a table.
+static SRGB: LazyLock<Vec<u8>> = LazyLock::new(|| {
+    let encoded = |k: usize| {
+        let linear = k as f64 / (CURVE - 1) as f64;
+        let value = match linear <= 0.003_130_8 {
+            true => 12.92 * linear,
+            false => 1.055 * linear.powf(1.0 / 2.4) - 0.055,
+        };
+        (value * 255.0).round() as u8
+    };
+    (0..CURVE).map(encoded).collect()
+});
+
+fn srgb(linear: f32) -> u8 {
+    SRGB[((linear * (CURVE - 1) as f32 + 0.5) as usize).min(CURVE - 1)]
+}

@@ -1,0 +1,59 @@
+//! What the objects are made of: linear reflectance at each point. Nothing is as blue as the backdrop.
+
+use super::Shape;
+use super::noise::field;
+use nalgebra::Point3;
+
+/// The object's reflectance.
+#[derive(Clone, Copy)]
+pub(super) struct Material {
+    shape: Shape,
+    seed: u64,
+    is_textured: bool,
+}
+
+impl Material {
+    pub(super) fn new(shape: Shape, seed: u64, is_textured: bool) -> Self {
+        Self {
+            shape,
+            seed,
+            is_textured,
+        }
+    }
+
+    /// Linear reflectance (red, green, blue) at a point of the surface.
+    pub(super) fn reflectance(&self, p: Point3<f64>) -> [f32; 3] {
+        let part = self.shape.part(p);
+        let base = self.base(part);
+        if !self.is_textured {
+            return base;
+        }
+        let scaled = |metres: f64| [p.x / metres, p.y / metres, p.z / metres];
+        let seed = self.seed.wrapping_add(part as u64 * 101);
+        let patch = smoothstep(0.42, 0.58, field(seed, scaled(0.013))) as f32;
+        let speckle = 0.85 + 0.3 * field(seed ^ 1, scaled(0.0018)) as f32;
+        let second = [base[0] * 0.72, base[1] * 0.38, base[2] * 0.32];
+        [0, 1, 2].map(|c| (base[c] * (1.0 - patch) + second[c] * patch) * speckle)
+    }
+
+    fn base(&self, part: usize) -> [f32; 3] {
+        match (self.shape, part) {
+            (Shape::FruitBowl, 0) => [0.62, 0.57, 0.47],
+            (Shape::FruitBowl, 1) => [0.68, 0.28, 0.04],
+            (Shape::FruitBowl, 2) => [0.30, 0.42, 0.06],
+            (Shape::FruitBowl, _) => [0.48, 0.06, 0.04],
+            (Shape::Cup | Shape::Goblet | Shape::Plate, _) => [0.72, 0.70, 0.66],
+            (Shape::Bowl | Shape::Vase, _) => [0.58, 0.40, 0.26],
+            (Shape::Mug, _) => [0.52, 0.10, 0.07],
+            (Shape::Egg, _) => [0.66, 0.48, 0.34],
+            (Shape::Torus | Shape::Ball, _) => [0.60, 0.34, 0.08],
+            (Shape::Box | Shape::TwoPits, _) => [0.46, 0.33, 0.19],
+            (Shape::Ashtray, _) => [0.38, 0.42, 0.34],
+        }
+    }
+}
+
+fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
+    let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
