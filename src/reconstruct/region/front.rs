@@ -58,6 +58,13 @@ impl Front {
         }
     }
 
+    /// Whether the hull's outline passes within two pixels.
+    pub fn is_near_outline(&self, x: usize, y: usize) -> bool {
+        let (x, y) = (x as isize, y as isize);
+        (y - 2..=y + 2)
+            .any(|y| (x - 2..=x + 2).any(|x| self.depth.get(x, y).is_some_and(|d| d.is_infinite())))
+    }
+
     /// Slope of the front surface in metres a pixel, from whichever neighbours are part of it.
     pub fn slope(&self, x: usize, y: usize) -> f32 {
         let here = self.depth[(x, y)];

@@ -36,9 +36,12 @@ pub struct Parameters {
     pub window: f32,
     /// Times that erosion and then dilation are applied.
     pub morphology_iterations: usize,
-    /// A pixel belongs only where the difference exceeds this many standard errors …
+    /// A region begins where the difference exceeds this many standard errors …
     pub significance: f32,
-    /// … and this many millimetres.
+    /// … and goes on where it exceeds this many: on a wall, known from filled depth alone, the best estimate
+    /// is better than none.
+    pub growing_significance: f32,
+    /// Nowhere is a difference of fewer millimetres enough.
     pub least_difference_mm: f32,
     /// A region needs pixels that lie this far behind the measured surface's own rims: a hull that stands
     /// off a flat or convex surface is no concavity.
@@ -59,6 +62,7 @@ impl Default for Parameters {
             window: 0.5,
             morphology_iterations: 1,
             significance: 3.0,
+            growing_significance: 1.0,
             least_difference_mm: 1.0,
             least_hollow_mm: 4.0,
             least_pixels: 12,
@@ -123,10 +127,14 @@ pub fn find(
         bias,
     };
     if sigma_difference > 1e-3 * parameters.alpha_mm {
-        let significant = significant(&regions, depth, parameters);
+        let beyond = |k| beyond_noise(&regions, depth, k, parameters);
         let hollow = hollow::depth_below_rims(depth, object);
-        let (labels, count) =
-            segment::regions(&regions.difference, &significant, &hollow, parameters);
+        let evidence = segment::Evidence {
+            significant: &beyond(parameters.significance),
+            belongs: &beyond(parameters.growing_significance),
+            hollow: &hollow,
+        };
+        let (labels, count) = segment::regions(&regions.difference, &evidence, parameters);
         (regions.labels, regions.count) = (labels, count);
     }
     regions
@@ -156,8 +164,15 @@ fn standard_deviation(difference: &Grid<f32>) -> f32 {
     (values().map(|f| (f - mean).powi(2)).sum::<f64>() / count).sqrt() as f32
 }
 
-/// Where the difference exceeds what noise, slope and registration explain.
-fn significant(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters) -> Grid<bool> {
+/// Where the difference exceeds `significance` times what noise, slope and registration explain. Along the
+/// hull's outline, readings of what lies behind the object are the mixed pixels of its contour, and count as
+/// nothing.
+fn beyond_noise(
+    regions: &Regions,
+    depth: &EnhancedDepth,
+    significance: f32,
+    parameters: &Parameters,
+) -> Grid<bool> {
     let least = 1e-3 * parameters.least_difference_mm;
     let remaining = regions.bias.remaining as f32;
     Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
@@ -168,7 +183,9 @@ fn significant(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters
         // The hull's own slope; the measured depth's would hide the very rims of a cavity.
         let shift = regions.front.slope(x, y) * parameters.registration_px;
         let sigma = depth.sigma[(x, y)].hypot(shift);
-        f > (parameters.significance * sigma).max(least) + remaining
+        let behind_the_hull = regions.front.depth[(x, y)] + f > regions.front.exit[(x, y)];
+        f > (significance * sigma).max(least) + remaining
+            && !(behind_the_hull && regions.front.is_near_outline(x, y))
     })
 }
 

@@ -4,14 +4,28 @@
 use super::Parameters;
 use crate::image::{Grid, Mask};
 
-/// Numbers the regions: pixels of the paper's segmentation grown over adjacent significant ones, where
-/// enough of them are hollow. Returns labels from 1 (0 is none) and how many there are.
+/// What speaks for a pixel.
+pub(super) struct Evidence<'a> {
+    /// The difference is significant.
+    pub(super) significant: &'a Grid<bool>,
+    /// The difference is more likely than not.
+    pub(super) belongs: &'a Grid<bool>,
+    /// How far the measured surface lies behind its own rims, in metres.
+    pub(super) hollow: &'a Grid<f32>,
+}
+
+/// Numbers the regions: pixels of the paper's segmentation grown over adjacent ones that belong, where
+/// enough of them are significant and hollow. Returns labels from 1 (0 is none) and how many there are.
 pub(super) fn regions(
     difference: &Grid<f32>,
-    significant: &Grid<bool>,
-    hollow: &Grid<f32>,
+    evidence: &Evidence,
     parameters: &Parameters,
 ) -> (Grid<u16>, usize) {
+    let Evidence {
+        significant,
+        belongs,
+        hollow,
+    } = evidence;
     let mut mask = adaptive_threshold(difference, parameters.window);
     for _ in 0..parameters.morphology_iterations {
         mask = erode(&mask);
@@ -32,10 +46,10 @@ pub(super) fn regions(
     let mut seen = Grid::filled(significant.width(), significant.height(), false);
     for y in 0..significant.height() {
         for x in 0..significant.width() {
-            if seen[(x, y)] || !significant[(x, y)] {
+            if seen[(x, y)] || !belongs[(x, y)] {
                 continue;
             }
-            let pixels = connected(significant, &mut seen, (x, y));
+            let pixels = connected(belongs, &mut seen, (x, y));
             let seeds = pixels.iter().filter(|&&(x, y)| is_seed(x, y)).count();
             if seeds >= parameters.least_pixels && count < u16::MAX {
                 count += 1;
@@ -167,6 +181,14 @@ fn fill_interiors(mask: &Mask) -> Mask {
 mod tests {
     use super::*;
 
+    fn evidence<'a>(significant: &'a Grid<bool>, hollow: &'a Grid<f32>) -> Evidence<'a> {
+        Evidence {
+            significant,
+            belongs: significant,
+            hollow,
+        }
+    }
+
     #[test]
     fn a_ring_is_filled_and_a_gap_is_not() {
         let ring = |gap: bool| {
@@ -215,7 +237,12 @@ mod tests {
         let significant = difference.map(|&f| f > 0.001);
         let flat = difference.map(|_| 0.0);
         assert_eq!(
-            regions(&difference, &significant, &flat, &Parameters::default()).1,
+            regions(
+                &difference,
+                &evidence(&significant, &flat),
+                &Parameters::default()
+            )
+            .1,
             0
         );
     }
