@@ -7,6 +7,7 @@
 
 pub mod calibration;
 pub mod commands;
+pub mod config;
 pub mod drivers;
 pub mod evaluate;
 pub mod frame;
@@ -14,6 +15,7 @@ pub mod image;
 pub mod job;
 pub mod mesh;
 pub mod output;
+pub mod queue;
 pub mod reconstruct;
 pub mod recording;
 pub mod simulate;

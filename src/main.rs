@@ -1,7 +1,7 @@
 //! The thin binary: arguments in, exit code out. Everything else lives in the library.
 
 use clap::Parser;
-use scand::commands::{Cli, run};
+use scand::commands::{Cli, exit_code, run};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -9,7 +9,7 @@ fn main() -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             eprintln!("scand: {error:#}");
-            ExitCode::FAILURE
+            exit_code(&error)
         }
     }
 }

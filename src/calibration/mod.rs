@@ -1,12 +1,14 @@
-//! A rig's cameras and what their depth readings mean: project, unproject, linearise. This room computes;
-//! it reads no files and sees no pictures.
+//! A rig's cameras and what their depth readings mean: project, unproject, linearise. This room computes,
+//! and keeps calibrations in files; it sees no pictures.
 
 mod camera;
 mod depth_response;
+mod file;
 mod intrinsics;
 
 pub use camera::Camera;
 pub use depth_response::DepthResponse;
+pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};
 
 use nalgebra::{Point2, Point3};

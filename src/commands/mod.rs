@@ -12,6 +12,23 @@ use std::process::ExitCode;
 /// captures that failed.
 pub const EXIT_LOST: u8 = 3;
 
+/// Exit code of a run whose configuration is bad (EX_CONFIG of sysexits.h).
+pub const EXIT_CONFIGURATION: u8 = 78;
+
+/// A configuration or calibration that is refused.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+struct BadConfiguration(Box<dyn std::error::Error + Send + Sync>);
+
+/// The exit code of an error.
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    if error.is::<BadConfiguration>() {
+        ExitCode::from(EXIT_CONFIGURATION)
+    } else {
+        ExitCode::FAILURE
+    }
+}
+
 /// Scans objects with colour cameras and a depth camera.
 #[derive(Debug, Parser)]
 #[command(version, about, long_about = None, args_conflicts_with_subcommands = true)]

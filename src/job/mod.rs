@@ -1,12 +1,16 @@
 //! A job is a recording and a capture's id. This room joins the recording, its replay and the
 //! synchronisation into what a reconstruction is made from.
 
+mod digest;
 mod facts;
 mod load;
 mod pictures;
 mod plan;
+mod replacement;
 mod rig;
 
+pub use digest::digest;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Error, Session};
 pub use rig::RigAt;
+pub use replacement::{Misfit, replace_cameras};

@@ -1,0 +1,249 @@
+//! A rig's calibration as a TOML file: a section a camera.
+
+use super::{Camera, DepthResponse, Distortion, Intrinsics};
+use crate::frame::CameraId;
+use nalgebra::Vector2;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Why a calibration file is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// It cannot be read.
+    #[error("calibration {}: {source}", path.display())]
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is not what it should be.
+    #[error("calibration {}: {message}", path.display())]
+    Parse {
+        /// Which file.
+        path: PathBuf,
+        /// Line or camera, field, what was found and expected.
+        message: String,
+    },
+}
+
+/// Cameras by their ids, as a file holds them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RigCalibration {
+    /// Each camera, and the response of those that measure depth.
+    pub cameras: BTreeMap<CameraId, (Camera, Option<DepthResponse>)>,
+}
+
+/// The file's format.
+#[derive(serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields)]
+struct Contents {
+    /// 1.
+    format: u32,
+    cameras: BTreeMap<String, CameraEntry>,
+}
+
+#[derive(serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields)]
+struct CameraEntry {
+    /// Width and height in pixels.
+    size: [usize; 2],
+    /// fx, fy in pixels.
+    focal_px: [f64; 2],
+    /// cx, cy in pixels.
+    center_px: [f64; 2],
+    /// `plumb_bob`, `rational_polynomial` or empty.
+    #[serde(default)]
+    distortion_model: String,
+    /// The model's coefficients.
+    #[serde(default)]
+    distortion: Vec<f64>,
+    /// Of the camera's centre in the rig's frame, metres.
+    translation: [f64; 3],
+    /// Quaternion x, y, z, w: from the camera's frame to the rig's.
+    rotation: [f64; 4],
+    /// Only for depth cameras.
+    response: Option<ResponseEntry>,
+}
+
+#[derive(serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields)]
+struct ResponseEntry {
+    slope: f64,
+    intercept: f64,
+    scale: Vec<f64>,
+    range: Option<[f64; 2]>,
+    #[serde(default)]
+    uncertainty: f64,
+}
+
+/// Largest calibration file, in bytes.
+const LONGEST_FILE: u64 = 4 << 20;
+
+impl RigCalibration {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// If it cannot be read, or a camera in it cannot be; the message names line or camera and field.
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        let failed = |source| FileError::Read {
+            path: path.into(),
+            source,
+        };
+        let parse = |message: String| FileError::Parse {
+            path: path.into(),
+            message,
+        };
+        let length = std::fs::metadata(path).map_err(failed)?.len();
+        if length > LONGEST_FILE {
+            return Err(parse(format!(
+                "{length} bytes, expected at most {LONGEST_FILE}"
+            )));
+        }
+        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let contents: Contents =
+            toml::from_str(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
+        if contents.format != 1 {
+            return Err(parse(format!("format is {}, expected 1", contents.format)));
+        }
+        let camera = |(name, entry): (String, CameraEntry)| {
+            let camera = entry
+                .camera(&name)
+                .map_err(|e| parse(format!("camera {name}: {e}")))?;
+            Ok((camera.0.id.clone(), camera))
+        };
+        Ok(Self {
+            cameras: contents
+                .cameras
+                .into_iter()
+                .map(camera)
+                .collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// Never for numbers that are finite.
+    pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
+        let entry = |(id, (camera, response)): (&CameraId, &(Camera, Option<DepthResponse>))| {
+            (id.to_string(), CameraEntry::of(camera, response.as_ref()))
+        };
+        toml::to_string(&Contents {
+            format: 1,
+            cameras: self.cameras.iter().map(entry).collect(),
+        })
+    }
+}
+
+impl CameraEntry {
+    fn camera(
+        self,
+        name: &str,
+    ) -> Result<(Camera, Option<DepthResponse>), Box<dyn std::error::Error>> {
+        let distortion = Distortion::from_model(&self.distortion_model, &self.distortion)?;
+        let (focal, center) = (Vector2::from(self.focal_px), Vector2::from(self.center_px));
+        let lens = Intrinsics::new(self.size[0], self.size[1], focal, center, distortion)?;
+        let pose = Camera::pose(self.translation, self.rotation)?;
+        let response = self.response.map(ResponseEntry::response).transpose()?;
+        Ok((Camera::new(CameraId::new(name)?, lens, pose), response))
+    }
+
+    fn of(camera: &Camera, response: Option<&DepthResponse>) -> Self {
+        let (lens, pose) = (&camera.intrinsics, &camera.rig_from_camera);
+        let Distortion {
+            radial: [k1, k2, k3, k4, k5, k6],
+            tangential: [p1, p2],
+        } = lens.distortion;
+        Self {
+            size: [lens.width, lens.height],
+            focal_px: lens.focal_px.into(),
+            center_px: lens.center_px.into(),
+            distortion_model: "rational_polynomial".into(),
+            distortion: vec![k1, k2, p1, p2, k3, k4, k5, k6],
+            translation: pose.translation.vector.into(),
+            rotation: pose.rotation.coords.into(),
+            response: response.map(|r| ResponseEntry {
+                slope: r.slope,
+                intercept: r.intercept,
+                scale: r.scale.to_vec(),
+                range: r.range,
+                uncertainty: r.uncertainty,
+            }),
+        }
+    }
+}
+
+impl ResponseEntry {
+    fn response(self) -> Result<DepthResponse, Box<dyn std::error::Error>> {
+        let mut scale = [0.0; 5];
+        if self.scale.is_empty() || self.scale.len() > scale.len() {
+            return Err(format!(
+                "response.scale has {} values, expected 1 to 5",
+                self.scale.len()
+            )
+            .into());
+        }
+        scale[..self.scale.len()].copy_from_slice(&self.scale);
+        let (slope, intercept) = (self.slope, self.intercept);
+        let response = DepthResponse {
+            slope,
+            intercept,
+            scale,
+            range: self.range,
+            uncertainty: self.uncertainty,
+        };
+        Ok(response.checked()?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<RigCalibration, FileError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("calibration.toml");
+        std::fs::write(&path, text).unwrap();
+        RigCalibration::load(&path)
+    }
+
+    const ONE: &str = "format = 1\n[cameras.c00]\nsize = [640, 480]\nfocal_px = [500.0, 501.0]\n\
+        center_px = [319.5, 239.5]\ndistortion_model = \"plumb_bob\"\ndistortion = [0.1, 0.01, 0.001, 0.002]\n\
+        translation = [0.1, 0.2, 0.3]\nrotation = [0.0, 0.0, 0.0, 1.0]\n";
+
+    #[test]
+    fn what_is_written_is_read_back_to_the_last_bit() {
+        let mut calibration = read(ONE).unwrap();
+        let id = CameraId::new("kinect").unwrap();
+        let (camera, _) = calibration.cameras.values().next().unwrap().clone();
+        let pose = Camera::pose([0.1, 1.0 / 3.0, 2.0], [0.6, 0.0, 0.0, 0.8]).unwrap();
+        let kinect = Camera::new(id.clone(), camera.intrinsics, pose);
+        let response = DepthResponse {
+            range: Some([0.5, 2.0]),
+            uncertainty: 1e-3,
+            ..DepthResponse::default()
+        };
+        calibration.cameras.insert(id, (kinect, Some(response)));
+        let again = read(&calibration.to_toml().unwrap()).unwrap();
+        assert_eq!(again, calibration);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (from, to, named) in [
+            ("500.0", "nan", "camera c00: focal length"),
+            ("c00", "C00", "C00"),
+            ("format = 1", "format = 2", "format is 2"),
+            ("size", "sise", "sise"),
+            ("plumb_bob", "fisheye", "fisheye"),
+            ("0.0, 1.0]", "0.0, 2.0]", "rotation"),
+        ] {
+            let message = read(&ONE.replace(from, to)).unwrap_err().to_string();
+            assert!(
+                message.contains(named) && message.contains("calibration.toml"),
+                "{message}"
+            );
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The way of one capture: from the recording to the files in its folder.
+
+use super::console::Console;
+use crate::calibration::RigCalibration;
+use crate::config::Config;
+use crate::frame::CaptureId;
+use crate::job::{self, CaptureFacts, Session};
+use crate::output::{self, StagedFolder};
+use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// How captures are reconstructed.
+pub(super) struct Reconstruct<'a> {
+    pub(super) config: &'a Config,
+    /// Cameras to use instead of the recorded ones.
+    pub(super) calibration: Option<&'a RigCalibration>,
+    /// Vertices to simplify to.
+    pub(super) vertices: Option<usize>,
+    /// Whether other outputs may be replaced.
+    pub(super) force: bool,
+    /// Where the captures' folders go.
+    pub(super) folder: PathBuf,
+    pub(super) console: &'a Console,
+}
+
+/// What became of a capture, or of a whole recording that could not be read.
+#[derive(Debug, serde::Serialize)]
+pub(super) struct Outcome {
+    /// The recording.
+    pub(super) recording: String,
+    /// The capture; none for a recording that could not be read.
+    pub(super) capture: Option<String>,
+    /// `done`, `unchanged` or `failed`.
+    pub(super) result: &'static str,
+    /// `green`, `amber` or `red`.
+    pub(super) verdict: Option<String>,
+    /// Why it failed, or the reasons of its verdict.
+    pub(super) reasons: Vec<String>,
+    /// Where its files are.
+    pub(super) folder: Option<PathBuf>,
+    /// Whether the recording was damaged.
+    pub(super) damaged: bool,
+    /// Seconds a stage.
+    pub(super) seconds: Vec<(String, f64)>,
+}
+
+impl Outcome {
+    pub(super) fn unreadable(path: &Path, error: &anyhow::Error) -> Self {
+        Self {
+            recording: path.display().to_string(),
+            capture: None,
+            result: "failed",
+            verdict: None,
+            reasons: vec![format!("{error:#}")],
+            folder: None,
+            damaged: false,
+            seconds: Vec::new(),
+        }
+    }
+
+    pub(super) fn is_done(&self) -> bool {
+        self.result != "failed"
+    }
+
+    pub(super) fn is_red(&self) -> bool {
+        self.verdict.as_deref() == Some("red")
+    }
+
+    pub(super) fn has_lost(&self) -> bool {
+        self.damaged || !self.is_done()
+    }
+}
+
+impl Reconstruct<'_> {
+    /// Reconstructs one capture and writes its folder.
+    pub(super) fn capture(&self, session: &Session, id: &CaptureId) -> Outcome {
+        self.try_capture(session, id)
+            .unwrap_or_else(|error| self.failed(session, id, &error))
+    }
+
+    /// The outcome of a capture that failed, with its report in its folder.
+    pub(super) fn failed(
+        &self,
+        session: &Session,
+        id: &CaptureId,
+        error: impl std::fmt::Display,
+    ) -> Outcome {
+        let mut reasons = vec![format!("{error:#}")];
+        if let Err(also) = self.write_failure(id, &reasons[0]) {
+            reasons.push(format!("{also:#}"));
+        }
+        Outcome {
+            capture: Some(id.to_string()),
+            damaged: !session.damage().is_empty(),
+            ..Outcome::unreadable(
+                session.recording().path(),
+                &anyhow::anyhow!("{}", reasons.join("; ")),
+            )
+        }
+    }
+
+    fn write_failure(&self, id: &CaptureId, reason: &str) -> anyhow::Result<()> {
+        let target = self.folder.join(id.as_str());
+        let earlier = target.join("report.json");
+        let failed_before =
+            std::fs::read(&earlier).is_ok_and(|bytes| report_member(&bytes, "outcome") == "failed");
+        if target.exists() && !failed_before && !self.force {
+            return Ok(()); // A model that was made before is worth more than the report of a failure.
+        }
+        let report =
+            serde_json::json!({ "capture": id.as_str(), "outcome": "failed", "reason": reason });
+        let staged = StagedFolder::create(&target)?;
+        staged.write("report.json", &serde_json::to_vec_pretty(&report)?)?;
+        Ok(staged.commit(true)?)
+    }
+
+    fn try_capture(&self, session: &Session, id: &CaptureId) -> anyhow::Result<Outcome> {
+        let clock = StageClock::new(self.console, id);
+        let (mut scene, facts) = session.load(id)?;
+        if let Some(calibration) = self.calibration {
+            job::replace_cameras(&mut scene, calibration)?;
+        }
+        let digest = job::digest(&scene, &self.settings());
+        let target = self.folder.join(id.as_str());
+        let mut outcome = Outcome {
+            capture: Some(id.to_string()),
+            result: "done",
+            reasons: Vec::new(),
+            damaged: !facts.damage.is_empty(),
+            folder: Some(target.clone()),
+            ..Outcome::unreadable(session.recording().path(), &anyhow::anyhow!(""))
+        };
+        if self.is_unchanged(&target, &digest)? {
+            outcome.result = "unchanged";
+            return Ok(outcome);
+        }
+        let reconstruction =
+            reconstruct::reconstruct(&scene, &self.config.reconstruction(), &clock)?;
+        clock.begin("files");
+        self.write(&target, &scene, &facts, &reconstruction, &digest)?;
+        outcome.seconds = clock.finish();
+        Ok(outcome)
+    }
+
+    /// All settings that the model depends on, as text.
+    fn settings(&self) -> String {
+        let config = toml::to_string(self.config).unwrap_or_default();
+        format!("{config}\nvertices = {:?}", self.vertices)
+    }
+
+    /// Whether the folder holds the model of this digest.
+    ///
+    /// # Errors
+    /// If it holds another one that may not be replaced.
+    fn is_unchanged(&self, target: &Path, digest: &str) -> anyhow::Result<bool> {
+        if self.force || !target.exists() {
+            return Ok(false);
+        }
+        let path = target.join("report.json");
+        let report = std::fs::read(&path).unwrap_or_default();
+        if report_member(&report, "digest") == digest {
+            return Ok(true);
+        }
+        anyhow::ensure!(
+            report_member(&report, "outcome") == "failed",
+            "{} holds a model made from other inputs or settings: give --force to replace it, or another --out",
+            target.display()
+        );
+        Ok(false)
+    }
+
+    fn write(
+        &self,
+        target: &Path,
+        _scene: &Scene,
+        facts: &CaptureFacts,
+        reconstruction: &Reconstruction,
+        digest: &str,
+    ) -> anyhow::Result<()> {
+        let (model, id) = (&reconstruction.model, facts.id.as_str());
+        let staged = StagedFolder::create(target)?;
+        staged.write(
+            "model.glb",
+            &output::glb::encode(model, id, &self.config.glb)?,
+        )?;
+        staged.write("model.ply", &output::ply::encode(model, id)?)?;
+        let report = serde_json::json!({ "capture": id, "outcome": "done", "digest": digest });
+        staged.write("report.json", &serde_json::to_vec_pretty(&report)?)?;
+        staged
+            .commit(true)
+            .with_context(|| target.display().to_string())
+    }
+}
+
+/// A string member of a report's outermost object; empty where there is none.
+fn report_member(report: &[u8], name: &str) -> String {
+    let parsed: Option<serde_json::Value> = serde_json::from_slice(report).ok();
+    let member = parsed
+        .as_ref()
+        .and_then(|r| r.get(name))
+        .and_then(|d| d.as_str());
+    member.unwrap_or_default().to_owned()
+}
+
+/// Times the stages and shows them.
+struct StageClock<'a> {
+    console: &'a Console,
+    capture: String,
+    stages: Mutex<Vec<(String, Instant)>>,
+}
+
+impl<'a> StageClock<'a> {
+    fn new(console: &'a Console, id: &CaptureId) -> Self {
+        let clock = Self {
+            console,
+            capture: id.to_string(),
+            stages: Mutex::default(),
+        };
+        clock.begin("reading");
+        clock
+    }
+
+    fn begin(&self, stage: &str) {
+        self.console.stage(&self.capture, stage);
+        let mut stages = self
+            .stages
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        stages.push((stage.into(), Instant::now()));
+    }
+
+    /// Seconds of each stage, in their order.
+    fn finish(&self) -> Vec<(String, f64)> {
+        let stages = self
+            .stages
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let ends = stages
+            .iter()
+            .skip(1)
+            .map(|(_, start)| *start)
+            .chain([Instant::now()]);
+        let seconds = |((name, start), end): (&(String, Instant), Instant)| {
+            (name.clone(), Duration::as_secs_f64(&(end - *start)))
+        };
+        let seconds = stages.iter().zip(ends).map(seconds).collect();
+        self.console.finished(&self.capture);
+        seconds
+    }
+}
+
+impl Progress for StageClock<'_> {
+    fn stage(&self, stage: Stage) {
+        self.begin(stage.name());
+    }
+}

@@ -1,0 +1,139 @@
+//! What the user sees of a replay: a bar on a terminal, lines on a pipe, nothing when asked to be quiet; and
+//! the summary.
+
+use super::capture::Outcome;
+use crate::job::Session;
+use crate::reconstruct::Stage;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::collections::BTreeMap;
+use std::io::IsTerminal;
+use std::path::Path;
+use std::sync::Mutex;
+
+/// Stages of a capture: those of the reconstruction, reading and writing.
+const STAGES: u64 = Stage::ALL.len() as u64 + 2;
+
+/// Where progress and summary go.
+pub(super) struct Console {
+    quiet: bool,
+    json: bool,
+    bars: Option<MultiProgress>,
+    captures: Mutex<BTreeMap<String, ProgressBar>>,
+}
+
+impl Console {
+    pub(super) fn new(quiet: bool, json: bool) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bars = (!quiet && terminal).then(MultiProgress::new);
+        Self {
+            quiet,
+            json,
+            bars,
+            captures: Mutex::default(),
+        }
+    }
+
+    /// A recording was opened.
+    pub(super) fn file(&self, path: &Path, session: &Session, captures: usize) {
+        for warning in session.warnings() {
+            self.line(&format!("{}: {warning}", path.display()));
+        }
+        for damage in session.damage() {
+            self.line(&format!("{}: {damage}", path.display()));
+        }
+        let plural = if captures == 1 { "" } else { "s" };
+        self.line(&format!("{}: {captures} capture{plural}", path.display()));
+    }
+
+    /// A capture's stage begins.
+    pub(super) fn stage(&self, capture: &str, stage: &str) {
+        let Some(bars) = &self.bars else {
+            return self.line(&format!("{capture}: {stage}"));
+        };
+        let mut captures = self
+            .captures
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let bar = captures.entry(capture.into()).or_insert_with(|| {
+            let style = ProgressStyle::with_template("{prefix} [{bar:20}] {msg}");
+            let bar = ProgressBar::new(STAGES).with_prefix(capture.to_owned());
+            bars.add(bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar())))
+        });
+        bar.set_message(stage.to_owned());
+        bar.inc(1);
+    }
+
+    /// A capture has ended.
+    pub(super) fn finished(&self, capture: &str) {
+        let mut captures = self
+            .captures
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(bar) = captures.remove(capture) {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn line(&self, text: &str) {
+        match &self.bars {
+            _ if self.quiet => {}
+            Some(bars) => bars.suspend(|| eprintln!("{text}")),
+            None => eprintln!("{text}"),
+        }
+    }
+
+    /// What became of everything.
+    pub(super) fn summary(&self, outcomes: &[Outcome], out: &Path) {
+        for failed in outcomes.iter().filter(|o| !o.is_done()) {
+            eprintln!("scand: {}: {}", name(failed), failed.reasons.join("; "));
+        }
+        if self.json {
+            let done = outcomes.iter().filter(|o| o.is_done()).count();
+            let summary = serde_json::json!({
+                "done": done, "failed": outcomes.len() - done, "captures": outcomes,
+            });
+            println!("{summary:#}");
+        } else if !self.quiet {
+            self.table(outcomes, out);
+        }
+    }
+
+    fn table(&self, outcomes: &[Outcome], out: &Path) {
+        for outcome in outcomes.iter().filter(|o| o.is_done()) {
+            let total: f64 = outcome.seconds.iter().map(|(_, s)| s).sum();
+            let stages: Vec<String> = outcome
+                .seconds
+                .iter()
+                .map(|(n, s)| format!("{n} {s:.2}"))
+                .collect();
+            let verdict = outcome.verdict.as_deref().unwrap_or(outcome.result);
+            println!("{}: {verdict}", name(outcome));
+            for reason in &outcome.reasons {
+                println!("  {reason}");
+            }
+            match &outcome.folder {
+                Some(folder) if outcome.result == "unchanged" => {
+                    println!("  unchanged since it was made: {}", folder.display());
+                }
+                Some(folder) => {
+                    println!("  {}", folder.display());
+                    println!("  {total:.2} s: {}", stages.join(", "));
+                }
+                None => {}
+            }
+        }
+        let done = outcomes.iter().filter(|o| o.is_done()).count();
+        println!(
+            "{done} done, {} failed, in {}",
+            outcomes.len() - done,
+            out.display()
+        );
+    }
+}
+
+fn name(outcome: &Outcome) -> String {
+    match &outcome.capture {
+        Some(capture) => format!("{}: {capture}", outcome.recording),
+        None => outcome.recording.clone(),
+    }
+}

@@ -1,0 +1,182 @@
+//! `scand --replay`: recordings in, models out. This file has the arguments, the order of the files and the
+//! exit code; a capture's way is in `capture`, what the user sees meanwhile in `console`.
+
+mod capture;
+mod console;
+
+use super::EXIT_LOST;
+use crate::calibration::RigCalibration;
+use crate::config::Config;
+use crate::frame::CaptureId;
+use crate::job::Session;
+use crate::queue;
+use crate::reconstruct::Method;
+use anyhow::Context;
+use capture::{Outcome, Reconstruct};
+use console::Console;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// What `--replay` is asked.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Recordings to reconstruct
+    #[arg(long, num_args = 1.., required = true, value_name = "FILE")]
+    replay: Vec<PathBuf>,
+    /// Where the models go: DIR/<recording's stem>/<capture id>/
+    #[arg(long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// Only this capture; may be given several times
+    #[arg(long, value_name = "ID")]
+    capture: Vec<String>,
+    /// Which model: the hull restored from depth, the hull alone, or the hull carved by depth everywhere
+    #[arg(long, value_enum)]
+    method: Option<Method>,
+    /// Simplify each model to about N vertices
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
+    vertices: Option<u32>,
+    /// Cameras to use instead of the recorded ones (TOML)
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
+    /// Configuration (TOML); config/replay.toml shows every setting
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Set one value over the configuration; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Captures reconstructed at the same time
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    jobs: u16,
+    /// Replace outputs that were made from other inputs or settings
+    #[arg(long)]
+    force: bool,
+    /// Print the summary as JSON
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+    /// A red verdict is a failure
+    #[arg(long)]
+    strict: bool,
+}
+
+/// Reconstructs every capture of the recordings.
+///
+/// # Errors
+/// If the arguments contradict each other, the configuration is bad or no recording could be read.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let mut config = Config::load(args.config.as_deref(), &args.set)
+        .map_err(|e| super::BadConfiguration(e.into()))?;
+    if let Some(method) = args.method {
+        config.method = method;
+    }
+    let calibration = match &args.calibration {
+        Some(path) => {
+            Some(RigCalibration::load(path).map_err(|e| super::BadConfiguration(e.into()))?)
+        }
+        None => None,
+    };
+    let stems = stems(&args.replay)?;
+    let console = Console::new(args.quiet, args.json);
+    let mut outcomes = Vec::new();
+    for (path, stem) in args.replay.iter().zip(&stems) {
+        let reconstruct = Reconstruct {
+            config: &config,
+            calibration: calibration.as_ref(),
+            vertices: args.vertices.map(|n| n as usize),
+            force: args.force,
+            folder: args.out.join(stem),
+            console: &console,
+        };
+        match replay(path, &args.capture, &reconstruct, usize::from(args.jobs)) {
+            Ok(mut of_file) => outcomes.append(&mut of_file),
+            Err(error) => outcomes.push(Outcome::unreadable(path, &error)),
+        }
+    }
+    console.summary(&outcomes, &args.out);
+    Ok(exit_code(&outcomes, args.strict))
+}
+
+/// The outcomes of one recording's captures.
+fn replay(
+    path: &Path,
+    only: &[String],
+    reconstruct: &Reconstruct,
+    jobs: usize,
+) -> anyhow::Result<Vec<Outcome>> {
+    let session = Session::open(path, &reconstruct.config.sync)?;
+    let wanted = wanted(&session, only).with_context(|| path.display().to_string())?;
+    reconstruct.console.file(path, &session, wanted.len());
+    let results = queue::run(jobs, wanted.len(), |i| {
+        reconstruct.capture(&session, &wanted[i])
+    });
+    let outcomes = wanted.iter().zip(results);
+    Ok(outcomes
+        .map(|(id, result)| {
+            result.unwrap_or_else(|panicked| reconstruct.failed(&session, id, &panicked))
+        })
+        .collect())
+}
+
+/// The captures that were asked for; all where none was named.
+fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> {
+    let all: Vec<CaptureId> = session.captures().into_iter().map(|c| c.id).collect();
+    if only.is_empty() {
+        anyhow::ensure!(
+            !all.is_empty(),
+            "no capture: the recording has no /trigger message"
+        );
+        return Ok(all);
+    }
+    let find = |name: &String| {
+        all.iter()
+            .find(|id| id.as_str() == name)
+            .cloned()
+            .with_context(|| {
+                let known: Vec<&str> = all.iter().take(20).map(CaptureId::as_str).collect();
+                format!("no capture {name:?}; there are {}", known.join(", "))
+            })
+    };
+    only.iter().map(find).collect()
+}
+
+/// The files' stems, which name their output folders: two of one stem would share one.
+fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
+    let mut seen = BTreeMap::new();
+    let mut stems = Vec::new();
+    for file in files {
+        let stem = file
+            .file_stem()
+            .and_then(|s| s.to_str())
+            .unwrap_or_default()
+            .to_owned();
+        anyhow::ensure!(
+            !stem.is_empty(),
+            "{}: a recording needs a name in UTF-8",
+            file.display()
+        );
+        if let Some(other) = seen.insert(stem.clone(), file) {
+            anyhow::bail!(
+                "{} and {} have the same stem, and so would share an output folder",
+                other.display(),
+                file.display()
+            );
+        }
+        stems.push(stem);
+    }
+    Ok(stems)
+}
+
+/// 0: all done. 1: nothing done, or a red verdict with `strict`. 3: done, but something was lost.
+fn exit_code(outcomes: &[Outcome], strict: bool) -> ExitCode {
+    let done = outcomes.iter().any(Outcome::is_done);
+    if !done || (strict && outcomes.iter().any(Outcome::is_red)) {
+        ExitCode::FAILURE
+    } else if outcomes.iter().any(Outcome::has_lost) {
+        ExitCode::from(EXIT_LOST)
+    } else {
+        ExitCode::SUCCESS
+    }
+}

@@ -1,0 +1,216 @@
+//! One TOML file made of each room's own parameters, with single values set over it from the command line.
+
+use crate::{output, reconstruct, sync};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Everything that can be configured for a replay. Each section is its room's `Parameters`.
+#[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Which frames make a capture.
+    pub sync: sync::Parameters,
+    /// Which model is made.
+    pub method: reconstruct::Method,
+    /// Silhouettes.
+    pub silhouette: reconstruct::silhouette::Parameters,
+    /// The visual hull.
+    pub hull: reconstruct::hull::Parameters,
+    /// Depth enhancement.
+    pub depth: reconstruct::depth::Parameters,
+    /// Concave regions.
+    pub region: reconstruct::region::Parameters,
+    /// Their restoration.
+    pub restoration: reconstruct::restore::Parameters,
+    /// The model as glTF.
+    pub glb: output::glb::Parameters,
+}
+
+/// Why a configuration is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file cannot be read.
+    #[error("configuration {}: {source}", path.display())]
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is not what it should be: the message has the line and the field.
+    #[error("configuration {}: {message}", path.display())]
+    Parse {
+        /// Which file.
+        path: PathBuf,
+        /// Line, field and what was expected.
+        message: String,
+    },
+    /// A value set on the command line is not what it should be.
+    #[error("--set {setting}: {message}")]
+    Setting {
+        /// The argument.
+        setting: String,
+        /// What is wrong with it.
+        message: String,
+    },
+}
+
+impl Config {
+    /// Reads `file`, if there is one, and sets `settings` (`section.key=value`) over it.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or it or a setting has an unknown key or a value of the wrong kind.
+    pub fn load(file: Option<&Path>, settings: &[String]) -> Result<Self, Error> {
+        let mut table = match file {
+            Some(path) => read(path)?,
+            None => Table::new(),
+        };
+        let mut config = Self::default();
+        if file.is_some() {
+            config = table
+                .clone()
+                .try_into()
+                .map_err(|e: toml::de::Error| setting("", e))?;
+        }
+        for text in settings {
+            set(&mut table, text)?;
+            // Checked one by one, so that the message names the one that is wrong.
+            config = table
+                .clone()
+                .try_into()
+                .map_err(|e: toml::de::Error| setting(text, e))?;
+        }
+        Ok(config)
+    }
+
+    /// The parameters of the reconstruction's stages.
+    pub fn reconstruction(&self) -> reconstruct::Parameters {
+        reconstruct::Parameters {
+            method: self.method,
+            silhouette: self.silhouette.clone(),
+            hull: self.hull.clone(),
+            depth: self.depth.clone(),
+            region: self.region.clone(),
+            restoration: self.restoration.clone(),
+        }
+    }
+}
+
+fn setting(text: &str, error: impl std::fmt::Display) -> Error {
+    Error::Setting {
+        setting: text.into(),
+        message: error.to_string().trim_end().into(),
+    }
+}
+
+/// Largest configuration file, in bytes.
+const LONGEST_FILE: u64 = 1 << 20;
+
+fn read(path: &Path) -> Result<Table, Error> {
+    let failed = |source| Error::Read {
+        path: path.into(),
+        source,
+    };
+    let length = std::fs::metadata(path).map_err(failed)?.len();
+    let parse = |message: String| Error::Parse {
+        path: path.into(),
+        message,
+    };
+    if length > LONGEST_FILE {
+        return Err(parse(format!(
+            "{length} bytes, expected at most {LONGEST_FILE}"
+        )));
+    }
+    let text = std::fs::read_to_string(path).map_err(failed)?;
+    // Read as the configuration first: only then do messages have line numbers.
+    toml::from_str::<Config>(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
+    toml::from_str(&text).map_err(|e| parse(e.to_string()))
+}
+
+/// Sets `a.b=value`; a value that is not TOML is taken as a string.
+fn set(table: &mut Table, text: &str) -> Result<(), Error> {
+    let bad = |message: &str| setting(text, message);
+    let (path, value) = text
+        .split_once('=')
+        .ok_or_else(|| bad("expected section.key=value"))?;
+    let parsed = toml::from_str::<Table>(&format!("value = {value}"));
+    let value = parsed
+        .ok()
+        .and_then(|mut t| t.remove("value"))
+        .unwrap_or_else(|| Value::String(value.into()));
+    let mut keys: Vec<&str> = path.split('.').map(str::trim).collect();
+    let last = keys
+        .pop()
+        .filter(|k| !k.is_empty())
+        .ok_or_else(|| bad("the key is empty"))?;
+    let mut section = table;
+    for key in keys {
+        let entry = section
+            .entry(key)
+            .or_insert_with(|| Value::Table(Table::new()));
+        section = entry
+            .as_table_mut()
+            .ok_or_else(|| bad(&format!("{key} is not a section")))?;
+    }
+    section.insert(last.into(), value);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(all: &[&str]) -> Result<Config, Error> {
+        Config::load(
+            None,
+            &all.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        )
+    }
+
+    #[test]
+    fn single_values_are_set_over_the_defaults() {
+        let config = settings(&[
+            "hull.resolution=160",
+            "method=depth-hull",
+            "restoration.form=lid",
+        ]);
+        // An integer serves where a number is wanted.
+        assert!(
+            config.as_ref().is_ok_and(|c| c.hull.resolution == 160.0),
+            "{config:?}"
+        );
+        assert_eq!(config.unwrap().method, reconstruct::Method::DepthHull);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (text, named) in [
+            ("hull.resolutoin=1", "resolutoin"),
+            ("nonsense", "section.key=value"),
+            ("hull.resolution=many", "many"),
+            ("method.x=1", "method"),
+            ("=1", "empty"),
+        ] {
+            let message = settings(&[text]).unwrap_err().to_string();
+            assert!(
+                message.contains(named) && message.contains(text),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_file_is_refused_with_its_line_and_field() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.toml");
+        std::fs::write(&path, "[hull]\nresolution = 200.0\nresolutoin = 2\n").unwrap();
+        let message = Config::load(Some(&path), &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("line 3") && message.contains("resolutoin"),
+            "{message}"
+        );
+        assert!(message.contains("scand.toml"), "{message}");
+        let missing = Config::load(Some(&folder.path().join("none.toml")), &[]).unwrap_err();
+        assert!(missing.to_string().contains("none.toml"));
+    }
+}
