@@ -22,6 +22,8 @@ pub struct Config {
     pub region: reconstruct::region::Parameters,
     /// Their restoration.
     pub restoration: reconstruct::restore::Parameters,
+    /// Its colours.
+    pub texture: reconstruct::texture::Parameters,
     /// The model as glTF.
     pub glb: output::glb::Parameters,
 }
@@ -92,6 +94,7 @@ impl Config {
             depth: self.depth.clone(),
             region: self.region.clone(),
             restoration: self.restoration.clone(),
+            texture: self.texture.clone(),
         }
     }
 }

@@ -12,5 +12,5 @@ mod rig;
 pub use digest::digest;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Error, Session};
-pub use rig::RigAt;
 pub use replacement::{Misfit, replace_cameras};
+pub use rig::RigAt;
