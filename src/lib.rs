@@ -18,5 +18,6 @@ pub mod output;
 pub mod queue;
 pub mod reconstruct;
 pub mod recording;
+pub mod report;
 pub mod simulate;
 pub mod sync;

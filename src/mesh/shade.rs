@@ -60,26 +60,57 @@ pub fn render<P: Fn(Point3<f32>) -> [f32; 3]>(
     style: &Style,
     paint: impl Fn(usize, [f32; 3]) -> [u8; 3] + Sync,
 ) -> RgbImage {
-    let samples = style.supersampling.clamp(1, 8);
-    let projected: Vec<_> = mesh
-        .vertices
-        .iter()
-        .map(|&v| supersampled((view.project)(v), samples))
-        .collect();
-    let (width, height) = (view.width * samples, view.height * samples);
-    let buffer = rasterize(&projected, &mesh.triangles, width, height);
-    let eye = view.eye;
-    let shade = |x: usize, y: usize, fragment: &Fragment| {
-        if !fragment.is_covered() {
-            return style.background;
+    Drawn::new(mesh, view, style.supersampling).paint(style, paint)
+}
+
+/// A mesh that was drawn once and can be painted more than once.
+pub struct Drawn<'a> {
+    mesh: &'a Mesh,
+    eye: Eye,
+    samples: usize,
+    /// Of the vertices, at the resolution of the samples.
+    projected: Vec<[f32; 3]>,
+    buffer: Grid<Fragment>,
+}
+
+impl<'a> Drawn<'a> {
+    /// Draws `mesh` as `view` sees it, with so many samples a pixel along each axis (1 to 8).
+    pub fn new<P: Fn(Point3<f32>) -> [f32; 3]>(
+        mesh: &'a Mesh,
+        view: &View<P>,
+        samples: usize,
+    ) -> Self {
+        let samples = samples.clamp(1, 8);
+        let project = |&v: &Point3<f32>| supersampled((view.project)(v), samples);
+        let projected: Vec<_> = mesh.vertices.iter().map(project).collect();
+        let (width, height) = (view.width * samples, view.height * samples);
+        Self {
+            buffer: rasterize(&projected, &mesh.triangles, width, height),
+            mesh,
+            eye: view.eye,
+            samples,
+            projected,
         }
-        let triangle = fragment.triangle as usize;
-        let corners = mesh.triangles[triangle].map(|v| projected[v as usize]);
-        let weights = weights_at(corners, x as f32, y as f32, eye);
-        let light = light(mesh, triangle, weights, eye, style);
-        paint(triangle, weights).map(|c| (f32::from(c) * light).round() as u8)
-    };
-    average(&buffer, samples, shade)
+    }
+
+    /// Paints what was drawn; the style's supersampling is not used. `paint` as for [`render`].
+    pub fn paint(
+        &self,
+        style: &Style,
+        paint: impl Fn(usize, [f32; 3]) -> [u8; 3] + Sync,
+    ) -> RgbImage {
+        let shade = |x: usize, y: usize, fragment: &Fragment| {
+            if !fragment.is_covered() {
+                return style.background;
+            }
+            let triangle = fragment.triangle as usize;
+            let corners = self.mesh.triangles[triangle].map(|v| self.projected[v as usize]);
+            let weights = weights_at(corners, x as f32, y as f32, self.eye);
+            let light = light(self.mesh, triangle, weights, self.eye, style);
+            paint(triangle, weights).map(|c| (f32::from(c) * light).round() as u8)
+        };
+        average(&self.buffer, self.samples, shade)
+    }
 }
 
 /// For [`render`]: every vertex has a colour, and triangles blend theirs.

@@ -215,8 +215,7 @@ mod tests {
         let significant = difference.map(|&f| f > 0.001);
         let (labels, count) = regions(
             &difference,
-            &significant,
-            &difference,
+            &evidence(&significant, &difference),
             &Parameters::default(),
         );
         assert_eq!(count, 1);

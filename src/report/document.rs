@@ -1,0 +1,181 @@
+//! The report of one capture as data; `docs/report.schema.json` describes its JSON. All that may differ
+//! between two runs over the same input is under `timing`.
+
+use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Verdict};
+use crate::frame::{CaptureId, Timestamp};
+use crate::job::CaptureFacts;
+use crate::reconstruct::{Method, Stage};
+use serde::Serialize;
+
+/// Version of the report's form; it grows when a member changes its meaning or goes away.
+pub const VERSION: u32 = 1;
+
+/// What may differ between runs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Timing {
+    /// Seconds of each stage, in the order they ran.
+    pub stages: Vec<StageTime>,
+    /// Seconds from reading to the last file.
+    pub total_s: f64,
+    /// Threads that worked.
+    pub threads: usize,
+    /// The machine's name.
+    pub host: String,
+}
+
+/// How long a stage took.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StageTime {
+    /// The stage: one of the reconstruction's, or another word for work around it.
+    pub stage: String,
+    /// Seconds.
+    pub seconds: f64,
+}
+
+impl StageTime {
+    /// The time of one of the reconstruction's stages.
+    pub fn of(stage: Stage, seconds: f64) -> Self {
+        Self {
+            stage: stage.name().to_owned(),
+            seconds,
+        }
+    }
+}
+
+/// What became of a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// There is a model.
+    Done,
+    /// There is none.
+    Failed,
+}
+
+/// Where a report comes from: the same for a model and for a failure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Origin {
+    /// Version of the program.
+    pub program: String,
+    /// The recording's file name.
+    pub recording: String,
+    /// Which model was asked for.
+    pub method: Method,
+    /// Tells inputs and parameters apart from others: the same digest, the same model.
+    pub digest: String,
+}
+
+impl Origin {
+    /// Of a recording, by this program.
+    pub fn new(recording: &str, method: Method, digest: &str) -> Self {
+        Self {
+            program: format!("scand {}", env!("CARGO_PKG_VERSION")),
+            recording: recording.to_owned(),
+            method,
+            digest: digest.to_owned(),
+        }
+    }
+}
+
+/// The report of a capture that became a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report<'a> {
+    /// [`VERSION`].
+    pub version: u32,
+    /// [`Outcome::Done`].
+    pub outcome: Outcome,
+    /// Where it comes from.
+    #[serde(flatten)]
+    pub origin: &'a Origin,
+    /// How the capture came about.
+    pub capture: &'a CaptureFacts,
+    /// How far the model can be trusted.
+    pub verdict: &'a Verdict,
+    /// The colour cameras.
+    pub color_cameras: &'a [ColorMeasures],
+    /// The depth cameras.
+    pub depth_cameras: &'a [DepthMeasures],
+    /// The model.
+    pub model: &'a ModelMeasures,
+    /// What may differ between runs.
+    pub timing: Timing,
+}
+
+impl<'a> Report<'a> {
+    /// Joins what is known.
+    pub fn new(
+        origin: &'a Origin,
+        capture: &'a CaptureFacts,
+        measured: &'a Measurements,
+        verdict: &'a Verdict,
+        timing: Timing,
+    ) -> Self {
+        Self {
+            version: VERSION,
+            outcome: Outcome::Done,
+            origin,
+            capture,
+            verdict,
+            color_cameras: &measured.colors,
+            depth_cameras: &measured.depths,
+            model: &measured.model,
+            timing,
+        }
+    }
+}
+
+/// The report of a capture that became no model.
+#[derive(Clone, Debug, Serialize)]
+pub struct Failure<'a> {
+    /// [`VERSION`].
+    pub version: u32,
+    /// [`Outcome::Failed`].
+    pub outcome: Outcome,
+    /// Where it comes from.
+    #[serde(flatten)]
+    pub origin: &'a Origin,
+    /// The capture.
+    pub capture: FailedCapture<'a>,
+    /// Why there is no model, naming file, camera or topic, and value.
+    pub reason: &'a str,
+    /// What may differ between runs.
+    pub timing: Timing,
+}
+
+/// What is known of a failed capture.
+#[derive(Clone, Debug, Serialize)]
+pub struct FailedCapture<'a> {
+    /// Its name.
+    pub id: &'a CaptureId,
+    /// When it was triggered, in UTC nanoseconds.
+    pub time_ns: Timestamp,
+    /// What triggered it.
+    pub source: &'a str,
+}
+
+impl<'a> Failure<'a> {
+    /// Says why.
+    pub fn new(
+        origin: &'a Origin,
+        capture: FailedCapture<'a>,
+        reason: &'a str,
+        timing: Timing,
+    ) -> Self {
+        Self {
+            version: VERSION,
+            outcome: Outcome::Failed,
+            origin,
+            capture,
+            reason,
+            timing,
+        }
+    }
+}
+
+/// A report as the text of its file: indented JSON, and a newline at its end.
+///
+/// # Errors
+/// If a map's key is no string, which no report has.
+pub fn to_json(report: &impl Serialize) -> serde_json::Result<String> {
+    Ok(serde_json::to_string_pretty(report)? + "\n")
+}

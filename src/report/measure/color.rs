@@ -1,0 +1,241 @@
+//! How well a colour camera agrees with the others: the hull's projection beside the camera's silhouette, at
+//! a reduced resolution. The hull cannot leave a silhouette, but where cameras disagree it does not fill it.
+
+use crate::calibration::{Camera, Volume};
+use crate::frame::CameraId;
+use crate::image::{Grid, PixelRect};
+use crate::mesh::{Mesh, convex_hull, rasterize};
+use crate::reconstruct::ColorView;
+use crate::reconstruct::silhouette::{Facts, Silhouette};
+use nalgebra::{Matrix2, Point3, Vector2};
+use serde::Serialize;
+
+/// Longest side, in cells, of the grid that silhouette and projection are compared on.
+const CELLS: f64 = 320.0;
+
+/// The figures of one colour camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ColorMeasures {
+    /// The camera.
+    pub camera: CameraId,
+    /// Width and height in pixels of the object in its picture.
+    pub object_px: [usize; 2],
+    /// Its silhouette beside the hull.
+    pub consistency: Consistency,
+    /// What was found of its silhouette alone.
+    pub silhouette: Facts,
+}
+
+/// A silhouette beside the hull's projection, within the volume's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Consistency {
+    /// Share of the silhouette's area that the hull's projection covers.
+    pub coverage: f64,
+    /// Share of the silhouette's area that lies more than a few pixels (one cell of the comparison) away
+    /// from the hull's projection.
+    pub missing: f64,
+    /// Area of both over area of either.
+    pub iou: f64,
+    /// By how many of its pixels the silhouette lies beside the place that the other cameras give it, x and
+    /// y; half of what the contours show in the mean, because only one side of a displaced silhouette shows.
+    pub shift_px: [f64; 2],
+    /// Edge of a cell of the comparison, in pixels.
+    pub cell_px: f64,
+}
+
+impl ColorMeasures {
+    /// Compares one camera's silhouette with the hull.
+    pub fn of(view: &ColorView, silhouette: &Silhouette, hull: &Mesh, volume: Volume) -> Self {
+        let bounds = silhouette.bounds;
+        Self {
+            camera: view.camera.id.clone(),
+            object_px: [bounds.width(), bounds.height()],
+            consistency: Consistency::of(&view.camera, silhouette, hull, volume),
+            silhouette: silhouette.facts.clone(),
+        }
+    }
+}
+
+impl Consistency {
+    /// Compares on cells of a few pixels around the silhouette.
+    fn of(camera: &Camera, silhouette: &Silhouette, hull: &Mesh, volume: Volume) -> Self {
+        let cells = Cells::around(camera, silhouette.bounds);
+        let inside = cells.draw(camera, &box_of(volume));
+        let projected = cells.draw(camera, hull);
+        let level = cells.level(silhouette, &inside);
+        let mut sums = [0.0f64; 4];
+        for y in 0..level.height() {
+            for x in 0..level.width() {
+                let s = f64::from(level[(x, y)]);
+                let m = f64::from(projected[(x, y)]);
+                let far = s > 0.95 && is_far(&projected, x, y);
+                for (sum, value) in
+                    sums.iter_mut()
+                        .zip([s, s.min(m), s.max(m), f64::from(u8::from(far))])
+                {
+                    *sum += value;
+                }
+            }
+        }
+        let [area, both, either, missing] = sums;
+        let share = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
+        Self {
+            coverage: share(both, area),
+            missing: share(missing, area),
+            iou: share(both, either),
+            shift_px: shift(&level, &projected)
+                .map(|d| 2.0 * d * cells.pixels)
+                .into(),
+            cell_px: cells.pixels,
+        }
+    }
+}
+
+/// A coarse grid over a part of a picture.
+struct Cells {
+    /// The picture's coordinates of the middle of cell (0, 0).
+    origin: [f64; 2],
+    /// Edge of a cell in pixels.
+    pixels: f64,
+    width: usize,
+    height: usize,
+}
+
+impl Cells {
+    fn around(camera: &Camera, bounds: PixelRect) -> Self {
+        let lens = &camera.intrinsics;
+        let margin = bounds.width().max(bounds.height()) / 12 + 4;
+        let rect = bounds.grown(margin, lens.width, lens.height);
+        let longest = rect.width().max(rect.height()) as f64;
+        let pixels = (longest / CELLS).max(1.0);
+        Self {
+            origin: [rect.x0, rect.y0].map(|first| first as f64 + 0.5 * (pixels - 1.0)),
+            pixels,
+            width: (rect.width() as f64 / pixels) as usize,
+            height: (rect.height() as f64 / pixels) as usize,
+        }
+    }
+
+    /// The part of each cell that a mesh covers, at the middle of its four quarters.
+    fn draw(&self, camera: &Camera, mesh: &Mesh) -> Grid<f32> {
+        let project = |&v: &Point3<f32>| {
+            let [x, y, depth] = camera.project_for_raster(v);
+            let to = |p: f32, origin: f64| ((f64::from(p) - origin) / self.pixels + 0.25) * 2.0;
+            [
+                to(x, self.origin[0]) as f32,
+                to(y, self.origin[1]) as f32,
+                depth,
+            ]
+        };
+        let projected: Vec<_> = mesh.vertices.iter().map(project).collect();
+        let (width, height) = (2 * self.width, 2 * self.height);
+        let drawn = rasterize(&projected, &mesh.triangles, width, height);
+        let covered = |x, y| f32::from(u8::from(drawn[(x, y)].is_covered()));
+        Grid::from_fn(self.width, self.height, |x, y| {
+            let (x, y) = (2 * x, 2 * y);
+            0.25 * (covered(x, y) + covered(x + 1, y) + covered(x, y + 1) + covered(x + 1, y + 1))
+        })
+    }
+
+    /// The part of each cell that is silhouette, where the volume is.
+    fn level(&self, silhouette: &Silhouette, inside: &Grid<f32>) -> Grid<f32> {
+        let samples = (self.pixels.round() as usize).clamp(1, 4);
+        let offset = |i: usize| ((i as f64 + 0.5) / samples as f64 - 0.5) * self.pixels;
+        Grid::from_fn(self.width, self.height, |cx, cy| {
+            if inside[(cx, cy)] == 0.0 {
+                return 0.0;
+            }
+            let middle = [cx, cy].map(|c| c as f64 * self.pixels);
+            let mut sum = 0.0;
+            for j in 0..samples {
+                for i in 0..samples {
+                    let x = (self.origin[0] + middle[0] + offset(i)).round();
+                    let y = (self.origin[1] + middle[1] + offset(j)).round();
+                    let level = silhouette.level.get(x as isize, y as isize);
+                    sum += f32::from(level.is_some_and(|&l| l >= 128));
+                }
+            }
+            sum / (samples * samples) as f32
+        })
+    }
+}
+
+/// Whether neither a cell nor its neighbours are covered.
+fn is_far(projected: &Grid<f32>, x: usize, y: usize) -> bool {
+    let (x, y) = (x as isize, y as isize);
+    (-1..=1).all(|dy| {
+        (-1..=1).all(|dx| {
+            projected
+                .get(x + dx, y + dy)
+                .is_none_or(|&covered| covered == 0.0)
+        })
+    })
+}
+
+fn box_of(volume: Volume) -> Mesh {
+    let corners: Vec<Point3<f32>> = (0..8)
+        .map(|corner| {
+            let at = |axis: usize| {
+                let high = corner >> axis & 1 == 1;
+                (if high { volume.max } else { volume.min })[axis] as f32
+            };
+            Point3::new(at(0), at(1), at(2))
+        })
+        .collect();
+    convex_hull(&corners).unwrap_or_default()
+}
+
+/// The displacement, in cells, that best explains the difference: one step of Lucas and Kanade's registration
+/// ("An iterative image registration technique", 1981, equation 9) on both pictures, smoothed.
+fn shift(level: &Grid<f32>, projected: &Grid<f32>) -> Vector2<f64> {
+    let (level, projected) = (smooth(&smooth(level)), smooth(&smooth(projected)));
+    let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    for y in 1..level.height().saturating_sub(1) {
+        for x in 1..level.width().saturating_sub(1) {
+            let slope = |dx: usize, dy: usize| {
+                let along = |g: &Grid<f32>| g[(x + dx, y + dy)] - g[(x - dx, y - dy)];
+                f64::from(0.25 * (along(&level) + along(&projected)))
+            };
+            let gradient = Vector2::new(slope(1, 0), slope(0, 1));
+            let difference = f64::from(projected[(x, y)] - level[(x, y)]);
+            normal += gradient * gradient.transpose();
+            right += gradient * difference;
+        }
+    }
+    let solved = normal.try_inverse().map(|inverse| inverse * right);
+    solved.unwrap_or_else(Vector2::zeros)
+}
+
+/// The mean of 3 x 3.
+fn smooth(grid: &Grid<f32>) -> Grid<f32> {
+    Grid::from_fn(grid.width(), grid.height(), |x, y| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for row in y.saturating_sub(1)..(y + 2).min(grid.height()) {
+            for &value in &grid.row(row)[x.saturating_sub(1)..(x + 2).min(grid.width())] {
+                sum += value;
+                count += 1.0;
+            }
+        }
+        sum / count
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shift_is_found_to_a_fraction_of_a_cell() {
+        let disc = |dx: f32, dy: f32| {
+            Grid::from_fn(120, 100, |x, y| {
+                let r = (x as f32 - 60.0 - dx).hypot(y as f32 - 50.0 - dy);
+                (30.5 - r).clamp(0.0, 1.0)
+            })
+        };
+        for (dx, dy) in [(0.0, 0.0), (0.4, -0.2), (-1.0, 0.7)] {
+            let found = shift(&disc(dx, dy), &disc(0.0, 0.0));
+            assert!((found.x - f64::from(dx)).abs() < 0.1, "{found}");
+            assert!((found.y - f64::from(dy)).abs() < 0.1, "{found}");
+        }
+    }
+}

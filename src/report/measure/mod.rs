@@ -1,0 +1,66 @@
+//! What a verdict is made from: figures of each camera and of the model. Here they are measured; what they
+//! mean is decided in `verdict`.
+
+mod color;
+mod depth;
+mod model;
+
+pub use color::{ColorMeasures, Consistency};
+pub use depth::{DepthMeasures, RegionMeasures};
+pub use model::{ModelMeasures, ProvenanceMeasures};
+
+use crate::reconstruct::{Method, Reconstruction, Scene};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// The figures of one reconstruction.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Measurements {
+    /// A colour camera each, in the order of the scene's.
+    pub colors: Vec<ColorMeasures>,
+    /// A depth camera each, in the order of the scene's; none where the method uses no depth.
+    pub depths: Vec<DepthMeasures>,
+    /// Depth cameras of the rig, used or not.
+    pub depth_cameras: usize,
+    /// The model.
+    pub model: ModelMeasures,
+    /// Which model was made.
+    pub method: Method,
+}
+
+/// Measures a reconstruction of `scene` by `method`.
+pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurements {
+    let colors = || {
+        let views = scene.colors.par_iter().zip(&made.silhouettes);
+        views
+            .map(|(view, silhouette)| ColorMeasures::of(view, silhouette, &made.hull, scene.volume))
+            .collect()
+    };
+    let rest = || {
+        let depths = scene.depths.iter().zip(&made.depths);
+        let depths = depths
+            .map(|(view, result)| DepthMeasures::of(view, result, &made.model.mesh))
+            .collect();
+        (depths, ModelMeasures::of(made))
+    };
+    let (colors, (depths, model)) = rayon::join(colors, rest);
+    Measurements {
+        colors,
+        depths,
+        depth_cameras: scene.depths.len(),
+        model,
+        method,
+    }
+}
+
+/// Middle value of a list, which is put in order; `None` of an empty one.
+fn median(values: &mut [f32]) -> Option<f32> {
+    quantile(values, 0.5)
+}
+
+/// The value below which a `share` of the list lies.
+fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
+    let last = values.len().checked_sub(1)?;
+    let at = (share * last as f64).round() as usize;
+    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+}

@@ -1,0 +1,78 @@
+//! The model in figures.
+
+use crate::mesh::{self, bounding_box, check};
+use crate::reconstruct::{Provenance, Reconstruction};
+use serde::Serialize;
+
+/// The figures of a model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModelMeasures {
+    /// Whether its surface is that of a solid.
+    pub watertight: bool,
+    /// What was found in its mesh.
+    pub mesh: mesh::Report,
+    /// Its lowest and highest corner in the rig's frame, in metres.
+    pub bounds: [[f32; 3]; 2],
+    /// Edge of a cell of the surfaces it was made of, in metres.
+    pub cell_size: f64,
+    /// Its vertices by where they come from.
+    pub provenance: Vec<ProvenanceMeasures>,
+    /// Share of its triangles that a camera saw; `None` without texture.
+    pub textured: Option<f64>,
+    /// Stray pieces dropped from the hull.
+    pub dropped_hull_pieces: usize,
+    /// Pieces that carving cut off, dropped.
+    pub dropped_carved_pieces: usize,
+}
+
+/// Vertices of one provenance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ProvenanceMeasures {
+    /// Where they come from.
+    pub provenance: Provenance,
+    /// Their share of all vertices.
+    pub share: f64,
+    /// The mean of their expected errors in metres; 0 where there are none.
+    pub mean_expected_error: f64,
+}
+
+impl ModelMeasures {
+    pub(super) fn of(made: &Reconstruction) -> Self {
+        let model = &made.model;
+        let mesh = check(&model.mesh);
+        let bounds = bounding_box(&model.mesh.vertices).unwrap_or_default();
+        Self {
+            watertight: mesh.is_watertight(),
+            mesh,
+            bounds: bounds.map(|corner| corner.into()),
+            cell_size: made.cell_size,
+            provenance: Provenance::ALL.map(|p| of_provenance(made, p)).to_vec(),
+            textured: model.texture.as_ref().map(|texture| {
+                let seen = texture.seen.iter().filter(|&&s| s).count();
+                seen as f64 / texture.seen.len().max(1) as f64
+            }),
+            dropped_hull_pieces: made.dropped_hull_pieces,
+            dropped_carved_pieces: made.dropped_carved_pieces,
+        }
+    }
+
+    /// Share of the vertices of one provenance.
+    pub fn share(&self, provenance: Provenance) -> f64 {
+        let found = self.provenance.iter().find(|p| p.provenance == provenance);
+        found.map_or(0.0, |p| p.share)
+    }
+}
+
+fn of_provenance(made: &Reconstruction, provenance: Provenance) -> ProvenanceMeasures {
+    let each = made.model.provenance.iter().zip(&made.model.expected_error);
+    let (mut count, mut sum) = (0usize, 0.0);
+    for (_, &error) in each.filter(|(p, _)| **p == provenance) {
+        count += 1;
+        sum += f64::from(error);
+    }
+    ProvenanceMeasures {
+        provenance,
+        share: count as f64 / made.model.provenance.len().max(1) as f64,
+        mean_expected_error: sum / count.max(1) as f64,
+    }
+}

@@ -1,0 +1,326 @@
+//! One picture of a whole reconstruction, so that a person sees in one look what happened: the verdict in
+//! words, the model beside the photographs, what the depth cameras gave, and every silhouette with the
+//! model's outline. This file has the layout; what is on it is drawn in `views`, `depth` and `outlines`.
+
+mod canvas;
+mod depth;
+mod outlines;
+mod views;
+mod window;
+
+use super::verdict::{Level, Verdict};
+use crate::image::{RgbImage, text_size};
+use crate::reconstruct::{Provenance, Reconstruction, Scene};
+use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, wrap, write};
+use depth::DepthPanels;
+use rayon::prelude::*;
+use views::{ViewPanels, provenance_color};
+
+/// Width of the sheet in pixels.
+const WIDTH: usize = 1920;
+/// Around the sheet.
+const MARGIN: usize = 18;
+/// Between panels.
+const GAP: usize = 8;
+/// Panels in a row.
+const PANELS: usize = 6;
+/// Size of a panel in pixels.
+const PANEL: (usize, usize) = ((WIDTH - 2 * MARGIN - (PANELS - 1) * GAP) / PANELS, 286);
+/// Height of a line of words, which are of scale 2.
+const LINE: usize = 24;
+/// Reasons that are written out; the report has all.
+const REASONS: usize = 8;
+/// Silhouettes in a row, and how many there are room for.
+const OUTLINES_IN_ROW: usize = 12;
+const OUTLINES: usize = 5 * OUTLINES_IN_ROW;
+/// Depth cameras there is room for.
+const DEPTH_ROWS: usize = 3;
+
+/// The colour of a level.
+fn level_color(level: Level) -> [u8; 3] {
+    match level {
+        Level::Green => [34, 168, 100],
+        Level::Amber => [240, 165, 30],
+        Level::Red => [222, 50, 60],
+    }
+}
+
+/// Draws the sheet; `title` stands beside the verdict.
+pub fn preview(scene: &Scene, made: &Reconstruction, verdict: &Verdict, title: &str) -> RgbImage {
+    let panels = Panels::draw(scene, made, verdict);
+    let lines = reason_lines(verdict);
+    let mut sheet = RgbImage::filled(WIDTH, panels.height(lines.len()), PAPER);
+    let mut top = header(&mut sheet, verdict, title, &lines);
+    top = panels.place_views(&mut sheet, scene, top);
+    top = legend(&mut sheet, made, top);
+    top = panels.place_depths(&mut sheet, top);
+    panels.place_outlines(&mut sheet, scene, top);
+    sheet
+}
+
+/// All pictures of the sheet.
+struct Panels {
+    views: Vec<ViewPanels>,
+    depths: Vec<DepthPanels>,
+    outlines: Vec<RgbImage>,
+    /// Cameras whose silhouettes there is no room for.
+    left_out: usize,
+}
+
+impl Panels {
+    fn draw(scene: &Scene, made: &Reconstruction, verdict: &Verdict) -> Self {
+        let model = &made.model;
+        let chosen = views::choose(scene, made);
+        let view = |&i: &usize| views::draw(scene, &made.silhouettes[i], model, i, PANEL);
+        let depths: Vec<_> = scene
+            .depths
+            .iter()
+            .zip(&made.depths)
+            .take(DEPTH_ROWS)
+            .collect();
+        let shown = scene.colors.len().min(OUTLINES);
+        let size = outline_size(shown);
+        let outline = |coarse: &_| {
+            let each = scene.colors[..shown].par_iter().zip(&made.silhouettes);
+            each.map(|(view, silhouette)| {
+                let alarm = alarm(verdict, view);
+                outlines::draw(view, silhouette, coarse, size, alarm)
+            })
+            .collect()
+        };
+        let (views, (depths, outlines)) = rayon::join(
+            || chosen.par_iter().map(view).collect(),
+            || {
+                rayon::join(
+                    || {
+                        depths
+                            .par_iter()
+                            .map(|(v, r)| depth::draw(v, r, model, PANEL))
+                            .collect()
+                    },
+                    || outline(&outlines::coarse(&model.mesh, coarse_cell(made, size))),
+                )
+            },
+        );
+        Self {
+            views,
+            depths,
+            outlines,
+            left_out: scene.colors.len() - shown,
+        }
+    }
+
+    fn height(&self, lines: usize) -> usize {
+        let row = PANEL.1 + LINE + GAP;
+        let view_rows = self.views.len().div_ceil(2);
+        let per_row = outlines_in_row(self.outlines.len());
+        let outline_rows = self.outlines.len().div_ceil(per_row);
+        let outline_row = outline_size(self.outlines.len()).1 + LINE;
+        header_height(lines)
+            + (view_rows + self.depths.len()) * row
+            + LINE
+            + GAP
+            + LINE
+            + outline_rows * outline_row
+            + MARGIN
+    }
+
+    /// Two cameras a row, three panels each.
+    fn place_views(&self, sheet: &mut RgbImage, scene: &Scene, top: usize) -> usize {
+        let mut below = top;
+        for (index, view) in self.views.iter().enumerate() {
+            let top = top + index / 2 * (PANEL.1 + LINE + GAP);
+            let name = &scene.colors[view.camera].camera.id;
+            let three = [
+                (format!("photograph of {name}"), &view.photograph),
+                ("the model from there".to_owned(), &view.model),
+                ("where it comes from".to_owned(), &view.provenance),
+            ];
+            for (column, (caption, picture)) in three.into_iter().enumerate() {
+                place(sheet, 3 * (index % 2) + column, top, &caption, picture);
+            }
+            below = top + PANEL.1 + LINE + GAP;
+        }
+        below
+    }
+
+    fn place_depths(&self, sheet: &mut RgbImage, top: usize) -> usize {
+        let mut top = top;
+        for panels in &self.depths {
+            for (column, (caption, picture)) in panels.iter().enumerate() {
+                place(sheet, column, top, caption, picture);
+            }
+            top += PANEL.1 + LINE + GAP;
+        }
+        top
+    }
+
+    fn place_outlines(&self, sheet: &mut RgbImage, scene: &Scene, top: usize) {
+        let mut words = "silhouettes (grey) and the model's outline (yellow); red: silhouette \
+                         without model, blue: model without silhouette"
+            .to_owned();
+        if self.left_out > 0 {
+            words += &format!("; {} more cameras", self.left_out);
+        }
+        write(sheet, (MARGIN, top), 2, PALE, (WIDTH - 2 * MARGIN, &words));
+        let per_row = outlines_in_row(self.outlines.len());
+        let (width, height) = outline_size(self.outlines.len());
+        for (index, picture) in self.outlines.iter().enumerate() {
+            let left = MARGIN + index % per_row * (width + GAP);
+            let top = top + LINE + index / per_row * (height + LINE);
+            let name = scene.colors[index].camera.id.as_str();
+            paste(sheet, picture, (left, top));
+            write(
+                sheet,
+                (left + 6, top + height - 20),
+                2,
+                INK,
+                (width - 8, name),
+            );
+        }
+    }
+}
+
+/// One panel with its caption below.
+fn place(sheet: &mut RgbImage, column: usize, top: usize, caption: &str, picture: &RgbImage) {
+    let left = MARGIN + column * (PANEL.0 + GAP);
+    paste(sheet, picture, (left, top));
+    write(
+        sheet,
+        (left, top + PANEL.1 + 5),
+        2,
+        PALE,
+        (PANEL.0, caption),
+    );
+}
+
+/// Silhouettes of a row: few are shown larger.
+fn outlines_in_row(count: usize) -> usize {
+    count.clamp(PANELS, OUTLINES_IN_ROW)
+}
+
+fn outline_size(count: usize) -> (usize, usize) {
+    let per_row = outlines_in_row(count);
+    let width = (WIDTH - 2 * MARGIN - (per_row - 1) * GAP) / per_row;
+    (width, width.min(200))
+}
+
+/// Edge of a cell that is about a pixel of the outlines.
+fn coarse_cell(made: &Reconstruction, (width, _): (usize, usize)) -> f32 {
+    let corners = crate::mesh::bounding_box(&made.model.mesh.vertices).unwrap_or_default();
+    let diagonal = nalgebra::distance(&corners[0], &corners[1]);
+    (diagonal / width as f32).max(f32::MIN_POSITIVE)
+}
+
+/// The colour that a camera is marked with: that of the gravest reason about it.
+fn alarm(verdict: &Verdict, view: &crate::reconstruct::ColorView) -> Option<[u8; 3]> {
+    let about = |reason: &&super::Reason| {
+        reason.level > Level::Green && reason.cameras.contains(&view.camera.id)
+    };
+    let level = verdict.reasons.iter().filter(about).map(|r| r.level).max();
+    level.map(level_color)
+}
+
+/// The reasons, broken into lines; a line's level where it begins a reason.
+fn reason_lines(verdict: &Verdict) -> Vec<(Option<Level>, String)> {
+    let letters = (WIDTH - 2 * MARGIN - 30) / text_size("nn", 2).0.saturating_sub(10).max(1);
+    let mut lines = Vec::new();
+    for reason in verdict.reasons.iter().take(REASONS) {
+        for (index, line) in wrap(&reason.words, letters).into_iter().take(3).enumerate() {
+            lines.push(((index == 0).then_some(reason.level), line));
+        }
+    }
+    if verdict.reasons.is_empty() {
+        lines.push((Some(Level::Green), "nothing to remark".to_owned()));
+    }
+    if verdict.reasons.len() > REASONS {
+        let rest = verdict.reasons.len() - REASONS;
+        lines.push((None, format!("and {rest} more: see report.json")));
+    }
+    lines
+}
+
+/// Height of the badge and the title.
+const TITLE: usize = 56;
+
+fn header_height(lines: usize) -> usize {
+    MARGIN + TITLE + lines * LINE + 2 * GAP
+}
+
+fn header(
+    sheet: &mut RgbImage,
+    verdict: &Verdict,
+    title: &str,
+    lines: &[(Option<Level>, String)],
+) -> usize {
+    let word = verdict.level.name().to_uppercase();
+    let (wide, high) = text_size(&word, 4);
+    fill(
+        sheet,
+        (MARGIN, MARGIN),
+        (wide + 32, 46),
+        level_color(verdict.level),
+    );
+    let at = (MARGIN + 16, MARGIN + 25 - high / 2);
+    write(sheet, at, 4, [255; 3], (wide + 32, &word));
+    let left = MARGIN + wide + 52;
+    write(
+        sheet,
+        (left, MARGIN + 12),
+        3,
+        INK,
+        (WIDTH - MARGIN - left, title),
+    );
+    let mut top = MARGIN + TITLE;
+    for (level, line) in lines {
+        if let Some(level) = level {
+            fill(sheet, (MARGIN, top + 1), (12, 12), level_color(*level));
+        }
+        write(
+            sheet,
+            (MARGIN + 24, top),
+            2,
+            INK,
+            (WIDTH - 2 * MARGIN - 24, line),
+        );
+        top += LINE;
+    }
+    top + 2 * GAP
+}
+
+/// What the colours of the third panels mean, and how much of the model is of each.
+fn legend(sheet: &mut RgbImage, made: &Reconstruction, top: usize) -> usize {
+    let total = made.model.provenance.len().max(1) as f64;
+    let mut left = MARGIN;
+    for provenance in Provenance::ALL {
+        let count = made
+            .model
+            .provenance
+            .iter()
+            .filter(|&&p| p == provenance)
+            .count();
+        let share = 100.0 * count as f64 / total;
+        let label = format!("{} {share:.0} %", provenance_name(provenance));
+        let (color, ink) = if count > 0 {
+            (provenance_color(provenance), INK)
+        } else {
+            (EMPTY, PALE)
+        };
+        fill(sheet, (left, top), (16, 16), color);
+        let wide = text_size(&label, 2).0 + 12;
+        write(sheet, (left + 24, top), 2, ink, (wide, &label));
+        left += 24 + wide + 24;
+    }
+    top + LINE + GAP
+}
+
+fn provenance_name(provenance: Provenance) -> &'static str {
+    match provenance {
+        Provenance::Hull => "silhouettes",
+        Provenance::Carved => "carved by depth",
+        Provenance::Restored => "restored from depth",
+        Provenance::Bridged => "bridged over holes",
+        Provenance::Unseen => "not seen by depth",
+        Provenance::Table => "cut by the table",
+    }
+}

@@ -1,0 +1,67 @@
+//! Rules about how the capture came about: its moment, its cameras, its recording.
+
+use super::{Code, Level, Parameters, Reason, about_cameras};
+use crate::frame::CameraId;
+use crate::job::{CaptureFacts, ColorFacts, Silhouette};
+
+const NS_PER_HOUR: f64 = 3.6e12;
+const NS_PER_MS: f64 = 1e6;
+/// Messages of one kind that are repeated; the others are counted.
+const REPEATED: usize = 5;
+
+pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut Vec<Reason>) {
+    let skew_ms = capture.skew_ns as f64 / NS_PER_MS;
+    into.extend(parameters.skew_ms.level(skew_ms).map(|level| Reason {
+        level,
+        code: Code::Skew,
+        cameras: farthest(capture),
+        words: format!("the colour cameras' pictures are {skew_ms:.1} ms apart"),
+    }));
+    into.extend(about_cameras(
+        Code::BackgroundOld,
+        &parameters.background_age_h,
+        capture.colors.iter().map(|c| (&c.camera, age_h(c))),
+        |hours| format!("{hours:.0} h"),
+        |names| format!("the background plate is old: {names}"),
+    ));
+    for left_out in &capture.left_out {
+        into.push(Reason {
+            level: Level::Amber,
+            code: Code::CameraLeftOut,
+            cameras: vec![left_out.camera.clone()],
+            words: format!("takes no part: {}", left_out.reason),
+        });
+    }
+    repeat(
+        Code::Damage,
+        capture.damage.iter().map(ToString::to_string),
+        into,
+    );
+    repeat(Code::Warning, capture.warnings.iter().cloned(), into);
+}
+
+/// The camera that was farthest from the trigger.
+fn farthest(capture: &CaptureFacts) -> Vec<CameraId> {
+    let delays = capture.colors.iter();
+    let farthest = delays.max_by_key(|c| c.delay_ns.unsigned_abs());
+    farthest.map(|c| c.camera.clone()).into_iter().collect()
+}
+
+fn age_h(camera: &ColorFacts) -> f64 {
+    match camera.silhouette {
+        Silhouette::Background { age_ns } => age_ns as f64 / NS_PER_HOUR,
+        Silhouette::Mask => 0.0,
+    }
+}
+
+/// Passes on what was said elsewhere, each an amber reason.
+fn repeat(code: Code, messages: impl ExactSizeIterator<Item = String>, into: &mut Vec<Reason>) {
+    let rest = messages.len().saturating_sub(REPEATED);
+    let more = (rest > 0).then(|| format!("and {rest} more of the kind"));
+    into.extend(messages.take(REPEATED).chain(more).map(|words| Reason {
+        level: Level::Amber,
+        code,
+        cameras: Vec::new(),
+        words,
+    }));
+}

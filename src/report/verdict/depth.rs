@@ -1,0 +1,110 @@
+//! Rules about the depth cameras: is there depth, is it true, and does the model follow it.
+
+use super::{Code, Level, Parameters, Reason, about_cameras, mm, percent};
+use crate::frame::CameraId;
+use crate::reconstruct::Method;
+use crate::report::{DepthMeasures, Measurements, RegionMeasures};
+
+pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
+    let note = |code, words: &str| Reason {
+        level: Level::Green,
+        code,
+        cameras: Vec::new(),
+        words: words.to_owned(),
+    };
+    if measured.depth_cameras == 0 {
+        let words =
+            "the rig has no depth camera: the model is the visual hull, its hollows are filled";
+        return into.push(note(Code::NoDepthCamera, words));
+    }
+    if measured.method == Method::Hull {
+        let words =
+            "the model is the visual hull, as asked: no depth was used, its hollows are filled";
+        return into.push(note(Code::DepthNotUsed, words));
+    }
+    let (blind, seeing): (Vec<_>, Vec<_>) =
+        measured.depths.iter().partition(|d| d.facts.measured == 0);
+    if !blind.is_empty() {
+        into.push(without_depth(&blind, seeing.is_empty()));
+    }
+    if !seeing.is_empty() && seeing.iter().all(|d| d.regions.is_none()) {
+        let words = "no concave region was found: the model is the visual hull";
+        into.push(note(Code::NoRegion, words));
+    }
+    about_bias(&seeing, parameters, into);
+    about_regions(&seeing, parameters, into);
+}
+
+fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
+    let names: Vec<&str> = blind.iter().map(|d| d.camera.as_str()).collect();
+    let consequence = if all {
+        "the model is the visual hull, its hollows are filled"
+    } else {
+        "what only it sees stays the visual hull"
+    };
+    Reason {
+        level: Level::Amber,
+        code: Code::NoDepth,
+        cameras: blind.iter().map(|d| d.camera.clone()).collect(),
+        words: format!(
+            "no depth reading of the object from {}: {consequence}",
+            names.join(", ")
+        ),
+    }
+}
+
+fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {
+    let excess = |d: &DepthMeasures| {
+        let unstated = 1e-3 * parameters.unstated_uncertainty_mm;
+        1e3 * (d.bias.found.abs() - d.stated_uncertainty.unwrap_or(unstated))
+    };
+    let found = |camera: &CameraId| {
+        let found = seeing.iter().find(|d| d.camera == *camera);
+        found.map_or(0.0, |d| d.bias.found)
+    };
+    let reason = about_cameras(
+        Code::DepthBiased,
+        &parameters.bias_excess_mm,
+        seeing.iter().map(|d| (&d.camera, excess(d))),
+        |v| format!("{v:.1} mm more"),
+        |names| format!("depth is off by more than its calibration allows: {names}"),
+    );
+    into.extend(reason.map(|mut reason| {
+        if let [camera] = reason.cameras.as_slice() {
+            reason.words += &format!("; {} in all", mm(found(camera)));
+        }
+        reason
+    }));
+}
+
+fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {
+    let each = |value: fn(&RegionMeasures) -> f64| -> Vec<(&CameraId, f64)> {
+        let with_regions = seeing.iter().filter_map(|d| Some((d, d.regions.as_ref()?)));
+        with_regions.map(|(d, r)| (&d.camera, value(r))).collect()
+    };
+    into.extend(about_cameras(
+        Code::RegionUnread,
+        &parameters.region_unread,
+        each(|r| 1.0 - r.coverage).into_iter(),
+        |v| format!("{} without readings", percent(v)),
+        |names| format!("the hollow was hardly read, its form is interpolated: {names}"),
+    ));
+    into.extend(about_cameras(
+        Code::RegionLarge,
+        &parameters.region_share,
+        each(|r| r.share).into_iter(),
+        percent,
+        |names| {
+            format!(
+                "nearly all that the depth camera sees was restored from it, look closely: {names}"
+            )
+        },
+    ));
+    into.extend(about_cameras(
+        Code::DepthDisagrees,
+        &parameters.disagreement_mm,
+        each(|r| 1e3 * r.disagreement).into_iter(),
+        |v| format!("a tenth beyond {v:.1} mm"),
+        |names| format!("the restored surface is not where the depth was read: {names}"),
+    ));
+}

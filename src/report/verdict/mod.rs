@@ -1,0 +1,194 @@
+//! The verdict: green, amber or red, with its reasons in words. It decides from figures and limits alone;
+//! the rules are in `capture` (how the pictures came about), `silhouettes`, `depth` and `model`.
+
+mod capture;
+mod depth;
+mod model;
+mod parameters;
+mod silhouettes;
+#[cfg(test)]
+mod tests;
+
+pub use parameters::{Limits, Parameters};
+
+use super::Measurements;
+use crate::frame::CameraId;
+use crate::job::CaptureFacts;
+use serde::Serialize;
+
+/// How far a model can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Level {
+    /// Nothing is wrong. A reason of this level is a note.
+    Green,
+    /// It can be used, but a person should look.
+    Amber,
+    /// It should not be used.
+    Red,
+}
+
+impl Level {
+    /// In a word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Green => "green",
+            Self::Amber => "amber",
+            Self::Red => "red",
+        }
+    }
+}
+
+/// What a reason is about; for programs, as the words are for people.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Code {
+    /// A silhouette lies beside the place that the other cameras give it: the camera moved.
+    CameraDisplaced,
+    /// The hull does not cover a silhouette: it, or another camera's, is wrong.
+    SilhouetteUncovered,
+    /// The frame cuts the object.
+    FrameCut,
+    /// Pictures are too bright.
+    Overexposed,
+    /// Pictures are too dark.
+    Underexposed,
+    /// Pictures are out of focus, or something moved.
+    Blurred,
+    /// The backdrop is not as its plate shows it.
+    BackdropChanged,
+    /// The background plate is old.
+    BackgroundOld,
+    /// The cameras did not take their pictures together.
+    Skew,
+    /// A camera takes no part.
+    CameraLeftOut,
+    /// What reading the recording had to say.
+    Warning,
+    /// Parts of the recording cannot be read.
+    Damage,
+    /// The rig has no depth camera.
+    NoDepthCamera,
+    /// The method uses no depth.
+    DepthNotUsed,
+    /// A depth camera has no readings of the object.
+    NoDepth,
+    /// No concave region was found.
+    NoRegion,
+    /// Little of a concave region was read.
+    RegionUnread,
+    /// Nearly all that a depth camera sees was restored from it.
+    RegionLarge,
+    /// Model and depth do not agree in a concave region.
+    DepthDisagrees,
+    /// A depth camera is off by more than its calibration says.
+    DepthBiased,
+    /// Much of the model bridges holes of the depth.
+    HolesBridged,
+    /// Pieces were dropped.
+    PiecesDropped,
+    /// The model is no solid.
+    NotWatertight,
+    /// The model has more handles than most objects have: it may be perforated.
+    ManyHandles,
+    /// Much of the model was seen by no colour camera.
+    Unpainted,
+}
+
+/// One reason of a verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reason {
+    /// How much it weighs.
+    pub level: Level,
+    /// What it is about.
+    pub code: Code,
+    /// The cameras it is about, the worst one first.
+    pub cameras: Vec<CameraId>,
+    /// What a person should know.
+    pub words: String,
+}
+
+/// How far a model can be trusted, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verdict {
+    /// The level of the gravest reason.
+    pub level: Level,
+    /// The reasons, the gravest ones first.
+    pub reasons: Vec<Reason>,
+}
+
+impl Verdict {
+    fn of(mut reasons: Vec<Reason>) -> Self {
+        reasons.sort_by_key(|reason| std::cmp::Reverse(reason.level));
+        Self {
+            level: reasons.first().map_or(Level::Green, |first| first.level),
+            reasons,
+        }
+    }
+}
+
+/// Judges a model by the figures of its reconstruction and by how its capture came about.
+pub fn judge(measured: &Measurements, capture: &CaptureFacts, parameters: &Parameters) -> Verdict {
+    let mut reasons = Vec::new();
+    silhouettes::judge(measured, parameters, &mut reasons);
+    depth::judge(measured, parameters, &mut reasons);
+    model::judge(measured, parameters, &mut reasons);
+    capture::judge(capture, parameters, &mut reasons);
+    Verdict::of(reasons)
+}
+
+impl Limits {
+    /// The level of a value; `None` where there is nothing to say. A value that is no number is red.
+    fn level(&self, value: f64) -> Option<Level> {
+        let within = |limit: f64| value <= limit;
+        match self.red {
+            Some(red) if !within(red) => Some(Level::Red),
+            _ => (!within(self.amber)).then_some(Level::Amber),
+        }
+    }
+}
+
+/// One reason about all cameras whose value is beyond its limits, the worst one first. `words` is given their
+/// names and values.
+fn about_cameras<'a>(
+    code: Code,
+    limits: &Limits,
+    values: impl Iterator<Item = (&'a CameraId, f64)>,
+    in_words: impl Fn(f64) -> String,
+    words: impl Fn(&str) -> String,
+) -> Option<Reason> {
+    let beyond = |&(_, value): &(&CameraId, f64)| limits.level(value).is_some();
+    let mut found: Vec<_> = values.filter(beyond).collect();
+    found.sort_by(|a, b| b.1.total_cmp(&a.1).then_with(|| a.0.cmp(b.0)));
+    let (_, worst) = found.first()?;
+    let level = limits.level(*worst)?;
+    let listed = found.iter().take(NAMED);
+    let mut names: Vec<String> = listed
+        .map(|(camera, value)| format!("{camera} ({})", in_words(*value)))
+        .collect();
+    if found.len() > NAMED {
+        names.push(format!("{} more", found.len() - NAMED));
+    }
+    Some(Reason {
+        level,
+        code,
+        cameras: found.iter().map(|(camera, _)| (*camera).clone()).collect(),
+        words: words(&names.join(", ")),
+    })
+}
+
+/// Cameras that a reason names in words; the others are counted.
+const NAMED: usize = 4;
+
+fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    if percent.abs() < 10.0 {
+        format!("{percent:.1} %")
+    } else {
+        format!("{percent:.0} %")
+    }
+}
+
+fn mm(metres: f64) -> String {
+    format!("{:.1} mm", 1e3 * metres)
+}

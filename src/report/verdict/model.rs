@@ -1,0 +1,53 @@
+//! Rules about the model itself.
+
+use super::{Code, Level, Limits, Parameters, Reason, percent};
+use crate::reconstruct::Provenance;
+use crate::report::Measurements;
+
+pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
+    let model = &measured.model;
+    let reason = |level, code, words| Reason {
+        level,
+        code,
+        cameras: Vec::new(),
+        words,
+    };
+    if !model.watertight {
+        let words = "the model's surface is not that of a solid".to_owned();
+        into.push(reason(Level::Red, Code::NotWatertight, words));
+    }
+    let beyond = |limits: &Limits, value: f64| limits.level(value).map(|level| (level, value));
+    let bridged = model.share(Provenance::Bridged);
+    into.extend(beyond(&parameters.bridged, bridged).map(|(level, v)| {
+        let words = format!("{} of the model bridges holes of the depth", percent(v));
+        reason(level, Code::HolesBridged, words)
+    }));
+    let handles = model.mesh.genus.unwrap_or(0) as f64;
+    into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
+        let words =
+            format!("the model has {v:.0} handles or holes through it: it may be perforated");
+        reason(level, Code::ManyHandles, words)
+    }));
+    let unpainted = 1.0 - model.textured.unwrap_or(1.0);
+    into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
+        let words = format!(
+            "no camera saw {} of the model: its colour there is spread from around",
+            percent(v)
+        );
+        reason(level, Code::Unpainted, words)
+    }));
+    // Phantoms where cones meet away from the object are in the nature of hulls; what carving cuts off is not.
+    for (level, count, from) in [
+        (Level::Green, model.dropped_hull_pieces, "beside the hull"),
+        (
+            Level::Amber,
+            model.dropped_carved_pieces,
+            "that carving cut off",
+        ),
+    ] {
+        if count > 0 {
+            let words = format!("{count} stray piece(s) {from} were dropped");
+            into.push(reason(level, Code::PiecesDropped, words));
+        }
+    }
+}

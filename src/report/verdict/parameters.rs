@@ -1,0 +1,94 @@
+//! Where green ends and amber and red begin. `design/verdict.md` has the data that the defaults come from.
+
+use serde::{Deserialize, Serialize};
+
+/// Two limits of one figure.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Beyond this it is amber.
+    pub amber: f64,
+    /// Beyond this it is red; without it, it never is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub red: Option<f64>,
+}
+
+impl Limits {
+    const fn amber(amber: f64) -> Self {
+        Self { amber, red: None }
+    }
+
+    const fn amber_red(amber: f64, red: f64) -> Self {
+        Self {
+            amber,
+            red: Some(red),
+        }
+    }
+}
+
+/// The limits of a verdict. A figure beyond its limit is a reason.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// Displacement of a silhouette against the others, as a share of the object's longest side. Default
+    /// 0.006 and 0.03.
+    pub displaced: Limits,
+    /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
+    /// pixels away. Default 0.004 and 0.25.
+    pub uncovered: Limits,
+    /// Pixels at the frame's edge that are object, as a share of the object's longest side. Default 0.02.
+    pub frame_cut: Limits,
+    /// Share of the object's pixels that are overexposed. Default 0.1.
+    pub overexposed: Limits,
+    /// Share of the object's pixels that are black. Default 0.5.
+    pub underexposed: Limits,
+    /// Standard deviation of the blur across the contour, in pixels. Default 3 and 10.
+    pub blur_px: Limits,
+    /// Share of the backdrop around the object that is not as its plate shows it. Default 0.1.
+    pub backdrop_changed: Limits,
+    /// Hours between the background plate and the capture. Default 24.
+    pub background_age_h: Limits,
+    /// Milliseconds between the first and the last colour camera. Default 10 and 100.
+    pub skew_ms: Limits,
+    /// Share of the concave regions' pixels without readings that count. Default 0.5.
+    pub region_unread: Limits,
+    /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
+    pub bridged: Limits,
+    /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
+    pub region_share: Limits,
+    /// Millimetres that nine in ten pixels of a concave region are within, between model and depth.
+    /// Default 3 and 10.
+    pub disagreement_mm: Limits,
+    /// Bias of a depth camera over what its calibration leaves possible, in millimetres. Default 2 and 15.
+    pub bias_excess_mm: Limits,
+    /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
+    pub unstated_uncertainty_mm: f64,
+    /// Handles of the model, of which perforations are made. Default 4.
+    pub handles: Limits,
+    /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.3.
+    pub unpainted: Limits,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            displaced: Limits::amber_red(0.006, 0.03),
+            uncovered: Limits::amber_red(0.004, 0.25),
+            frame_cut: Limits::amber(0.02),
+            overexposed: Limits::amber(0.1),
+            underexposed: Limits::amber(0.5),
+            blur_px: Limits::amber_red(3.0, 10.0),
+            backdrop_changed: Limits::amber(0.1),
+            background_age_h: Limits::amber(24.0),
+            skew_ms: Limits::amber_red(10.0, 100.0),
+            region_unread: Limits::amber(0.5),
+            bridged: Limits::amber(0.1),
+            region_share: Limits::amber(0.95),
+            disagreement_mm: Limits::amber_red(3.0, 10.0),
+            bias_excess_mm: Limits::amber_red(2.0, 15.0),
+            unstated_uncertainty_mm: 10.0,
+            handles: Limits::amber(4.0),
+            unpainted: Limits::amber(0.3),
+        }
+    }
+}

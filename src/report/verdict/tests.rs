@@ -1,0 +1,204 @@
+//! The rules on figures made by hand; that the figures tell faults is shown on simulated rigs elsewhere.
+
+use super::*;
+use crate::frame::{CaptureId, Timestamp};
+use crate::job::{ColorFacts, LeftOut, Silhouette};
+use crate::mesh;
+use crate::reconstruct::{Method, Provenance, silhouette};
+use crate::report::{ColorMeasures, Consistency, ModelMeasures, ProvenanceMeasures};
+
+fn id(name: &str) -> CameraId {
+    CameraId::new(name).unwrap()
+}
+
+fn camera(name: &str, missing: f64) -> ColorMeasures {
+    ColorMeasures {
+        camera: id(name),
+        object_px: [800, 1000],
+        consistency: Consistency {
+            coverage: 1.0 - missing,
+            missing,
+            ..Consistency::default()
+        },
+        silhouette: silhouette::Facts::default(),
+    }
+}
+
+fn measured() -> Measurements {
+    Measurements {
+        colors: ["c00", "c01", "c02"].map(|name| camera(name, 0.0)).to_vec(),
+        depths: Vec::new(),
+        depth_cameras: 0,
+        model: ModelMeasures {
+            watertight: true,
+            mesh: mesh::Report::default(),
+            bounds: [[0.0; 3]; 2],
+            cell_size: 1e-3,
+            provenance: vec![ProvenanceMeasures {
+                provenance: Provenance::Hull,
+                share: 1.0,
+                mean_expected_error: 1e-4,
+            }],
+            textured: Some(0.9),
+            dropped_hull_pieces: 0,
+            dropped_carved_pieces: 0,
+        },
+        method: Method::Hybrid,
+    }
+}
+
+fn capture() -> CaptureFacts {
+    let color = |name| ColorFacts {
+        camera: id(name),
+        delay_ns: 0,
+        silhouette: Silhouette::Background {
+            age_ns: 60_000_000_000,
+        },
+    };
+    CaptureFacts {
+        id: CaptureId::new("cup-000").unwrap(),
+        time_ns: Timestamp(1),
+        source: "pedal".into(),
+        subject: None,
+        skew_ns: 0,
+        colors: ["c00", "c01", "c02"].map(color).to_vec(),
+        depths: Vec::new(),
+        left_out: Vec::new(),
+        warnings: Vec::new(),
+        damage: Vec::new(),
+    }
+}
+
+fn judged(measured: &Measurements, capture: &CaptureFacts) -> Verdict {
+    judge(measured, capture, &Parameters::default())
+}
+
+fn codes(verdict: &Verdict, level: Level) -> Vec<Code> {
+    let of_level = verdict.reasons.iter().filter(|r| r.level == level);
+    of_level.map(|r| r.code).collect()
+}
+
+#[test]
+fn a_rig_without_a_depth_camera_is_green_and_says_so() {
+    let verdict = judged(&measured(), &capture());
+    assert_eq!(verdict.level, Level::Green);
+    assert_eq!(codes(&verdict, Level::Green), [Code::NoDepthCamera]);
+}
+
+#[test]
+fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
+    let mut measured = measured();
+    measured.colors[0] = camera("c00", 0.01);
+    measured.colors[1].consistency.shift_px = [12.0, -3.4];
+    measured.colors[2].consistency.shift_px = [4.0, 4.0];
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [Code::CameraDisplaced]);
+    let reason = &verdict.reasons[0];
+    assert_eq!(reason.cameras, [id("c01")]);
+    assert!(reason.words.contains("c01 (by 1.2 %"), "{}", reason.words);
+    assert!(reason.words.contains("+12, -3 px"), "{}", reason.words);
+    measured.colors[1].consistency.shift_px = [0.0, 80.0];
+    assert_eq!(judged(&measured, &capture()).level, Level::Red);
+}
+
+#[test]
+fn parts_of_a_silhouette_that_are_not_covered_are_amber() {
+    let mut measured = measured();
+    measured.colors[2] = camera("c02", 0.02);
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [Code::SilhouetteUncovered]);
+    assert!(verdict.reasons[0].words.contains("c02 (2.0 %)"));
+}
+
+#[test]
+fn the_gravest_reason_decides_and_comes_first() {
+    let mut measured = measured();
+    measured.model.dropped_carved_pieces = 2;
+    measured.model.watertight = false;
+    measured.colors[0].silhouette.edge_px = [0, 0, 300, 0];
+    let verdict = judged(&measured, &capture());
+    assert_eq!(verdict.level, Level::Red);
+    assert_eq!(verdict.reasons[0].code, Code::NotWatertight);
+    assert_eq!(
+        codes(&verdict, Level::Amber),
+        [Code::FrameCut, Code::PiecesDropped]
+    );
+}
+
+#[test]
+fn a_capture_that_came_about_badly_is_amber() {
+    let mut capture = capture();
+    capture.skew_ns = 30_000_000;
+    capture.colors[1].delay_ns = -30_000_000;
+    capture.colors[2].silhouette = Silhouette::Background {
+        age_ns: 48 * 3_600_000_000_000,
+    };
+    capture.left_out.push(LeftOut {
+        camera: id("c07"),
+        reason: "it has no calibration".into(),
+    });
+    capture.warnings = (0..9).map(|n| format!("warning {n}")).collect();
+    let verdict = judged(&measured(), &capture);
+    let ambers = codes(&verdict, Level::Amber);
+    assert_eq!(
+        ambers[..3],
+        [Code::Skew, Code::BackgroundOld, Code::CameraLeftOut]
+    );
+    assert_eq!(
+        ambers.len(),
+        3 + 6,
+        "five warnings and a count of the others"
+    );
+    assert_eq!(verdict.reasons[0].cameras, [id("c01")]);
+    assert!(verdict.reasons[1].words.contains("c02 (48 h)"));
+}
+
+#[test]
+fn a_depth_camera_that_gave_nothing_is_amber() {
+    let mut measured = measured();
+    measured.depth_cameras = 1;
+    measured.depths = vec![crate::report::DepthMeasures::nothing(id("kinect"))];
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [Code::NoDepth]);
+    measured.method = Method::Hull;
+    assert_eq!(
+        codes(&judged(&measured, &capture()), Level::Green),
+        [Code::DepthNotUsed]
+    );
+}
+
+#[test]
+fn many_cameras_make_one_reason() {
+    let mut measured = measured();
+    measured.colors = (0..30).map(|n| camera(&format!("c{n:02}"), 0.01)).collect();
+    let verdict = judged(&measured, &capture());
+    assert_eq!(verdict.reasons[0].cameras.len(), 30);
+    assert!(
+        verdict.reasons[0].words.ends_with("26 more"),
+        "{}",
+        verdict.reasons[0].words
+    );
+}
+
+#[test]
+fn what_is_no_number_is_red() {
+    let limits = Limits {
+        amber: 1.0,
+        red: Some(2.0),
+    };
+    assert_eq!(limits.level(1.0), None);
+    assert_eq!(limits.level(1.5), Some(Level::Amber));
+    assert_eq!(limits.level(f64::NAN), Some(Level::Red));
+}
+
+#[test]
+fn limits_are_read_from_a_file_and_misspelt_ones_refused() {
+    let read: Parameters = toml::from_str("skew_ms = { amber = 1, red = 3 }").unwrap();
+    assert_eq!(read.skew_ms.red, Some(3.0));
+    assert!(toml::from_str::<Parameters>("skew_ms = { ambre = 1 }").is_err());
+    let written = toml::to_string(&Parameters::default()).unwrap();
+    assert_eq!(
+        toml::from_str::<Parameters>(&written).unwrap(),
+        Parameters::default()
+    );
+}
