@@ -1,6 +1,7 @@
 //! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
 //! into words and exit codes; the work itself is done in the rooms.
 
+pub mod diff;
 pub mod evaluate;
 pub mod info;
 pub mod replay;
@@ -41,6 +42,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Diff(diff::Args),
     Evaluate(evaluate::Args),
     Info(info::Args),
 }
@@ -51,6 +53,7 @@ enum Command {
 /// What went wrong, in words for the terminal; the exit code is then 1.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Info(args)) => info::run(args),
         None => replay::run(cli.replay),

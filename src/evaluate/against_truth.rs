@@ -175,7 +175,11 @@ impl MeasureModel<'_> {
 }
 
 /// Of the triangle's corner that is nearest.
-fn provenance_at(model: &LoadedModel, triangle: usize, weights: [f64; 3]) -> Option<Provenance> {
+pub(super) fn provenance_at(
+    model: &LoadedModel,
+    triangle: usize,
+    weights: [f64; 3],
+) -> Option<Provenance> {
     let corner = (0..3).fold(
         0,
         |best, i| if weights[i] > weights[best] { i } else { best },

@@ -2,6 +2,7 @@
 //! Files are only read here; what is found is handed back as data.
 
 mod against_truth;
+mod difference;
 mod figures;
 pub mod load;
 pub mod picture;
@@ -15,6 +16,9 @@ mod tests;
 mod wall;
 
 pub use against_truth::{Evaluation, ExpectedBin, ProvenanceFigures, Solid, evaluate};
+pub use difference::{
+    Difference, DifferenceParameters, Place, ProvenanceChange, ProvenanceChanges, Side, difference,
+};
 pub use figures::{Angles, Bias, Expected, FScore, Figures, Part, RimFigures, WallFigures};
 pub use sample::{Sample, sample};
 pub use statistics::Summary;

@@ -1,0 +1,116 @@
+//! `scand evaluate` and `scand diff` as a user calls them: files in, words or JSON and an exit code out.
+
+use assert_cmd::Command;
+use std::path::{Path, PathBuf};
+
+/// A box, as a PLY file.
+fn write_box(folder: &Path, name: &str, size: [f32; 3]) -> PathBuf {
+    let mut text = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n\
+        property float z\nproperty uchar provenance\nproperty float expected_error\nelement face 6\n\
+        property list uchar int vertex_indices\nend_header\n"
+        .to_owned();
+    for i in 0..8 {
+        let at = |bit: usize| if i >> bit & 1 == 1 { size[bit] } else { 0.0 };
+        text += &format!("{} {} {} {} 0.001\n", at(0), at(1), at(2), i % 2);
+    }
+    for face in [
+        "0 2 3 1", "4 5 7 6", "0 1 5 4", "2 6 7 3", "0 4 6 2", "1 3 7 5",
+    ] {
+        text += &format!("4 {face}\n");
+    }
+    let path = folder.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn scand() -> Command {
+    let mut command = Command::cargo_bin("scand").unwrap();
+    command.timeout(std::time::Duration::from_secs(120));
+    command
+}
+
+#[test]
+fn evaluate_answers_in_json_and_draws() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = write_box(folder.path(), "truth.ply", [0.06, 0.06, 0.06]);
+    let model = write_box(folder.path(), "model.ply", [0.06, 0.06, 0.061]);
+    let picture = folder.path().join("distances.png");
+    let output = scand()
+        .arg("evaluate")
+        .args([&model, &truth])
+        .args(["--json", "--samples", "20000", "--picture"])
+        .arg(&picture)
+        .assert()
+        .success();
+    let found: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    let number = |path: &str| found.pointer(path).and_then(|v| v.as_f64()).unwrap();
+    assert!((number("/volume_error_percent") - 100.0 / 60.0).abs() < 1e-3);
+    assert!((number("/whole/accuracy/max_mm") - 1.0).abs() < 1e-3);
+    assert!(number("/whole/f_scores/2/f_score") > 0.999);
+    assert_eq!(found["model"]["watertight"], true);
+    assert_eq!(found["by_provenance"][1]["provenance"], "carved");
+    assert_eq!(found["by_expected_error"][0]["from_mm"], 1.0);
+    assert!(image::open(&picture).unwrap().width() > 1000);
+    let words = scand()
+        .arg("evaluate")
+        .args([&model, &truth])
+        .assert()
+        .success();
+    let words = String::from_utf8_lossy(&words.get_output().stdout).into_owned();
+    for wanted in [
+        "F-score at 1 mm",
+        "rims",
+        "carved",
+        "watertight",
+        "signed bias",
+    ] {
+        assert!(words.contains(wanted), "{wanted} in {words}");
+    }
+}
+
+#[test]
+fn evaluate_names_what_it_cannot_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = write_box(folder.path(), "truth.ply", [0.06; 3]);
+    let broken = folder.path().join("broken.glb");
+    std::fs::write(&broken, b"glTF\x02\0\0\0").unwrap();
+    let failed = scand()
+        .arg("evaluate")
+        .args([&broken, &truth])
+        .assert()
+        .code(1);
+    assert!(String::from_utf8_lossy(&failed.get_output().stderr).contains("broken.glb"));
+    scand()
+        .arg("evaluate")
+        .args([&truth, &truth])
+        .args(["--samples", "0"])
+        .assert()
+        .code(2);
+}
+
+#[test]
+fn diff_ends_with_what_it_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = write_box(folder.path(), "a.ply", [0.06; 3]);
+    let b = write_box(folder.path(), "b.ply", [0.06, 0.06, 0.063]);
+    let diff = |files: [&PathBuf; 2], more: &[&str]| {
+        let mut command = scand();
+        command
+            .arg("diff")
+            .args(files)
+            .args(["--samples", "5000"])
+            .args(more);
+        command
+    };
+    diff([&a, &a], &[]).assert().code(0);
+    diff([&a, &b], &["--tolerance-mm", "4"]).assert().code(0);
+    let output = diff([&a, &b], &["--json"]).assert().code(1);
+    let found: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    assert_eq!(found["same"], false);
+    assert!((found["places"][0]["distance_mm"].as_f64().unwrap() - 3.0).abs() < 1e-3);
+    assert!((found["places"][0]["position_mm"][2].as_f64().unwrap() - 63.0).abs() < 1e-3);
+    diff([&a, &folder.path().join("none.ply")], &[])
+        .assert()
+        .code(2);
+    diff([&a, &b], &["--unknown"]).assert().code(2);
+}
