@@ -107,8 +107,11 @@ fn diff_ends_with_what_it_found() {
     let output = diff([&a, &b], &["--json"]).assert().code(1);
     let found: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
     assert_eq!(found["same"], false);
-    assert!((found["places"][0]["distance_mm"].as_f64().unwrap() - 3.0).abs() < 1e-3);
-    assert!((found["places"][0]["position_mm"][2].as_f64().unwrap() - 63.0).abs() < 1e-3);
+    // The tops are 3 mm apart, seen from either.
+    let place = &found["places"][0];
+    let top = if place["on"] == "a" { 60.0 } else { 63.0 };
+    assert!((place["distance_mm"].as_f64().unwrap() - 3.0).abs() < 1e-3);
+    assert!((place["position_mm"][2].as_f64().unwrap() - top).abs() < 1e-3);
     diff([&a, &folder.path().join("none.ply")], &[])
         .assert()
         .code(2);
