@@ -12,6 +12,8 @@ pub struct Config {
     pub sync: sync::Parameters,
     /// Which model is made.
     pub method: reconstruct::Method,
+    /// Vertices to simplify models to; 0 leaves them as they are.
+    pub vertices: usize,
     /// Silhouettes.
     pub silhouette: reconstruct::silhouette::Parameters,
     /// The visual hull.
@@ -89,6 +91,7 @@ impl Config {
     pub fn reconstruction(&self) -> reconstruct::Parameters {
         reconstruct::Parameters {
             method: self.method,
+            vertices: self.vertices,
             silhouette: self.silhouette.clone(),
             hull: self.hull.clone(),
             depth: self.depth.clone(),

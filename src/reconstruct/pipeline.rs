@@ -9,7 +9,7 @@ use super::surface::Surface;
 use super::texture;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
-use crate::mesh::{Mesh, vertex_normals};
+use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
 use rayon::prelude::*;
 
 /// Which model is made.
@@ -41,6 +41,8 @@ pub enum Method {
 pub struct Parameters {
     /// Which model is made.
     pub method: Method,
+    /// Vertices to simplify the model to; 0 leaves it as it is.
+    pub vertices: usize,
     /// Silhouettes from masks or background plates.
     pub silhouette: silhouette::Parameters,
     /// The visual hull.
@@ -70,6 +72,9 @@ pub enum Error {
     /// A region cannot be restored.
     #[error(transparent)]
     Restoration(#[from] restore::Singular),
+    /// The model cannot be simplified.
+    #[error(transparent)]
+    Simplify(#[from] SimplifyError),
     /// Too few cameras.
     #[error("{found} colour camera(s) with a silhouette: a visual hull needs two or more")]
     TooFewCameras {
@@ -97,6 +102,8 @@ pub struct Reconstruction {
     pub dropped_hull_pieces: usize,
     /// Pieces that carving cut off, dropped.
     pub dropped_carved_pieces: usize,
+    /// Rays of colour cameras that carving had opened and that were closed again.
+    pub closed_openings: usize,
 }
 
 /// What was found in one depth view.
@@ -133,7 +140,7 @@ pub fn reconstruct(
     begin(Stage::Hull)?;
     let cones = scene
         .colors
-        .iter()
+        .par_iter()
         .zip(&silhouettes)
         .map(|(v, s)| Cone::new(&v.camera, &s.level))
         .collect();
@@ -154,6 +161,10 @@ pub fn reconstruct(
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
 
+    if parameters.vertices > 0 {
+        restored.model = simplified(restored.model, parameters.vertices)?;
+    }
+
     begin(Stage::Texture)?;
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
     let texture = texture::paint(&restored.model, scene, &masks, &parameters.texture);
@@ -165,6 +176,7 @@ pub fn reconstruct(
         depths,
         dropped_hull_pieces: extracted.dropped_pieces,
         dropped_carved_pieces: restored.dropped_pieces,
+        closed_openings: restored.closed_openings,
         hull: extracted.surface.mesh,
     })
 }
@@ -223,6 +235,23 @@ fn depths(
         .collect())
 }
 
+/// The model with fewer vertices, each of which it had before.
+fn simplified(model: Model, vertices: usize) -> Result<Model, SimplifyError> {
+    let Simplified { mesh, sources } = simplify(&model.mesh, vertices)?;
+    let normals = vertex_normals(&mesh);
+    let of = |v: &u32| *v as usize;
+    Ok(Model {
+        mesh,
+        normals,
+        provenance: sources.iter().map(|v| model.provenance[of(v)]).collect(),
+        expected_error: sources
+            .iter()
+            .map(|v| model.expected_error[of(v)])
+            .collect(),
+        texture: None,
+    })
+}
+
 fn restore(
     template: &Template,
     scene: &Scene,
@@ -240,10 +269,7 @@ fn restore(
         })
         .collect();
     Ok(match parameters.method {
-        Method::Hull => Restored {
-            model: restore::plain(template),
-            dropped_pieces: 0,
-        },
+        Method::Hull => Restored::uncarved(restore::plain(template)),
         Method::DepthHull => restore::depth_hull(template, &sources),
         Method::Hybrid => restore::restore(template, &sources, &parameters.restoration)?,
     })

@@ -17,8 +17,6 @@ pub(super) struct Reconstruct<'a> {
     pub(super) config: &'a Config,
     /// Cameras to use instead of the recorded ones.
     pub(super) calibration: Option<&'a RigCalibration>,
-    /// Vertices to simplify to.
-    pub(super) vertices: Option<usize>,
     /// Whether other outputs may be replaced.
     pub(super) force: bool,
     /// Where the captures' folders go.
@@ -147,8 +145,7 @@ impl Reconstruct<'_> {
 
     /// All settings that the model depends on, as text.
     fn settings(&self) -> String {
-        let config = toml::to_string(self.config).unwrap_or_default();
-        format!("{config}\nvertices = {:?}", self.vertices)
+        toml::to_string(self.config).unwrap_or_default()
     }
 
     /// Whether the folder holds the model of this digest.

@@ -72,6 +72,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if let Some(method) = args.method {
         config.method = method;
     }
+    if let Some(vertices) = args.vertices {
+        config.vertices = vertices as usize;
+    }
     let calibration = match &args.calibration {
         Some(path) => {
             Some(RigCalibration::load(path).map_err(|e| super::BadConfiguration(e.into()))?)
@@ -85,7 +88,6 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let reconstruct = Reconstruct {
             config: &config,
             calibration: calibration.as_ref(),
-            vertices: args.vertices.map(|n| n as usize),
             force: args.force,
             folder: args.out.join(stem),
             console: &console,

@@ -45,6 +45,12 @@ impl<'a> Cone<'a> {
         self.camera
     }
 
+    /// Whether a pixel is inside the silhouette by more than the contour's uncertainty.
+    pub fn is_well_inside(&self, pixel: Point2<f64>) -> bool {
+        const WELL_INSIDE: f32 = 250.0;
+        self.camera.intrinsics.contains(pixel) && self.sample(pixel) > WELL_INSIDE
+    }
+
     /// What the camera knows of a cube: inside its silhouette, outside it, both, or `None` where no part of
     /// the cube is surely within the picture, so that it knows nothing.
     pub(super) fn side(&self, center: Point3<f64>, half: f64) -> Known {

@@ -12,7 +12,7 @@ impl<T: Copy + PartialOrd> Extremes<T> {
     /// # Panics
     /// If the picture has no pixel.
     pub(super) fn new(picture: &Grid<T>) -> Self {
-        let mut levels = vec![halve(&picture.map(|&v| [v, v]))];
+        let mut levels = vec![halve_picture(picture)];
         while levels
             .last()
             .is_some_and(|l| l.width() > 1 || l.height() > 1)
@@ -50,14 +50,37 @@ fn join<T: Copy + PartialOrd>(a: [T; 2], b: [T; 2]) -> [T; 2] {
 
 fn halve<T: Copy + PartialOrd>(fine: &Grid<[T; 2]>) -> Grid<[T; 2]> {
     let (width, height) = (fine.width().div_ceil(2), fine.height().div_ceil(2));
-    Grid::from_fn(width, height, |x, y| {
-        let (x1, y1) = (
-            (2 * x + 1).min(fine.width() - 1),
-            (2 * y + 1).min(fine.height() - 1),
+    let mut blocks = Vec::with_capacity(width * height);
+    for y in 0..height {
+        let (top, bottom) = (
+            fine.row(2 * y),
+            fine.row((2 * y + 1).min(fine.height() - 1)),
         );
-        let (top, bottom) = (fine.row(2 * y), fine.row(y1));
-        join(join(top[2 * x], top[x1]), join(bottom[2 * x], bottom[x1]))
-    })
+        let rows = top.chunks(2).zip(bottom.chunks(2));
+        blocks.extend(rows.map(|(a, b)| {
+            let last = a.len() - 1;
+            join(join(a[0], a[last]), join(b[0], b[last]))
+        }));
+    }
+    Grid::from_pixels(width, height, blocks)
+}
+
+/// The first level, without pairing each pixel with itself first.
+fn halve_picture<T: Copy + PartialOrd>(picture: &Grid<T>) -> Grid<[T; 2]> {
+    let (width, height) = (picture.width().div_ceil(2), picture.height().div_ceil(2));
+    let mut blocks = Vec::with_capacity(width * height);
+    for y in 0..height {
+        let (top, bottom) = (
+            picture.row(2 * y),
+            picture.row((2 * y + 1).min(picture.height() - 1)),
+        );
+        let rows = top.chunks(2).zip(bottom.chunks(2));
+        blocks.extend(rows.map(|(a, b)| {
+            let last = a.len() - 1;
+            join(join([a[0]; 2], [a[last]; 2]), join([b[0]; 2], [b[last]; 2]))
+        }));
+    }
+    Grid::from_pixels(width, height, blocks)
 }
 
 #[cfg(test)]

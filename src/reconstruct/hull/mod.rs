@@ -22,7 +22,7 @@ use nalgebra::Point3;
 pub struct Parameters {
     /// Edge of a cell in metres; 0 chooses it from `resolution`.
     pub cell_size: f64,
-    /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 280 give about 50,000
+    /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 200 give about 50,000
     /// vertices.
     pub resolution: f64,
     /// Where `cell_size` is 0, cells are not made smaller than this many pixels.
@@ -38,7 +38,7 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             cell_size: 0.0,
-            resolution: 280.0,
+            resolution: 200.0,
             smallest_cell_px: 0.6,
             least_views: 2,
             smallest_piece: 0.05,

@@ -5,6 +5,7 @@
 //! - `lid` (the paper's): the hull's patch over each region is given the Laplacian coordinates of the depth.
 
 mod carve;
+mod consistency;
 mod laplacian;
 mod lid;
 mod provenance;
@@ -91,7 +92,23 @@ pub struct Restored {
     pub model: Model,
     /// Pieces that were cut off and dropped.
     pub dropped_pieces: usize,
+    /// Rays of colour cameras that carving had opened and that were closed again.
+    pub closed_openings: usize,
 }
+
+impl Restored {
+    /// A model that nothing was carved off.
+    pub fn uncarved(model: Model) -> Self {
+        Self {
+            model,
+            dropped_pieces: 0,
+            closed_openings: 0,
+        }
+    }
+}
+
+/// Times that openings are closed: closing one can leave another, seen past it.
+const CLOSING_ROUNDS: usize = 3;
 
 /// The hull as it is: for objects without concave regions, and as a baseline.
 pub fn plain(template: &Template) -> Model {
@@ -113,10 +130,7 @@ pub fn restore(
         .filter(|s| s.regions.count > 0)
         .collect();
     if sources.is_empty() {
-        return Ok(Restored {
-            model: plain(template),
-            dropped_pieces: 0,
-        });
+        return Ok(Restored::uncarved(plain(template)));
     }
     let depths: Vec<Grid<f32>> = sources
         .iter()
@@ -135,10 +149,7 @@ pub fn restore(
                     template.front_threshold,
                 )?;
             }
-            Ok(Restored {
-                model,
-                dropped_pieces: 0,
-            })
+            Ok(Restored::uncarved(model))
         }
     }
 }
@@ -175,27 +186,42 @@ pub fn depth_hull(template: &Template, sources: &[Source]) -> Restored {
     carve_by(template, sources, depths).1
 }
 
-/// Carves the hull; also tells the constraint of each vertex.
+/// Carves the hull, and closes what that opened; also tells the constraint of each vertex.
 fn carve_by(
     template: &Template,
     sources: &[Source],
-    depths: Vec<Grid<f32>>,
+    mut depths: Vec<Grid<f32>>,
 ) -> (Vec<super::surface::Constraint>, Restored) {
     let cell_size = template.lattice.cell_size;
-    let carvings: Vec<Carving> = sources
-        .iter()
-        .zip(depths)
-        .map(|(s, d)| Carving::new(s.camera, d, cell_size))
-        .collect();
-    let carved = Carved::new(template.hull, &carvings);
-    let extracted = hull::extract(&carved, template.lattice, template.parameters);
-    let constraints = extracted.surface.constraints.clone();
-    let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
-    (
-        constraints,
-        Restored {
-            model,
-            dropped_pieces: extracted.dropped_pieces,
-        },
-    )
+    let mut closed_openings = 0;
+    for round in 0.. {
+        let carvings: Vec<Carving> = sources
+            .iter()
+            .zip(&depths)
+            .map(|(s, d)| Carving::new(s.camera, d.clone(), cell_size))
+            .collect();
+        let carved = Carved::new(template.hull, &carvings);
+        let extracted = hull::extract(&carved, template.lattice, template.parameters);
+        let mesh = &extracted.surface.mesh;
+        let closed = if round < CLOSING_ROUNDS {
+            consistency::close_openings(template.hull, mesh, &carvings, &mut depths, cell_size)
+        } else {
+            0
+        };
+        if closed == 0 {
+            let constraints = extracted.surface.constraints.clone();
+            let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
+            let dropped_pieces = extracted.dropped_pieces;
+            return (
+                constraints,
+                Restored {
+                    model,
+                    dropped_pieces,
+                    closed_openings,
+                },
+            );
+        }
+        closed_openings += closed;
+    }
+    unreachable!("the last round closes nothing")
 }

@@ -1,0 +1,117 @@
+//! A restored model must still cover every silhouette: where carving opened the object so that a colour
+//! camera would look through it, though it saw object there, the carving was too deep and is undone.
+
+use crate::image::Grid;
+use crate::mesh::{Mesh, rasterize};
+use crate::reconstruct::hull::{Carving, Cone, Hull};
+use crate::reconstruct::surface::{Solid, Undecided};
+use nalgebra::{Point2, Point3, Vector3};
+use rayon::prelude::*;
+
+/// Longest side of the pictures in which coverage is checked, in pixels.
+const CHECKED_SIDE: f64 = 640.0;
+
+/// Undoes in `depths` (a grid for each of `carvings`, from which they were made) what opened `carved`, the
+/// surface of `hull` carved by them, to the sight of a colour camera. Returns how many rays were closed.
+pub(super) fn close_openings(
+    hull: &Hull,
+    carved: &Mesh,
+    carvings: &[Carving],
+    depths: &mut [Grid<f32>],
+    cell_size: f64,
+) -> usize {
+    let open: Vec<(Point3<f64>, usize)> = hull
+        .cones()
+        .par_iter()
+        .flat_map_iter(|cone| openings(cone, hull, carved, carvings, cell_size))
+        .collect();
+    for &(p, carving) in &open {
+        keep(p, &carvings[carving], &mut depths[carving], cell_size);
+    }
+    open.len()
+}
+
+/// For each pixel of a silhouette that the carved surface no longer covers: the point of the hull on its ray
+/// that was carved least, and by which carving.
+fn openings<'a>(
+    cone: &'a Cone,
+    hull: &'a Hull,
+    carved: &Mesh,
+    carvings: &'a [Carving],
+    cell_size: f64,
+) -> impl Iterator<Item = (Point3<f64>, usize)> + 'a {
+    let lens = &cone.camera().intrinsics;
+    let scale = (CHECKED_SIDE / lens.width.max(lens.height) as f64).min(1.0);
+    let [width, height] = [lens.width, lens.height].map(|n| (n as f64 * scale) as usize);
+    let project = |v: &Point3<f32>| {
+        let [x, y, z] = cone.camera().project_for_raster(*v);
+        [x * scale as f32, y * scale as f32, z]
+    };
+    let projected: Vec<_> = carved.vertices.iter().map(project).collect();
+    let covered = rasterize(&projected, &carved.triangles, width, height);
+    let pixels = (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
+    pixels
+        .filter(move |&(x, y)| !covered[(x, y)].is_covered())
+        .filter_map(move |(x, y)| {
+            let pixel = Point2::new(x as f64 / scale, y as f64 / scale);
+            if !cone.is_well_inside(pixel) {
+                return None;
+            }
+            least_carved(
+                cone.camera().center(),
+                cone.camera().ray(pixel)?,
+                hull,
+                carvings,
+                cell_size,
+            )
+        })
+}
+
+/// The point of the hull on a ray that lies least before a carving's surface; `None` where the ray misses
+/// the hull or meets a point that nothing carves.
+fn least_carved(
+    origin: Point3<f64>,
+    direction: Vector3<f64>,
+    hull: &Hull,
+    carvings: &[Carving],
+    cell_size: f64,
+) -> Option<(Point3<f64>, usize)> {
+    let volume = hull.volume();
+    let reach = (volume.max - volume.min).norm();
+    let middle = (nalgebra::center(&volume.min, &volume.max) - origin).dot(&direction);
+    let steps = (reach / cell_size).ceil() as usize;
+    let mut least: Option<(f64, Point3<f64>, usize)> = None;
+    for step in 0..steps {
+        let p = origin + direction * (middle - 0.5 * reach + step as f64 * cell_size);
+        if hull.value(p, Undecided::MAX) <= 0.0 {
+            continue;
+        }
+        // The carving that took most off the point is the one that would have to be undone.
+        let taken = carvings
+            .iter()
+            .enumerate()
+            .filter_map(|(i, c)| Some((c.taken_off(p)?, i)));
+        let (off, carving) = taken
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(off, _)| *off > 0.0)?;
+        if least.is_none_or(|(least, ..)| off < least) {
+            least = Some((off, p, carving));
+        }
+    }
+    least.map(|(_, p, carving)| (p, carving))
+}
+
+/// Keeps a carving from taking off a point: the pixels around carve no further than before it.
+fn keep(p: Point3<f64>, carving: &Carving, depth: &mut Grid<f32>, cell_size: f64) {
+    let Some((pixel, z)) = carving.camera().project(p) else {
+        return;
+    };
+    let (x0, y0) = (pixel.x.floor() as isize, pixel.y.floor() as isize);
+    for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let (x, y) = (x0 + dx, y0 + dy);
+        if depth.get(x, y).is_some_and(|&d| d != 0.0) {
+            let kept = &mut depth[(x as usize, y as usize)];
+            *kept = kept.min((z - cell_size) as f32);
+        }
+    }
+}
