@@ -1,6 +1,6 @@
 //! One TOML file made of each room's own parameters, with single values set over it from the command line.
 
-use crate::{output, reconstruct, sync};
+use crate::{output, reconstruct, report, sync};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -26,6 +26,8 @@ pub struct Config {
     pub restoration: reconstruct::restore::Parameters,
     /// Its colours.
     pub texture: reconstruct::texture::Parameters,
+    /// How far a model can be trusted.
+    pub verdict: report::Parameters,
     /// The model as glTF.
     pub glb: output::glb::Parameters,
 }

@@ -7,6 +7,7 @@ use crate::frame::CaptureId;
 use crate::job::{self, CaptureFacts, Session};
 use crate::output::{self, StagedFolder};
 use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
+use crate::report::{self, Verdict};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -87,7 +88,7 @@ impl Reconstruct<'_> {
         error: impl std::fmt::Display,
     ) -> Outcome {
         let mut reasons = vec![format!("{error:#}")];
-        if let Err(also) = self.write_failure(id, &reasons[0]) {
+        if let Err(also) = self.write_failure(session, id, &reasons[0]) {
             reasons.push(format!("{also:#}"));
         }
         Outcome {
@@ -100,7 +101,7 @@ impl Reconstruct<'_> {
         }
     }
 
-    fn write_failure(&self, id: &CaptureId, reason: &str) -> anyhow::Result<()> {
+    fn write_failure(&self, session: &Session, id: &CaptureId, reason: &str) -> anyhow::Result<()> {
         let target = self.folder.join(id.as_str());
         let earlier = target.join("report.json");
         let failed_before =
@@ -108,10 +109,17 @@ impl Reconstruct<'_> {
         if target.exists() && !failed_before && !self.force {
             return Ok(()); // A model that was made before is worth more than the report of a failure.
         }
-        let report =
-            serde_json::json!({ "capture": id.as_str(), "outcome": "failed", "reason": reason });
+        let origin = self.origin(session, "");
+        let summary = session.captures().into_iter().find(|c| c.id == *id);
+        let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
+        let capture = report::FailedCapture {
+            id,
+            time_ns,
+            source: &source,
+        };
+        let report = report::Failure::new(&origin, capture, reason, report::Timing::default());
         let staged = StagedFolder::create(&target)?;
-        staged.write("report.json", &serde_json::to_vec_pretty(&report)?)?;
+        staged.write("report.json", report::to_json(&report)?.as_bytes())?;
         Ok(staged.commit(true)?)
     }
 
@@ -137,10 +145,25 @@ impl Reconstruct<'_> {
         }
         let reconstruction =
             reconstruct::reconstruct(&scene, &self.config.reconstruction(), &clock)?;
-        clock.begin("files");
-        self.write(&target, &scene, &facts, &reconstruction, &digest)?;
-        outcome.seconds = clock.finish();
+        clock.begin("report");
+        let made = Made {
+            scene: &scene,
+            facts: &facts,
+            reconstruction: &reconstruction,
+        };
+        let origin = self.origin(session, &digest);
+        let verdict = self.write(&target, &made, &origin, &clock)?;
+        outcome.verdict = Some(verdict.level.name().to_lowercase());
+        outcome.reasons = verdict.reasons.into_iter().map(|r| r.words).collect();
+        outcome.seconds = clock.seconds();
+        self.console.finished(id.as_str());
         Ok(outcome)
+    }
+
+    fn origin(&self, session: &Session, digest: &str) -> report::Origin {
+        let path = session.recording().path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        report::Origin::new(&name, self.config.method, digest)
     }
 
     /// All settings that the model depends on, as text.
@@ -169,27 +192,47 @@ impl Reconstruct<'_> {
         Ok(false)
     }
 
+    /// Judges what was made and writes its files, all or none.
     fn write(
         &self,
         target: &Path,
-        _scene: &Scene,
-        facts: &CaptureFacts,
-        reconstruction: &Reconstruction,
-        digest: &str,
-    ) -> anyhow::Result<()> {
-        let (model, id) = (&reconstruction.model, facts.id.as_str());
+        made: &Made,
+        origin: &report::Origin,
+        clock: &StageClock,
+    ) -> anyhow::Result<Verdict> {
+        let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
+        let measured = report::measure(made.scene, made.reconstruction, self.config.method);
+        let verdict = report::judge(&measured, made.facts, &self.config.verdict);
+        let preview = || {
+            let sheet = report::preview(made.scene, made.reconstruction, &verdict, id);
+            output::encode_png(&sheet)
+        };
+        let models = || {
+            (
+                output::glb::encode(model, id, &self.config.glb),
+                output::ply::encode(model, id),
+            )
+        };
+        let (preview, (glb, ply)) = rayon::join(preview, models);
+        clock.begin("files");
         let staged = StagedFolder::create(target)?;
-        staged.write(
-            "model.glb",
-            &output::glb::encode(model, id, &self.config.glb)?,
-        )?;
-        staged.write("model.ply", &output::ply::encode(model, id)?)?;
-        let report = serde_json::json!({ "capture": id, "outcome": "done", "digest": digest });
-        staged.write("report.json", &serde_json::to_vec_pretty(&report)?)?;
+        staged.write("model.glb", &glb?)?;
+        staged.write("model.ply", &ply?)?;
+        staged.write("preview.png", &preview?)?;
+        let report = report::Report::new(origin, made.facts, &measured, &verdict, clock.timing());
+        staged.write("report.json", report::to_json(&report)?.as_bytes())?;
         staged
             .commit(true)
-            .with_context(|| target.display().to_string())
+            .with_context(|| target.display().to_string())?;
+        Ok(verdict)
     }
+}
+
+/// A capture and what was made of it.
+struct Made<'a> {
+    scene: &'a Scene,
+    facts: &'a CaptureFacts,
+    reconstruction: &'a Reconstruction,
 }
 
 /// A string member of a report's outermost object; empty where there is none.
@@ -230,7 +273,7 @@ impl<'a> StageClock<'a> {
     }
 
     /// Seconds of each stage, in their order.
-    fn finish(&self) -> Vec<(String, f64)> {
+    fn seconds(&self) -> Vec<(String, f64)> {
         let stages = self
             .stages
             .lock()
@@ -243,9 +286,20 @@ impl<'a> StageClock<'a> {
         let seconds = |((name, start), end): (&(String, Instant), Instant)| {
             (name.clone(), Duration::as_secs_f64(&(end - *start)))
         };
-        let seconds = stages.iter().zip(ends).map(seconds).collect();
-        self.console.finished(&self.capture);
-        seconds
+        stages.iter().zip(ends).map(seconds).collect()
+    }
+
+    /// What the report says of the time it took, up to now.
+    fn timing(&self) -> report::Timing {
+        let stage = |(stage, seconds)| report::StageTime { stage, seconds };
+        let stages: Vec<_> = self.seconds().into_iter().map(stage).collect();
+        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+        report::Timing {
+            total_s: stages.iter().map(|s| s.seconds).sum(),
+            stages,
+            threads: rayon::current_num_threads(),
+            host: host.trim().to_owned(),
+        }
     }
 }
 

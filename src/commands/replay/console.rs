@@ -10,8 +10,8 @@ use std::io::IsTerminal;
 use std::path::Path;
 use std::sync::Mutex;
 
-/// Stages of a capture: those of the reconstruction, reading and writing.
-const STAGES: u64 = Stage::ALL.len() as u64 + 2;
+/// Stages of a capture: those of the reconstruction, reading, report and files.
+const STAGES: u64 = Stage::ALL.len() as u64 + 3;
 
 /// Where progress and summary go.
 pub(super) struct Console {

@@ -1,0 +1,176 @@
+//! The whole reconstruction on the simulated rig, where the truth is known. Accuracy is a number here: how
+//! much of either surface lies within a millimetre of the other, as an F-score over vertices and face centres.
+
+use nalgebra::Point3;
+use scand::mesh::{self, Bvh, Mesh};
+use scand::output::{glb, ply};
+use scand::reconstruct::{
+    Method, Parameters, Provenance, Reconstruction, Scene, Silent, reconstruct,
+};
+use scand::simulate::{Options, Shape, Simulation};
+
+fn simulation(shape: Shape, change: impl FnOnce(&mut Options)) -> Simulation {
+    let mut options = Options {
+        width: 960,
+        height: 720,
+        ..Options::small(shape)
+    };
+    change(&mut options);
+    Simulation::new(options).unwrap()
+}
+
+fn run(scene: &Scene, method: Method) -> Reconstruction {
+    let parameters = Parameters {
+        method,
+        ..Parameters::default()
+    };
+    let reconstruction = reconstruct(scene, &parameters, &Silent).unwrap();
+    let report = mesh::check(&reconstruction.model.mesh);
+    assert!(report.is_watertight(), "{report:?}");
+    reconstruction
+}
+
+/// Share of a mesh's vertices and face centres above the table that lie within a millimetre of the other.
+fn share_within_a_millimetre(of: &Mesh, other: &Bvh) -> f64 {
+    let centers = (0..of.triangles.len()).map(|t| {
+        let [a, b, c] = of.corners(t);
+        Point3::from((a.coords + b.coords + c.coords) / 3.0)
+    });
+    let points: Vec<_> = of
+        .vertices
+        .iter()
+        .copied()
+        .chain(centers)
+        .filter(|p| p.z > 1.5e-3)
+        .collect();
+    let near = points.iter().filter(|p| {
+        other
+            .closest_point(p.cast())
+            .is_some_and(|c| c.distance < 1e-3)
+    });
+    near.count() as f64 / points.len() as f64
+}
+
+fn f_score(model: &Mesh, truth: &Mesh) -> f64 {
+    let precision = share_within_a_millimetre(model, &Bvh::new(truth));
+    let recall = share_within_a_millimetre(truth, &Bvh::new(model));
+    2.0 * precision * recall / (precision + recall)
+}
+
+#[test]
+fn a_convex_object_is_its_hull_bit_for_bit_whatever_the_depth_says() {
+    for shape in [Shape::Ball, Shape::Egg, Shape::Box] {
+        for (bias_mm, misregistration_px) in [(0.0, 0.0), (5.0, 1.0)] {
+            let simulated = simulation(shape, |o| {
+                o.depth.bias_mm = bias_mm;
+                o.depth.misregistration_px = misregistration_px;
+            });
+            let scene = simulated.scene(0);
+            let (hybrid, hull) = (run(&scene, Method::Hybrid), run(&scene, Method::Hull));
+            assert_eq!(hybrid.depths[0].regions.count, 0, "{shape:?} {bias_mm} mm");
+            assert!(
+                hybrid.model.mesh == hull.model.mesh,
+                "{shape:?} {bias_mm} mm"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_cup_is_hollow_and_a_hull_alone_is_not() {
+    let simulated = simulation(Shape::Cup, |_| {});
+    let scene = simulated.scene(0);
+    let hybrid = run(&scene, Method::Hybrid);
+    let (hull, depth_hull) = (run(&scene, Method::Hull), run(&scene, Method::DepthHull));
+    let score = |r: &Reconstruction| f_score(&r.model.mesh, simulated.truth());
+    let scores = [score(&hybrid), score(&hull), score(&depth_hull)];
+    println!(
+        "F at 1 mm: hybrid {:.3}, hull {:.3}, depth hull {:.3}",
+        scores[0], scores[1], scores[2]
+    );
+    assert!(scores[0] > 0.85 && scores[1] < 0.75, "{scores:?}");
+    assert!(hybrid.model.provenance.contains(&Provenance::Restored));
+    assert_eq!(mesh::check(&hybrid.model.mesh).components, 1);
+}
+
+#[test]
+fn eight_millimetres_of_hidden_bias_perforate_nothing() {
+    let genus = |bias_mm: f64| {
+        let simulated = simulation(Shape::Bowl, |o| o.depth.bias_mm = bias_mm);
+        let found = run(&simulated.scene(0), Method::Hybrid);
+        let report = mesh::check(&found.model.mesh);
+        assert_eq!(report.components, 1, "{bias_mm} mm");
+        let truth = mesh::check(simulated.truth());
+        assert!(
+            (0.5..2.0).contains(&(report.volume / truth.volume)),
+            "{bias_mm} mm: {report:?}"
+        );
+        (report.genus, f_score(&found.model.mesh, simulated.truth()))
+    };
+    let ((_, without), (holes, with)) = (genus(0.0), genus(8.0));
+    println!("F at 1 mm: {without:.3} without bias, {with:.3} with 8 mm");
+    assert_eq!(holes, 0);
+    assert!(with > without - 0.08, "{with} against {without}");
+}
+
+#[test]
+fn depth_opens_what_silhouettes_cannot() {
+    let simulated = simulation(Shape::Torus, |_| {});
+    let scene = simulated.scene(0);
+    assert_eq!(mesh::check(&run(&scene, Method::Hull).model.mesh).genus, 0);
+    assert_eq!(
+        mesh::check(&run(&scene, Method::Hybrid).model.mesh).genus,
+        1
+    );
+}
+
+#[test]
+fn without_depth_the_model_is_the_hull() {
+    let simulated = simulation(Shape::Cup, |_| {});
+    let mut scene = simulated.scene(0);
+    let hull = run(&scene, Method::Hull).model.mesh;
+    for frame in &mut scene.depths[0].frames {
+        frame.readings.pixels_mut().fill(0);
+    }
+    assert!(run(&scene, Method::Hybrid).model.mesh == hull);
+    scene.depths.clear();
+    assert!(run(&scene, Method::Hybrid).model.mesh == hull);
+}
+
+#[test]
+fn the_same_bytes_whatever_the_number_of_threads() {
+    let simulated = simulation(Shape::Cup, |o| (o.width, o.height) = (480, 360));
+    let scene = simulated.scene(0);
+    let bytes = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let model = pool.install(|| run(&scene, Method::Hybrid)).model;
+        let glb = glb::encode(&model, "x", &glb::Parameters::default()).unwrap();
+        (glb, ply::encode(&model, "x").unwrap())
+    };
+    let one = bytes(1);
+    for threads in [2, 3, 8] {
+        assert!(bytes(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn simplified_models_stay_closed() {
+    let simulated = simulation(Shape::Cup, |o| (o.width, o.height) = (480, 360));
+    let parameters = Parameters {
+        vertices: 8400,
+        ..Parameters::default()
+    };
+    let model = reconstruct(&simulated.scene(0), &parameters, &Silent)
+        .unwrap()
+        .model;
+    assert!(mesh::check(&model.mesh).is_watertight());
+    assert!(
+        (8000..=8400).contains(&model.mesh.vertices.len()),
+        "{}",
+        model.mesh.vertices.len()
+    );
+    assert_eq!(model.provenance.len(), model.mesh.vertices.len());
+}
