@@ -175,7 +175,9 @@ pub fn reconstruct(
         silhouettes,
         depths,
         dropped_hull_pieces: extracted.dropped_pieces,
-        dropped_carved_pieces: restored.dropped_pieces,
+        dropped_carved_pieces: restored
+            .dropped_pieces
+            .saturating_sub(extracted.dropped_pieces),
         closed_openings: restored.closed_openings,
         hull: extracted.surface.mesh,
     })

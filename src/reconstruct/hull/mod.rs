@@ -46,6 +46,9 @@ impl Default for Parameters {
     }
 }
 
+/// Pieces with a smaller share of the largest one's volume are dropped without being counted.
+const SPECK: f64 = 1e-4;
+
 /// Why there is no hull.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {
@@ -80,7 +83,7 @@ pub enum Error {
 pub struct Extracted {
     /// The surface, without stray pieces.
     pub surface: Surface,
-    /// Pieces that were dropped.
+    /// Pieces that were dropped, but for specks.
     pub dropped_pieces: usize,
 }
 
@@ -125,13 +128,19 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -
         .iter()
         .map(|p| p.volume >= parameters.smallest_piece * largest)
         .collect();
-    let dropped_pieces = keep.iter().filter(|&&k| !k).count();
-    if dropped_pieces == 0 {
+    if keep.iter().all(|&k| k) {
         return Extracted {
             surface,
-            dropped_pieces,
+            dropped_pieces: 0,
         };
     }
+    let is_speck = |volume: f64| volume.abs() < SPECK * largest;
+    let dropped = pieces
+        .parts
+        .iter()
+        .zip(&keep)
+        .filter(|(p, k)| !**k && !is_speck(p.volume));
+    let dropped_pieces = dropped.count();
     let (mesh, sources) = mesh::extract(&surface.mesh, &pieces, |piece| keep[piece as usize]);
     let constraints = sources
         .iter()
