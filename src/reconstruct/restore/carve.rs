@@ -12,6 +12,7 @@ use crate::reconstruct::region::Regions;
 pub(super) fn carving_depth(
     depth: &EnhancedDepth,
     regions: &Regions,
+    cell_size: f64,
     parameters: &Parameters,
 ) -> Grid<f32> {
     let bias = regions.bias.metres as f32;
@@ -24,7 +25,7 @@ pub(super) fn carving_depth(
             0.0
         }
     });
-    keep_walls(&mut carving, depth, regions, parameters);
+    keep_walls(&mut carving, depth, regions, cell_size, parameters);
     add_ring(&mut carving, regions);
     carving
 }
@@ -36,9 +37,12 @@ fn keep_walls(
     carving: &mut Grid<f32>,
     depth: &EnhancedDepth,
     regions: &Regions,
+    cell_size: f64,
     parameters: &Parameters,
 ) {
-    let wall = 1e-3 * parameters.least_wall_mm;
+    let least_wall = 1e-3 * parameters.least_wall_mm;
+    // A sheet thinner than this falls through the lattice.
+    let wall = least_wall.max(1.5 * cell_size as f32);
     let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
     let (width, height) = (carving.width(), carving.height());
     let mut seen = Grid::from_fn(width, height, |x, y| carving[(x, y)] <= limit(x, y));
@@ -56,7 +60,7 @@ fn keep_walls(
             let measured =
                 2 * gaps.len() >= group.len() && gaps.len() >= parameters.least_opening_px;
             gaps.sort_by(f32::total_cmp);
-            let through = -0.5 * wall + regions.bias.remaining as f32;
+            let through = -0.5 * least_wall + regions.bias.remaining as f32;
             let opens = measured && gaps[gaps.len() / 2] > through;
             for p in group {
                 carving[p] = if opens {

@@ -132,9 +132,10 @@ pub fn restore(
     if sources.is_empty() {
         return Ok(Restored::uncarved(plain(template)));
     }
+    let cell_size = template.lattice.cell_size;
     let depths: Vec<Grid<f32>> = sources
         .iter()
-        .map(|s| carve::carving_depth(s.depth, s.regions, parameters))
+        .map(|s| carve::carving_depth(s.depth, s.regions, cell_size, parameters))
         .collect();
     match parameters.form {
         Form::Carve => carve_and_relax(template, &sources, depths, parameters),
