@@ -221,4 +221,24 @@ mod tests {
         let missing = Config::load(Some(&folder.path().join("none.toml")), &[]).unwrap_err();
         assert!(missing.to_string().contains("none.toml"));
     }
+
+    #[test]
+    fn every_configuration_that_is_shipped_is_read() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+        let files: Vec<_> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|f| f.unwrap().path())
+            .collect();
+        assert!(!files.is_empty());
+        for file in files {
+            Config::load(Some(&file), &[]).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_shipped_file_shows_every_default() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/replay.toml");
+        let shown: Table = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        assert_eq!(shown, Table::try_from(Config::default()).unwrap());
+    }
 }
