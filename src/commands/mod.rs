@@ -5,6 +5,7 @@ pub mod diff;
 pub mod evaluate;
 pub mod info;
 pub mod replay;
+pub mod simulate;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -45,6 +46,7 @@ enum Command {
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Info(info::Args),
+    Simulate(Box<simulate::Args>),
 }
 
 /// Runs what was asked.
@@ -56,6 +58,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Info(args)) => info::run(args),
+        Some(Command::Simulate(args)) => simulate::run(*args),
         None => replay::run(cli.replay),
     }
 }

@@ -172,7 +172,9 @@ impl Looker<'_> {
         let bias = self.sensor.bias_mm * 1e-3;
         let (mut sum, mut count, mut all) = (0.0, 0.0, 0.0);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        let half = ((self.sensor.smear_px * FINE as f64 - 1.0) / 2.0).round() as isize;
+        let half = ((self.sensor.smear_px * FINE as f64 - 1.0) / 2.0)
+            .round()
+            .max(0.0) as isize;
         for dy in -half..=half {
             for dx in -half..=half {
                 all += 1.0;

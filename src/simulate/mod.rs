@@ -8,22 +8,26 @@ mod light;
 mod material;
 mod noise;
 mod options;
+mod preset;
 mod random;
+mod record;
 mod render;
 mod rig;
 mod session;
 mod shape;
 
 pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Options, Response};
+pub use preset::Preset;
+pub use record::{ply, write};
 pub use rig::{ColorStation, DepthStation, Rig};
 pub use session::{Capture, Simulation};
 pub use shape::Shape;
 
-use crate::calibration;
 use crate::frame::BadName;
+use crate::{calibration, recording};
 
 /// Why nothing is simulated.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// An option that cannot be met.
     #[error("{what} is {found}, expected {expected}")]
@@ -41,6 +45,9 @@ pub enum Error {
     /// A camera's id that is none.
     #[error(transparent)]
     Name(#[from] BadName),
+    /// A recording that cannot be written.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
 }
 
 fn invalid(what: &'static str, found: impl ToString, expected: &'static str) -> Error {
@@ -54,3 +61,7 @@ fn invalid(what: &'static str, found: impl ToString, expected: &'static str) -> 
 #[cfg(test)]
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_depth;
+#[cfg(test)]
+mod tests_faults;

@@ -24,6 +24,8 @@ pub struct Options {
     /// Angle in degrees between the first depth camera's view and straight down; the others look at 35
     /// degrees more. Default 4.
     pub depth_slant_deg: f64,
+    /// Metres from a depth camera to the object. Default 0.8.
+    pub depth_distance: f64,
     /// Captures of the same object. Default 1.
     pub captures: usize,
     /// Whether the object has a pattern. Default false.
@@ -49,6 +51,7 @@ impl Default for Options {
             height: 1920,
             depth_cameras: 1,
             depth_slant_deg: 4.0,
+            depth_distance: 0.8,
             captures: 1,
             textured: false,
             masks: false,
@@ -149,8 +152,8 @@ pub enum Response {
 pub struct DepthSensor {
     /// Frames a capture. Default 30.
     pub frames: usize,
-    /// Standard deviation of the disparity's noise, new in each frame, in steps of the disparity. 0.29 gives
-    /// the spread over frames that is seen on real table tops. Default 0.29.
+    /// Standard deviation of the disparity's noise, new in each frame, in steps of the disparity. 0.245 gives
+    /// the spread over frames that is seen on real table tops. Default 0.245.
     pub noise_steps: f64,
     /// Standard deviation of the fixed pattern in steps of the disparity, half of it smooth, half from pixel
     /// to pixel. Default 0.25.
@@ -177,7 +180,7 @@ impl Default for DepthSensor {
     fn default() -> Self {
         Self {
             frames: 30,
-            noise_steps: 0.29,
+            noise_steps: 0.245,
             pattern_steps: 0.25,
             quantized: true,
             holes: true,
@@ -246,5 +249,22 @@ impl Faults {
         list.iter()
             .find(|fault| fault.camera == camera)
             .map_or(0.0, |fault| fault.amount)
+    }
+
+    /// Every camera that a fault names.
+    pub(super) fn cameras(&self) -> impl Iterator<Item = &str> {
+        let amounts = [
+            &self.turned_deg,
+            &self.cut_off,
+            &self.blurred_px,
+            &self.overexposed_stops,
+            &self.late_ms,
+        ];
+        let with_amount = amounts
+            .into_iter()
+            .flatten()
+            .map(|fault| fault.camera.as_str());
+        let without = self.missing.iter().chain(&self.no_background);
+        with_amount.chain(without.map(String::as_str))
     }
 }

@@ -191,17 +191,20 @@ fn shade_at(
 ) -> Light3 {
     let corners = subject.mesh.triangles[triangle].map(|v| v as usize);
     let weights = weights(corners.map(|v| layer.projected[v]), at);
-    let mix = |value: &dyn Fn(usize) -> f32| -> f32 {
-        (0..3).map(|k| weights[k] * value(corners[k])).sum()
-    };
     let (light, mesh) = (subject.light, subject.mesh);
-    let p = [0, 1, 2].map(|a| f64::from(mix(&|v| mesh.vertices[v][a])));
-    let normal = Vector3::from([0, 1, 2].map(|a| f64::from(mix(&|v| light.normals[v][a]))));
-    let view = (camera.center() - Point3::from(p)).normalize();
-    let facing = (normal.dot(&view) / normal.norm().max(1e-6)).abs() as f32;
-    let sheen = 0.25 * (1.0 - facing).powi(4);
-    let (white, below) = (mix(&|v| light.white[v]), mix(&|v| light.spill[v]));
-    let reflectance = subject.material.reflectance(p.into());
+    let (mut p, mut normal) = (Vector3::zeros(), Vector3::zeros());
+    let (mut white, mut below) = (0.0, 0.0);
+    for (weight, v) in weights.into_iter().zip(corners) {
+        p += mesh.vertices[v].coords * weight;
+        normal += light.normals[v] * weight;
+        white += light.white[v] * weight;
+        below += light.spill[v] * weight;
+    }
+    let p: Point3<f64> = p.cast::<f64>().into();
+    let view = (camera.center() - p).normalize().cast::<f32>();
+    let facing = (normal.dot(&view) / normal.norm().max(1e-6)).abs();
+    let sheen = 0.25 * (1.0 - facing).max(0.0).powi(4);
+    let reflectance = subject.material.reflectance(p);
     [0, 1, 2].map(|c| {
         let spill = subject.spill * BACKDROP[c];
         EXPOSURE * (reflectance[c] * (white + below * spill) + sheen * spill)

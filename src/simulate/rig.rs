@@ -16,9 +16,8 @@ const FOCAL: f64 = 2.023;
 /// The Kinect's focal length in pixels, and its picture.
 const KINECT_FOCAL_PX: f64 = 575.8;
 const KINECT_SIZE: (usize, usize) = (640, 480);
-/// Metres from a colour camera to the object, and from a depth camera.
+/// Metres from a colour camera to the object.
 const COLOR_DISTANCE: f64 = 0.95;
-const DEPTH_DISTANCE: f64 = 0.80;
 /// Metres by which the volume is larger than the object.
 const MARGIN: f64 = 0.004;
 /// A non-ideal sensor: its readings are not millimetres, and its picture is a little too wide.
@@ -203,7 +202,7 @@ fn depth_station(options: &Options, bounds: &Bounds, k: usize) -> Result<DepthSt
     let target = Point3::new(bounds.center().x, bounds.center().y, bounds.max.z / 2.0);
     let jitter = Vector3::from_fn(|_, _| random.between(-0.004, 0.004));
     let pose = looking_at(
-        target + up * DEPTH_DISTANCE,
+        target + up * options.depth_distance,
         target + jitter,
         azimuth + random.between(-0.1, 0.1),
     );

@@ -51,11 +51,10 @@ impl Simulation {
     /// # Errors
     /// If an option cannot be met.
     pub fn new(options: Options) -> Result<Self, Error> {
-        if !(0.1..=50.0).contains(&options.spacing_mm) {
-            return Err(invalid("spacing", options.spacing_mm, "0.1 to 50 mm"));
-        }
+        check(&options)?;
         let truth = options.shape.mesh(options.spacing_mm * 1e-3);
         let rig = Rig::new(&options, &truth)?;
+        check_faults(&options, &rig)?;
         Ok(Self {
             options,
             truth,
@@ -81,14 +80,23 @@ impl Simulation {
 
     /// The exact silhouettes, one a colour camera: 255 times the part of each pixel that the object covers.
     pub fn masks(&self) -> Vec<Mask> {
-        let mask = |station: &ColorStation| {
-            let lens = &station.actual.intrinsics;
-            Layer::new(&station.actual, &self.truth).map_or_else(
-                || Mask::filled(lens.width, lens.height, 0),
-                |layer| layer.mask(lens.width, lens.height),
-            )
-        };
-        self.rig.colors.par_iter().map(mask).collect()
+        self.rig
+            .colors
+            .par_iter()
+            .map(|station| self.mask(station))
+            .collect()
+    }
+
+    /// The exact silhouette that one camera sees.
+    pub fn mask(&self, station: &ColorStation) -> Mask {
+        let lens = &station.actual.intrinsics;
+        let layer = self
+            .object()
+            .and_then(|mesh| Layer::new(&station.actual, mesh));
+        layer.map_or_else(
+            || Mask::filled(lens.width, lens.height, 0),
+            |layer| layer.mask(lens.width, lens.height),
+        )
     }
 
     /// The exact depth of the object in metres along the optical axis at each pixel of depth camera
@@ -302,7 +310,7 @@ impl Simulation {
 
     /// Rays a vertex for its light: fewer where the picture is too small to show the difference.
     fn rays(&self) -> usize {
-        if self.options.width >= 1000 { 96 } else { 32 }
+        if self.options.width >= 1000 { 72 } else { 24 }
     }
 
     /// A burst of depth frames with their colour pictures.
@@ -351,27 +359,69 @@ impl Simulation {
             })
             .collect()
     }
+}
 
-    /// The exact silhouettes as frames of a capture's colour pictures, for a session with masks.
-    pub fn mask_frames(&self, capture: &Capture) -> Vec<Frame> {
-        let masks = self.masks();
-        let station = |id: &CameraId| self.rig.colors.iter().position(|s| s.actual.id == *id);
-        let colors = capture.frames.iter().filter(|f| f.stream == Stream::Color);
-        colors
-            .filter_map(|frame| {
-                let mask = &masks[station(&frame.camera)?];
-                Some(Frame {
-                    picture: Picture::Raw {
-                        width: mask.width() as u32,
-                        height: mask.height() as u32,
-                        encoding: "mono8".to_owned(),
-                        step: mask.width() as u32,
-                        data: mask.pixels().to_vec().into(),
-                    },
-                    ..frame.clone()
-                })
-            })
-            .collect()
+/// Refuses numbers that make no session.
+fn check(options: &Options) -> Result<(), Error> {
+    let (color, depth) = (&options.color, &options.depth);
+    let within: [(&'static str, f64, f64, f64, &'static str); 12] = [
+        ("spacing", options.spacing_mm, 0.1, 50.0, "0.1 to 50 mm"),
+        (
+            "depth slant",
+            options.depth_slant_deg,
+            0.0,
+            50.0,
+            "0 to 50 degrees",
+        ),
+        (
+            "depth distance",
+            options.depth_distance,
+            0.4,
+            3.0,
+            "0.4 to 3 m",
+        ),
+        ("full well", color.full_well, 0.0, 1e9, "0 to 1e9 electrons"),
+        (
+            "read noise",
+            color.read_noise,
+            0.0,
+            1e6,
+            "0 to 1e6 electrons",
+        ),
+        ("blur", color.blur_px, 0.0, 4.0, "0 to 4 px"),
+        ("exposure drift", color.exposure_drift, 0.0, 0.3, "0 to 0.3"),
+        ("shadows", color.shadows, 0.0, 1.0, "0 to 1"),
+        ("spill", color.spill, 0.0, 1.0, "0 to 1"),
+        ("depth smear", depth.smear_px, 0.0, 9.0, "0 to 9 px"),
+        ("depth bias", depth.bias_mm, -200.0, 200.0, "-200 to 200 mm"),
+        (
+            "misregistration",
+            depth.misregistration_px,
+            -50.0,
+            50.0,
+            "-50 to 50 px",
+        ),
+    ];
+    for (what, found, low, high, expected) in within {
+        if !(low..=high).contains(&found) {
+            return Err(invalid(what, found, expected));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses faults of cameras that are not there.
+fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
+    let colors = rig.colors.iter().map(|s| s.actual.id.as_str());
+    let depths = rig.depths.iter().map(|s| s.actual.camera.id.as_str());
+    let known: Vec<&str> = colors.chain(depths).collect();
+    match options.faults.cameras().find(|name| !known.contains(name)) {
+        Some(name) => Err(invalid(
+            "camera of a fault",
+            name,
+            "the id of a camera of the rig",
+        )),
+        None => Ok(()),
     }
 }
 

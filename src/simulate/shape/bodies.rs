@@ -1,6 +1,6 @@
 //! Bodies given by signed distances: what is not a surface of revolution.
 
-use super::profiles::{self, Profile};
+use super::profiles::{self, Swept};
 use nalgebra::{Point3, Vector3};
 
 /// A body: negative inside. The value is a distance or smaller than one, so that empty space can be skipped.
@@ -35,7 +35,7 @@ pub(super) fn fruit_at(p: Point3<f64>) -> Option<usize> {
 }
 
 pub(super) fn fruit_bowl() -> Body {
-    let bowl = profiles::fruit_bowl();
+    let bowl = Swept::new(&profiles::fruit_bowl());
     Body {
         distance: Box::new(move |p| {
             let fruit = FRUIT
@@ -93,8 +93,8 @@ pub(super) fn two_pits() -> Body {
     }
 }
 
-fn revolved(profile: &Profile, p: Point3<f64>) -> f64 {
-    profile.distance(p.x.hypot(p.y), p.z)
+fn revolved(swept: &Swept, p: Point3<f64>) -> f64 {
+    swept.distance(p.x.hypot(p.y), p.z)
 }
 
 /// A cylinder that stands on `foot`, its edges rounded.

@@ -37,26 +37,63 @@ impl Profile {
         };
         self.segments().map(frustum).sum()
     }
+}
 
-    /// Signed distance to the solid of revolution of a point at `r` from the axis and height `z`, negative
-    /// inside. A profile that meets the axis is closed along it.
+/// Signed distance to the solid that a profile sweeps: its segments in runs with a box around each, so that
+/// most are never looked at.
+pub(super) struct Swept {
+    runs: Vec<Run>,
+}
+
+struct Run {
+    segments: Vec<[[f64; 2]; 2]>,
+    min: [f64; 2],
+    max: [f64; 2],
+}
+
+impl Swept {
+    pub(super) fn new(profile: &Profile) -> Self {
+        let segments: Vec<_> = profile.segments().collect();
+        Self {
+            runs: segments.chunks(12).map(Run::new).collect(),
+        }
+    }
+
+    /// Signed distance of a point at `r` from the axis and height `z`, negative inside. A profile that meets
+    /// the axis is closed along it.
     pub(super) fn distance(&self, r: f64, z: f64) -> f64 {
         let mut squared = f64::INFINITY;
         let mut inside = false;
-        for [a, b] in self.segments() {
-            let (ex, ez) = (b[0] - a[0], b[1] - a[1]);
-            let (wx, wz) = (r - a[0], z - a[1]);
-            let t = ((wx * ex + wz * ez) / (ex * ex + ez * ez)).clamp(0.0, 1.0);
-            squared = squared.min((wx - ex * t).powi(2) + (wz - ez * t).powi(2));
-            // A ray outwards from the axis crosses the profile: only segments count, the axis does not.
-            if (a[1] > z) != (b[1] > z) && r < a[0] + ex * (z - a[1]) / ez {
-                inside = !inside;
+        for run in &self.runs {
+            let outside = |p: f64, a: usize| (run.min[a] - p).max(p - run.max[a]).max(0.0);
+            let is_near = outside(r, 0).powi(2) + outside(z, 1).powi(2) < squared;
+            let is_beside = run.min[1] <= z && z <= run.max[1] && r <= run.max[0];
+            if !is_near && !is_beside {
+                continue;
+            }
+            for [a, b] in &run.segments {
+                let (ex, ez) = (b[0] - a[0], b[1] - a[1]);
+                let (wx, wz) = (r - a[0], z - a[1]);
+                let t = ((wx * ex + wz * ez) / (ex * ex + ez * ez)).clamp(0.0, 1.0);
+                squared = squared.min((wx - ex * t).powi(2) + (wz - ez * t).powi(2));
+                // A ray outwards from the axis crosses the profile: only segments count, the axis not.
+                if (a[1] > z) != (b[1] > z) && r < a[0] + ex * (z - a[1]) / ez {
+                    inside = !inside;
+                }
             }
         }
-        if inside {
-            -squared.sqrt()
-        } else {
-            squared.sqrt()
+        let distance = squared.sqrt();
+        if inside { -distance } else { distance }
+    }
+}
+
+impl Run {
+    fn new(segments: &[[[f64; 2]; 2]]) -> Self {
+        let ends = || segments.iter().flatten();
+        Self {
+            segments: segments.to_vec(),
+            min: [0, 1].map(|a| ends().fold(f64::INFINITY, |m, p| m.min(p[a]))),
+            max: [0, 1].map(|a| ends().fold(f64::NEG_INFINITY, |m, p| m.max(p[a]))),
         }
     }
 }

@@ -1,0 +1,271 @@
+//! `scand simulate`: a recording of an object whose form is known.
+
+use crate::output::write_atomically;
+use crate::recording::Compression;
+use crate::simulate::{
+    CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply, write,
+};
+use anyhow::Context;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Render a rig of cameras around a known object into a recording, with the sensors' noise and any faults.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The object.
+    #[arg(long, value_enum, required_unless_present = "preset")]
+    shape: Option<Shape>,
+    /// Start from one of the named cases; what else is given changes it.
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// The recording to write; nothing may be there yet.
+    #[arg(long, value_name = "FILE.mcap")]
+    out: PathBuf,
+    /// Write the object's true surface into this file.
+    #[arg(long, value_name = "FILE.ply")]
+    truth: Option<PathBuf>,
+    /// What all randomness derives from.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Captures of the object.
+    #[arg(long)]
+    captures: Option<usize>,
+    /// Edge length of the truth's triangles.
+    #[arg(long, value_name = "MM")]
+    spacing_mm: Option<f64>,
+    /// Give the object a pattern.
+    #[arg(long)]
+    textured: bool,
+    /// Write exact masks instead of backgrounds.
+    #[arg(long)]
+    masks: bool,
+    /// Compress the recording with zstd.
+    #[arg(long)]
+    zstd: bool,
+    #[command(flatten)]
+    color: ColorArgs,
+    #[command(flatten)]
+    depth: DepthArgs,
+    #[command(flatten)]
+    faults: FaultArgs,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Colour cameras")]
+struct ColorArgs {
+    /// How many.
+    #[arg(long)]
+    cameras: Option<usize>,
+    /// Size of their pictures; the field of view stays.
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<(usize, usize)>,
+    /// How pictures are encoded.
+    #[arg(long, value_enum)]
+    encoding: Option<Encoding>,
+    /// Quality of JPEG, 1 to 100.
+    #[arg(long, value_name = "Q")]
+    jpeg_quality: Option<u8>,
+    /// Electrons at full scale; 0 is a picture without noise.
+    #[arg(long, value_name = "ELECTRONS")]
+    full_well: Option<f64>,
+    /// Read noise.
+    #[arg(long, value_name = "ELECTRONS")]
+    read_noise: Option<f64>,
+    /// Standard deviation of the point spread.
+    #[arg(long, value_name = "PX")]
+    blur_px: Option<f64>,
+    /// Standard deviation of the exposure's drift since the background plate, as a part of it.
+    #[arg(long, value_name = "PART")]
+    exposure_drift: Option<f64>,
+    /// How strongly the object darkens the table, 0 to 1.
+    #[arg(long, value_name = "PART")]
+    shadows: Option<f64>,
+    /// How much of the backdrop's colour the object catches, 0 to 1.
+    #[arg(long, value_name = "PART")]
+    spill: Option<f64>,
+    /// Lenses without distortion.
+    #[arg(long)]
+    no_distortion: bool,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Depth cameras")]
+struct DepthArgs {
+    /// How many.
+    #[arg(long)]
+    depth_cameras: Option<usize>,
+    /// Angle between the first one's view and straight down.
+    #[arg(long, value_name = "DEGREES")]
+    depth_slant_deg: Option<f64>,
+    /// From a depth camera to the object.
+    #[arg(long, value_name = "M")]
+    depth_distance: Option<f64>,
+    /// Frames a capture.
+    #[arg(long, value_name = "N")]
+    depth_frames: Option<usize>,
+    /// Readings without noise, steps, holes or smear.
+    #[arg(long)]
+    depth_perfect: bool,
+    /// Noise that is new in each frame, in steps of the disparity.
+    #[arg(long, value_name = "STEPS")]
+    depth_noise_steps: Option<f64>,
+    /// The fixed pattern, in steps of the disparity.
+    #[arg(long, value_name = "STEPS")]
+    depth_pattern_steps: Option<f64>,
+    /// Readings are too deep by this, and the recording does not know.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    depth_bias_mm: Option<f64>,
+    /// The depth lies beside where its calibration has it.
+    #[arg(long, value_name = "PX")]
+    misregistration_px: Option<f64>,
+    /// How the sensor responds, and whether the recording says so.
+    #[arg(long, value_enum)]
+    depth_response: Option<Response>,
+    /// A colour picture for each so many depth frames.
+    #[arg(long, value_name = "N")]
+    depth_color_every: Option<usize>,
+    /// The depth camera's colour as JPEG of this quality.
+    #[arg(long, value_name = "Q")]
+    depth_color_jpeg: Option<u8>,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Faults")]
+struct FaultArgs {
+    /// A camera was turned by degrees after it was calibrated.
+    #[arg(long, value_name = "ID=DEGREES", value_parser = parse_fault)]
+    turned: Vec<CameraFault>,
+    /// The left edge of a camera's picture cuts off a part (0 to 1) of the object.
+    #[arg(long, value_name = "ID=PART", value_parser = parse_fault)]
+    cut_off: Vec<CameraFault>,
+    /// A camera is out of focus.
+    #[arg(long, value_name = "ID=PX", value_parser = parse_fault)]
+    blurred: Vec<CameraFault>,
+    /// A camera exposes for too long.
+    #[arg(long, value_name = "ID=STOPS", value_parser = parse_fault)]
+    overexposed: Vec<CameraFault>,
+    /// A camera's frames come late.
+    #[arg(long, value_name = "ID=MS", value_parser = parse_fault)]
+    late: Vec<CameraFault>,
+    /// A camera gives no frames.
+    #[arg(long, value_name = "ID")]
+    missing: Vec<String>,
+    /// A camera has no background.
+    #[arg(long, value_name = "ID")]
+    no_background: Vec<String>,
+    /// There is no object on the table.
+    #[arg(long)]
+    empty_table: bool,
+    /// Depth frames hold no reading.
+    #[arg(long)]
+    no_depth: bool,
+}
+
+fn parse_size(text: &str) -> Result<(usize, usize), String> {
+    let expected = || format!("{text:?} is not WIDTHxHEIGHT, such as 1280x960");
+    let (width, height) = text.split_once('x').ok_or_else(expected)?;
+    let side = |side: &str| side.parse().map_err(|_| expected());
+    Ok((side(width)?, side(height)?))
+}
+
+fn parse_fault(text: &str) -> Result<CameraFault, String> {
+    let expected = || format!("{text:?} is not CAMERA=AMOUNT, such as c03=1.5");
+    let (camera, amount) = text.split_once('=').ok_or_else(expected)?;
+    Ok(CameraFault {
+        camera: camera.to_owned(),
+        amount: amount.parse().map_err(|_| expected())?,
+    })
+}
+
+/// Simulates and writes.
+///
+/// # Errors
+/// Where an option cannot be met or a file not be written.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let (out, truth) = (args.out.clone(), args.truth.clone());
+    let compression = match args.zstd {
+        true => Compression::Zstd,
+        false => Compression::None,
+    };
+    let simulation = Simulation::new(options(args))?;
+    write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
+    println!(
+        "{}: {} captures",
+        out.display(),
+        simulation.options().captures
+    );
+    if let Some(truth) = truth {
+        write_atomically(&truth, &ply(simulation.truth()))?;
+        let triangles = simulation.truth().triangles.len();
+        println!("{}: {triangles} triangles", truth.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Takes what was given.
+fn take<T>(place: &mut T, given: Option<T>) {
+    if let Some(value) = given {
+        *place = value;
+    }
+}
+
+fn options(args: Args) -> Options {
+    let mut options = args.preset.map(Preset::options).unwrap_or_default();
+    take(&mut options.shape, args.shape);
+    take(&mut options.seed, args.seed);
+    take(&mut options.captures, args.captures);
+    take(&mut options.spacing_mm, args.spacing_mm);
+    options.textured |= args.textured;
+    options.masks |= args.masks;
+    take_color(&mut options, args.color);
+    take_depth(&mut options, args.depth);
+    let faults = &mut options.faults;
+    faults.turned_deg.extend(args.faults.turned);
+    faults.cut_off.extend(args.faults.cut_off);
+    faults.blurred_px.extend(args.faults.blurred);
+    faults.overexposed_stops.extend(args.faults.overexposed);
+    faults.late_ms.extend(args.faults.late);
+    faults.missing.extend(args.faults.missing);
+    faults.no_background.extend(args.faults.no_background);
+    faults.empty_table |= args.faults.empty_table;
+    faults.no_depth |= args.faults.no_depth;
+    options
+}
+
+fn take_color(options: &mut Options, args: ColorArgs) {
+    take(&mut options.cameras, args.cameras);
+    if let Some((width, height)) = args.size {
+        (options.width, options.height) = (width, height);
+    }
+    let color = &mut options.color;
+    take(&mut color.encoding, args.encoding);
+    take(&mut color.jpeg_quality, args.jpeg_quality);
+    take(&mut color.full_well, args.full_well);
+    take(&mut color.read_noise, args.read_noise);
+    take(&mut color.blur_px, args.blur_px);
+    take(&mut color.exposure_drift, args.exposure_drift);
+    take(&mut color.shadows, args.shadows);
+    take(&mut color.spill, args.spill);
+    color.distortion &= !args.no_distortion;
+}
+
+fn take_depth(options: &mut Options, args: DepthArgs) {
+    take(&mut options.depth_cameras, args.depth_cameras);
+    take(&mut options.depth_slant_deg, args.depth_slant_deg);
+    take(&mut options.depth_distance, args.depth_distance);
+    let depth = &mut options.depth;
+    if args.depth_perfect {
+        *depth = DepthSensor {
+            frames: depth.frames,
+            ..DepthSensor::perfect()
+        };
+    }
+    take(&mut depth.frames, args.depth_frames);
+    take(&mut depth.noise_steps, args.depth_noise_steps);
+    take(&mut depth.pattern_steps, args.depth_pattern_steps);
+    take(&mut depth.bias_mm, args.depth_bias_mm);
+    take(&mut depth.misregistration_px, args.misregistration_px);
+    take(&mut depth.response, args.depth_response);
+    take(&mut depth.color_every, args.depth_color_every);
+    take(&mut depth.color_jpeg_quality, args.depth_color_jpeg);
+}
