@@ -225,21 +225,54 @@ impl<H: Clone> Synchronizer<H> {
         true
     }
 
-    /// Closes every capture that nothing later than `complete_until` can change. All frames and triggers
-    /// before that time must have been handed in.
+    /// Closes every capture that nothing later than `complete_until` can change: its window has passed, or
+    /// it has all it may take. All frames and triggers before that time must have been handed in.
     pub fn advance(&mut self, complete_until: Timestamp) -> Vec<Capture<H>> {
         let mut done = Vec::new();
+        // A trigger that is not known yet opens its window at the earliest here.
+        let settled = complete_until
+            .0
+            .saturating_sub(self.parameters.tolerance_ns());
         while let Some(first) = self.open.front() {
             let window = self.window_of_first(first);
-            // The next trigger, not seen yet, may open its window a tolerance before itself.
-            let settled = window[1].0.saturating_add(self.parameters.tolerance_ns());
-            if settled > complete_until.0 {
+            if window[1].0 > settled && !self.has_all(first, window, Timestamp(settled)) {
                 break;
             }
             done.extend(self.close_first(window));
         }
         self.forget(complete_until);
         done
+    }
+
+    /// Whether every camera has given all that the oldest open capture may take, before `settled`.
+    fn has_all(&self, open: &Open, window: [Timestamp; 2], settled: Timestamp) -> bool {
+        let nothing = VecDeque::new();
+        let frames = |camera: &CameraId, stream| {
+            let key = (camera.clone(), stream);
+            self.streams.get(&key).unwrap_or(&nothing)
+        };
+        let satisfied = |camera: &CameraId, stream, wanted: usize| {
+            let frames = frames(camera, stream);
+            let chosen = self.chosen(camera, stream, frames, open, window);
+            let wanted = open.listed.get(camera).map_or(wanted, Vec::len);
+            let last = chosen.last().map(|&i| frames[i].timestamp);
+            (chosen.len() >= wanted && last.is_some_and(|t| t < settled)).then_some(last)
+        };
+        let later = |camera: &CameraId, stream, than: Timestamp| {
+            let last = frames(camera, stream).back();
+            last.is_some_and(|f| than <= f.timestamp && f.timestamp < settled)
+        };
+        let colors = self.cameras.colors.iter().all(|camera| {
+            let nearest = self.parameters.nearest_color && !open.listed.contains_key(camera);
+            let decided = !nearest || later(camera, Stream::Color, open.trigger.time);
+            decided && satisfied(camera, Stream::Color, 1).is_some()
+        });
+        let depth_frames = self.parameters.depth_frames;
+        colors
+            && self.cameras.depths.iter().all(|(camera, &has_color)| {
+                let last = satisfied(camera, Stream::Depth, depth_frames).flatten();
+                last.is_some_and(|t| !has_color || later(camera, Stream::DepthColor, t))
+            })
     }
 
     /// Closes all captures: nothing more will come.
@@ -310,12 +343,7 @@ impl<H: Clone> Synchronizer<H> {
         let Some(frames) = self.streams.get(&key) else {
             return Vec::new();
         };
-        let chosen: Vec<usize> = match open.listed.get(camera) {
-            Some(listed) => (0..frames.len())
-                .filter(|&i| listed.contains(&frames[i].timestamp))
-                .collect(),
-            None => self.choose(camera, stream, frames, open, window),
-        };
+        let chosen = self.chosen(camera, stream, frames, open, window);
         let frames = self.streams.entry(key).or_default();
         let taken = chosen.iter().map(|&i| frames[i].clone()).collect();
         for i in chosen.into_iter().rev() {
@@ -324,8 +352,8 @@ impl<H: Clone> Synchronizer<H> {
         taken
     }
 
-    /// Frames by the rule, as indices in the order of time.
-    fn choose(
+    /// A camera's frames for a capture, as indices in the order of time.
+    fn chosen(
         &self,
         camera: &CameraId,
         stream: Stream,
@@ -333,35 +361,41 @@ impl<H: Clone> Synchronizer<H> {
         open: &Open,
         window: [Timestamp; 2],
     ) -> Vec<usize> {
+        match open.listed.get(camera) {
+            Some(listed) => (0..frames.len())
+                .filter(|&i| listed.contains(&frames[i].timestamp))
+                .collect(),
+            None => self.chosen_by_rule(camera, stream, frames, open, window),
+        }
+    }
+
+    fn chosen_by_rule(
+        &self,
+        camera: &CameraId,
+        stream: Stream,
+        frames: &VecDeque<Stamped<H>>,
+        open: &Open,
+        window: [Timestamp; 2],
+    ) -> Vec<usize> {
+        let trigger = open.trigger.time;
         let promised = |t: &Timestamp| {
             let lists = |o: &Open| o.listed.get(camera).is_some_and(|l| l.contains(t));
             self.open.iter().any(lists)
         };
         let nearest = stream == Stream::Color && self.parameters.nearest_color;
-        let start = if nearest {
-            self.earliest(open.trigger.time)
-        } else {
-            window[0]
-        };
-        let mut free = (0..frames.len()).filter(|&i| {
-            let t = frames[i].timestamp;
-            start <= t && t < window[1] && !promised(&t)
-        });
+        let back = trigger.0.saturating_sub(self.parameters.window_ns());
+        let start = if nearest { Timestamp(back) } else { window[0] };
+        let first = frames.partition_point(|f| f.timestamp < start);
+        let end = frames.partition_point(|f| f.timestamp < window[1]);
+        let mut free = (first..end).filter(|&i| !promised(&frames[i].timestamp));
         match stream {
             Stream::Color if nearest => free
-                .min_by_key(|&i| distance(frames[i].timestamp, open.trigger.time))
+                .min_by_key(|&i| distance(frames[i].timestamp, trigger))
                 .into_iter()
                 .collect(),
             Stream::Color => free.next().into_iter().collect(),
             _ => free.take(self.parameters.depth_frames).collect(),
         }
-    }
-
-    /// How far before a trigger frames that are nearest to it may lie: a window, but not into another
-    /// capture's.
-    fn earliest(&self, trigger: Timestamp) -> Timestamp {
-        let back = trigger.0.saturating_sub(self.parameters.window_ns());
-        Timestamp(back).max(self.closed_until)
     }
 
     /// Gives each depth frame the colour frame nearest in time, the earlier one of two.
@@ -375,15 +409,17 @@ impl<H: Clone> Synchronizer<H> {
             .streams
             .entry((camera.clone(), Stream::DepthColor))
             .or_default();
-        // The first frame counts where a list has frames from outside the window.
-        let first = taken.first().map_or(window[0], |f| f.timestamp);
-        let last = taken.last().map_or(window[1], |f| f.timestamp);
+        // Not from the window before; but frames that were listed may lie outside their window.
+        let first = taken
+            .first()
+            .map_or(window[0], |f| f.timestamp.min(window[0]));
+        let listed_until = taken.last().map_or(0, |f| f.timestamp.0.saturating_add(1));
+        let end = window[1].max(Timestamp(listed_until));
         let back = first.0.saturating_sub(self.parameters.window_ns());
         let start = Timestamp(back).max(self.closed_until.min(first));
-        let end = window[1].max(last);
         let near: Vec<Stamped<H>> = colors
             .iter()
-            .filter(|c| start <= c.timestamp && c.timestamp <= end)
+            .filter(|c| start <= c.timestamp && c.timestamp < end)
             .cloned()
             .collect();
         let nearest = |t: Timestamp| near.iter().min_by_key(|c| distance(c.timestamp, t));
@@ -439,3 +475,6 @@ impl<H: Clone> Synchronizer<H> {
 fn distance(a: Timestamp, b: Timestamp) -> u64 {
     a.0.abs_diff(b.0)
 }
+
+#[cfg(test)]
+mod tests;
