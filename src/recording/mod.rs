@@ -24,6 +24,8 @@ pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::{Compression, Writer};
 
 #[cfg(test)]
+mod damage_tests;
+#[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;

@@ -324,7 +324,8 @@ fn each_chunk<T: Send>(
 
 /// Opens every chunk to find its messages, where the file's own indexes are missing or cannot be believed.
 fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
-    let chunks = std::mem::take(&mut index.chunks);
+    let mut chunks = std::mem::take(&mut index.chunks);
+    drop_bombs(source, index, &mut chunks);
     let found = each_chunk(&chunks, |number, chunk| {
         match chunk::unpack(source, chunk) {
             Ok(bytes) => Ok(Ok(chunk::list(&bytes, number))),
@@ -353,6 +354,26 @@ fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
     }
     index.chunks = chunks;
     Ok(())
+}
+
+/// Leaves out the chunks that together unpack to far more than their file: pictures shrink a little, flat
+/// ones a lot, but a file that grows a hundredfold was made to.
+fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<ChunkInfo>) {
+    const ALLOWED: u64 = 256 << 20;
+    let allowed = ALLOWED.saturating_add(source.length.saturating_mul(100));
+    let mut total = 0u64;
+    chunks.retain(|chunk| {
+        let sum = total.saturating_add(chunk.uncompressed_size);
+        // One that is too large by itself is told when it is read.
+        let keep = sum <= allowed || chunk.uncompressed_size > LARGEST_RECORD;
+        if keep && chunk.uncompressed_size <= LARGEST_RECORD {
+            total = sum;
+        } else if !keep {
+            let what = format!("the chunks together unpack to more than {allowed} bytes");
+            index.add_damage(chunk.record_offset, chunk.compressed_size, what);
+        }
+        keep
+    });
 }
 
 /// Refuses a recording of another format, by the metadata record that names it.

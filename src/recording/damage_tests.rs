@@ -1,0 +1,354 @@
+//! Files that are broken, cut off or hostile: each is an error or a note of what is lost, never a panic and
+//! never more memory than the file justifies.
+
+use super::testing::*;
+use super::*;
+use mcap::records::op;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Reads everything that a recording gives away.
+fn read_all(recording: &Recording) -> (usize, Vec<String>) {
+    let mut read = 0;
+    let mut errors = Vec::new();
+    for topic in recording.topics() {
+        for message in recording.messages(topic) {
+            let result = match topic {
+                Topic::Color(_, ColorPart::Calibration)
+                | Topic::Depth(_, DepthPart::Calibration) => {
+                    recording.intrinsics(topic, message).map(drop)
+                }
+                Topic::Color(_, ColorPart::Settings) => {
+                    recording.settings(topic, message).map(drop)
+                }
+                Topic::Depth(_, DepthPart::Response) => {
+                    recording.response(topic, message).map(drop)
+                }
+                Topic::Color(..) | Topic::Depth(..) => recording.picture(topic, message).map(drop),
+                Topic::Tf => recording.poses(message).map(drop),
+                Topic::Volume => recording.volume(message).map(drop),
+                Topic::Trigger => recording.trigger(message).map(drop),
+                Topic::Capture => recording.capture_record(message).map(drop),
+                Topic::Note => recording.note(message).map(drop),
+                Topic::Log => recording.read(topic, message).map(drop),
+            };
+            match result {
+                Ok(()) => read += 1,
+                Err(error) => errors.push(error.to_string()),
+            }
+        }
+    }
+    for attachment in recording.attachments() {
+        if let Err(error) = recording.attachment(attachment) {
+            errors.push(error.to_string());
+        }
+    }
+    recording.verify().unwrap();
+    (read, errors)
+}
+
+struct Place {
+    _folder: tempfile::TempDir,
+    path: PathBuf,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("broken.mcap");
+        Self {
+            _folder: folder,
+            path,
+        }
+    }
+
+    fn open(&self, bytes: &[u8]) -> Result<Recording, Error> {
+        std::fs::write(&self.path, bytes).unwrap();
+        Recording::open(&self.path)
+    }
+}
+
+fn small(compression: Compression) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = write_session(folder.path(), &[("a", 100, 2), ("b", 3000, 2)], compression);
+    std::fs::read(path).unwrap()
+}
+
+/// Where each record of a file begins.
+fn records_of(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
+    let mut found = Vec::new();
+    let mut at = 8;
+    while at + 9 <= bytes.len() - 8 {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        found.push((bytes[at], at, length));
+        at += 9 + length;
+    }
+    found
+}
+
+#[test]
+fn a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk() {
+    let bytes = small(Compression::None);
+    let place = Place::new();
+    let whole = read_all(&place.open(&bytes).unwrap()).0;
+    let mut last = 0;
+    for length in 8..bytes.len() {
+        let recording = place.open(&bytes[..length]).unwrap();
+        assert!(!recording.damage().is_empty(), "cut at {length}");
+        let (read, errors) = read_all(&recording);
+        assert_eq!(errors, Vec::<String>::new(), "cut at {length}");
+        assert!(read >= last, "cut at {length}: {read} after {last}");
+        last = read;
+    }
+    assert_eq!(last, whole);
+    for length in 0..8 {
+        assert!(matches!(
+            place.open(&bytes[..length]),
+            Err(Error::NotMcap { .. })
+        ));
+    }
+}
+
+#[test]
+fn what_a_cut_costs_is_told() {
+    let bytes = small(Compression::None);
+    let place = Place::new();
+    let (_, at, length) = *records_of(&bytes)
+        .iter()
+        .rfind(|(opcode, ..)| *opcode == op::CHUNK)
+        .unwrap();
+    let recording = place.open(&bytes[..at + 50]).unwrap();
+    let [damage] = recording.damage() else {
+        panic!("{:?}", recording.damage())
+    };
+    assert_eq!((damage.offset, damage.length), (at as u64, 50));
+    assert!(damage.what.contains(&length.to_string()), "{damage}");
+}
+
+#[test]
+fn a_broken_chunk_costs_its_own_messages_only() {
+    let bytes = small(Compression::None);
+    let place = Place::new();
+    let whole = place.open(&bytes).unwrap();
+    let frames = Topic::Color(camera_id("c00"), ColorPart::Image);
+    assert_eq!(whole.messages(&frames).len(), 2);
+    // The first chunk of pictures is that of the backgrounds, the next that of the first capture.
+    let target = whole.messages(&frames)[0].chunk();
+    let chunks: Vec<_> = records_of(&bytes)
+        .into_iter()
+        .filter(|(opcode, ..)| *opcode == op::CHUNK)
+        .collect();
+    let (_, at, length) = chunks[target as usize];
+    let mut broken = bytes.clone();
+    broken[at + length / 2] ^= 0x10;
+    let recording = place.open(&broken).unwrap();
+    let pictures: Vec<_> = recording
+        .messages(&frames)
+        .iter()
+        .map(|m| recording.picture(&frames, m))
+        .collect();
+    let error = pictures[0].as_ref().unwrap_err().to_string();
+    assert!(
+        error.contains("CRC") && error.contains("broken.mcap"),
+        "{error}"
+    );
+    assert!(pictures[1].is_ok());
+    assert_eq!(recording.verify().unwrap().len(), 1);
+    // A broken length instead of broken contents: the summary tells where the next chunk is.
+    broken = bytes.clone();
+    broken[at + 8] = 0x7f;
+    let recording = place.open(&broken).unwrap();
+    assert_eq!(recording.damage().len(), 1);
+    assert_eq!(recording.messages(&frames).len(), 1);
+    assert!(
+        recording
+            .picture(&frames, &recording.messages(&frames)[0])
+            .is_ok()
+    );
+}
+
+/// The bytes of a record.
+fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![opcode];
+    bytes.extend((body.len() as u64).to_le_bytes());
+    bytes.extend(body);
+    bytes
+}
+
+fn text(text: &str) -> Vec<u8> {
+    let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
+    bytes.extend(text.as_bytes());
+    bytes
+}
+
+fn chunk(compression: &str, packed: &[u8], unpacked_size: u64) -> Vec<u8> {
+    let mut body = vec![0; 16];
+    body.extend(unpacked_size.to_le_bytes());
+    body.extend([0; 4]);
+    body.extend(text(compression));
+    body.extend((packed.len() as u64).to_le_bytes());
+    body.extend(packed);
+    record(op::CHUNK, &body)
+}
+
+fn file(records: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = mcap::MAGIC.to_vec();
+    bytes.extend(record(op::HEADER, &[text("scand"), text("evil")].concat()));
+    bytes.extend(records.concat());
+    bytes
+}
+
+/// Opens a hostile file and returns what it says of the damage.
+fn damage(bytes: &[u8]) -> String {
+    let place = Place::new();
+    let start = Instant::now();
+    let recording = place.open(bytes).unwrap();
+    read_all(&recording);
+    assert!(start.elapsed().as_secs() < 5, "{:?}", start.elapsed());
+    let damage: Vec<String> = recording.damage().iter().map(ToString::to_string).collect();
+    damage.join("\n")
+}
+
+#[test]
+fn impossible_lengths_take_no_memory() {
+    for length in [u64::MAX, u64::MAX - 8, 1 << 40, 257 << 20] {
+        for opcode in [
+            op::CHUNK,
+            op::SCHEMA,
+            op::MESSAGE,
+            op::ATTACHMENT,
+            0x42,
+            0x81,
+        ] {
+            let mut bytes = file(&[]);
+            bytes.push(opcode);
+            bytes.extend(length.to_le_bytes());
+            bytes.extend([0; 100]);
+            assert!(
+                damage(&bytes).contains(&length.to_string()),
+                "{opcode} {length}"
+            );
+        }
+        let mut body = vec![0; 28];
+        body.extend(text("zstd"));
+        body.extend(length.to_le_bytes());
+        assert!(damage(&file(&[record(op::CHUNK, &body)])).contains("does not hold"));
+        let huge = chunk("zstd", &[1, 2, 3], length);
+        assert!(damage(&file(&[huge])).contains("unpacks to"));
+    }
+    for body in [vec![0xff; 30], vec![0xff; 3], vec![]] {
+        for opcode in [
+            op::SCHEMA,
+            op::CHANNEL,
+            op::MESSAGE_INDEX,
+            op::METADATA,
+            op::ATTACHMENT,
+            op::HEADER,
+            op::CHUNK,
+        ] {
+            let told = damage(&file(&[record(opcode, &body)]));
+            assert!(told.contains("does not hold"), "{opcode} {body:?}: {told}");
+        }
+    }
+}
+
+#[test]
+fn unknown_compressions_and_records_are_told_or_skipped() {
+    assert!(damage(&file(&[chunk("brotli", &[0; 20], 20)])).contains("\"brotli\""));
+    let told = damage(&file(&[record(0x42, b"future"), record(0x99, b"private")]));
+    assert!(told.contains("without its footer"), "{told}");
+    assert!(damage(&file(&[vec![0; 500]])).contains("no record of opcode 0"));
+}
+
+#[test]
+fn messages_that_make_no_sense_are_named() {
+    let place = Place::new();
+    let open = |topic: &str, schema: &str, encoding: &str, data: &[u8]| {
+        let channel = [&[1, 0, 1, 0][..], &text(topic), &text(encoding), &[0; 4]].concat();
+        let schema = [&[1, 0][..], &text(schema), &text(encoding), &[0; 4]].concat();
+        let message = [&[1, 0, 0, 0, 0, 0][..], &[7; 8], &[0; 8], data].concat();
+        let bytes = file(&[
+            record(op::SCHEMA, &schema),
+            record(op::CHANNEL, &channel),
+            record(op::MESSAGE, &message),
+        ]);
+        let recording = place.open(&bytes).unwrap();
+        let (_, errors) = read_all(&recording);
+        errors.join("\n")
+    };
+    let volume = |json: &str| open("/volume", "scand.Volume", "json", json.as_bytes());
+    assert_eq!(
+        volume(r#"{"min": [0,0,0], "max": [1,1,1], "more": {}}"#),
+        ""
+    );
+    let error = volume(r#"{"frame_id": "rig", "min": [0,0,0]}"#);
+    assert!(
+        error.contains("broken.mcap: /volume at 506381209866536711 ns"),
+        "{error}"
+    );
+    assert!(error.contains("missing field `max`"), "{error}");
+    assert!(volume(r#"{"min": [0,0,0], "max": [0,1,1]}"#).contains("expected edges"));
+    assert!(volume(r#"{"min": [0,0,0], "max": [1000,1,1]}"#).contains("expected edges"));
+    assert!(volume(r#"{"frame_id": "world", "min": [0,0,0], "max": [1,1,1]}"#).contains("\"rig\""));
+    assert!(volume(&"[".repeat(100_000)).contains("scand.Volume"));
+    let wrong = open("/volume", "foxglove.Log", "protobuf", b"");
+    assert!(
+        wrong.contains("\"foxglove.Log\"") && wrong.contains("scand.Volume in json"),
+        "{wrong}"
+    );
+    let image = open(
+        "/color/a/image",
+        "foxglove.RawImage",
+        "protobuf",
+        &[0xff; 40],
+    );
+    assert!(image.contains("foxglove.RawImage"), "{image}");
+    let lens = open(
+        "/color/a/calibration",
+        "foxglove.CameraCalibration",
+        "protobuf",
+        b"",
+    );
+    assert!(lens.contains("K is 0 numbers"), "{lens}");
+    let trigger = |json: &str| open("/trigger", "scand.Trigger", "json", json.as_bytes());
+    assert!(trigger(r#"{"source": "pedal"}"#).contains("missing field `id`"));
+    assert!(trigger(r#"{"id": "../../etc"}"#).contains("capture id \"../../etc\""));
+    assert_eq!(trigger(r#"{"id": "a", "source": "x", "subject": 7}"#), "");
+    let capture = |json: &str| open("/capture", "scand.Capture", "json", json.as_bytes());
+    let times = |t: &str| {
+        let cameras = format!(r#"{{"c": {{"timestamps": [{t}], "lost": 3}}}}"#);
+        capture(&format!(
+            r#"{{"id": "a", "outcome": "complete", "cameras": {cameras}}}"#
+        ))
+    };
+    assert_eq!(times(r#""12", 13"#), "");
+    assert!(times(r#""a dozen""#).contains("decimal nanoseconds"));
+    assert!(capture(r#"{"id": "a", "outcome": "maybe"}"#).contains("maybe"));
+    let response = |json: &str| {
+        let topic = "/depth/k/response";
+        open(topic, "scand.DepthResponse", "json", json.as_bytes())
+    };
+    assert!(response(r#"{"slope": 1, "intercept": 0, "scale": []}"#).contains("scale"));
+    assert!(response(r#"{"slope": 0, "intercept": 0, "scale": [1]}"#).contains("slope"));
+    let poses = open("/tf", "foxglove.FrameTransform", "protobuf", &[0x0a, 0x80]);
+    assert!(poses.contains("FrameTransform"), "{poses}");
+}
+
+#[test]
+fn an_index_that_lies_is_not_believed() {
+    let bytes = small(Compression::None);
+    let place = Place::new();
+    let indexes = records_of(&bytes);
+    let indexes = indexes
+        .iter()
+        .filter(|(opcode, ..)| *opcode == op::MESSAGE_INDEX);
+    for &(_, at, length) in indexes {
+        for offset in [9, 13, length - 1] {
+            let mut broken = bytes.clone();
+            broken[at + 9 + offset.min(length - 1)] ^= 0x05;
+            if let Ok(recording) = place.open(&broken) {
+                read_all(&recording);
+            }
+        }
+    }
+}
