@@ -1,6 +1,11 @@
 //! `scand evaluate` and `scand diff` as a user calls them: files in, words or JSON and an exit code out.
 
 use assert_cmd::Command;
+use scand::evaluate::load::load;
+use scand::image::RgbImage;
+use scand::mesh::{Mesh, vertex_normals};
+use scand::output::{glb, ply};
+use scand::reconstruct::{Model, Provenance, Texture};
 use std::path::{Path, PathBuf};
 
 /// A box, as a PLY file.
@@ -116,4 +121,56 @@ fn diff_ends_with_what_it_found() {
         .assert()
         .code(2);
     diff([&a, &b], &["--unknown"]).assert().code(2);
+}
+
+/// A model whose texture has a seam at every edge, so that a .glb holds each vertex many times.
+fn textured(mesh: Mesh) -> Model {
+    let count = mesh.vertices.len();
+    let triangles = mesh.triangles.len();
+    let uv = |i: usize| {
+        let at = i as f32 / (3 * triangles) as f32;
+        [at, 1.0 - at]
+    };
+    Model {
+        normals: vertex_normals(&mesh),
+        provenance: (0..count).map(|v| Provenance::ALL[v % 6]).collect(),
+        expected_error: (0..count).map(|v| v as f32 * 1e-4).collect(),
+        texture: Some(Texture {
+            atlas: RgbImage::filled(16, 16, [90, 120, 150]),
+            corner_uv: (0..triangles)
+                .map(|t| [0, 1, 2].map(|i| uv(3 * t + i)))
+                .collect(),
+            vertex_colors: vec![[90, 120, 150]; count],
+            seen: vec![true; triangles],
+        }),
+        mesh,
+    }
+}
+
+#[test]
+fn what_is_written_is_read_back_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = load(&write_box(folder.path(), "box.ply", [0.06, 0.05, 0.04]))
+        .unwrap()
+        .mesh;
+    let model = textured(mesh);
+    let paths = ["model.ply", "model.glb"].map(|name| folder.path().join(name));
+    std::fs::write(&paths[0], ply::encode(&model, "a").unwrap()).unwrap();
+    std::fs::write(
+        &paths[1],
+        glb::encode(&model, "a", &glb::Parameters::default()).unwrap(),
+    )
+    .unwrap();
+    for path in paths {
+        let read = load(&path).unwrap();
+        assert_eq!(read.mesh.vertices.len(), 8, "{}", path.display());
+        let (provenance, errors) = (read.provenance.unwrap(), read.expected_error.unwrap());
+        for (v, p) in read.mesh.vertices.iter().enumerate() {
+            let near = |q: &&nalgebra::Point3<f32>| (*q - p).norm() < 1e-7;
+            let old = model.mesh.vertices.iter().position(|q| near(&q)).unwrap();
+            assert_eq!(provenance[v], model.provenance[old]);
+            assert_eq!(errors[v], model.expected_error[old]);
+        }
+        assert!(scand::mesh::check(&read.mesh).is_watertight());
+    }
 }

@@ -243,7 +243,8 @@ fn provenance_changes(points: &[Measured]) -> Option<ProvenanceChanges> {
         }
     }
     Some(ProvenanceChanges {
-        changed_share: changes.iter().map(|c| c.share).sum(),
+        // An empty sum is −0.
+        changed_share: changes.iter().fold(0.0, |sum, c| sum + c.share),
         changes,
     })
 }
