@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo deps test lint bench
+.PHONY: help demo deps test lint
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -16,12 +16,8 @@ deps: ## install what the tests need beyond Rust and a C compiler (as root on De
 
 test: deps lint ## format, clippy, documentation, every test
 	$(CARGO) test --locked
-	$(CARGO) test --locked --release --test reconstruction
 
 lint: ## format, clippy and documentation without warnings
 	$(CARGO) fmt --all -- --check
 	$(CARGO) clippy --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
-
-bench: ## measure each stage and the whole
-	$(CARGO) bench --locked
