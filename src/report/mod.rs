@@ -1,9 +1,12 @@
 //! What is said of a model to the person who made it: figures, a verdict in words, the report and one
 //! picture of it all. It makes data and pictures; `output` and the commands make files of them.
 
+mod coarse;
 mod document;
 mod measure;
 mod preview;
+#[cfg(test)]
+mod tests;
 mod verdict;
 
 pub use document::{

@@ -4,14 +4,14 @@
 use crate::calibration::{Camera, Volume};
 use crate::frame::CameraId;
 use crate::image::{Grid, PixelRect};
-use crate::mesh::{Mesh, convex_hull, rasterize};
+use crate::mesh::{Fragment, Mesh, convex_hull, rasterize};
 use crate::reconstruct::ColorView;
 use crate::reconstruct::silhouette::{Facts, Silhouette};
 use nalgebra::{Matrix2, Point3, Vector2};
 use serde::Serialize;
 
 /// Longest side, in cells, of the grid that silhouette and projection are compared on.
-const CELLS: f64 = 320.0;
+const CELLS: f64 = 200.0;
 
 /// The figures of one colour camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -60,7 +60,7 @@ impl Consistency {
     /// Compares on cells of a few pixels around the silhouette.
     fn of(camera: &Camera, silhouette: &Silhouette, hull: &Mesh, volume: Volume) -> Self {
         let cells = Cells::around(camera, silhouette.bounds);
-        let inside = cells.draw(camera, &box_of(volume));
+        let inside = cells.inside(camera, volume);
         let projected = cells.draw(camera, hull);
         let level = cells.level(silhouette, &inside);
         let mut sums = [0.0f64; 4];
@@ -118,18 +118,7 @@ impl Cells {
 
     /// The part of each cell that a mesh covers, at the middle of its four quarters.
     fn draw(&self, camera: &Camera, mesh: &Mesh) -> Grid<f32> {
-        let project = |&v: &Point3<f32>| {
-            let [x, y, depth] = camera.project_for_raster(v);
-            let to = |p: f32, origin: f64| ((f64::from(p) - origin) / self.pixels + 0.25) * 2.0;
-            [
-                to(x, self.origin[0]) as f32,
-                to(y, self.origin[1]) as f32,
-                depth,
-            ]
-        };
-        let projected: Vec<_> = mesh.vertices.iter().map(project).collect();
-        let (width, height) = (2 * self.width, 2 * self.height);
-        let drawn = rasterize(&projected, &mesh.triangles, width, height);
+        let drawn = self.covered(camera, mesh, 2);
         let covered = |x, y| f32::from(u8::from(drawn[(x, y)].is_covered()));
         Grid::from_fn(self.width, self.height, |x, y| {
             let (x, y) = (2 * x, 2 * y);
@@ -137,12 +126,37 @@ impl Cells {
         })
     }
 
+    /// Whether the middle of each cell sees the volume; all of them, where the camera is inside of it.
+    fn inside(&self, camera: &Camera, volume: Volume) -> Grid<bool> {
+        let corners = box_of(volume);
+        let is_seen = |&v: &Point3<f32>| camera.project_for_raster(v)[2].is_finite();
+        if !corners.vertices.iter().all(is_seen) {
+            return Grid::filled(self.width, self.height, true);
+        }
+        self.covered(camera, &corners, 1).map(Fragment::is_covered)
+    }
+
+    /// A mesh drawn with so many samples a cell along each axis.
+    fn covered(&self, camera: &Camera, mesh: &Mesh, samples: usize) -> Grid<Fragment> {
+        let scale = samples as f64;
+        let project = |&v: &Point3<f32>| {
+            let [x, y, depth] = camera.project_for_raster(v);
+            let to = |p: f32, origin: f64| {
+                (((f64::from(p) - origin) / self.pixels + 0.5) * scale - 0.5) as f32
+            };
+            [to(x, self.origin[0]), to(y, self.origin[1]), depth]
+        };
+        let projected: Vec<_> = mesh.vertices.iter().map(project).collect();
+        let (width, height) = (samples * self.width, samples * self.height);
+        rasterize(&projected, &mesh.triangles, width, height)
+    }
+
     /// The part of each cell that is silhouette, where the volume is.
-    fn level(&self, silhouette: &Silhouette, inside: &Grid<f32>) -> Grid<f32> {
-        let samples = (self.pixels.round() as usize).clamp(1, 4);
+    fn level(&self, silhouette: &Silhouette, inside: &Grid<bool>) -> Grid<f32> {
+        let samples = (self.pixels.round() as usize).clamp(1, 3);
         let offset = |i: usize| ((i as f64 + 0.5) / samples as f64 - 0.5) * self.pixels;
         Grid::from_fn(self.width, self.height, |cx, cy| {
-            if inside[(cx, cy)] == 0.0 {
+            if !inside[(cx, cy)] {
                 return 0.0;
             }
             let middle = [cx, cy].map(|c| c as f64 * self.pixels);
@@ -206,17 +220,16 @@ fn shift(level: &Grid<f32>, projected: &Grid<f32>) -> Vector2<f64> {
     solved.unwrap_or_else(Vector2::zeros)
 }
 
-/// The mean of 3 x 3.
+/// Binomial weights over 3 x 3; the grid's edge is repeated beyond it.
 fn smooth(grid: &Grid<f32>) -> Grid<f32> {
-    Grid::from_fn(grid.width(), grid.height(), |x, y| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for row in y.saturating_sub(1)..(y + 2).min(grid.height()) {
-            for &value in &grid.row(row)[x.saturating_sub(1)..(x + 2).min(grid.width())] {
-                sum += value;
-                count += 1.0;
-            }
-        }
-        sum / count
+    let (width, height) = (grid.width(), grid.height());
+    let along = Grid::from_fn(width, height, |x, y| {
+        let row = grid.row(y);
+        0.25 * (row[x.saturating_sub(1)] + 2.0 * row[x] + row[(x + 1).min(width - 1)])
+    });
+    Grid::from_fn(width, height, |x, y| {
+        let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+        0.25 * (along[(x, above)] + 2.0 * along[(x, y)] + along[(x, below)])
     })
 }
 

@@ -9,6 +9,7 @@ pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
 pub use model::{ModelMeasures, ProvenanceMeasures};
 
+use super::coarse::coarse;
 use crate::reconstruct::{Method, Reconstruction, Scene};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -31,9 +32,10 @@ pub struct Measurements {
 /// Measures a reconstruction of `scene` by `method`.
 pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurements {
     let colors = || {
+        let hull = coarse(&made.hull, 2.0 * made.cell_size as f32);
         let views = scene.colors.par_iter().zip(&made.silhouettes);
         views
-            .map(|(view, silhouette)| ColorMeasures::of(view, silhouette, &made.hull, scene.volume))
+            .map(|(view, silhouette)| ColorMeasures::of(view, silhouette, &hull, scene.volume))
             .collect()
     };
     let rest = || {

@@ -23,6 +23,8 @@ pub struct ModelMeasures {
     pub dropped_hull_pieces: usize,
     /// Pieces that carving cut off, dropped.
     pub dropped_carved_pieces: usize,
+    /// Places where carving contradicted a colour camera and was undone.
+    pub closed_openings: usize,
 }
 
 /// Vertices of one provenance.
@@ -53,6 +55,7 @@ impl ModelMeasures {
             }),
             dropped_hull_pieces: made.dropped_hull_pieces,
             dropped_carved_pieces: made.dropped_carved_pieces,
+            closed_openings: made.closed_openings,
         }
     }
 

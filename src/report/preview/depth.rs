@@ -2,7 +2,7 @@
 //! the region that was restored, and the model from there.
 
 use super::canvas::{EMPTY, blend, ramp};
-use super::views::{both, provenance_color};
+use super::views::{drawn, in_color, provenance_color};
 use super::window::Window;
 use crate::image::{Grid, PixelRect, RgbImage};
 use crate::reconstruct::depth::DepthKind;
@@ -81,7 +81,7 @@ pub(super) fn draw(
         panel
     };
     let project = |p| window.panel_from_picture(view.camera.project_for_raster(p));
-    let [painted, _] = both(model, &window, view.camera.camera.center().cast(), project);
+    let drawn = drawn(model, &window, view.camera.camera.center().cast(), project);
     let millimetres = |metres: f32| format!("{:.0}", 1e3 * metres);
     vec![
         (
@@ -101,7 +101,7 @@ pub(super) fn draw(
             restored_caption(result),
             with_border(window.nearest(restored)),
         ),
-        ("the model from there".to_owned(), painted),
+        ("the model from there".to_owned(), in_color(model, &drawn)),
     ]
 }
 

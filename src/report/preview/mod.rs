@@ -8,8 +8,10 @@ mod outlines;
 mod views;
 mod window;
 
+use super::coarse::coarse;
 use super::verdict::{Level, Verdict};
 use crate::image::{RgbImage, text_size};
+use crate::mesh::{Mesh, bounding_box};
 use crate::reconstruct::{Provenance, Reconstruction, Scene};
 use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, wrap, write};
 use depth::DepthPanels;
@@ -50,7 +52,7 @@ pub fn preview(scene: &Scene, made: &Reconstruction, verdict: &Verdict, title: &
     let panels = Panels::draw(scene, made, verdict);
     let lines = reason_lines(verdict);
     let mut sheet = RgbImage::filled(WIDTH, panels.height(lines.len()), PAPER);
-    let mut top = header(&mut sheet, verdict, title, &lines);
+    let mut top = header(&mut sheet, verdict, (title, &size_words(made)), &lines);
     top = panels.place_views(&mut sheet, scene, top);
     top = legend(&mut sheet, made, top);
     top = panels.place_depths(&mut sheet, top);
@@ -80,7 +82,7 @@ impl Panels {
             .collect();
         let shown = scene.colors.len().min(OUTLINES);
         let size = outline_size(shown);
-        let outline = |coarse: &_| {
+        let outline = |coarse: &Mesh| {
             let each = scene.colors[..shown].par_iter().zip(&made.silhouettes);
             each.map(|(view, silhouette)| {
                 let alarm = alarm(verdict, view);
@@ -98,7 +100,7 @@ impl Panels {
                             .map(|(v, r)| depth::draw(v, r, model, PANEL))
                             .collect()
                     },
-                    || outline(&outlines::coarse(&model.mesh, coarse_cell(made, size))),
+                    || outline(&coarse(&model.mesh, coarse_cell(made, size))),
                 )
             },
         );
@@ -207,9 +209,9 @@ fn outline_size(count: usize) -> (usize, usize) {
 
 /// Edge of a cell that is about a pixel of the outlines.
 fn coarse_cell(made: &Reconstruction, (width, _): (usize, usize)) -> f32 {
-    let corners = crate::mesh::bounding_box(&made.model.mesh.vertices).unwrap_or_default();
+    let corners = bounding_box(&made.model.mesh.vertices).unwrap_or_default();
     let diagonal = nalgebra::distance(&corners[0], &corners[1]);
-    (diagonal / width as f32).max(f32::MIN_POSITIVE)
+    (diagonal / width as f32).max(2.0 * made.cell_size as f32)
 }
 
 /// The colour that a camera is marked with: that of the gravest reason about it.
@@ -250,7 +252,7 @@ fn header_height(lines: usize) -> usize {
 fn header(
     sheet: &mut RgbImage,
     verdict: &Verdict,
-    title: &str,
+    (title, size): (&str, &str),
     lines: &[(Option<Level>, String)],
 ) -> usize {
     let word = verdict.level.name().to_uppercase();
@@ -269,8 +271,11 @@ fn header(
         (left, MARGIN + 12),
         3,
         INK,
-        (WIDTH - MARGIN - left, title),
+        (WIDTH - MARGIN - left - 500, title),
     );
+    let (wide, _) = text_size(size, 2);
+    let right = WIDTH - MARGIN - wide.min(WIDTH / 2);
+    write(sheet, (right, MARGIN + 16), 2, PALE, (WIDTH / 2, size));
     let mut top = MARGIN + TITLE;
     for (level, line) in lines {
         if let Some(level) = level {
@@ -286,6 +291,17 @@ fn header(
         top += LINE;
     }
     top + 2 * GAP
+}
+
+/// The model's size, in millimetres and in vertices.
+fn size_words(made: &Reconstruction) -> String {
+    let mesh = &made.model.mesh;
+    let [low, high] = bounding_box(&mesh.vertices).unwrap_or_default();
+    let [x, y, z]: [f32; 3] = (1e3 * (high - low)).into();
+    format!(
+        "{x:.0} x {y:.0} x {z:.0} mm, {} vertices",
+        mesh.vertices.len()
+    )
 }
 
 /// What the colours of the third panels mean, and how much of the model is of each.

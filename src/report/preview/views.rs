@@ -40,34 +40,63 @@ pub(super) struct ViewPanels {
     pub provenance: RgbImage,
 }
 
-/// Up to four cameras around the object, in the order of their ids: as far apart as can be, seen from above.
+/// Up to four cameras around the object, in the order of their ids: as far apart as can be, low and high ones
+/// in turn, where the frame does not cut the object if there are enough.
 pub(super) fn choose(scene: &Scene, made: &Reconstruction) -> Vec<usize> {
     let [low, high] = bounding_box(&made.model.mesh.vertices).unwrap_or_default();
     let middle: Point3<f64> = center(&low, &high).cast();
-    let azimuth = |camera: &Camera| {
-        let towards = camera.center() - middle;
-        towards.y.atan2(towards.x)
-    };
-    let azimuths: Vec<f64> = scene.colors.iter().map(|v| azimuth(&v.camera)).collect();
-    let apart = |a: usize, b: usize| {
-        let turn = (azimuths[a] - azimuths[b]).rem_euclid(TAU);
-        turn.min(TAU - turn)
-    };
-    let whole = |i: usize| made.silhouettes[i].facts.edge_px.iter().all(|&n| n == 0);
-    let mut candidates: Vec<usize> = (0..scene.colors.len()).filter(|&i| whole(i)).collect();
+    let directions: Vec<Direction> = scene
+        .colors
+        .iter()
+        .map(|v| Direction::of(&v.camera, middle))
+        .collect();
+    let whole = |i: &usize| made.silhouettes[*i].facts.edge_px.iter().all(|&n| n == 0);
+    let mut candidates: Vec<usize> = (0..directions.len()).filter(whole).collect();
     if candidates.len() < VIEWS {
-        candidates = (0..scene.colors.len()).collect();
+        candidates = (0..directions.len()).collect();
     }
-    let mut chosen: Vec<usize> = candidates.first().copied().into_iter().collect();
+    let elevations = || candidates.iter().map(|&i| directions[i].elevation);
+    let lowest = elevations().fold(f64::MAX, f64::min);
+    let between = 0.5 * (lowest + elevations().fold(f64::MIN, f64::max));
+    let mut chosen: Vec<usize> = Vec::new();
     while chosen.len() < VIEWS.min(candidates.len()) {
-        let gap = |&i: &usize| chosen.iter().map(|&c| apart(i, c)).fold(TAU, f64::min);
-        let left = candidates.iter().copied().filter(|i| !chosen.contains(i));
+        let left = || candidates.iter().copied().filter(|i| !chosen.contains(i));
+        let wants_high = chosen.len() % 2 == 1;
+        let fits = |&i: &usize| (directions[i].elevation > between) == wants_high;
+        let gap = |i: usize| {
+            let apart = chosen.iter().map(|&c| directions[i].apart(&directions[c]));
+            apart.fold(TAU, f64::min)
+        };
         // Of equals the first, so that the choice is always the same.
-        let next = left.reduce(|best, i| if gap(&i) > gap(&best) { i } else { best });
+        let farther = |best, i| if gap(i) > gap(best) { i } else { best };
+        let next = left().filter(fits).reduce(farther);
+        let next = next.or_else(|| left().reduce(farther));
         chosen.extend(next);
     }
     chosen.sort_unstable();
     chosen
+}
+
+/// Where a camera is, seen from the object, in radians.
+struct Direction {
+    azimuth: f64,
+    elevation: f64,
+}
+
+impl Direction {
+    fn of(camera: &Camera, middle: Point3<f64>) -> Self {
+        let towards = camera.center() - middle;
+        Self {
+            azimuth: towards.y.atan2(towards.x),
+            elevation: towards.z.atan2(towards.x.hypot(towards.y)),
+        }
+    }
+
+    /// The turn about the vertical between two.
+    fn apart(&self, other: &Self) -> f64 {
+        let turn = (self.azimuth - other.azimuth).rem_euclid(TAU);
+        turn.min(TAU - turn)
+    }
 }
 
 /// Draws one camera's panels.
@@ -81,54 +110,58 @@ pub(super) fn draw(
     let view = &scene.colors[camera];
     let window = Window::around(silhouette.bounds, size);
     let project = |p| window.panel_from_picture(view.camera.project_for_raster(p));
-    let [model, provenance] = both(model, &window, view.camera.center().cast(), project);
+    let drawn = drawn(model, &window, view.camera.center().cast(), project);
     ViewPanels {
         camera,
         photograph: window.crop(&view.image),
-        model,
-        provenance,
+        model: in_color(model, &drawn),
+        provenance: by_provenance(model, &drawn),
     }
 }
 
-/// The model in its colours, and by provenance.
-pub(super) fn both(
-    model: &Model,
+/// Draws the model in a window, to be painted.
+pub(super) fn drawn<'a>(
+    model: &'a Model,
     window: &Window,
     eye: Point3<f32>,
     project: impl Fn(Point3<f32>) -> [f32; 3],
-) -> [RgbImage; 2] {
+) -> Drawn<'a> {
     let view = View {
         width: window.width,
         height: window.height,
         eye: Eye::At(eye),
         project,
     };
-    let shaded = Style {
+    Drawn::new(&model.mesh, &view, 2)
+}
+
+fn style(model: &Model) -> Style<'_> {
+    Style {
         background: EMPTY,
         normals: Some(&model.normals),
         ..Style::default()
+    }
+}
+
+fn by_provenance(model: &Model, drawn: &Drawn) -> RgbImage {
+    let colors = model.provenance.iter().map(|&p| provenance_color(p));
+    let colors: Vec<_> = colors.collect();
+    drawn.paint(&style(model), vertex_paint(&model.mesh, &colors))
+}
+
+/// The model in its texture's colours.
+pub(super) fn in_color(model: &Model, drawn: &Drawn) -> RgbImage {
+    let Some(texture) = &model.texture else {
+        return drawn.paint(&style(model), |_, _| CLAY);
     };
-    let drawn = Drawn::new(&model.mesh, &view, 2);
-    let colors: Vec<_> = model
-        .provenance
-        .iter()
-        .map(|&p| provenance_color(p))
-        .collect();
-    let provenance = drawn.paint(&shaded, vertex_paint(&model.mesh, &colors));
-    let picture = match &model.texture {
-        None => drawn.paint(&shaded, |_, _| CLAY),
-        Some(texture) => {
-            // The photographs have their light already.
-            let lit = Style {
-                ambient: 0.8,
-                ..shaded
-            };
-            drawn.paint(&lit, |triangle, weights| {
-                sample(&texture.atlas, texture.corner_uv[triangle], weights)
-            })
-        }
+    // The photographs have their light already.
+    let lit = Style {
+        ambient: 0.8,
+        ..style(model)
     };
-    [picture, provenance]
+    drawn.paint(&lit, |triangle, weights| {
+        sample(&texture.atlas, texture.corner_uv[triangle], weights)
+    })
 }
 
 /// The atlas at a point of a triangle.

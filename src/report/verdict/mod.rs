@@ -85,6 +85,8 @@ pub enum Code {
     DepthBiased,
     /// Much of the model bridges holes of the depth.
     HolesBridged,
+    /// Carving contradicted colour cameras and was undone.
+    CarvingUndone,
     /// Pieces were dropped.
     PiecesDropped,
     /// The model is no solid.

@@ -22,6 +22,20 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         let words = format!("{} of the model bridges holes of the depth", percent(v));
         reason(level, Code::HolesBridged, words)
     }));
+    if model.closed_openings > 0 {
+        let level = parameters
+            .openings_closed
+            .level(model.closed_openings as f64);
+        let words = format!(
+            "the depth opened the object in {} places where a colour camera sees it: closed again",
+            model.closed_openings
+        );
+        into.push(reason(
+            level.unwrap_or(Level::Green),
+            Code::CarvingUndone,
+            words,
+        ));
+    }
     let handles = model.mesh.genus.unwrap_or(0) as f64;
     into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
         let words =
@@ -36,18 +50,18 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         );
         reason(level, Code::Unpainted, words)
     }));
-    // Phantoms where cones meet away from the object are in the nature of hulls; what carving cuts off is not.
-    for (level, count, from) in [
-        (Level::Green, model.dropped_hull_pieces, "beside the hull"),
-        (
-            Level::Amber,
-            model.dropped_carved_pieces,
-            "that carving cut off",
-        ),
+    for (count, from) in [
+        (model.dropped_hull_pieces, "beside the hull"),
+        (model.dropped_carved_pieces, "that carving cut off"),
     ] {
         if count > 0 {
+            let level = parameters.dropped_pieces.level(count as f64);
             let words = format!("{count} stray piece(s) {from} were dropped");
-            into.push(reason(level, Code::PiecesDropped, words));
+            into.push(reason(
+                level.unwrap_or(Level::Green),
+                Code::PiecesDropped,
+                words,
+            ));
         }
     }
 }

@@ -31,10 +31,10 @@ impl Limits {
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Displacement of a silhouette against the others, as a share of the object's longest side. Default
-    /// 0.006 and 0.03.
+    /// 0.005 and 0.03.
     pub displaced: Limits,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
-    /// pixels away. Default 0.004 and 0.25.
+    /// pixels away. Default 0.004 and 0.15.
     pub uncovered: Limits,
     /// Pixels at the frame's edge that are object, as a share of the object's longest side. Default 0.02.
     pub frame_cut: Limits,
@@ -44,7 +44,7 @@ pub struct Parameters {
     pub underexposed: Limits,
     /// Standard deviation of the blur across the contour, in pixels. Default 3 and 10.
     pub blur_px: Limits,
-    /// Share of the backdrop around the object that is not as its plate shows it. Default 0.1.
+    /// Share of the backdrop around the object that is not as its plate shows it. Default 0.35.
     pub backdrop_changed: Limits,
     /// Hours between the background plate and the capture. Default 24.
     pub background_age_h: Limits,
@@ -63,6 +63,10 @@ pub struct Parameters {
     pub bias_excess_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
     pub unstated_uncertainty_mm: f64,
+    /// Places where carving contradicted a colour camera and was undone; fewer are a note. Default 2000.
+    pub openings_closed: Limits,
+    /// Stray pieces dropped from the hull, or cut off by carving; fewer are a note. Default 100.
+    pub dropped_pieces: Limits,
     /// Handles of the model, of which perforations are made. Default 4.
     pub handles: Limits,
     /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.3.
@@ -72,13 +76,13 @@ pub struct Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            displaced: Limits::amber_red(0.006, 0.03),
-            uncovered: Limits::amber_red(0.004, 0.25),
+            displaced: Limits::amber_red(0.005, 0.03),
+            uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
             overexposed: Limits::amber(0.1),
             underexposed: Limits::amber(0.5),
             blur_px: Limits::amber_red(3.0, 10.0),
-            backdrop_changed: Limits::amber(0.1),
+            backdrop_changed: Limits::amber(0.35),
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
             region_unread: Limits::amber(0.5),
@@ -87,6 +91,8 @@ impl Default for Parameters {
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
             unstated_uncertainty_mm: 10.0,
+            openings_closed: Limits::amber(2000.0),
+            dropped_pieces: Limits::amber(100.0),
             handles: Limits::amber(4.0),
             unpainted: Limits::amber(0.3),
         }

@@ -54,15 +54,21 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     ));
 }
 
+/// Cameras displaced by less than this share of the worst one's displacement are taken for harmed by it.
+const BLAMED: f64 = 0.9;
+
 /// A camera that moved: its whole silhouette lies beside the place that the others give it. It harms the
-/// others' silhouettes too, but less than half as much, and they are not to blame.
+/// others' silhouettes too, though less, and they are not to blame.
 fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let share = |c: &ColorMeasures| {
         let [dx, dy] = c.consistency.shift_px;
         dx.hypot(dy) / longest_side(c)
     };
     let worst = measured.colors.iter().map(share).fold(0.0, f64::max);
-    let blamed = measured.colors.iter().filter(|c| 2.0 * share(c) >= worst);
+    let blamed = measured
+        .colors
+        .iter()
+        .filter(|c| share(c) >= BLAMED * worst);
     let mut reason = about_cameras(
         Code::CameraDisplaced,
         &parameters.displaced,
@@ -73,7 +79,8 @@ fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason>
     if let [camera] = reason.cameras.as_slice() {
         let of_camera = measured.colors.iter().find(|c| c.camera == *camera)?;
         let [dx, dy] = of_camera.consistency.shift_px;
-        reason.words += &format!("; it seems to have moved, by about {dx:+.0}, {dy:+.0} px");
+        reason.words +=
+            &format!("; it seems to have moved, by at least about {dx:+.0}, {dy:+.0} px");
     }
     Some(reason)
 }

@@ -42,6 +42,7 @@ fn measured() -> Measurements {
             textured: Some(0.9),
             dropped_hull_pieces: 0,
             dropped_carved_pieces: 0,
+            closed_openings: 0,
         },
         method: Method::Hybrid,
     }
@@ -113,7 +114,7 @@ fn parts_of_a_silhouette_that_are_not_covered_are_amber() {
 #[test]
 fn the_gravest_reason_decides_and_comes_first() {
     let mut measured = measured();
-    measured.model.dropped_carved_pieces = 2;
+    measured.model.dropped_carved_pieces = 200;
     measured.model.watertight = false;
     measured.colors[0].silhouette.edge_px = [0, 0, 300, 0];
     let verdict = judged(&measured, &capture());
