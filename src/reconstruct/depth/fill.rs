@@ -225,7 +225,8 @@ impl Plane {
 }
 
 /// Lets depth run across the `open` pixels: the harmonic function bounded by what is around them, started
-/// from the outside in, then relaxed. It reproduces a plane.
+/// from the outside in, then relaxed. Linear depth is reproduced. (A plane in space is linear in inverse
+/// depth; but walls are rounded at their foot, and there depth itself is nearer to the truth.)
 fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)]) {
     let mut waiting: Vec<_> = open.to_vec();
     while !waiting.is_empty() {

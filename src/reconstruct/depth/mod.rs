@@ -116,10 +116,11 @@ pub struct Parameters {
     /// The plate's stiffness: weight of its bending against its distance from the readings, both in
     /// units of a reading's expected error.
     pub stiffness: f32,
-    /// Bending, in expected errors a pixel squared, at which the plate begins to break.
+    /// Bending, in expected errors a pixel squared, at which the plate begins to break; lower than the
+    /// noise, for it is what the smoothed plate may do.
     pub bend_limit: f32,
-    /// The same in the first round, in standard deviations of the bending that the noise of the mean
-    /// makes.
+    /// The same in the first round, in units of the bending that the readings' noise makes: so that noise
+    /// is not taken for edges.
     pub noise_bend: f32,
     /// How often the plate's weights are set anew.
     pub plate_rounds: usize,
@@ -232,7 +233,8 @@ pub fn enhance(
     Ok(assemble(view, &burst, fused, smooth))
 }
 
-/// The mean's holes filled and a plate laid through it.
+/// The mean's holes filled and a plate laid through it, in inverse depth: there the sensor's noise is the
+/// same at every distance, and a plane in space is linear in the picture.
 fn on_a_plate(
     view: &DepthView,
     burst: &Burst,
@@ -242,27 +244,32 @@ fn on_a_plate(
     let guide = guide::mean(view, burst);
     let pixel = (1.0 / view.camera.camera.intrinsics.focal_px.min()) as f32;
     let filled = fill::fill(&fused.depth, &burst.inside, &guide, pixel, parameters);
-    let frames = burst.frames.len().max(1) as f32;
-    let confidence = Grid::from_fn(burst.width, burst.height, |x, y| {
-        if fused.depth[(x, y)] > 0.0 {
-            f32::from(fused.count[(x, y)]) / frames
+    let frames = burst.frames.len().max(1);
+    let share = |z: f32, count: u16| {
+        if z > 0.0 {
+            f32::from(count) / frames as f32
         } else {
             0.0
         }
+    };
+    let confidence = Grid::from_fn(burst.width, burst.height, |x, y| {
+        share(fused.depth[(x, y)], fused.count[(x, y)])
     });
-    let noise = SensorNoise::measure(fused);
-    let middle = fused.middle_depth();
-    let error = noise.standard_error(middle, 0.0, burst.frames.len());
-    // White noise of variance 1 has second differences of variance 6.
-    let white = noise.frame_error(middle, 0.0) / frames.sqrt() / error;
     let plate = plate::Plate {
-        first_bend_limit: parameters.noise_bend * white * 6f32.sqrt(),
         stiffness: parameters.stiffness,
         bend_limit: parameters.bend_limit,
+        noise_bend: parameters.noise_bend,
         rounds: parameters.plate_rounds,
         steps: parameters.plate_steps,
     };
-    plate::lay(&filled, &confidence, error, &plate)
+    let error = SensorNoise::measure(fused).inverse_depth_error(frames);
+    let laid = plate::lay(&filled.map(inverse), &confidence, error, &plate);
+    laid.map(inverse)
+}
+
+/// 1/z of a depth or the other way round; 0 stays 0.
+fn inverse(z: &f32) -> f32 {
+    if *z > 0.0 { z.recip() } else { 0.0 }
 }
 
 /// One picture through the pyramid of joint bilateral filters.

@@ -50,6 +50,13 @@ impl SensorNoise {
         }
     }
 
+    /// Standard error of the mean of `frames` readings in inverse depth (1/m), where the surface faces the
+    /// camera.
+    pub fn inverse_depth_error(&self, frames: usize) -> f32 {
+        let mean = self.per_square_depth / (frames.max(1) as f32).sqrt();
+        mean.hypot(self.fixed_per_square_depth)
+    }
+
     /// Standard deviation in metres of one reading over the frames at depth `z` (metres) where the surface
     /// slopes by `slope` (metres of depth a pixel).
     pub fn frame_error(&self, z: f32, slope: f32) -> f32 {

@@ -12,9 +12,9 @@ pub struct Plate {
     pub stiffness: f32,
     /// Second difference (errors a pixel squared) at which the plate begins to break.
     pub bend_limit: f32,
-    /// The same in the first round, where the readings' own noise still bends the plate; it falls to
-    /// `bend_limit` from round to round.
-    pub first_bend_limit: f32,
+    /// The same in the first round, in units of the bending that the readings' noise makes; from there it
+    /// falls to `bend_limit`.
+    pub noise_bend: f32,
     /// Reweightings.
     pub rounds: usize,
     /// Steps of conjugate gradients a reweighting.
@@ -22,11 +22,11 @@ pub struct Plate {
 }
 
 impl Plate {
-    /// From the first limit to the last in equal ratios.
-    fn bend_limit_in(&self, round: usize) -> f32 {
+    /// From the `first` limit to the last in equal ratios.
+    fn bend_limit_in(&self, round: usize, first: f32) -> f32 {
+        let first = first.max(self.bend_limit);
         let last = self.rounds.saturating_sub(1).max(1) as f32;
-        let ratio = (self.bend_limit / self.first_bend_limit).min(1.0);
-        self.first_bend_limit.max(self.bend_limit) * ratio.powf(round as f32 / last)
+        first * (self.bend_limit / first).powf(round as f32 / last)
     }
 }
 
@@ -43,9 +43,9 @@ struct Fields {
     unbroken: [Vec<f32>; 3],
 }
 
-/// Lays a plate through `start` (0 where there is no surface). `confidence` is the weight of the reading
-/// `start` has at a pixel, 0 where it was only filled in; `error` is the readings' expected error in
-/// metres.
+/// Lays a plate through `start` (0 where there is no surface), which may be depth or inverse depth.
+/// `confidence` is the weight of the reading that `start` has at a pixel, 0 where it was only filled in;
+/// `error` is the readings' expected error in the same unit.
 pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate) -> Grid<f32> {
     let (width, height) = (start.width(), start.height());
     if width == 0 || height == 0 {
@@ -68,8 +68,9 @@ pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate)
     }
     let mut fields = Fields::new(stride, rows, weights, &surface);
     let readings = z.clone();
+    let first = plate.noise_bend * fields.noise_bend(&z);
     for round in 0..plate.rounds {
-        fields.reweight(&z, plate.stiffness, plate.bend_limit_in(round));
+        fields.reweight(&z, plate.stiffness, plate.bend_limit_in(round, first));
         fields.solve(&mut z, &readings, plate.steps);
     }
     Grid::from_fn(width, height, |x, y| {
@@ -82,9 +83,9 @@ pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate)
     })
 }
 
-/// A depth in the middle of the others: what the plate is measured from, so that f32 loses nothing.
-fn middle(depth: &Grid<f32>) -> f32 {
-    let valid = depth.pixels().iter().filter(|&&z| z > 0.0);
+/// A value in the middle of the others: what the plate is measured from, so that f32 loses nothing.
+fn middle(surface: &Grid<f32>) -> f32 {
+    let valid = surface.pixels().iter().filter(|&&z| z > 0.0);
     let (low, high) = valid.fold((f32::INFINITY, 0.0f32), |(l, h), &z| (l.min(z), h.max(z)));
     if low.is_finite() {
         (low + high) / 2.0
@@ -119,6 +120,21 @@ impl Fields {
             bend: unbroken.clone(),
             unbroken,
         }
+    }
+
+    /// How much the readings' noise bends the plate: the second differences along rows that one in five is
+    /// larger than, over 1.28, which is their standard deviation if they are noise and edges are rare.
+    fn noise_bend(&self, z: &[f32]) -> f32 {
+        let known = |i: usize| self.confidence[i] > 0.0;
+        let mut bends: Vec<f32> = (1..z.len().saturating_sub(1))
+            .filter(|&i| known(i - 1) && known(i) && known(i + 1))
+            .map(|i| (z[i - 1] - 2.0 * z[i] + z[i + 1]).abs())
+            .collect();
+        if bends.is_empty() {
+            return 0.0;
+        }
+        let fifth = bends.len() * 4 / 5;
+        *bends.select_nth_unstable_by(fifth, f32::total_cmp).1 / 1.28
     }
 
     /// Sets the weights of the bending by how much the plate bends now (Geman and McClure's penalty).
@@ -281,7 +297,7 @@ mod tests {
     const PLATE: Plate = Plate {
         stiffness: 100.0,
         bend_limit: 0.3,
-        first_bend_limit: 3.0,
+        noise_bend: 0.5,
         rounds: 5,
         steps: 20,
     };
@@ -312,9 +328,9 @@ mod tests {
 
     #[test]
     fn noise_falls_and_what_is_not_surface_stays_empty() {
-        // An error of about 1 mm that is alike over two by two pixels.
+        // An error of about 1 mm, new in every pixel.
         let noisy = |x: usize, y: usize| {
-            let hash = (x / 2 * 7919 + y / 2 * 104_729) % 1009;
+            let hash = (x * 7919 + y * 104_729 + x * x * y * 31) % 1009;
             (hash as f32 / 1009.0 - 0.5) * 3.5e-3
         };
         let depth = Grid::from_fn(40, 40, |x, y| if y < 5 { 0.0 } else { 0.85 + noisy(x, y) });
