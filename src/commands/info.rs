@@ -225,14 +225,14 @@ fn printable(text: &str) -> String {
 
 impl Info {
     fn in_words(&self) -> String {
-        let mut words = Words::default();
-        words.0 = printable(&format!(
+        let title = printable(&format!(
             "{}: {} bytes, profile {:?}, written by {:?}",
             self.file.display(),
             self.bytes,
             self.profile,
             self.library
-        )) + "\n";
+        ));
+        let mut words = Words(title + "\n");
         words.section("Metadata", self.metadata.iter().map(metadata_line));
         words.section(
             "Attachments",

@@ -91,7 +91,7 @@ fn connected(
 fn adaptive_threshold(difference: &Grid<f32>, window: f32) -> Mask {
     let (width, height) = (difference.width(), difference.height());
     let (sums, counts) = (
-        integral(difference, |f| f64::from(f)),
+        integral(difference, f64::from),
         integral(difference, |_| 1.0),
     );
     let half = (window * extent(difference) as f32).ceil().max(1.0) as usize;

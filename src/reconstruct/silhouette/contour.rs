@@ -200,8 +200,8 @@ struct Sum {
 
 impl Sum {
     fn add_object(&mut self, light: [f32; 3]) {
-        for c in 0..3 {
-            self.object[c] += light[c];
+        for (sum, light) in self.object.iter_mut().zip(light) {
+            *sum += light;
         }
         self.objects += 1;
     }

@@ -170,10 +170,8 @@ mod tests {
         for inside in 0..=255u8 {
             for middles in 0..64u8 {
                 let sheets = loops(inside, |face| middles >> face & 1 == 1);
-                for e in 0..12 {
-                    let cut = (inside >> EDGE_START[e]
-                        ^ inside >> super::super::lattice::edge_end(e))
-                        & 1;
+                for (e, start) in EDGE_START.into_iter().enumerate() {
+                    let cut = (inside >> start ^ inside >> super::super::lattice::edge_end(e)) & 1;
                     assert_eq!(
                         cut == 1,
                         sheets.of_edge[e] < sheets.count,

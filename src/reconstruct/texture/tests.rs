@@ -551,7 +551,7 @@ fn a_camera_inside_or_turned_away_paints_nothing() {
     let model = sphere();
     let inside = camera([0.001, 0.0, 0.0], 100, 80.0);
     let mut away = camera([0.5, 0.0, 0.0], 100, 80.0);
-    let turned = away.rig_from_camera.rotation * UnitQuaternion::from_euler_angles(0.0, 3.14, 0.0);
+    let turned = away.rig_from_camera.rotation * UnitQuaternion::from_euler_angles(0.0, 3.1, 0.0);
     away = Camera::new(
         away.id.clone(),
         away.intrinsics,
