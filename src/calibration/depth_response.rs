@@ -5,7 +5,7 @@ use super::{Error, Intrinsics};
 use nalgebra::{Point2, Point3};
 
 /// A reading r > 0 at pixel (u, v) is the point z = slope·r + intercept, X = x_n·z·s(z), Y = y_n·z·s(z),
-/// where (x_n, y_n) is the undistorted normalised pixel and s(z) = scale[0] + scale[1]·z + ….
+/// where (x_n, y_n) is the undistorted normalised pixel and s(z) = s₀ + s₁·z + ….
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthResponse {
     /// Metres a raw unit.

@@ -24,7 +24,7 @@ pub struct Args {
     /// Recordings to reconstruct
     #[arg(long, num_args = 1.., required = true, value_name = "FILE")]
     replay: Vec<PathBuf>,
-    /// Where the models go: DIR/<recording's stem>/<capture id>/
+    /// Where the models go: DIR/RECORDING'S-STEM/CAPTURE-ID/
     #[arg(long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
     /// Only this capture; may be given several times
