@@ -38,7 +38,8 @@ fn to_grid(points: &[Point3<f32>]) -> Option<Vec<Cell>> {
         }
     }
     let extent = (0..3).map(|i| max[i] - min[i]).fold(0.0, f64::max);
-    let scale = STEPS / extent;
+    // A power of two, so that points of a coarse grid stay exactly collinear and coplanar.
+    let scale = (STEPS / extent).log2().floor().exp2();
     let cell = |p: &Point3<f32>| {
         std::array::from_fn(|i| ((f64::from(p[i]) - min[i]) * scale).round() as i64)
     };
