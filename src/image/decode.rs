@@ -322,15 +322,7 @@ fn check_size(found: (usize, usize), expected: (usize, usize)) -> Result<(), Dec
 
 /// Encodes colours that are proportional to light as sRGB (IEC 61966-2-1).
 pub fn encode_linear_as_srgb(picture: &mut RgbImage) {
-    let encoded = |value: usize| {
-        let linear = value as f64 / 255.0;
-        let srgb = if linear <= 0.003_130_8 {
-            12.92 * linear
-        } else {
-            1.055 * linear.powf(1.0 / 2.4) - 0.055
-        };
-        (255.0 * srgb).round() as u8
-    };
+    let encoded = |value: usize| super::srgb::encode(value as f32 / 255.0).round() as u8;
     let table: [u8; 256] = std::array::from_fn(encoded);
     let bytes = picture.pixels_mut().as_flattened_mut();
     bytes.par_chunks_mut(1 << 16).for_each(|part| {

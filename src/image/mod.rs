@@ -2,6 +2,8 @@
 //! room knows of calibration, frames or files.
 
 mod decode;
+#[cfg(test)]
+mod decode_tests;
 mod demosaic;
 mod grid;
 mod rect;

@@ -14,3 +14,6 @@ pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Error, Session};
 pub use replacement::{Misfit, replace_cameras};
 pub use rig::RigAt;
+
+#[cfg(test)]
+mod tests;

@@ -8,12 +8,12 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused.
-    #[error("{path}: {source}")]
+    #[error("{path}: {cause}")]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A folder, a pipe or a device.
     #[error("{path}: is not a regular file, expected an MCAP recording")]
@@ -74,12 +74,12 @@ pub enum Error {
         expected: String,
     },
     /// The writer was used in an order that makes no recording, or the file could not be written.
-    #[error("{path}: writing the recording: {source}")]
+    #[error("{path}: writing the recording: {cause}")]
     Write {
         /// The file.
         path: PathBuf,
         /// What the MCAP library said.
-        source: mcap::McapError,
+        cause: mcap::McapError,
     },
     /// A message that is not fit to be written.
     #[error("{path}: {topic}: {problem}")]

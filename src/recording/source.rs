@@ -18,9 +18,9 @@ pub(super) struct Source {
 
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, Error> {
-        let io = |source| Error::Io {
+        let io = |cause| Error::Io {
             path: path.into(),
-            source,
+            cause,
         };
         // Looked at before it is opened: opening a pipe would wait for its writer.
         if !std::fs::metadata(path).map_err(io)?.is_file() {
@@ -42,9 +42,9 @@ impl Source {
         let mut bytes = vec![0; length];
         self.file
             .read_exact_at(&mut bytes, offset)
-            .map_err(|source| Error::Io {
+            .map_err(|cause| Error::Io {
                 path: self.path.clone(),
-                source,
+                cause,
             })?;
         Ok(bytes)
     }

@@ -65,7 +65,7 @@ impl Writer {
         let part = PathBuf::from(part);
         let io = |path: &Path| {
             let path = path.to_owned();
-            move |source| Error::Io { path, source }
+            move |cause| Error::Io { path, cause }
         };
         if path.try_exists().map_err(io(path))? {
             return Err(io(path)(std::io::ErrorKind::AlreadyExists.into()));
@@ -86,9 +86,9 @@ impl Writer {
             .chunk_size(None)
             .disable_seeking(true)
             .create(sink)
-            .map_err(|source| Error::Write {
+            .map_err(|cause| Error::Write {
                 path: part.clone(),
-                source,
+                cause,
             })?;
         let mut writer = Self {
             path: path.into(),
@@ -389,17 +389,17 @@ impl Writer {
         flushed.map_err(|source| self.failed(source))
     }
 
-    fn failed(&self, source: mcap::McapError) -> Error {
+    fn failed(&self, cause: mcap::McapError) -> Error {
         Error::Write {
             path: self.part.clone(),
-            source,
+            cause,
         }
     }
 
-    fn io(&self, path: &Path, source: std::io::Error) -> Error {
+    fn io(&self, path: &Path, cause: std::io::Error) -> Error {
         Error::Io {
             path: path.into(),
-            source,
+            cause,
         }
     }
 
