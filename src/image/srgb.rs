@@ -3,22 +3,29 @@
 
 use std::sync::LazyLock;
 
-static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|v| decode(v as f32)));
+static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|v| exact(v as f32)));
 
 /// Linear light, in [0, 1], of all 256 encoded values.
 pub fn linear_from_srgb() -> &'static [f32; 256] {
     &LINEAR
 }
 
-/// Linear light, in [0, 1], of an encoded value between whole numbers, in [0, 255].
-#[inline]
-pub fn decode(srgb: f32) -> f32 {
+fn exact(srgb: f32) -> f32 {
     let v = srgb / 255.0;
     if v <= 0.04045 {
         v / 12.92
     } else {
         ((v + 0.055) / 1.055).powf(2.4)
     }
+}
+
+/// Linear light, in [0, 1], of an encoded value between whole numbers, in [0, 255]: interpolated, exact to
+/// 1e-5.
+#[inline]
+pub fn decode(srgb: f32) -> f32 {
+    let low = srgb.clamp(0.0, 254.0) as usize;
+    let [a, b] = [LINEAR[low], LINEAR[low + 1]];
+    a + (b - a) * (srgb - low as f32)
 }
 
 /// Encoded value, in [0, 255], of linear light; light beyond [0, 1] is clipped.
@@ -42,6 +49,10 @@ mod tests {
         for v in 0..=255u8 {
             let back = encode(linear_from_srgb()[usize::from(v)]);
             assert!((back - f32::from(v)).abs() < 1e-2, "{v}: {back}");
+        }
+        for v in 0..2550 {
+            let v = v as f32 / 10.0;
+            assert!((decode(v) - exact(v)).abs() < 1e-5, "{v}");
         }
         // The standard's own mid grey: 18 % reflects as 118 (117.6).
         assert!((encode(0.18) - 117.6).abs() < 0.1);

@@ -2,6 +2,7 @@
 
 use super::region::Region;
 use crate::image::{Grid, PixelRect, RgbImage};
+use std::ops::Range;
 
 /// A region of the picture cut into square cells.
 pub(super) struct Cells {
@@ -13,8 +14,8 @@ pub(super) struct Cells {
     pub picture: Grid<[f32; 3]>,
     /// Mean sRGB-encoded values of the plate.
     pub plate: Grid<[f32; 3]>,
-    /// Whether a cell shows a part of the volume; the others can only be backdrop.
-    pub in_volume: Grid<bool>,
+    /// For each row of cells those that show a part of the volume; the others can only be backdrop.
+    pub in_volume: Vec<Range<usize>>,
 }
 
 impl Cells {
@@ -31,17 +32,19 @@ impl Cells {
         // The margin shows the backdrop, from which exposure and noise are learnt.
         let margin = (long_side / 12).max(4 * size + 4);
         let rect = region.rect.grown(margin, width, height);
-        let (columns, rows) = (rect.width().div_ceil(size), rect.height().div_ceil(size));
-        let in_volume = Grid::from_fn(columns, rows, |cx, cy| {
-            let middle = |c: usize, first: usize| (first + c * size) as f64 + size as f64 / 2.0;
-            region.contains(middle(cx, rect.x0), middle(cy, rect.y0), size as f64 + 1.0)
+        let columns = rect.width().div_ceil(size);
+        let in_volume = (0..rect.height().div_ceil(size)).map(|row| {
+            let y = (rect.y0 + row * size) as f64 + size as f64 / 2.0;
+            let (first, last) = region.columns(y, size as f64 + 1.0);
+            let cell = |x: f64| ((x - rect.x0 as f64) / size as f64).clamp(0.0, columns as f64);
+            cell(first).floor() as usize..cell(last).ceil() as usize
         });
         Self {
             size,
             region: rect,
             picture: means(picture, rect, size),
             plate: means(plate, rect, size),
-            in_volume,
+            in_volume: in_volume.collect(),
         }
     }
 }

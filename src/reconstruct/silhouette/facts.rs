@@ -2,6 +2,7 @@
 
 use super::cells::Cells;
 use super::components::Tidied;
+use super::contour::ContourFacts;
 use super::photometry::Photometry;
 use crate::image::{Mask, PixelRect, RgbImage};
 
@@ -31,6 +32,10 @@ pub struct DifferenceFacts {
     pub noise: [f32; 3],
     /// Mean difference between object and plate, in sRGB units (the largest channel's).
     pub mean_difference: f32,
+    /// Median contrast of object and backdrop along the contour, in standard deviations of a pixel's noise.
+    pub contrast: f32,
+    /// Share of the contour whose contrast is too weak to locate it.
+    pub weak_contour: f32,
     /// Share of the backdrop around the volume that is not as the plate shows it.
     pub mismatch: f32,
     /// Separate pieces of the silhouette.
@@ -76,6 +81,7 @@ impl Facts {
         level: &Mask,
         cells: &Cells,
         photometry: &Photometry,
+        contour: ContourFacts,
         tidied: Tidied,
     ) -> Self {
         Self {
@@ -83,6 +89,8 @@ impl Facts {
                 gain: photometry.gain,
                 noise: photometry.pixel_noise,
                 mean_difference: mean_difference(level, cells, photometry),
+                contrast: contour.contrast,
+                weak_contour: contour.weak,
                 mismatch: photometry.mismatch,
                 pieces: tidied.pieces,
                 dropped_pieces: tidied.dropped,
@@ -108,8 +116,7 @@ fn mean_difference(level: &Mask, cells: &Cells, photometry: &Photometry) -> f32 
             let pixels = cells.pixels(cx, cy);
             if level[(pixels.x0, pixels.y0)] >= 128 {
                 let (picture, plate) = (cells.picture[(cx, cy)], cells.plate[(cx, cy)]);
-                let expected = photometry.expected(plate);
-                let difference = |c: usize| (picture[c] - expected[c]).abs();
+                let difference = |c: usize| photometry.error(picture[c], plate[c], c).abs();
                 sum += (0..3).map(difference).fold(0.0, f32::max);
                 count += 1;
             }

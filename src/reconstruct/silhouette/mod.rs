@@ -7,6 +7,7 @@
 mod cells;
 mod components;
 mod contour;
+mod cut;
 mod evidence;
 mod facts;
 mod mask;
@@ -55,7 +56,7 @@ impl Default for Parameters {
             darkest_shadow: 0.3,
             shadow_tint: 0.15,
             spill: 0.06,
-            smoothness: 6.0,
+            smoothness: 12.0,
             smallest_hole_px: 40.0,
             smallest_piece: 0.005,
         }
@@ -163,15 +164,15 @@ fn difference(
     let cells = Cells::new(picture, plate, region, parameters.cell_px);
     let photometry = Photometry::estimate(picture, plate, &cells);
     let evidence = evidence::of_cells(&cells, &photometry, parameters);
-    let mut object = segment::decide(&evidence, parameters);
+    let mut object = segment::decide(&cells, &evidence, parameters);
     let tidied = components::tidy(&mut object, &cells, &evidence, parameters);
     if !object.pixels().contains(&true) {
         return Err("the picture does not differ from its background plate".to_owned());
     }
-    let level = contour::locate(picture, plate, &cells, &photometry, &object);
+    let (level, contour) = contour::locate(picture, plate, &cells, &photometry, &object);
     Ok(Silhouette {
         bounds: facts::bounds(&level, cells.region),
-        facts: Facts::of_difference(picture, &level, &cells, &photometry, tidied),
+        facts: Facts::of_difference(picture, &level, &cells, &photometry, contour, tidied),
         region: cells.region,
         level,
     })

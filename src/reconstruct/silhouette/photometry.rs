@@ -25,11 +25,11 @@ const LEAST_NOISE: f32 = 0.4;
 impl Photometry {
     /// Learns from the cells around the volume, or where those are few, from all.
     pub fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
-        let around = indices(cells, |i| !cells.in_volume.pixels()[i]);
+        let around = indices(cells, |x, y| !cells.in_volume[y].contains(&x));
         let reference = if around.len() >= FEWEST_REFERENCES {
             around
         } else {
-            indices(cells, |_| true)
+            indices(cells, |_, _| true)
         };
         let mut this = Self {
             gain: std::array::from_fn(|c| gain_of_channel(cells, &reference, c)),
@@ -37,7 +37,7 @@ impl Photometry {
             pixel_noise: [LEAST_NOISE; 3],
             mismatch: 0.0,
         };
-        this.noise = std::array::from_fn(|c| this.noise_of_channel(cells, c));
+        this.noise = std::array::from_fn(|c| this.noise_of_cells(cells, c));
         this.pixel_noise = std::array::from_fn(|c| this.noise_of_pixels(picture, plate, cells, c));
         let differing = reference
             .iter()
@@ -47,25 +47,46 @@ impl Photometry {
         this
     }
 
-    /// sRGB-encoded values that the picture would have where it shows what the plate shows.
-    pub fn expected(&self, plate: [f32; 3]) -> [f32; 3] {
-        std::array::from_fn(|c| srgb::encode(self.gain[c] * srgb::decode(plate[c])))
+    /// Linear light over encoded units at an encoded value.
+    fn slope(encoded: f32) -> f32 {
+        let (low, high) = ((encoded - 2.0).max(0.0), (encoded + 2.0).min(255.0));
+        (srgb::decode(high) - srgb::decode(low)) / (high - low)
+    }
+
+    /// Variance of the linear light of a cell where the plate has the encoded value `plate`. A channel that
+    /// is overexposed in the plate says less.
+    pub fn variance_of_light(&self, c: usize, plate: f32) -> f32 {
+        self.variance(c, plate, self.noise[c])
+    }
+
+    /// The same of a single pixel.
+    pub fn variance_of_pixel(&self, c: usize, plate: f32) -> f32 {
+        self.variance(c, plate, self.pixel_noise[c])
+    }
+
+    fn variance(&self, c: usize, plate: f32, noise: f32) -> f32 {
+        let clipped = ((plate - 248.0) / 7.0).clamp(0.0, 1.0) * 0.05;
+        let noise = noise * Self::slope(plate) * self.gain[c].max(1.0);
+        noise * noise + clipped * clipped + 1e-9
+    }
+
+    /// How far the picture is from what the plate leads to expect, in encoded units.
+    pub fn error(&self, picture: f32, plate: f32, c: usize) -> f32 {
+        (srgb::decode(picture) - self.gain[c] * srgb::decode(plate)) / Self::slope(plate)
     }
 
     fn differs(&self, cells: &Cells, i: usize) -> bool {
-        let picture = cells.picture.pixels()[i];
-        let plate = self.expected(cells.plate.pixels()[i]);
-        (0..3).any(|c| (picture[c] - plate[c]).abs() > 6.0 * self.noise[c] + 0.03 * plate[c])
+        let (picture, plate) = (cells.picture.pixels()[i], cells.plate.pixels()[i]);
+        (0..3).any(|c| {
+            self.error(picture[c], plate[c], c).abs() > 6.0 * self.noise[c] + 0.03 * plate[c]
+        })
     }
 
     /// Noise from differences of neighbours, which shadows and spill leave alone.
-    fn noise_of_channel(&self, cells: &Cells, c: usize) -> f32 {
-        let columns = cells.picture.width();
-        let n = cells.picture.pixels().len();
-        let error = |i: usize| {
-            let plate = self.expected(cells.plate.pixels()[i]);
-            cells.picture.pixels()[i][c] - plate[c]
-        };
+    fn noise_of_cells(&self, cells: &Cells, c: usize) -> f32 {
+        let (columns, n) = (cells.picture.width(), cells.picture.pixels().len());
+        let error =
+            |i: usize| self.error(cells.picture.pixels()[i][c], cells.plate.pixels()[i][c], c);
         let mut differences: Vec<f32> = (0..n)
             .step_by((n / 20_000).max(1))
             .filter(|i| i % columns + 1 < columns)
@@ -83,24 +104,25 @@ impl Photometry {
         c: usize,
     ) -> f32 {
         let r = cells.region;
-        let expected: [f32; 256] =
-            std::array::from_fn(|v| srgb::encode(self.gain[c] * srgb::decode(v as f32)));
-        let step = (r.height() / 60).max(1);
         let mut differences = Vec::new();
-        for y in (r.y0..r.y1).step_by(step) {
-            let error =
-                |x: usize| f32::from(picture[(x, y)][c]) - expected[usize::from(plate[(x, y)][c])];
-            let pairs = (r.x0..r.x1.saturating_sub(2)).step_by(4);
+        for y in (r.y0..r.y1).step_by((r.height() / 50).max(1)) {
+            let error = |x: usize| {
+                let (picture, plate) = (picture[(x, y)][c], plate[(x, y)][c]);
+                self.error(f32::from(picture), f32::from(plate), c)
+            };
+            let pairs = (r.x0..r.x1.saturating_sub(2)).step_by(7);
             differences.extend(pairs.map(|x| (error(x + 2) - error(x)).abs()));
         }
         deviation_of_pairs(&mut differences)
     }
 }
 
-fn indices(cells: &Cells, keep: impl Fn(usize) -> bool) -> Vec<usize> {
-    let n = cells.picture.pixels().len();
-    let step = (n / 60_000).max(1);
-    (0..n).step_by(step).filter(|&i| keep(i)).collect()
+fn indices(cells: &Cells, keep: impl Fn(usize, usize) -> bool) -> Vec<usize> {
+    let (columns, n) = (cells.picture.width(), cells.picture.pixels().len());
+    (0..n)
+        .step_by((n / 30_000).max(1))
+        .filter(|&i| keep(i % columns, i / columns))
+        .collect()
 }
 
 /// The most frequent ratio of picture to plate, then the median of those near it: half of the cells may be
@@ -128,13 +150,19 @@ fn gain_of_channel(cells: &Cells, reference: &[usize], c: usize) -> f32 {
         .unwrap_or(0);
     let mode = (fullest as f32 + (WINDOW as f32 - BINS as f32) / 2.0) * BIN;
     log_ratios.retain(|r| (r - mode).abs() < 0.1);
-    median(&mut log_ratios).map_or(1.0, f32::exp)
+    let centre = median(&mut log_ratios).unwrap_or(0.0);
+    log_ratios.retain(|r| (r - centre).abs() < 0.05);
+    let n = log_ratios.len().max(1) as f32;
+    (log_ratios.iter().sum::<f32>() / n).exp()
 }
 
-/// Standard deviation of one value from absolute differences of two.
+/// Standard deviation of one value from absolute differences of two; the median finds which differences are
+/// noise, their mean square is not quantised as the median is.
 fn deviation_of_pairs(differences: &mut [f32]) -> f32 {
-    let deviation = median(differences).unwrap_or(0.0) * 1.4826;
-    (deviation / std::f32::consts::SQRT_2).max(LEAST_NOISE)
+    let rough = 1.4826 * median(differences).unwrap_or(0.0) + 0.5;
+    let small = differences.iter().filter(|&&d| d < 3.0 * rough);
+    let (sum, n) = small.fold((0.0, 0u32), |(sum, n), d| (sum + d * d, n + 1));
+    (sum / (2 * n.max(1)) as f32).sqrt().max(LEAST_NOISE)
 }
 
 /// The middle value; `None` of nothing.

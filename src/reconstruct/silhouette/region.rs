@@ -20,14 +20,25 @@ pub(crate) struct Region {
 }
 
 impl Region {
-    /// Whether a pixel is within the outline, or nearer than `margin_px` to it.
-    pub fn contains(&self, x: f64, y: f64, margin_px: f64) -> bool {
+    /// The columns from and to which row `y` is within the outline, or nearer than `margin_px` to it; the
+    /// second is smaller than the first where none are.
+    pub fn columns(&self, y: f64, margin_px: f64) -> (f64, f64) {
         let n = self.outline.len();
-        (0..n).all(|i| {
+        let mut columns = (f64::NEG_INFINITY, f64::INFINITY);
+        for i in 0..n {
             let (a, b) = (self.outline[i], self.outline[(i + 1) % n]);
             let edge = b - a;
-            edge.perp(&(Point2::new(x, y) - a)) >= -margin_px * edge.norm()
-        })
+            // Inside is edge.x * (y - a.y) - edge.y * (x - a.x) >= -margin * |edge|.
+            let free = edge.x * (y - a.y) + margin_px * edge.norm();
+            if edge.y > 0.0 {
+                columns.1 = columns.1.min(a.x + free / edge.y);
+            } else if edge.y < 0.0 {
+                columns.0 = columns.0.max(a.x + free / edge.y);
+            } else if free < 0.0 {
+                return (0.0, -1.0);
+            }
+        }
+        columns
     }
 }
 
@@ -137,8 +148,9 @@ mod tests {
             outline,
             picture: (5, 5),
         };
-        assert!(region.contains(2.0, 2.0, 0.0));
-        assert!(!region.contains(4.5, 2.0, 0.0));
-        assert!(region.contains(4.5, 2.0, 0.6));
+        assert_eq!(region.columns(2.0, 0.0), (0.0, 4.0));
+        assert_eq!(region.columns(2.0, 0.5), (-0.5, 4.5));
+        let (first, last) = region.columns(5.0, 0.5);
+        assert!(last < first);
     }
 }

@@ -1,0 +1,171 @@
+//! The contour to a fraction of a pixel, from the coarse decision: every pixel of a band around it goes to
+//! the side whose colours nearby it resembles (`classify`), then the pixels that the contour crosses are
+//! taken apart into object and backdrop (`mixture`).
+
+mod classify;
+mod mixture;
+
+use super::cells::Cells;
+use super::photometry::Photometry;
+use crate::image::{Grid, Mask, RgbImage, srgb};
+
+/// Half the width in pixels of the band that is searched for the contour.
+const BAND_PX: usize = 8;
+/// How often the contour is located, each time with colours from beside the contour as it was then.
+const PASSES: usize = 2;
+
+/// Facts that come with the contour.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct ContourFacts {
+    /// Median contrast of object and backdrop, in standard deviations of noise.
+    pub contrast: f32,
+    /// Share of the contour where the contrast is too weak to locate it.
+    pub weak: f32,
+}
+
+/// Finds the level set (see [`super::Silhouette::level`]) from the coarse decision.
+pub(super) fn locate(
+    picture: &RgbImage,
+    plate: &RgbImage,
+    cells: &Cells,
+    photometry: &Photometry,
+    object: &Grid<bool>,
+) -> (Mask, ContourFacts) {
+    let colors = Colors::new(picture, plate, photometry);
+    let band = Band::new(cells, object);
+    let mut level = Mask::filled(picture.width(), picture.height(), 0);
+    band.fill_inside(&mut level);
+    classify::classify(&mut level, &colors, &band);
+    let mut facts = ContourFacts::default();
+    for _ in 0..PASSES {
+        facts = mixture::locate(&mut level, &colors, &band);
+    }
+    (level, facts)
+}
+
+/// The cells around the coarse contour.
+struct Band<'a> {
+    cells: &'a Cells,
+    object: &'a Grid<bool>,
+    /// Column and row of each.
+    members: Vec<(usize, usize)>,
+    is_member: Grid<bool>,
+}
+
+impl<'a> Band<'a> {
+    fn new(cells: &'a Cells, object: &'a Grid<bool>) -> Self {
+        let radius = BAND_PX.div_ceil(cells.size).max(2) as isize;
+        let (columns, rows) = (object.width(), object.height());
+        let mut is_member = Grid::filled(columns, rows, false);
+        for y in 0..rows {
+            for x in 0..columns {
+                let value = object[(x, y)];
+                let right = x + 1 < columns && object[(x + 1, y)] != value;
+                let below = y + 1 < rows && object[(x, y + 1)] != value;
+                if right || below {
+                    mark(&mut is_member, x, y, radius);
+                }
+            }
+        }
+        let all = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+        Self {
+            cells,
+            object,
+            members: all.filter(|&cell| is_member[cell]).collect(),
+            is_member,
+        }
+    }
+
+    /// 255 in the object's cells that are not in the band.
+    fn fill_inside(&self, level: &mut Mask) {
+        for cy in 0..self.object.height() {
+            for cx in 0..self.object.width() {
+                if self.object[(cx, cy)] && !self.is_member[(cx, cy)] {
+                    let r = self.cells.pixels(cx, cy);
+                    for y in r.y0..r.y1 {
+                        level.row_mut(y)[r.x0..r.x1].fill(255);
+                    }
+                }
+            }
+        }
+    }
+
+    /// All pixels of the band.
+    fn for_pixels(&self, mut visit: impl FnMut(usize, usize)) {
+        for &(cx, cy) in &self.members {
+            let r = self.cells.pixels(cx, cy);
+            for y in r.y0..r.y1 {
+                for x in r.x0..r.x1 {
+                    visit(x, y);
+                }
+            }
+        }
+    }
+}
+
+fn mark(band: &mut Grid<bool>, x: usize, y: usize, radius: isize) {
+    let columns = clip(
+        x as isize - radius + 1,
+        x as isize + radius,
+        0..band.width(),
+    );
+    for y in clip(
+        y as isize - radius + 1,
+        y as isize + radius,
+        0..band.height(),
+    ) {
+        band.row_mut(y)[columns.clone()].fill(true);
+    }
+}
+
+/// The whole numbers from `first` to `last` that lie within `range`.
+fn clip(first: isize, last: isize, range: std::ops::Range<usize>) -> std::ops::Range<usize> {
+    let bound = |v: isize| v.clamp(range.start as isize, range.end as isize) as usize;
+    bound(first)..bound(last + 1)
+}
+
+/// Picture and plate in linear light.
+struct Colors<'a> {
+    picture: &'a RgbImage,
+    plate: &'a RgbImage,
+    /// Linear light of the backdrop by the plate's encoded value, per channel.
+    expected: [[f32; 256]; 3],
+    /// Reciprocal variance of a pixel's light by the plate's encoded value, per channel.
+    weight: [[f32; 256]; 3],
+}
+
+impl<'a> Colors<'a> {
+    fn new(picture: &'a RgbImage, plate: &'a RgbImage, photometry: &Photometry) -> Self {
+        let linear = srgb::linear_from_srgb();
+        Self {
+            picture,
+            plate,
+            expected: photometry.gain.map(|gain| linear.map(|l| l * gain)),
+            weight: std::array::from_fn(|c| {
+                std::array::from_fn(|v| 1.0 / photometry.variance_of_pixel(c, v as f32))
+            }),
+        }
+    }
+
+    #[inline]
+    fn light(&self, x: usize, y: usize) -> [f32; 3] {
+        let linear = srgb::linear_from_srgb();
+        self.picture[(x, y)].map(|v| linear[usize::from(v)])
+    }
+
+    #[inline]
+    fn expected(&self, x: usize, y: usize) -> [f32; 3] {
+        let [r, g, b] = self.plate[(x, y)].map(usize::from);
+        [
+            self.expected[0][r],
+            self.expected[1][g],
+            self.expected[2][b],
+        ]
+    }
+
+    #[inline]
+    fn weight(&self, x: usize, y: usize) -> [f32; 3] {
+        let [r, g, b] = self.plate[(x, y)].map(usize::from);
+        [self.weight[0][r], self.weight[1][g], self.weight[2][b]]
+    }
+}
