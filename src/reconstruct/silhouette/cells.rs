@@ -65,32 +65,90 @@ impl Cells {
     }
 }
 
+impl Cells {
+    /// The cells of a rectangle, given in cells.
+    pub fn cropped(&self, part: PixelRect) -> Self {
+        let first = self.pixels(part.x0, part.y0);
+        let last = self.pixels(part.x1 - 1, part.y1 - 1);
+        let shifted = |range: &Range<usize>| {
+            let cell = |c: usize| c.clamp(part.x0, part.x1) - part.x0;
+            cell(range.start)..cell(range.end)
+        };
+        Self {
+            size: self.size,
+            region: PixelRect {
+                x0: first.x0,
+                y0: first.y0,
+                x1: last.x1,
+                y1: last.y1,
+            },
+            picture: cropped(&self.picture, part),
+            plate: cropped(&self.plate, part),
+            in_volume: self.in_volume[part.y0..part.y1]
+                .iter()
+                .map(shifted)
+                .collect(),
+        }
+    }
+}
+
+/// A rectangle of a grid.
+pub(super) fn cropped<T: Clone>(grid: &Grid<T>, part: PixelRect) -> Grid<T> {
+    let mut values = Vec::with_capacity(part.width() * part.height());
+    for y in part.y0..part.y1 {
+        values.extend_from_slice(&grid.row(y)[part.x0..part.x1]);
+    }
+    Grid::from_pixels(part.width(), part.height(), values)
+}
+
 fn means(image: &RgbImage, rect: PixelRect, size: usize) -> Grid<[f32; 3]> {
     let (columns, rows) = (rect.width().div_ceil(size), rect.height().div_ceil(size));
     let mut means = Grid::filled(columns, rows, [0.0f32; 3]);
     let mut sums = vec![[0u32; 3]; columns];
+    // Every second row of a large cell is enough.
+    let step = if size >= 4 { 2 } else { 1 };
     for cy in 0..rows {
         sums.fill([0; 3]);
         let y0 = rect.y0 + cy * size;
-        let y1 = (y0 + size).min(rect.y1);
-        for y in y0..y1 {
-            add_row(&mut sums, &image.row(y)[rect.x0..rect.x1], size);
+        let lines = (y0..(y0 + size).min(rect.y1)).step_by(step);
+        let count = lines.len();
+        for y in lines {
+            let row = &image.row(y)[rect.x0..rect.x1];
+            match size {
+                1 => add_row::<1>(&mut sums, row),
+                2 => add_row::<2>(&mut sums, row),
+                4 => add_row::<4>(&mut sums, row),
+                _ => row.chunks(size).zip(&mut sums).for_each(add_cell),
+            }
         }
         for (cx, (mean, sum)) in means.row_mut(cy).iter_mut().zip(&sums).enumerate() {
             let columns = size.min(rect.width() - cx * size);
-            let scale = 1.0 / ((y1 - y0) * columns) as f32;
+            let scale = 1.0 / (count * columns) as f32;
             *mean = sum.map(|s| s as f32 * scale);
         }
     }
     means
 }
 
-fn add_row(sums: &mut [[u32; 3]], pixels: &[[u8; 3]], size: usize) {
-    for (sum, cell) in sums.iter_mut().zip(pixels.chunks(size)) {
-        for pixel in cell {
-            for c in 0..3 {
-                sum[c] += u32::from(pixel[c]);
-            }
+/// Adds a row of pixels to cells whose size the compiler knows.
+fn add_row<const SIZE: usize>(sums: &mut [[u32; 3]], row: &[[u8; 3]]) {
+    let (whole, rest) = row.as_chunks::<SIZE>();
+    for (sum, cell) in sums.iter_mut().zip(whole) {
+        for c in 0..3 {
+            sum[c] += cell.iter().map(|p| u32::from(p[c])).sum::<u32>();
+        }
+    }
+    if !rest.is_empty() {
+        sums.iter_mut()
+            .skip(whole.len())
+            .for_each(|sum| add_cell((rest, sum)));
+    }
+}
+
+fn add_cell((cell, sum): (&[[u8; 3]], &mut [u32; 3])) {
+    for pixel in cell {
+        for c in 0..3 {
+            sum[c] += u32::from(pixel[c]);
         }
     }
 }

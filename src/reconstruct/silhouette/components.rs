@@ -3,7 +3,6 @@
 
 use super::Parameters;
 use super::cells::Cells;
-use super::evidence::Evidence;
 use crate::image::Grid;
 
 /// What was mended.
@@ -29,7 +28,7 @@ struct Piece {
 pub(super) fn tidy(
     object: &mut Grid<bool>,
     cells: &Cells,
-    evidence: &Evidence,
+    evidence: &Grid<f32>,
     parameters: &Parameters,
 ) -> Tidied {
     let mut tidied = Tidied::default();
@@ -48,7 +47,7 @@ pub(super) fn tidy(
         if hole.touches_border {
             continue;
         }
-        let weigh = |&i: &usize| evidence.object.pixels()[i];
+        let weigh = |&i: &usize| evidence.pixels()[i];
         let sum: f32 = hole.cells.iter().map(weigh).sum();
         let small = hole.cells.len() as f32 * cell_area < parameters.smallest_hole_px;
         if small || sum > 0.0 {

@@ -5,45 +5,93 @@
 use super::Parameters;
 use super::cells::Cells;
 use super::photometry::Photometry;
-use crate::image::{Grid, srgb};
+use crate::image::{Grid, PixelRect, srgb};
 
 /// Evidence is cut off here: one cell cannot outweigh all its neighbours.
 pub(super) const STRONGEST: f32 = 20.0;
+/// How much a piece leans to the object that may be a shadow, over what would make it one whatever its edges.
+const LEAN: f32 = 3.0;
+/// Shade that soft light casts far around an object, as a share of the light: it says nothing.
+const SLIGHT: f32 = 0.2;
 /// Light added to both sides of a ratio, so that black over black says nothing.
 const DARK: f32 = 0.003;
 
-/// What the cells say.
-pub(super) struct Evidence {
-    /// Positive for object, negative for backdrop.
-    pub object: Grid<f32>,
-    /// Logarithm of the picture's light over the expected, per channel: flat across a shadow's soft edge,
-    /// steep at the object's.
-    pub log_ratio: Grid<[f32; 3]>,
-    /// Standard deviation of that logarithm.
-    pub noise: Grid<[f32; 3]>,
-}
-
-/// Weighs all cells.
+/// Weighs all cells: positive for object, negative for backdrop.
 pub(super) fn of_cells(
     cells: &Cells,
     photometry: &Photometry,
     parameters: &Parameters,
-) -> Evidence {
+) -> Grid<f32> {
     let (columns, rows) = (cells.picture.width(), cells.picture.height());
-    let mut evidence = Evidence {
-        object: Grid::filled(columns, rows, -STRONGEST),
-        log_ratio: Grid::filled(columns, rows, [0.0; 3]),
-        noise: Grid::filled(columns, rows, [0.0; 3]),
-    };
+    // A leaning so slight that it outweighs the boundary of a piece with abrupt edges and yields to that of a
+    // piece with soft ones, for any size of piece.
+    let inside: usize = cells.in_volume.iter().map(|r| r.len()).sum();
+    let hint = LEAN * parameters.smoothness / (inside as f32).sqrt().max(1.0);
+    let mut object = Grid::filled(columns, rows, -STRONGEST);
     for y in 0..rows {
         for x in cells.in_volume[y].clone() {
-            let light = Light::new(cells.picture[(x, y)], cells.plate[(x, y)], photometry);
-            evidence.object[(x, y)] = light.evidence(parameters);
-            evidence.log_ratio[(x, y)] = light.log_ratio();
-            evidence.noise[(x, y)] = light.log_noise();
+            let (picture, plate) = (cells.picture[(x, y)], cells.plate[(x, y)]);
+            object[(x, y)] = if photometry.agree(picture, plate) {
+                -parameters.significance.powi(2)
+            } else {
+                Light::new(picture, plate, photometry).evidence(parameters, hint)
+            };
         }
     }
-    evidence
+    object
+}
+
+/// The rectangle, in cells, around all that does not clearly show the backdrop, with a few cells of backdrop
+/// around it; `None` where everything does.
+pub(super) fn suspicious(evidence: &Grid<f32>) -> Option<PixelRect> {
+    const MARGIN: usize = 6;
+    let mut found: Option<PixelRect> = None;
+    for y in 0..evidence.height() {
+        let row = evidence.row(y);
+        let Some(x0) = row.iter().position(|&e| e > -STRONGEST / 2.0) else {
+            continue;
+        };
+        let last = row.iter().rposition(|&e| e > -STRONGEST / 2.0);
+        let x1 = last.unwrap_or(x0) + 1;
+        let rect = found.get_or_insert(PixelRect {
+            x0,
+            y0: y,
+            x1,
+            y1: y,
+        });
+        *rect = PixelRect {
+            x0: rect.x0.min(x0),
+            y0: rect.y0,
+            x1: rect.x1.max(x1),
+            y1: y + 1,
+        };
+    }
+    found.map(|rect| rect.grown(MARGIN, evidence.width(), evidence.height()))
+}
+
+/// How the light of cells compares with the plate's.
+pub(super) struct Ratios {
+    /// Logarithm of the picture's light over the expected, per channel: flat across a shadow's soft edge,
+    /// steep at the object's.
+    pub log_ratio: Grid<[f32; 3]>,
+    /// Variance of that logarithm.
+    pub variance: Grid<[f32; 3]>,
+}
+
+/// Compares all cells.
+pub(super) fn ratios(cells: &Cells, photometry: &Photometry) -> Ratios {
+    let (columns, rows) = (cells.picture.width(), cells.picture.height());
+    let mut log_ratio = Vec::with_capacity(columns * rows);
+    let mut variance = Vec::with_capacity(columns * rows);
+    for (&picture, &plate) in cells.picture.pixels().iter().zip(cells.plate.pixels()) {
+        let light = Light::new(picture, plate, photometry);
+        log_ratio.push(light.log_ratio());
+        variance.push(light.log_variance());
+    }
+    Ratios {
+        log_ratio: Grid::from_pixels(columns, rows, log_ratio),
+        variance: Grid::from_pixels(columns, rows, variance),
+    }
 }
 
 /// A cell in linear light.
@@ -66,21 +114,21 @@ impl Light {
         std::array::from_fn(|c| ((self.picture[c] + DARK) / (self.expected[c] + DARK)).ln())
     }
 
-    fn log_noise(&self) -> [f32; 3] {
+    fn log_variance(&self) -> [f32; 3] {
         std::array::from_fn(|c| {
-            self.variance[c].sqrt() / (self.expected[c].min(self.picture[c]) + DARK)
+            self.variance[c] / (self.expected[c].min(self.picture[c]) + DARK).powi(2)
         })
     }
 
-    fn evidence(&self, parameters: &Parameters) -> f32 {
+    fn evidence(&self, parameters: &Parameters, hint: f32) -> f32 {
         let (share, _) = self.fit(0.01);
         let taken = (1.0 - share).clamp(0.0, 1.0);
         let (share, misfit) = self.fit(0.01 + parameters.shadow_tint * taken);
         let threshold = parameters.significance.powi(2);
         let brightness = if share > 1.0 {
-            self.brighter(share, parameters.spill)
+            self.brighter(share, parameters, hint)
         } else {
-            self.darker(share, parameters.darkest_shadow, threshold)
+            self.darker(share, parameters, hint)
         };
         (misfit + brightness - threshold).clamp(-STRONGEST, STRONGEST)
     }
@@ -102,9 +150,38 @@ impl Light {
         (share, misfit)
     }
 
-    /// Light beyond what the object may throw back counts against the backdrop.
-    fn brighter(&self, share: f32, spill: f32) -> f32 {
-        (share - 1.0).powi(2) / (self.relative_variance() + (spill / 4.0).powi(2))
+    /// Light that the object throws back says little; far more light than that is the object's own.
+    fn brighter(&self, share: f32, parameters: &Parameters, hint: f32) -> f32 {
+        let threshold = parameters.significance.powi(2);
+        let excess = (share - 1.0).powi(2);
+        let noise = self.relative_variance();
+        let weak = threshold * excess / (parameters.spill.powi(2) + threshold * noise);
+        let sure = (share - 1.0 - 3.0 * parameters.spill).max(0.0).powi(2)
+            / (noise + parameters.spill.powi(2) / threshold);
+        weak.min(threshold + self.lean(share, hint)) + sure
+    }
+
+    /// Darkness may be a shadow or the object; only the deepest is surely the object.
+    fn darker(&self, share: f32, parameters: &Parameters, hint: f32) -> f32 {
+        let threshold = parameters.significance.powi(2);
+        let noise = self.relative_variance();
+        let weak = (1.0 - share).powi(2) / (noise + SLIGHT * SLIGHT / threshold);
+        let sure = (parameters.darkest_shadow - share).max(0.0).powi(2)
+            / (noise + (parameters.darkest_shadow / 6.0).powi(2));
+        weak.min(threshold + self.lean(share, hint)) + sure
+    }
+
+    /// What a cell leans to that may as well be a shadow: on a coloured backdrop an object of exactly its hue
+    /// is rare; on a grey one both are likely, the object the more the darker it is.
+    fn lean(&self, share: f32, hint: f32) -> f32 {
+        let light = self.expected;
+        let (low, high) = (
+            light[0].min(light[1]).min(light[2]),
+            light[0].max(light[1]).max(light[2]),
+        );
+        let colour = ((1.0 - low / (high + 1e-6) - 0.3) / 0.4).clamp(0.0, 1.0);
+        let dark = ((0.7 - share) / 0.3).clamp(-0.5, 1.0);
+        hint * (dark * (1.0 - colour) - 2.0 * colour)
     }
 
     /// Variance of the share that a fit finds.
@@ -113,26 +190,5 @@ impl Light {
             .map(|c| self.expected[c].powi(2) / self.variance[c])
             .sum();
         1.0 / (information + 1e-6)
-    }
-
-    /// What darkness says. On a coloured backdrop an object of exactly its hue is rare, and darkness alone is
-    /// a shadow; on a grey one a shadow and a grey object look alike, and deeper darkness says more, until at
-    /// the darkest shadow it is certain. In between the evidence is weak and the edges decide.
-    fn darker(&self, share: f32, darkest: f32, threshold: f32) -> f32 {
-        let beyond_noise = (1.0 - share).powi(2) / (self.relative_variance() + 0.02f32.powi(2));
-        let (low, high) = self
-            .expected
-            .iter()
-            .fold((f32::MAX, 0.0f32), |(l, h), &v| (l.min(v), h.max(v)));
-        let colour = ((1.0 - low / (high + 1e-6) - 0.2) / 0.4).clamp(0.0, 1.0);
-        let shadow = 0.12 * threshold * (1.0 + 2.0 * colour);
-        if share < darkest {
-            let sure = (darkest - share) / darkest;
-            return threshold - shadow * (1.0 - sure) + 2.0 * threshold * sure;
-        }
-        // Up to the depth of shadow that is usual the backdrop is likelier, below it the object.
-        let depth = ((1.0 - share) / (1.0 - darkest)).clamp(0.0, 1.0);
-        let tilt = shadow * (1.0 - 1.6 * (1.0 - colour) * depth);
-        beyond_noise.min(threshold - tilt)
     }
 }

@@ -53,7 +53,7 @@ impl Default for Parameters {
         Self {
             cell_px: 0,
             significance: 4.0,
-            darkest_shadow: 0.3,
+            darkest_shadow: 0.12,
             shadow_tint: 0.15,
             spill: 0.06,
             smoothness: 12.0,
@@ -161,22 +161,30 @@ fn difference(
     region: &Region,
     parameters: &Parameters,
 ) -> Result<Silhouette, String> {
-    let cells = Cells::new(picture, plate, region, parameters.cell_px);
-    let photometry = Photometry::estimate(picture, plate, &cells);
-    let evidence = evidence::of_cells(&cells, &photometry, parameters);
-    let mut object = segment::decide(&cells, &evidence, parameters);
+    let all = Cells::new(picture, plate, region, parameters.cell_px);
+    let photometry = Photometry::estimate(picture, plate, &all);
+    let evidence = evidence::of_cells(&all, &photometry, parameters);
+    // From here on only where something may be object.
+    let Some(part) = evidence::suspicious(&evidence) else {
+        return Err(NO_DIFFERENCE.to_owned());
+    };
+    let (cells, evidence) = (all.cropped(part), cells::cropped(&evidence, part));
+    let ratios = evidence::ratios(&cells, &photometry);
+    let mut object = segment::decide(&evidence, &ratios, parameters);
     let tidied = components::tidy(&mut object, &cells, &evidence, parameters);
     if !object.pixels().contains(&true) {
-        return Err("the picture does not differ from its background plate".to_owned());
+        return Err(NO_DIFFERENCE.to_owned());
     }
     let (level, contour) = contour::locate(picture, plate, &cells, &photometry, &object);
     Ok(Silhouette {
         bounds: facts::bounds(&level, cells.region),
         facts: Facts::of_difference(picture, &level, &cells, &photometry, contour, tidied),
-        region: cells.region,
+        region: all.region,
         level,
     })
 }
+
+const NO_DIFFERENCE: &str = "the picture does not differ from its background plate";
 
 impl Silhouette {
     /// The level at a pixel between whole ones; `None` outside the picture, where it is unknown.
