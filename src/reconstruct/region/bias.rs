@@ -36,6 +36,9 @@ pub enum BiasSource {
 /// Pixels that an estimate needs.
 const LEAST_PIXELS: usize = 200;
 
+/// Side in pixels of the places in which the table's bias is compared.
+const TILE: usize = 64;
+
 /// Metres within which a reading can be the table.
 const TABLE_BAND: f64 = 0.03;
 
@@ -63,7 +66,7 @@ impl Bias {
                 from_hull(front, difference).map(|(found, error)| (found, error, BiasSource::Hull))
             })
             .unwrap_or((0.0, allowed, BiasSource::None));
-        let metres = found.clamp(-allowed, allowed);
+        let metres = shrunk(found, remaining).clamp(-allowed, allowed);
         Self {
             metres,
             found,
@@ -73,12 +76,23 @@ impl Bias {
     }
 }
 
-/// The median distance of readings around the object behind the table's plane, and its error.
+/// An estimate drawn towards zero by as much as its error makes it doubtful: the positive part of James and
+/// Stein's estimator. An offset within its error is none, and would be added to the depth rather than taken off.
+fn shrunk(found: f64, error: f64) -> f64 {
+    if found == 0.0 {
+        return 0.0;
+    }
+    found * (1.0 - (error / found).powi(2)).max(0.0)
+}
+
+/// The median distance of readings around the object behind the table's plane, and its error: how much it
+/// differs from place to place, for the object stands in yet another one.
 fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, f64)> {
     if !stands_on_table(volume) {
         return None;
     }
-    let mut behind = Vec::new();
+    let columns = object.width().div_ceil(TILE);
+    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(TILE)];
     for y in (0..object.height()).step_by(3) {
         for x in (0..object.width()).step_by(3) {
             if object[(x, y)] >= 128 {
@@ -90,11 +104,17 @@ fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, 
                 && (depth - table).abs() < TABLE_BAND
                 && is_around(&view.camera, pixel, table, volume)
             {
-                behind.push((depth - table) as f32);
+                tiles[y / TILE * columns + x / TILE].push((depth - table) as f32);
             }
         }
     }
-    robust_center(behind)
+    let places: Vec<f32> = tiles
+        .iter_mut()
+        .filter(|t| t.len() >= LEAST_PIXELS / 4)
+        .map(|t| median(t))
+        .collect();
+    let (center, error) = robust_center(tiles.concat())?;
+    Some((center, error.max(spread_of(places))))
 }
 
 /// Whether a point of the table lies within twice the volume's width of it, where its bias is the object's.
@@ -160,8 +180,38 @@ fn robust_center(mut values: Vec<f32>) -> Option<(f64, f64)> {
         return None;
     }
     let center = median(&mut values);
-    let mut off: Vec<f32> = values.iter().map(|v| (v - center).abs()).collect();
-    let spread = 1.4826 * f64::from(median(&mut off));
+    let spread = spread_of(values);
     // A tenth of the spread: a fixed pattern does not average out as noise does.
     (spread < 6e-3).then_some((f64::from(center), 0.1 * spread))
+}
+
+/// Standard deviation by the median of the distances from the median; 0 of fewer than two values.
+fn spread_of(mut values: Vec<f32>) -> f64 {
+    if values.len() < 2 {
+        return 0.0;
+    }
+    let center = median(&mut values);
+    for v in &mut values {
+        *v = (*v - center).abs();
+    }
+    1.4826 * f64::from(median(&mut values))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_doubtful_offset_is_none_and_a_clear_one_stays() {
+        assert_eq!(shrunk(0.2e-3, 0.3e-3), 0.0);
+        assert_eq!(shrunk(0.0, 0.3e-3), 0.0);
+        assert!((shrunk(-8e-3, 0.3e-3) + 8e-3).abs() < 2e-5);
+    }
+
+    #[test]
+    fn spread_is_that_of_most_values() {
+        let values = vec![-1.0, 0.0, 1.0, -1.0, 0.0, 1.0, 900.0];
+        assert!((spread_of(values) - 1.4826).abs() < 1e-6);
+        assert_eq!(spread_of(vec![5.0]), 0.0);
+    }
 }
