@@ -151,7 +151,7 @@ pub fn reconstruct(
     begin(Stage::Depth)?;
     let template = Template {
         hull: &hull,
-        surface: &extracted.surface,
+        extracted: &extracted,
         lattice: &lattice,
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,

@@ -36,6 +36,18 @@ impl<'a> Carving<'a> {
         }
     }
 
+    /// What reaches wherever two carvings of one camera may differ: all of the rays on which they do.
+    pub fn changed((a, b): (&Self, &Self)) -> Self {
+        let differ = |x, y| a.depth[(x, y)] != b.depth[(x, y)];
+        let all_of_it = |x, y| if differ(x, y) { f32::MAX } else { 0.0 };
+        let depth = Grid::from_fn(a.depth.width(), a.depth.height(), all_of_it);
+        Self {
+            extremes: Extremes::new(&depth),
+            depth,
+            ..*a
+        }
+    }
+
     /// The depth camera.
     pub fn camera(&self) -> &'a DepthCamera {
         self.camera
@@ -72,6 +84,11 @@ impl<'a> Carving<'a> {
     pub fn taken_off(&self, p: Point3<f64>) -> Option<f64> {
         let (pixel, z) = self.camera.project(p)?;
         Some(self.depth_at(pixel)? - z)
+    }
+
+    /// Whether anything may be carved in the cube of half edge `half` around `center`.
+    pub fn touches(&self, center: Point3<f64>, half: f64) -> bool {
+        self.side(center, half) != Side::Inside
     }
 
     /// Positive behind the surface; `None` where nothing is carved.

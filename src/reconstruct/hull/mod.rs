@@ -11,7 +11,7 @@ pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
 pub use solid::Hull;
 
-use super::surface::{self, Constraint, Lattice, Solid, Surface};
+use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};
 use crate::calibration::Volume;
 use crate::mesh::{self, Mesh};
 use nalgebra::Point3;
@@ -79,10 +79,12 @@ pub enum Error {
     },
 }
 
-/// Where a surface was extracted, to extract another one with the same cells.
+/// A solid's surface.
 pub struct Extracted {
     /// The surface, without stray pieces.
     pub surface: Surface,
+    /// What was seen of the solid, to extract another one on the same lattice that differs in places.
+    pub sampled: Sampled,
     /// Pieces that were dropped, but for specks.
     pub dropped_pieces: usize,
 }
@@ -120,7 +122,26 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
 
 /// Extracts a solid's surface and drops stray pieces.
 pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -> Extracted {
-    let surface = surface::extract(solid, lattice);
+    without_stray_pieces(surface::extract(solid, lattice), parameters)
+}
+
+/// Extracts the surface of a solid that is the one of `before` but in the cubes (given by center and half edge)
+/// in which it `may_differ`, and drops stray pieces.
+pub fn extract_changed(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    before: &Sampled,
+    may_differ: impl Fn(Point3<f64>, f64) -> bool + Sync,
+    parameters: &Parameters,
+) -> Extracted {
+    let changed = surface::extract_changed(solid, lattice, before, may_differ);
+    without_stray_pieces(changed, parameters)
+}
+
+fn without_stray_pieces(
+    (surface, sampled): (Surface, Sampled),
+    parameters: &Parameters,
+) -> Extracted {
     let pieces = mesh::components(&surface.mesh);
     let largest = pieces.parts.iter().map(|p| p.volume).fold(0.0, f64::max);
     let keep: Vec<bool> = pieces
@@ -131,6 +152,7 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -
     if keep.iter().all(|&k| k) {
         return Extracted {
             surface,
+            sampled,
             dropped_pieces: 0,
         };
     }
@@ -148,6 +170,7 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -
         .collect();
     Extracted {
         surface: Surface { mesh, constraints },
+        sampled,
         dropped_pieces,
     }
 }

@@ -15,9 +15,9 @@ pub use laplacian::Singular;
 
 use super::Model;
 use super::depth::EnhancedDepth;
-use super::hull::{self, Carved, Carving, Hull, carving_of};
+use super::hull::{self, Carved, Carving, Extracted, Hull, carving_of};
 use super::region::Regions;
-use super::surface::{Lattice, Surface};
+use super::surface::{Constraint, Lattice};
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
 
@@ -77,7 +77,7 @@ pub struct Template<'a> {
     /// The hull as a solid.
     pub hull: &'a Hull<'a>,
     /// Its surface.
-    pub surface: &'a Surface,
+    pub extracted: &'a Extracted,
     /// The lattice that it was extracted on.
     pub lattice: &'a Lattice,
     /// How it was extracted.
@@ -107,12 +107,9 @@ impl Restored {
     }
 }
 
-/// Times that openings are closed: each costs an extraction, and hardly any is left after the first.
-const CLOSING_ROUNDS: usize = 1;
-
 /// The hull as it is: for objects without concave regions, and as a baseline.
 pub fn plain(template: &Template) -> Model {
-    provenance::describe(template.surface.clone(), template.hull, &[], &[])
+    provenance::describe(template.extracted.surface.clone(), template.hull, &[], &[])
 }
 
 /// Restores the regions of all `sources`. Without any region the result is [`plain`], bit for bit.
@@ -192,37 +189,48 @@ fn carve_by(
     template: &Template,
     sources: &[Source],
     mut depths: Vec<Grid<f32>>,
-) -> (Vec<super::surface::Constraint>, Restored) {
+) -> (Vec<Constraint>, Restored) {
     let cell_size = template.lattice.cell_size;
-    let mut closed_openings = 0;
-    for round in 0.. {
-        let carvings: Vec<Carving> = sources
-            .iter()
-            .zip(&depths)
+    let carvings_by = |depths: &[Grid<f32>]| -> Vec<Carving> {
+        let pairs = sources.iter().zip(depths);
+        pairs
             .map(|(s, d)| Carving::new(s.camera, d.clone(), cell_size))
-            .collect();
-        let carved = Carved::new(template.hull, &carvings);
-        let extracted = hull::extract(&carved, template.lattice, template.parameters);
-        let mesh = &extracted.surface.mesh;
-        let closed = if round < CLOSING_ROUNDS {
-            consistency::close_openings(template.hull, mesh, &carvings, &mut depths, cell_size)
-        } else {
-            0
-        };
-        if closed == 0 {
-            let constraints = extracted.surface.constraints.clone();
-            let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
-            let dropped_pieces = extracted.dropped_pieces;
-            return (
-                constraints,
-                Restored {
-                    model,
-                    dropped_pieces,
-                    closed_openings,
-                },
-            );
-        }
-        closed_openings += closed;
+            .collect()
+    };
+    // Whatever differs from what was extracted before lies where these carvings reach.
+    let extract = |carvings: &[Carving], before, changed: &[Carving]| {
+        let may_differ = |center, half| changed.iter().any(|c| c.touches(center, half));
+        let carved = Carved::new(template.hull, carvings);
+        hull::extract_changed(
+            &carved,
+            template.lattice,
+            before,
+            may_differ,
+            template.parameters,
+        )
+    };
+    let mut carvings = carvings_by(&depths);
+    let mut extracted = extract(&carvings, &template.extracted.sampled, &carvings);
+    let closed_openings = consistency::close_openings(
+        template.hull,
+        &extracted.surface.mesh,
+        &carvings,
+        &mut depths,
+        cell_size,
+    );
+    // Once: hardly any is left after that.
+    if closed_openings > 0 {
+        let closed = carvings_by(&depths);
+        let changed: Vec<Carving> = carvings.iter().zip(&closed).map(Carving::changed).collect();
+        extracted = extract(&closed, &extracted.sampled, &changed);
+        carvings = closed;
     }
-    unreachable!("the last round closes nothing")
+    let constraints = extracted.surface.constraints.clone();
+    let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
+    let restored = Restored {
+        model,
+        dropped_pieces: extracted.dropped_pieces,
+        closed_openings,
+    };
+    (constraints, restored)
 }

@@ -1,7 +1,7 @@
 //! From coarse to fine: which cells the surface may cross. Work grows with the surface, not with the volume.
 
 use super::{Lattice, Side, Solid, Undecided};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 /// Levels above the finest: the coarsest cubes have 2⁵ cells a side.
@@ -10,18 +10,27 @@ const LEVELS: u32 = 5;
 /// A cell and the constraints that may matter in it.
 pub(super) type ActiveCell = ([u32; 3], Undecided);
 
-/// The cells of the lattice that the surface may cross, in no particular order that depends on threads.
-pub(super) fn cells_across(solid: &impl Solid, lattice: &Lattice) -> Vec<ActiveCell> {
+/// The cells of the lattice that the surface may cross and that `matter`, given by center and half edge, in an
+/// order that does not depend on threads.
+pub(super) fn cells_across(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    matters: impl Fn(Point3<f64>, f64) -> bool + Sync,
+) -> Vec<ActiveCell> {
     let mut cubes = coarsest(lattice);
     for level in (0..=LEVELS).rev() {
         let across: Vec<ActiveCell> = cubes
             .par_iter()
-            .filter_map(
-                |&(at, undecided)| match side(solid, lattice, at, level, undecided) {
+            .filter_map(|&(at, undecided)| {
+                let (center, half) = cube(lattice, at, level);
+                if !matters(center, half) {
+                    return None;
+                }
+                match solid.side(center, half, undecided) {
                     Side::Across(undecided) => Some((at, undecided)),
                     _ => None,
-                },
-            )
+                }
+            })
             .collect();
         if level == 0 {
             return across;
@@ -44,16 +53,11 @@ fn coarsest(lattice: &Lattice) -> Vec<ActiveCell> {
     cubes
 }
 
-fn side(
-    solid: &impl Solid,
-    lattice: &Lattice,
-    at: [u32; 3],
-    level: u32,
-    undecided: Undecided,
-) -> Side {
+/// The center and half edge of a cube.
+fn cube(lattice: &Lattice, at: [u32; 3], level: u32) -> (Point3<f64>, f64) {
     let half = 0.5 * lattice.cell_size * f64::from(1u32 << level);
     let center = lattice.corner(at.map(|i| i << level)) + Vector3::repeat(half);
-    solid.side(center, half, undecided)
+    (center, half)
 }
 
 fn children((at, undecided): ActiveCell) -> impl Iterator<Item = ActiveCell> {

@@ -3,17 +3,20 @@
 //! the mesh is closed, oriented and manifold whatever the solid looks like. Knows neither cameras nor depth.
 //!
 //! - `descend` finds the cells that the surface may cross, from coarse to fine;
-//! - `lattice` gives their corners and edges numbers;
+//! - `cells` gives them and their corners numbers;
+//! - `edges` finds where the surface crosses their edges;
 //! - `sheets` decides how the surface runs through a cell;
 //! - `vertex` places a sheet's vertex.
 
+mod cells;
 mod descend;
-mod lattice;
+mod edges;
 mod sheets;
 mod vertex;
 
 use crate::mesh::Mesh;
-use lattice::{Cells, CutEdges};
+use cells::Cells;
+use edges::{Crossing, CutEdges, Samples};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -92,21 +95,55 @@ pub struct Surface {
     pub constraints: Vec<Constraint>,
 }
 
+/// What an extraction saw of a solid: enough to extract one that differs from it in places only.
+pub struct Sampled {
+    cells: Cells,
+    samples: Samples,
+    /// The keys of the edges that the surface crosses, sorted, and where it does.
+    edges: Vec<u64>,
+    crossings: Vec<Crossing>,
+}
+
 /// Extracts the surface of `solid` within `lattice`. The solid must not reach the lattice's border. Work
 /// grows with the number of cells that the surface crosses; the result does not depend on threads.
-pub fn extract(solid: &impl Solid, lattice: &Lattice) -> Surface {
-    let mut cells = Cells::new(lattice, descend::cells_across(solid, lattice));
-    let cut = loop {
-        let cut = CutEdges::find(solid, lattice, &cells);
+pub fn extract(solid: &impl Solid, lattice: &Lattice) -> (Surface, Sampled) {
+    let cells = Cells::new(lattice, descend::cells_across(solid, lattice, |_, _| true));
+    extract_from(cells, solid, lattice, None)
+}
+
+/// Extracts the surface of a solid that is the one of `before`, on the same lattice, but in the cubes (given by
+/// center and half edge) in which it `may_differ`. Work grows with those cubes.
+pub fn extract_changed(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    before: &Sampled,
+    may_differ: impl Fn(Point3<f64>, f64) -> bool + Sync,
+) -> (Surface, Sampled) {
+    let across = descend::cells_across(solid, lattice, &may_differ);
+    let half = 0.5 * lattice.cell_size;
+    let stays = |at| !may_differ(lattice.corner(at) + Vector3::repeat(half), half);
+    let cells = Cells::new(lattice, across).with_known(&before.cells, stays);
+    extract_from(cells, solid, lattice, Some(before))
+}
+
+fn extract_from(
+    mut cells: Cells,
+    solid: &impl Solid,
+    lattice: &Lattice,
+    before: Option<&Sampled>,
+) -> (Surface, Sampled) {
+    let (samples, cut) = loop {
+        let samples = Samples::take(solid, lattice, &cells, before);
+        let cut = CutEdges::find(&cells, &samples);
         // A solid whose `side` was wrong by a hair would leave a hole here: take in what is missing.
-        let missing = cut.missing_cells(lattice);
+        let missing = cut.missing_cells(lattice, &samples.corners);
         if missing.is_empty() {
-            break cut;
+            break (samples, cut);
         }
         cells.insert(missing);
     };
     let sheets = sheets::trace(solid, lattice, &cells, &cut);
-    let crossings = cut.crossings(solid, lattice, &cells);
+    let crossings = cut.crossings(solid, lattice, &cells, &samples.corners, before);
     let placed: Vec<_> = sheets
         .par_iter()
         .enumerate()
@@ -133,18 +170,25 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice) -> Surface {
         first_vertex[cell] + u32::from(sheets[cell].of_edge[edge])
     });
     let (vertices, constraints) = placed.into_iter().unzip();
-    Surface {
+    let surface = Surface {
         mesh: Mesh {
             vertices,
             triangles,
         },
         constraints,
-    }
+    };
+    let sampled = Sampled {
+        cells,
+        samples,
+        edges: cut.keys,
+        crossings,
+    };
+    (surface, sampled)
 }
 
 /// A box around the surface, as tight as the lattice's cells; `None` where there is no surface.
 pub fn bounds(solid: &impl Solid, lattice: &Lattice) -> Option<(Point3<f64>, Point3<f64>)> {
-    let cells = descend::cells_across(solid, lattice);
+    let cells = descend::cells_across(solid, lattice, |_, _| true);
     cells.into_iter().fold(None, |bounds, (at, _)| {
         let (low, high) = (lattice.corner(at), lattice.corner(at.map(|i| i + 1)));
         bounds.map_or(Some((low, high)), |(l, h): (Point3<f64>, _)| {

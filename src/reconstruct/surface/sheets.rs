@@ -6,7 +6,8 @@
 //! triangles would meet in an edge; joining that face the other way splits the sheets and mends it (Wenger,
 //! "Isosurfaces", 2013, section 3.4).
 
-use super::lattice::{Cells, CutEdges, EDGE_START};
+use super::cells::Cells;
+use super::edges::{CutEdges, EDGE_START};
 use super::{Lattice, Solid};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -171,7 +172,7 @@ mod tests {
             for middles in 0..64u8 {
                 let sheets = loops(inside, |face| middles >> face & 1 == 1);
                 for (e, start) in EDGE_START.into_iter().enumerate() {
-                    let cut = (inside >> start ^ inside >> super::super::lattice::edge_end(e)) & 1;
+                    let cut = (inside >> start ^ inside >> super::super::edges::edge_end(e)) & 1;
                     assert_eq!(
                         cut == 1,
                         sheets.of_edge[e] < sheets.count,

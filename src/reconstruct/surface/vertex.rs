@@ -1,7 +1,7 @@
 //! Where a sheet's vertex lies: the point that fits the tangent planes of its crossings best.
 
 use super::Constraint;
-use super::lattice::Crossing;
+use super::edges::Crossing;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Weight of the crossings' mean against their tangent planes: keeps the vertex in place along directions

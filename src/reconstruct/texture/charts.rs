@@ -86,8 +86,9 @@ impl Layout {
             }
             let chart = &mut self.charts[i];
             chart.low = low.map(f32::floor);
-            chart.size = [0, 1]
-                .map(|axis| (high[axis].ceil() - chart.low[axis]) as usize + 1 + 2 * self.gutter);
+            // Of a surface that reaches to infinity: more than fits anywhere.
+            let side = |axis: usize| (high[axis].ceil() - chart.low[axis]).min(1e9) as usize;
+            chart.size = [0, 1].map(|axis| side(axis) + 1 + 2 * self.gutter);
         }
     }
 

@@ -1,11 +1,10 @@
-//! Numbers for the corners and edges of the cells that matter, by sorting: no hash map, so the order never
-//! depends on anything but the cells.
+//! The edges of the cells that the surface crosses, and where. Each corner and edge is looked at once, and not
+//! at all where an extraction before has done so.
 //!
-//! Corner i of a cell has x offset i & 1, y offset i >> 1 & 1, z offset i >> 2. Edge e runs along axis
-//! e / 4 from the corner [`EDGE_START`]`[e]`.
+//! Edge e of a cell runs along axis e / 4 from the corner [`EDGE_START`]`[e]`.
 
-use super::descend::ActiveCell;
-use super::{Constraint, Lattice, Solid, Undecided};
+use super::cells::{Cells, Corners, advance};
+use super::{Constraint, Lattice, Sampled, Solid};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -20,77 +19,6 @@ pub(super) const fn edge_end(e: usize) -> usize {
 /// Stands for an edge that the surface does not cross.
 const NOT_CUT: u32 = u32::MAX;
 
-/// A corner or cell as one number that sorts by z, y, x.
-fn key([x, y, z]: [u32; 3]) -> u64 {
-    u64::from(z) << 40 | u64::from(y) << 20 | u64::from(x)
-}
-
-fn position(key: u64) -> [u32; 3] {
-    const MASK: u64 = (1 << 20) - 1;
-    [
-        (key & MASK) as u32,
-        (key >> 20 & MASK) as u32,
-        (key >> 40) as u32,
-    ]
-}
-
-fn corner_of([x, y, z]: [u32; 3], i: usize) -> [u32; 3] {
-    let i = i as u32;
-    [x + (i & 1), y + (i >> 1 & 1), z + (i >> 2)]
-}
-
-/// The cells that the surface may cross, sorted.
-pub(super) struct Cells {
-    keys: Vec<u64>,
-    undecided: Vec<Undecided>,
-}
-
-impl Cells {
-    pub(super) fn new(lattice: &Lattice, cells: Vec<ActiveCell>) -> Self {
-        debug_assert!(lattice.cells.iter().all(|&n| n <= Lattice::LONGEST));
-        let mut cells: Vec<_> = cells
-            .into_iter()
-            .map(|(at, undecided)| (key(at), undecided))
-            .collect();
-        cells.par_sort_unstable();
-        cells.dedup_by_key(|c| c.0);
-        let (keys, undecided) = cells.into_iter().unzip();
-        Self { keys, undecided }
-    }
-
-    /// Adds cells of which nothing is known.
-    pub(super) fn insert(&mut self, more: Vec<[u32; 3]>) {
-        let old = self
-            .keys
-            .iter()
-            .copied()
-            .zip(self.undecided.iter().copied());
-        let mut all: Vec<_> = old
-            .chain(more.into_iter().map(|at| (key(at), Undecided::MAX)))
-            .collect();
-        all.sort_unstable();
-        all.dedup_by_key(|c| c.0);
-        (self.keys, self.undecided) = all.into_iter().unzip();
-    }
-
-    pub(super) fn len(&self) -> usize {
-        self.keys.len()
-    }
-
-    pub(super) fn position(&self, cell: usize) -> [u32; 3] {
-        position(self.keys[cell])
-    }
-
-    pub(super) fn undecided(&self, cell: usize) -> Undecided {
-        self.undecided[cell]
-    }
-
-    /// The number of the cell at a position.
-    pub(super) fn find(&self, at: [u32; 3]) -> Option<usize> {
-        self.keys.binary_search(&key(at)).ok()
-    }
-}
-
 /// Where the surface crosses an edge.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
@@ -99,14 +27,69 @@ pub(super) struct Crossing {
     pub(super) constraint: Constraint,
 }
 
+/// The solid's values at the corners of cells.
+pub(super) struct Samples {
+    pub(super) corners: Corners,
+    /// For each corner.
+    pub(super) values: Vec<f32>,
+}
+
+impl Samples {
+    /// Evaluates the solid, where `before` does not know its value.
+    pub(super) fn take(
+        solid: &impl Solid,
+        lattice: &Lattice,
+        cells: &Cells,
+        before: Option<&Sampled>,
+    ) -> Self {
+        let corners = Corners::of(cells);
+        let mut cell_of = vec![u32::MAX; corners.len()];
+        // Whether it belongs to a cell that was sampled before.
+        let mut known = vec![false; corners.len()];
+        for (cell, numbers) in corners.of_cell.iter().enumerate().rev() {
+            let is_known = cells.is_known(cell);
+            for &corner in numbers {
+                cell_of[corner as usize] = cell as u32;
+                known[corner as usize] |= is_known;
+            }
+        }
+        const CHUNK: usize = 4096;
+        let values = corners
+            .keys
+            .par_chunks(CHUNK)
+            .enumerate()
+            .flat_map_iter(|(chunk, keys)| {
+                let mut at = before.map_or(0, |b| {
+                    b.samples.corners.keys.partition_point(|&k| k < keys[0])
+                });
+                let (cell_of, known) = (&cell_of, &known);
+                let corners = &corners;
+                keys.iter().enumerate().map(move |(i, &key)| {
+                    let corner = chunk * CHUNK + i;
+                    if let Some(before) = before.filter(|_| known[corner]) {
+                        at = advance(&before.samples.corners.keys, at, key);
+                        return before.samples.values[at];
+                    }
+                    let p = lattice.corner(corners.position(corner));
+                    solid.value(p, cells.undecided(cell_of[corner] as usize))
+                })
+            })
+            .collect();
+        Self { corners, values }
+    }
+}
+
 /// An edge whose ends lie on different sides of the surface.
 struct CutEdge {
-    start: [u32; 3],
-    axis: usize,
+    /// The number of its first corner.
+    start: u32,
+    axis: u8,
     /// The solid's values at its ends.
     values: [f32; 2],
-    /// A cell that has the edge.
+    /// The first cell that has the edge.
     cell: u32,
+    /// Whether a cell that was sampled before has it.
+    known: bool,
 }
 
 /// The edges that the surface crosses.
@@ -116,53 +99,79 @@ pub(super) struct CutEdges {
     /// For each cell the numbers of its twelve edges, or [`NOT_CUT`].
     edges_of_cell: Vec<[u32; 12]>,
     edges: Vec<CutEdge>,
+    /// For each edge its first corner's key and its axis as one number; sorted.
+    pub(super) keys: Vec<u64>,
 }
 
 impl CutEdges {
-    /// Evaluates the solid at the cells' corners, each once.
-    pub(super) fn find(solid: &impl Solid, lattice: &Lattice, cells: &Cells) -> Self {
-        let corner_values = corner_values(solid, lattice, cells);
-        let inside: Vec<u8> = corner_values
+    pub(super) fn find(cells: &Cells, samples: &Samples) -> Self {
+        let Samples {
+            corners, values, ..
+        } = samples;
+        let inside: Vec<u8> = corners
+            .of_cell
             .par_iter()
-            .map(|v| (0..8).fold(0, |bits, i| bits | u8::from(v[i] > 0.0) << i))
-            .collect();
-        let mut cuts: Vec<(u64, u32)> = inside
-            .par_iter()
-            .enumerate()
-            .flat_map_iter(|(cell, &inside)| {
-                let at = cells.position(cell);
-                (0..12).filter(move |&e| is_cut(inside, e)).map(move |e| {
-                    let start = key(corner_of(at, EDGE_START[e]));
-                    (start * 4 + e as u64 / 4, (cell * 12 + e) as u32)
+            .map(|c| {
+                (0..8).fold(0, |bits, i| {
+                    bits | u8::from(values[c[i] as usize] > 0.0) << i
                 })
             })
             .collect();
-        cuts.par_sort_unstable();
-        let mut edges_of_cell = vec![[NOT_CUT; 12]; cells.len()];
-        let mut edges = Vec::with_capacity(cuts.len() / 4);
-        let mut last = None;
-        for (edge_key, slot) in cuts {
-            let (cell, e) = (slot as usize / 12, slot as usize % 12);
-            if last != Some(edge_key) {
-                last = Some(edge_key);
-                let values = [
-                    corner_values[cell][EDGE_START[e]],
-                    corner_values[cell][edge_end(e)],
-                ];
-                let start = position(edge_key / 4);
+        // The first cell that has the edge from a corner along each axis.
+        let mut cell_of = vec![[NOT_CUT; 3]; corners.len()];
+        let mut known = vec![[false; 3]; corners.len()];
+        for (cell, numbers) in corners.of_cell.iter().enumerate().rev() {
+            for e in (0..12).filter(|&e| is_cut(inside[cell], e)) {
+                let start = numbers[EDGE_START[e]] as usize;
+                cell_of[start][e / 4] = cell as u32;
+                known[start][e / 4] |= cells.is_known(cell);
+            }
+        }
+        let (mut edges, mut keys) = (Vec::new(), Vec::new());
+        let mut first_edge = Vec::with_capacity(corners.len());
+        for (start, cells_of) in cell_of.iter().enumerate() {
+            first_edge.push(edges.len() as u32);
+            for axis in (0..3).filter(|&axis| cells_of[axis] != NOT_CUT) {
+                let cell = cells_of[axis];
+                let numbers = &corners.of_cell[cell as usize];
+                let end = (4 * axis..4 * axis + 4)
+                    .find(|&e| numbers[EDGE_START[e]] as usize == start)
+                    .map(|e| numbers[edge_end(e)])
+                    .expect("the cell has the edge");
+                keys.push(corners.keys[start] * 4 + axis as u64);
                 edges.push(CutEdge {
-                    start,
-                    axis: e / 4,
-                    values,
-                    cell: cell as u32,
+                    start: start as u32,
+                    axis: axis as u8,
+                    values: [values[start], values[end as usize]],
+                    cell,
+                    known: known[start][axis],
                 });
             }
-            edges_of_cell[cell][e] = edges.len() as u32 - 1;
         }
+        let number = |start: u32, axis: usize| {
+            let before = cell_of[start as usize][..axis].iter();
+            first_edge[start as usize] + before.filter(|&&c| c != NOT_CUT).count() as u32
+        };
+        let of_cell = |(numbers, &inside): (&[u32; 8], &u8)| {
+            std::array::from_fn(|e| {
+                if is_cut(inside, e) {
+                    number(numbers[EDGE_START[e]], e / 4)
+                } else {
+                    NOT_CUT
+                }
+            })
+        };
+        let edges_of_cell = corners
+            .of_cell
+            .par_iter()
+            .zip(&inside)
+            .map(of_cell)
+            .collect();
         Self {
             inside,
             edges_of_cell,
             edges,
+            keys,
         }
     }
 
@@ -177,7 +186,7 @@ impl CutEdges {
     }
 
     /// Cells that have a cut edge and are not among the cells.
-    pub(super) fn missing_cells(&self, lattice: &Lattice) -> Vec<[u32; 3]> {
+    pub(super) fn missing_cells(&self, lattice: &Lattice, corners: &Corners) -> Vec<[u32; 3]> {
         let mut found = vec![[false; 4]; self.edges.len()];
         for edges in &self.edges_of_cell {
             for (e, &edge) in edges
@@ -191,9 +200,10 @@ impl CutEdges {
         let mut missing = Vec::new();
         for (edge, found) in self.edges.iter().zip(found) {
             for place in (0..4).filter(|&place| !found[place]) {
-                let (b, c) = ((edge.axis + 1) % 3, (edge.axis + 2) % 3);
+                let axis = usize::from(edge.axis);
+                let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
                 let [back_b, back_c] = STEPS_BACK[place];
-                let mut at = edge.start;
+                let mut at = corners.position(edge.start as usize);
                 if at[b] >= back_b && at[c] >= back_c {
                     at[b] -= back_b;
                     at[c] -= back_c;
@@ -206,18 +216,25 @@ impl CutEdges {
         missing
     }
 
-    /// Finds the point of each edge where the surface crosses it.
+    /// Finds the point of each edge where the surface crosses it, where `before` does not know it.
     pub(super) fn crossings(
         &self,
         solid: &impl Solid,
         lattice: &Lattice,
         cells: &Cells,
+        corners: &Corners,
+        before: Option<&Sampled>,
     ) -> Vec<Crossing> {
-        let crossing = |edge: &CutEdge| {
+        let crossing = |(edge, key): (&CutEdge, &u64)| {
+            if let Some(before) = before.filter(|_| edge.known)
+                && let Ok(i) = before.edges.binary_search(key)
+            {
+                return before.crossings[i];
+            }
             let undecided = cells.undecided(edge.cell as usize);
-            let start = lattice.corner(edge.start);
+            let start = lattice.corner(corners.position(edge.start as usize));
             let mut along = Vector3::zeros();
-            along[edge.axis] = lattice.cell_size;
+            along[usize::from(edge.axis)] = lattice.cell_size;
             let t = root(edge.values, |t| solid.value(start + along * t, undecided));
             let point = start + along * t;
             let (normal, constraint) = solid.normal(point, undecided);
@@ -227,7 +244,11 @@ impl CutEdges {
                 constraint,
             }
         };
-        self.edges.par_iter().map(crossing).collect()
+        self.edges
+            .par_iter()
+            .zip(&self.keys)
+            .map(crossing)
+            .collect()
     }
 
     /// Two triangles for each cut edge, between the vertices of the four cells around it, along the shorter
@@ -272,38 +293,6 @@ impl CutEdges {
 
 fn is_cut(inside: u8, e: usize) -> bool {
     (inside >> EDGE_START[e] ^ inside >> edge_end(e)) & 1 == 1
-}
-
-/// The solid's values at the eight corners of each cell.
-fn corner_values(solid: &impl Solid, lattice: &Lattice, cells: &Cells) -> Vec<[f32; 8]> {
-    let mut corners: Vec<(u64, u32)> = (0..cells.len())
-        .into_par_iter()
-        .flat_map_iter(|cell| {
-            let at = cells.position(cell);
-            (0..8).map(move |i| (key(corner_of(at, i)), (cell * 8 + i) as u32))
-        })
-        .collect();
-    corners.par_sort_unstable();
-    let unique: Vec<(u64, u32)> = corners
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|same| same[0])
-        .collect();
-    let evaluated: Vec<f32> = unique
-        .par_iter()
-        .map(|&(key, slot)| {
-            solid.value(
-                lattice.corner(position(key)),
-                cells.undecided(slot as usize / 8),
-            )
-        })
-        .collect();
-    let mut values = vec![[0.0; 8]; cells.len()];
-    for (same, value) in corners.chunk_by(|a, b| a.0 == b.0).zip(evaluated) {
-        for &(_, slot) in same {
-            values[slot as usize / 8][slot as usize % 8] = value;
-        }
-    }
-    values
 }
 
 /// How many steps along the two other axes lead from an edge's start back to the corner of the cells around
