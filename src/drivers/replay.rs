@@ -5,7 +5,7 @@ use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
 use crate::recording::{
     CaptureRecord, ColorPart, DepthPart, Error, MessageRef, Outcome, Recording, Topic,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What happens in a recording.
 #[derive(Clone, Debug)]
@@ -106,12 +106,12 @@ fn triggers(
     records: &BTreeMap<String, (Timestamp, CaptureRecord)>,
     found: &mut Events,
 ) -> Result<(), Error> {
-    let mut with_trigger = Vec::new();
+    let mut with_trigger = BTreeSet::new();
     for message in recording.messages(&Topic::Trigger) {
         let Some(trigger) = noted(recording.trigger(message), &mut found.problems)? else {
             continue;
         };
-        with_trigger.push(trigger.id.to_string());
+        with_trigger.insert(trigger.id.to_string());
         let record = records.get(trigger.id.as_str()).map(|(_, r)| r);
         found.events.push((trigger.time, request(trigger, record)));
     }

@@ -40,6 +40,41 @@ pub enum Error {
         /// What may be the reason.
         details: String,
     },
+    /// More than a rig gives in a session.
+    #[error(
+        "{path}: has {triggers} messages on /trigger and /capture for {cameras} cameras, expected at most \
+         {most} of both multiplied"
+    )]
+    TooMany {
+        /// The file.
+        path: PathBuf,
+        /// Triggers and records of captures.
+        triggers: usize,
+        /// Cameras with pictures and a calibration.
+        cameras: usize,
+        /// Most of both multiplied.
+        most: usize,
+    },
+    /// Pictures that take far more memory than their file.
+    #[error(
+        "{path}: the {pictures} pictures of the capture at {} ns, the largest {} of {}x{} pixels, take {bytes} \
+         bytes, expected at most {most} for a file of this length",
+        trigger.0, largest.0, largest.1.0, largest.1.1
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Time of the trigger.
+        trigger: Timestamp,
+        /// How many pictures it needs.
+        pictures: usize,
+        /// Topic, width and height of the largest one.
+        largest: (String, (usize, usize)),
+        /// Bytes that they take.
+        bytes: u64,
+        /// Bytes that they may take.
+        most: u64,
+    },
     /// No capture of this name.
     #[error("{path}: has no capture {id}, only {known}")]
     NoSuchCapture {
@@ -134,6 +169,21 @@ struct Planned {
     failure: Option<String>,
 }
 
+impl Planned {
+    fn summary(&self) -> CaptureSummary {
+        let Self { capture, failure } = self;
+        CaptureSummary {
+            id: capture.trigger.id.clone(),
+            time: capture.trigger.time,
+            source: capture.trigger.source.clone(),
+            failure: failure.clone(),
+            skew_ns: capture.skew_ns(),
+            color_frames: capture.colors.len(),
+            depth_frames: capture.depths.values().map(Vec::len).sum(),
+        }
+    }
+}
+
 /// Decoded backgrounds, by message and by whether they were linear.
 pub(super) type Backgrounds = BTreeMap<(MessageRef, bool), Arc<RgbImage>>;
 
@@ -177,9 +227,10 @@ impl Session {
     /// As [`Self::of`], for a recording that need not have captures.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If it cannot be read, or has more cameras and triggers than any rig.
     pub fn lenient(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
         let (cameras, left_out) = cameras(&recording);
+        check_counts(&recording, &cameras)?;
         let played = replay::events(&recording)?;
         let mut warnings = misnamed(&recording);
         warnings.extend(played.problems);
@@ -215,19 +266,13 @@ impl Session {
 
     /// The captures in the order of their triggers.
     pub fn captures(&self) -> Vec<CaptureSummary> {
-        let summary = |planned: &Planned| {
-            let Planned { capture, failure } = planned;
-            CaptureSummary {
-                id: capture.trigger.id.clone(),
-                time: capture.trigger.time,
-                source: capture.trigger.source.clone(),
-                failure: failure.clone(),
-                skew_ns: capture.skew_ns(),
-                color_frames: capture.colors.len(),
-                depth_frames: capture.depths.values().map(Vec::len).sum(),
-            }
-        };
-        self.captures.iter().map(summary).collect()
+        self.captures.iter().map(Planned::summary).collect()
+    }
+
+    /// The capture of this name.
+    pub fn capture(&self, id: &CaptureId) -> Option<CaptureSummary> {
+        let named = |p: &&Planned| p.capture.trigger.id == *id;
+        self.captures.iter().find(named).map(Planned::summary)
     }
 
     /// Reads and decodes a capture.
@@ -259,6 +304,7 @@ impl Session {
             .backgrounds
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
+        shelf.check_size(&self.recording, capture.trigger.time)?;
         shelf.fill(&self.recording, &kept)?;
         if self.captures.len() > 1 {
             *kept = shelf.backgrounds();
@@ -391,6 +437,24 @@ fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOut>) {
     (cameras, left_out)
 }
 
+/// Bounds what assembling takes: each capture asks each camera.
+fn check_counts(recording: &Recording, cameras: &sync::Cameras) -> Result<(), Error> {
+    const MOST: usize = 1_000_000;
+    let triggers = recording.messages(&Topic::Trigger).len();
+    let records = recording.messages(&Topic::Capture).len();
+    let triggers = triggers.saturating_add(records);
+    let cameras = cameras.colors.len() + cameras.depths.len();
+    if triggers.saturating_mul(cameras) <= MOST {
+        return Ok(());
+    }
+    Err(Error::TooMany {
+        path: recording.path().into(),
+        triggers,
+        cameras,
+        most: MOST,
+    })
+}
+
 /// Channels that look like a camera's and are not.
 fn misnamed(recording: &Recording) -> Vec<String> {
     let like_ours = |topic: &str| topic.starts_with("/color/") || topic.starts_with("/depth/");
@@ -400,7 +464,7 @@ fn misnamed(recording: &Recording) -> Vec<String> {
         .take(20)
         .map(|c| {
             let topic: String = c.topic.chars().take(80).collect();
-            format!("{topic}: is no topic of a recording and is left out")
+            format!("{topic:?} is no topic of a recording and is left out")
         })
         .collect()
 }

@@ -22,6 +22,17 @@ pub(super) enum Kind {
     Readings,
 }
 
+impl Kind {
+    /// Bytes of a decoded pixel.
+    pub(super) fn bytes(self) -> u64 {
+        match self {
+            Self::Color { .. } => 3,
+            Self::Mask => 1,
+            Self::Readings => 2,
+        }
+    }
+}
+
 /// A picture to be read.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Wanted {

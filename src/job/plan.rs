@@ -31,6 +31,29 @@ impl Shelf {
         })
     }
 
+    /// Holds the pictures against their file: a few bytes can claim a picture of any size.
+    pub(super) fn check_size(
+        &self,
+        recording: &Recording,
+        trigger: Timestamp,
+    ) -> Result<(), Error> {
+        const LITTLE: u64 = 512 << 20;
+        let pixels = |w: &Wanted| w.size.0 as u64 * w.size.1 as u64;
+        let bytes = self.wanted.iter().map(|w| pixels(w) * w.kind.bytes()).sum();
+        let most = LITTLE.saturating_add(recording.file_length().saturating_mul(100));
+        match self.wanted.iter().max_by_key(|w| pixels(w)) {
+            Some(largest) if bytes > most => Err(Error::TooLarge {
+                path: recording.path().into(),
+                trigger,
+                pictures: self.wanted.len(),
+                largest: (largest.topic.to_string(), largest.size),
+                bytes,
+                most,
+            }),
+            _ => Ok(()),
+        }
+    }
+
     /// Reads what is wanted and not among the pictures that are `kept`.
     pub(super) fn fill(&mut self, recording: &Recording, kept: &Backgrounds) -> Result<(), Error> {
         let of_kept = |w: &Wanted| kept.get(&key(w)).cloned().map(Decoded::Color);

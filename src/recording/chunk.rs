@@ -1,13 +1,16 @@
 //! One chunk: its bytes unpacked and checked, and the messages and channels in it.
 
-use super::index::{ChunkInfo, MessageRef};
-use super::records::{self, Channel, MESSAGE_HEADER, RECORD_HEADER, Schema};
+use super::index::{ChunkInfo, Index, MessageRef};
+use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
 use super::walk::LARGEST_RECORD;
 use super::{Damage, Error};
 use bytes::Bytes;
 use mcap::records::op;
 use std::io::Read;
+
+/// Largest chunk that may unpack to more than a hundred times what it is: pictures of one colour shrink so.
+const LARGEST_OF_LITTLE: u64 = 96 << 20;
 
 /// Reads a chunk, unpacks it and checks its CRC. Memory is taken as bytes arrive, not as the header claims.
 pub(super) fn unpack(source: &Source, chunk: &ChunkInfo) -> Result<Bytes, Error> {
@@ -23,6 +26,13 @@ pub(super) fn unpack(source: &Source, chunk: &ChunkInfo) -> Result<Bytes, Error>
     if size > LARGEST_RECORD {
         return Err(damaged(format!(
             "the chunk says it unpacks to {size} bytes, at most {LARGEST_RECORD} are read"
+        )));
+    }
+    if size > LARGEST_OF_LITTLE && size / 100 > chunk.compressed_size {
+        let packed = chunk.compressed_size;
+        return Err(damaged(format!(
+            "the chunk says it unpacks from {packed} to {size} bytes: of so few at most \
+             {LARGEST_OF_LITTLE} are made"
         )));
     }
     // Both sizes are below 256 MiB here, and the packed one is within the file.
@@ -71,30 +81,20 @@ fn unpack_lz4(packed: &[u8], size: u64) -> std::io::Result<Vec<u8>> {
     Ok(unpacked)
 }
 
-/// What an unpacked chunk holds.
-#[derive(Debug, Default)]
-pub(super) struct Contents {
-    pub schemas: Vec<Schema>,
-    pub channels: Vec<Channel>,
-    pub messages: Vec<MessageRef>,
-    /// Where the chunk stops making sense, if it does.
-    pub broken_at: Option<usize>,
-}
-
-/// Lists the records of an unpacked chunk.
-pub(super) fn list(unpacked: &[u8], number: u32) -> Contents {
-    let mut contents = Contents::default();
+/// Lists the records of an unpacked chunk in `index`, which is a part of the file's.
+pub(super) fn list(unpacked: &[u8], number: u32, mut index: Index) -> Index {
     let mut position = 0;
+    let mut broken_at = None;
     while position < unpacked.len() {
         let Some((opcode, body)) = record_at(unpacked, position) else {
-            contents.broken_at = Some(position);
+            broken_at.get_or_insert(position);
             break;
         };
         let taken = match opcode {
-            op::SCHEMA => records::schema(body).map(|s| contents.schemas.push(s)),
-            op::CHANNEL => records::channel(body).map(|c| contents.channels.push(c)),
+            op::SCHEMA => records::schema(body).map(|s| index.add_schema(s, 0)),
+            op::CHANNEL => records::channel(body).map(|c| index.add_channel(c, 0)),
             op::MESSAGE => records::message_header(body).map(|(channel, log_time)| {
-                contents.messages.push(MessageRef {
+                index.add_message(MessageRef {
                     log_time,
                     chunk: number,
                     channel,
@@ -104,11 +104,15 @@ pub(super) fn list(unpacked: &[u8], number: u32) -> Contents {
             _ => Ok(()),
         };
         if taken.is_err() {
-            contents.broken_at.get_or_insert(position);
+            broken_at.get_or_insert(position);
         }
         position += RECORD_HEADER + body.len();
     }
-    contents
+    if let Some(at) = broken_at {
+        let what = format!("the chunk's records stop making sense at its byte {at}");
+        index.add_damage(0, 0, what);
+    }
+    index
 }
 
 /// Opcode and body of the record at `position`.

@@ -15,6 +15,13 @@ pub(super) struct ChunkInfo {
     pub compression: String,
 }
 
+impl ChunkInfo {
+    /// Bytes that it takes, packed or not.
+    pub(super) fn size(&self) -> u64 {
+        self.uncompressed_size.max(self.compressed_size)
+    }
+}
+
 /// Where a message is: in which chunk (or in none) and at which byte of it (or of the file).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MessageRef {
@@ -68,11 +75,67 @@ pub(super) struct Index {
     /// Whether the file is whole from its first magic bytes to its last.
     pub complete: bool,
     pub damage: Vec<Damage>,
+    /// Messages that are remembered at most; see [`Self::new`].
+    most_messages: usize,
+    /// Whether there were more.
+    too_many: bool,
 }
 
 impl Index {
     /// Most damaged places that are listed one by one.
     const MOST_DAMAGE: usize = 1000;
+
+    /// For a file of this length. A message of ours takes more than 64 bytes of a file; the many that a small
+    /// packed file can claim to hold would take memory for nothing.
+    pub(super) fn new(length: u64) -> Self {
+        let most = 500_000u64.saturating_add(length / 64);
+        Self {
+            most_messages: usize::try_from(most).unwrap_or(usize::MAX),
+            ..Self::default()
+        }
+    }
+
+    /// An empty index, to be added to this one.
+    pub(super) fn part(&self) -> Self {
+        Self {
+            most_messages: self.most_messages.saturating_sub(self.messages.len()),
+            ..Self::default()
+        }
+    }
+
+    /// Adds what was found in one chunk.
+    pub(super) fn absorb(&mut self, part: Self, offset: u64) {
+        for schema in part.schemas.into_values() {
+            self.add_schema(schema, offset);
+        }
+        for channel in part.channels.into_values() {
+            self.add_channel(channel, offset);
+        }
+        for message in part.messages {
+            self.add_message(message);
+        }
+        for Damage { length, what, .. } in part.damage {
+            self.add_damage(offset, length, what);
+        }
+        self.too_many |= part.too_many;
+    }
+
+    pub(super) fn add_message(&mut self, message: MessageRef) {
+        if self.messages.len() < self.most_messages {
+            self.messages.push(message);
+        } else {
+            self.too_many = true;
+        }
+    }
+
+    /// Tells of the messages that were not remembered, if there were any.
+    pub(super) fn tell_too_many(&mut self) {
+        if std::mem::take(&mut self.too_many) {
+            let most = self.most_messages;
+            let what = format!("more than {most} messages, too many for a file of this length");
+            self.add_damage(0, 0, what);
+        }
+    }
 
     pub(super) fn add_damage(&mut self, offset: u64, length: u64, what: impl Into<String>) {
         if self.damage.len() < Self::MOST_DAMAGE {
@@ -124,6 +187,7 @@ impl Index {
         let known = |m: &MessageRef| self.channels.contains_key(&m.channel);
         self.complete
             && self.damage.is_empty()
+            && !self.too_many
             && self.message_count == Some(self.messages.len() as u64)
             && self.messages.iter().all(known)
     }

@@ -51,6 +51,7 @@ impl Recording {
         if !index.is_trustworthy() {
             scan_chunks(&source, &mut index)?;
         }
+        index.tell_too_many();
         check_format(&source, &index)?;
         let topics = sort_by_topic(&mut index);
         Ok(Self {
@@ -182,7 +183,8 @@ impl Recording {
             Err(error) => Err(error),
             Ok(_) => Ok(None),
         };
-        let found: Vec<Option<Damage>> = each_chunk(&self.index.chunks, |_, chunk| check(chunk))?;
+        let found: Vec<Option<Damage>> =
+            each_chunk(&self.index.chunks, 0, |_, chunk| check(chunk))?;
         let mut damage: Vec<Damage> = self.index.damage.clone();
         damage.extend(found.into_iter().flatten());
         damage.sort_by_key(|d| d.offset);
@@ -301,55 +303,61 @@ impl ChunkCache {
     }
 }
 
-/// Runs `task` on every chunk, on all cores; large chunks one after the other, so that memory stays bounded.
+/// Chunks with more bytes than this are unpacked one after the other, and as many as have so many together
+/// at the same time, so that memory stays bounded.
+const LARGE: u64 = 32 << 20;
+
+/// Runs `task` on every chunk, on all cores, but for large ones. `first` is the number of the first one.
 fn each_chunk<T: Send>(
     chunks: &[ChunkInfo],
+    first: u32,
     task: impl Fn(u32, &ChunkInfo) -> Result<T, Error> + Sync,
 ) -> Result<Vec<T>, Error> {
-    const LARGE: u64 = 32 << 20;
-    let is_large = |c: &ChunkInfo| c.uncompressed_size.max(c.compressed_size) > LARGE;
-    let numbered = || (0u32..).zip(chunks);
+    let numbered = || (first..).zip(chunks);
     let mut done: Vec<(u32, T)> = numbered()
         .collect::<Vec<_>>()
         .into_par_iter()
-        .filter(|(_, c)| !is_large(c))
+        .filter(|(_, c)| c.size() <= LARGE)
         .map(|(n, c)| Ok((n, task(n, c)?)))
         .collect::<Result<_, Error>>()?;
-    for (n, c) in numbered().filter(|(_, c)| is_large(c)) {
+    for (n, c) in numbered().filter(|(_, c)| c.size() > LARGE) {
         done.push((n, task(n, c)?));
     }
     done.sort_by_key(|(n, _)| *n);
     Ok(done.into_iter().map(|(_, t)| t).collect())
 }
 
+/// How many of the chunks have [`LARGE`] bytes together; at least one.
+fn batch(chunks: &[ChunkInfo]) -> usize {
+    let mut bytes = 0u64;
+    let fits = |c: &&ChunkInfo| {
+        bytes = bytes.saturating_add(c.size());
+        bytes <= LARGE
+    };
+    chunks.iter().take_while(fits).count().max(1)
+}
+
 /// Opens every chunk to find its messages, where the file's own indexes are missing or cannot be believed.
 fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
     let mut chunks = std::mem::take(&mut index.chunks);
     drop_bombs(source, index, &mut chunks);
-    let found = each_chunk(&chunks, |number, chunk| {
-        match chunk::unpack(source, chunk) {
-            Ok(bytes) => Ok(Ok(chunk::list(&bytes, number))),
-            Err(Error::Damaged { damage, .. }) => Ok(Err(damage)),
-            Err(error) => Err(error),
-        }
-    })?;
     index.messages.retain(|m| m.chunk == MessageRef::LOOSE);
-    for (chunk, contents) in chunks.iter().zip(found) {
-        match contents {
-            Ok(contents) => {
-                for schema in contents.schemas {
-                    index.add_schema(schema, chunk.record_offset);
-                }
-                for channel in contents.channels {
-                    index.add_channel(channel, chunk.record_offset);
-                }
-                index.messages.extend(contents.messages);
-                if let Some(at) = contents.broken_at {
-                    let what = format!("the chunk's records stop making sense at its byte {at}");
-                    index.add_damage(chunk.record_offset, 0, what);
-                }
+    let mut first = 0;
+    while first < chunks.len() {
+        let batch = &chunks[first..first + batch(&chunks[first..])];
+        let found = each_chunk(batch, first as u32, |number, chunk| {
+            match chunk::unpack(source, chunk) {
+                Ok(bytes) => Ok(Ok(chunk::list(&bytes, number, index.part()))),
+                Err(Error::Damaged { damage, .. }) => Ok(Err(damage)),
+                Err(error) => Err(error),
             }
-            Err(damage) => index.add_damage(damage.offset, damage.length, damage.what),
+        })?;
+        first += batch.len();
+        for (chunk, contents) in batch.iter().zip(found) {
+            match contents {
+                Ok(contents) => index.absorb(contents, chunk.record_offset),
+                Err(damage) => index.add_damage(damage.offset, damage.length, damage.what),
+            }
         }
     }
     index.chunks = chunks;

@@ -58,6 +58,16 @@ impl<'a> Cursor<'a> {
         String::from_utf8(bytes.to_vec()).map_err(|_| Malformed)
     }
 
+    /// A name that this program knows is short, and a long one is not worth the memory.
+    fn name(&mut self) -> Parsed<String> {
+        const LONGEST: usize = 4096;
+        let name = self.block()?;
+        if name.len() > LONGEST {
+            return Err(Malformed);
+        }
+        String::from_utf8(name.to_vec()).map_err(|_| Malformed)
+    }
+
     fn string_map(&mut self) -> Parsed<BTreeMap<String, String>> {
         let mut block = Cursor(self.block()?);
         let mut map = BTreeMap::new();
@@ -92,8 +102,8 @@ pub(super) fn schema(body: &[u8]) -> Parsed<Schema> {
     let mut cursor = Cursor(body);
     let schema = Schema {
         id: cursor.u16()?,
-        name: cursor.string()?,
-        encoding: cursor.string()?,
+        name: cursor.name()?,
+        encoding: cursor.name()?,
     };
     cursor.block()?;
     Ok(schema)
@@ -113,8 +123,8 @@ pub(super) fn channel(body: &[u8]) -> Parsed<Channel> {
     let channel = Channel {
         id: cursor.u16()?,
         schema_id: cursor.u16()?,
-        topic: cursor.string()?,
-        message_encoding: cursor.string()?,
+        topic: cursor.name()?,
+        message_encoding: cursor.name()?,
     };
     cursor.string_map()?;
     Ok(channel)
@@ -138,7 +148,7 @@ pub(super) fn chunk_header(head: &[u8], offset: u64, length: u64) -> Parsed<Chun
     let _end_time = cursor.u64()?;
     let uncompressed_size = cursor.u64()?;
     let uncompressed_crc = cursor.u32()?;
-    let compression = cursor.string()?;
+    let compression = cursor.name()?;
     let compressed_size = cursor.u64()?;
     let used = (head.len() - cursor.0.len()) as u64;
     if compressed_size > length.saturating_sub(used) {

@@ -25,7 +25,7 @@ struct Span {
 pub(super) fn walk(source: &Source) -> Result<Index, Error> {
     let mut window = Window::new(source);
     check_magic(source, window.read(0, MAGIC.len())?)?;
-    let mut index = Index::default();
+    let mut index = Index::new(source.length);
     let mut position = MAGIC.len() as u64;
     while position < source.length {
         match span(source, &mut window, position)? {
@@ -127,7 +127,7 @@ fn take_body(index: &mut Index, span: &Span, body: &[u8]) -> Result<(), Malforme
             .push(records::chunk_header(body, span.body, span.length)?),
         op::MESSAGE => {
             let (channel, log_time) = records::message_header(body)?;
-            index.messages.push(MessageRef {
+            index.add_message(MessageRef {
                 log_time,
                 chunk: MessageRef::LOOSE,
                 channel,
@@ -159,7 +159,10 @@ fn take_message_index(index: &mut Index, body: &[u8]) -> Result<(), Malformed> {
         channel,
         offset,
     };
-    index.messages.extend(entries.iter().map(message));
+    entries
+        .iter()
+        .map(message)
+        .for_each(|m| index.add_message(m));
     Ok(())
 }
 

@@ -153,7 +153,12 @@ impl<H> Capture<H> {
 
     /// Why it failed, in words; empty when nothing was short.
     pub fn reason(&self) -> String {
-        let reasons: Vec<String> = self.shortfalls.iter().map(ToString::to_string).collect();
+        const MOST: usize = 20;
+        let told = self.shortfalls.iter().take(MOST);
+        let mut reasons: Vec<String> = told.map(ToString::to_string).collect();
+        if let Some(more) = self.shortfalls.len().checked_sub(MOST).filter(|n| *n > 0) {
+            reasons.push(format!("and {more} cameras more"));
+        }
         reasons.join("; ")
     }
 }
@@ -214,13 +219,15 @@ impl<H: Clone> Synchronizer<H> {
 
     /// Takes a trigger, and the frames that a recording lists for it. Returns false, and makes no capture,
     /// when there was a trigger of this id before.
-    pub fn push_trigger(&mut self, trigger: Trigger, listed: Listed) -> bool {
+    pub fn push_trigger(&mut self, trigger: Trigger, mut listed: Listed) -> bool {
         if !self.seen.insert(trigger.id.clone()) {
             return false;
         }
         let at = self
             .open
             .partition_point(|o| (o.trigger.time, &o.trigger.id) < (trigger.time, &trigger.id));
+        // Sorted, because each of a camera's frames is looked for in it.
+        listed.values_mut().for_each(|times| times.sort_unstable());
         self.open.insert(at, Open { trigger, listed });
         true
     }
@@ -363,7 +370,7 @@ impl<H: Clone> Synchronizer<H> {
     ) -> Vec<usize> {
         match open.listed.get(camera) {
             Some(listed) => (0..frames.len())
-                .filter(|&i| listed.contains(&frames[i].timestamp))
+                .filter(|&i| listed.binary_search(&frames[i].timestamp).is_ok())
                 .collect(),
             None => self.chosen_by_rule(camera, stream, frames, open, window),
         }
@@ -379,7 +386,10 @@ impl<H: Clone> Synchronizer<H> {
     ) -> Vec<usize> {
         let trigger = open.trigger.time;
         let promised = |t: &Timestamp| {
-            let lists = |o: &Open| o.listed.get(camera).is_some_and(|l| l.contains(t));
+            let lists = |o: &Open| {
+                let listed = o.listed.get(camera);
+                listed.is_some_and(|l| l.binary_search(t).is_ok())
+            };
             self.open.iter().any(lists)
         };
         let nearest = stream == Stream::Color && self.parameters.nearest_color;
@@ -463,8 +473,8 @@ impl<H: Clone> Synchronizer<H> {
         let listed = self.open.iter().flat_map(|o| o.listed.values().flatten());
         let oldest = listed.copied().min().unwrap_or(oldest_trigger);
         let wanted = oldest.min(oldest_trigger).min(complete_until).0;
-        let reach = self.parameters.window_ns() + self.parameters.tolerance_ns();
-        let keep_from = Timestamp(wanted.saturating_sub(reach));
+        let (window, tolerance) = (self.parameters.window_ns(), self.parameters.tolerance_ns());
+        let keep_from = Timestamp(wanted.saturating_sub(window.saturating_add(tolerance)));
         for frames in self.streams.values_mut() {
             let drop = frames.partition_point(|f| f.timestamp < keep_from);
             frames.drain(..drop);

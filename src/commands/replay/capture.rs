@@ -110,7 +110,7 @@ impl Reconstruct<'_> {
             return Ok(()); // A model that was made before is worth more than the report of a failure.
         }
         let origin = self.origin(session, "");
-        let summary = session.captures().into_iter().find(|c| c.id == *id);
+        let summary = session.capture(id);
         let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
         let capture = report::FailedCapture {
             id,

@@ -85,7 +85,11 @@ impl Console {
     /// What became of everything.
     pub(super) fn summary(&self, outcomes: &[Outcome], out: &Path) {
         for failed in outcomes.iter().filter(|o| !o.is_done()) {
-            eprintln!("scand: {}: {}", name(failed), failed.reasons.join("; "));
+            let told = failed.reasons.join("; ");
+            // Most errors name their file themselves.
+            let file = format!("{}: ", failed.recording);
+            let told = told.strip_prefix(&file).unwrap_or(&told);
+            eprintln!("scand: {}: {told}", name(failed));
         }
         if self.json {
             let done = outcomes.iter().filter(|o| o.is_done()).count();

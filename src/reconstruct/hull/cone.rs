@@ -51,6 +51,14 @@ impl<'a> Cone<'a> {
         self.camera.intrinsics.contains(pixel) && self.sample(pixel) > WELL_INSIDE
     }
 
+    /// Steps across the contour along the picture's rows, per row.
+    pub(super) fn raggedness(&self) -> f64 {
+        let inside = |v: u8| f32::from(v) > CONTOUR;
+        let rows = (0..self.level.height()).map(|y| self.level.row(y).windows(2));
+        let steps = rows.map(|row| row.filter(|p| inside(p[0]) != inside(p[1])).count());
+        steps.sum::<usize>() as f64 / self.level.height() as f64
+    }
+
     /// What the camera knows of a cube: inside its silhouette, outside it, both, or `None` where no part of
     /// the cube is surely within the picture, so that it knows nothing.
     pub(super) fn side(&self, center: Point3<f64>, half: f64) -> Known {

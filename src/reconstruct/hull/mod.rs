@@ -67,6 +67,20 @@ pub enum Error {
         /// A camera that sees nothing of the object within the volume, if there is one.
         empty: Option<String>,
     },
+    /// Silhouettes that are no object's.
+    #[error(
+        "the hull's surface crosses {cells} cells, expected at most {most} for an object of this size: \
+         silhouettes are speckled{}",
+        camera.as_ref().map(|id| format!(" (camera {id}'s most)")).unwrap_or_default()
+    )]
+    Ragged {
+        /// Cells that the surface may cross.
+        cells: usize,
+        /// Most that it may.
+        most: usize,
+        /// The camera whose silhouette has the longest outline for its size.
+        camera: Option<String>,
+    },
     /// A cell size that would ask for too much.
     #[error(
         "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
@@ -118,6 +132,31 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
         });
     };
     Ok(Lattice::covering(low, high, cell_size))
+}
+
+/// Cells that a hull's surface may cross, as a multiple of the square of those along its diagonal: a cube
+/// crosses twice the square, speckled silhouettes most cells there are.
+const MOST_CELLS: f64 = 20.0;
+
+/// Extracts the hull's surface and drops stray pieces.
+///
+/// # Errors
+/// If the surface is so ragged that it would take more work than any object's.
+pub fn extract_hull(
+    hull: &Hull,
+    lattice: &Lattice,
+    parameters: &Parameters,
+) -> Result<Extracted, Error> {
+    let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
+    let most = (MOST_CELLS * cells.norm_squared()) as usize;
+    match surface::extract_at_most(hull, lattice, most) {
+        Ok(surface) => Ok(without_stray_pieces(surface, parameters)),
+        Err(cells) => Err(Error::Ragged {
+            cells,
+            most,
+            camera: hull.most_ragged_camera().map(ToString::to_string),
+        }),
+    }
 }
 
 /// Extracts a solid's surface and drops stray pieces.

@@ -73,6 +73,14 @@ impl<'a> Hull<'a> {
         self.cones.iter().find(blind).map(|cone| &cone.camera().id)
     }
 
+    /// The camera whose silhouette has the longest outline for its size.
+    pub(super) fn most_ragged_camera(&self) -> Option<&CameraId> {
+        let ragged = self.cones.iter().map(|c| (c.raggedness(), c));
+        ragged
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, cone)| &cone.camera().id)
+    }
+
     fn bit(camera: usize) -> Undecided {
         1 << ((camera + 1) % 64)
     }
@@ -102,6 +110,13 @@ impl<'a> Hull<'a> {
             (distance * self.values_per_metre).clamp(-f64::from(SURELY), f64::from(SURELY)) as f32,
             face,
         )
+    }
+
+    /// Whether enough cameras have all of a cube in their pictures.
+    fn all_is_seen(&self, center: Point3<f64>, half: f64) -> bool {
+        let sees = |cone: &&Cone| cone.side(center, half).seen;
+        let seeing = self.cones.iter().filter(sees).take(self.least_views);
+        seeing.count() == self.least_views
     }
 
     fn is_seen_enough(&self, p: Point3<f64>) -> bool {
@@ -139,9 +154,8 @@ impl Solid for Hull<'_> {
             if beyond < -half {
                 return Side::Outside;
             }
-            // Cameras that were decided before are no longer asked, so the count may be too low: never too
-            // high, which is what matters.
-            if beyond <= half || seen < self.least_views {
+            // Cameras that were decided before were not asked, so the count may be too low.
+            if beyond <= half || seen < self.least_views && !self.all_is_seen(center, half) {
                 left |= BOUNDS;
             }
         }

@@ -1,6 +1,7 @@
 //! A restored model must still cover every silhouette: where carving opened the object so that a colour
 //! camera would look through it, though it saw object there, the carving was too deep and is undone.
 
+use crate::calibration::Volume;
 use crate::image::Grid;
 use crate::mesh::{Mesh, rasterize};
 use crate::reconstruct::hull::{Carving, Cone, Hull};
@@ -79,10 +80,13 @@ fn least_carved(
     let volume = hull.volume();
     let reach = (volume.max - volume.min).norm();
     let middle = (nalgebra::center(&volume.min, &volume.max) - origin).dot(&direction);
-    let steps = (reach / cell_size).ceil() as usize;
+    let start = middle - 0.5 * reach;
+    let (enters, leaves) = within(&volume, origin, direction)?;
+    let first = ((enters - start) / cell_size).floor().max(0.0) as usize;
+    let last = ((leaves.min(middle + 0.5 * reach) - start) / cell_size).ceil();
     let mut least: Option<(f64, Point3<f64>, usize)> = None;
-    for step in 0..steps {
-        let p = origin + direction * (middle - 0.5 * reach + step as f64 * cell_size);
+    for step in first..last.max(0.0) as usize {
+        let p = origin + direction * (start + step as f64 * cell_size);
         if hull.value(p, Undecided::MAX) <= 0.0 {
             continue;
         }
@@ -99,6 +103,19 @@ fn least_carved(
         }
     }
     least.map(|(_, p, carving)| (p, carving))
+}
+
+/// Where a ray enters and leaves the volume, as lengths along it; `None` where it misses it.
+fn within(volume: &Volume, origin: Point3<f64>, direction: Vector3<f64>) -> Option<(f64, f64)> {
+    let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let to = |face: &Point3<f64>| (face[axis] - origin[axis]) / direction[axis];
+        let (a, b) = (to(&volume.min), to(&volume.max));
+        // Along a face both are infinite, or not a number and of no account.
+        enters = enters.max(a.min(b));
+        leaves = leaves.min(a.max(b));
+    }
+    (enters <= leaves).then_some((enters, leaves))
 }
 
 /// Keeps a carving from taking off a point: the pixels around carve no further than before it.

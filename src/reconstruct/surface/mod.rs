@@ -111,6 +111,20 @@ pub fn extract(solid: &impl Solid, lattice: &Lattice) -> (Surface, Sampled) {
     extract_from(cells, solid, lattice, None)
 }
 
+/// [`extract`], unless the surface may cross more than `most` cells: then how many it may.
+pub fn extract_at_most(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    most: usize,
+) -> Result<(Surface, Sampled), usize> {
+    let cells = descend::cells_across(solid, lattice, |_, _| true);
+    if cells.len() > most {
+        return Err(cells.len());
+    }
+    let cells = Cells::new(lattice, cells);
+    Ok(extract_from(cells, solid, lattice, None))
+}
+
 /// Extracts the surface of a solid that is the one of `before`, on the same lattice, but in the cubes (given by
 /// center and half edge) in which it `may_differ`. Work grows with those cubes.
 pub fn extract_changed(
