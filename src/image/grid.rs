@@ -1,5 +1,6 @@
 //! The one container for pictures: a dense, row-major grid of pixels of any type.
 
+use super::PixelRect;
 use std::ops::{Index, IndexMut};
 
 /// A row-major picture of `width` x `height` pixels. Pixel centres are at whole numbers: the centre of the
@@ -92,6 +93,34 @@ impl<T> Grid<T> {
         &mut self.pixels
     }
 
+    /// The smallest rectangle around the pixels of `part` that are `wanted`; `None` where there are none.
+    pub fn extent(&self, part: PixelRect, wanted: impl Fn(&T) -> bool) -> Option<PixelRect> {
+        let mut extent: Option<PixelRect> = None;
+        for y in part.y0..part.y1 {
+            let row = &self.row(y)[part.x0..part.x1];
+            let Some(first) = row.iter().position(&wanted) else {
+                continue;
+            };
+            let last = row.iter().rposition(&wanted).unwrap_or(first);
+            let (x0, x1) = (part.x0 + first, part.x0 + last + 1);
+            extent = Some(extent.map_or(
+                PixelRect {
+                    x0,
+                    y0: y,
+                    x1,
+                    y1: y + 1,
+                },
+                |e| PixelRect {
+                    x0: e.x0.min(x0),
+                    y0: e.y0,
+                    x1: e.x1.max(x1),
+                    y1: y + 1,
+                },
+            ));
+        }
+        extent
+    }
+
     /// Takes the pixels out.
     pub fn into_pixels(self) -> Vec<T> {
         self.pixels
@@ -121,5 +150,30 @@ impl<T> IndexMut<(usize, usize)> for Grid<T> {
     fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
         debug_assert!(x < self.width);
         &mut self.pixels[y * self.width + x]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_extent_holds_all_that_is_wanted_and_no_more() {
+        let grid = Grid::from_fn(9, 7, |x, y| (x, y) == (2, 5) || (x, y) == (6, 1) || x == 8);
+        let part = PixelRect {
+            x0: 1,
+            y0: 0,
+            x1: 8,
+            y1: 7,
+        };
+        let found = PixelRect {
+            x0: 2,
+            y0: 1,
+            x1: 7,
+            y1: 6,
+        };
+        assert_eq!(grid.extent(part, |&v| v), Some(found));
+        let row = PixelRect { y1: 1, ..part };
+        assert_eq!(grid.extent(row, |&v| v), None);
     }
 }

@@ -28,6 +28,18 @@ pub fn decode(srgb: f32) -> f32 {
     a + (b - a) * (srgb - low as f32)
 }
 
+static SLOPE: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|v| {
+        let (low, high) = (v.saturating_sub(2), (v + 2).min(255));
+        (LINEAR[high] - LINEAR[low]) / (high - low) as f32
+    })
+});
+
+/// Linear light over encoded units, at all 256 encoded values.
+pub fn slopes() -> &'static [f32; 256] {
+    &SLOPE
+}
+
 /// Encoded value, in [0, 255], of linear light; light beyond [0, 1] is clipped.
 #[inline]
 pub fn encode(linear: f32) -> f32 {

@@ -93,6 +93,24 @@ fn a_camera_that_was_turned_is_named() {
 }
 
 #[test]
+fn a_camera_out_of_focus_is_named() {
+    let blurred = CameraFault {
+        camera: "c05".into(),
+        amount: 4.0,
+    };
+    let (scene, made) = simulated(|o| {
+        o.shape = Shape::Bowl;
+        (o.masks, o.width, o.height) = (false, 960, 720);
+        o.faults.blurred_px = vec![blurred.clone()];
+    });
+    let verdict = judged(&scene, &made);
+    let found = verdict.reasons.iter().find(|r| r.code == Code::Blurred);
+    let reason = found.unwrap_or_else(|| panic!("{verdict:#?}"));
+    assert_eq!(reason.cameras, [CameraId::new("c05").unwrap()]);
+    assert!(verdict.level > Level::Green);
+}
+
+#[test]
 fn depth_without_readings_and_a_rig_without_depth_are_told_apart() {
     let (scene, made) = simulated(|o| o.faults.no_depth = true);
     let verdict = judged(&scene, &made);

@@ -37,7 +37,8 @@ impl Cells {
             let y = (rect.y0 + row * size) as f64 + size as f64 / 2.0;
             let (first, last) = region.columns(y, size as f64 + 1.0);
             let cell = |x: f64| ((x - rect.x0 as f64) / size as f64).clamp(0.0, columns as f64);
-            cell(first).floor() as usize..cell(last).ceil() as usize
+            let start = cell(first).floor() as usize;
+            start..(cell(last).ceil() as usize).max(start)
         });
         Self {
             size,
@@ -104,51 +105,57 @@ pub(super) fn cropped<T: Clone>(grid: &Grid<T>, part: PixelRect) -> Grid<T> {
 fn means(image: &RgbImage, rect: PixelRect, size: usize) -> Grid<[f32; 3]> {
     let (columns, rows) = (rect.width().div_ceil(size), rect.height().div_ceil(size));
     let mut means = Grid::filled(columns, rows, [0.0f32; 3]);
-    let mut sums = vec![[0u32; 3]; columns];
+    // Sums over the rows of a cell, for each of a pixel's three values.
+    let mut sums = vec![0u16; 3 * rect.width()];
     // Every second row of a large cell is enough.
     let step = if size >= 4 { 2 } else { 1 };
     for cy in 0..rows {
-        sums.fill([0; 3]);
+        sums.fill(0);
         let y0 = rect.y0 + cy * size;
         let lines = (y0..(y0 + size).min(rect.y1)).step_by(step);
         let count = lines.len();
         for y in lines {
-            let row = &image.row(y)[rect.x0..rect.x1];
-            match size {
-                1 => add_row::<1>(&mut sums, row),
-                2 => add_row::<2>(&mut sums, row),
-                4 => add_row::<4>(&mut sums, row),
-                _ => row.chunks(size).zip(&mut sums).for_each(add_cell),
+            let row = image.row(y)[rect.x0..rect.x1].as_flattened();
+            for (sum, &value) in sums.iter_mut().zip(row) {
+                *sum += u16::from(value);
             }
         }
-        for (cx, (mean, sum)) in means.row_mut(cy).iter_mut().zip(&sums).enumerate() {
-            let columns = size.min(rect.width() - cx * size);
-            let scale = 1.0 / (count * columns) as f32;
-            *mean = sum.map(|s| s as f32 * scale);
+        let means = means.row_mut(cy);
+        match size {
+            1 => across::<3>(&sums, count, means),
+            2 => across::<6>(&sums, count, means),
+            4 => across::<12>(&sums, count, means),
+            _ => {
+                for (mean, cell) in means.iter_mut().zip(sums.chunks(3 * size)) {
+                    *mean = mean_of(cell, count);
+                }
+            }
         }
     }
     means
 }
 
-/// Adds a row of pixels to cells whose size the compiler knows.
-fn add_row<const SIZE: usize>(sums: &mut [[u32; 3]], row: &[[u8; 3]]) {
-    let (whole, rest) = row.as_chunks::<SIZE>();
-    for (sum, cell) in sums.iter_mut().zip(whole) {
-        for c in 0..3 {
-            sum[c] += cell.iter().map(|p| u32::from(p[c])).sum::<u32>();
-        }
+/// Means of cells of which a row's number of values is known when this is compiled.
+fn across<const VALUES: usize>(sums: &[u16], lines: usize, means: &mut [[f32; 3]]) {
+    let (whole, rest) = sums.as_chunks::<VALUES>();
+    for (mean, cell) in means.iter_mut().zip(whole) {
+        *mean = mean_of(cell, lines);
     }
-    if !rest.is_empty() {
-        sums.iter_mut()
-            .skip(whole.len())
-            .for_each(|sum| add_cell((rest, sum)));
+    if !rest.is_empty()
+        && let Some(last) = means.last_mut()
+    {
+        *last = mean_of(rest, lines);
     }
 }
 
-fn add_cell((cell, sum): (&[[u8; 3]], &mut [u32; 3])) {
-    for pixel in cell {
+#[inline(always)]
+fn mean_of(sums: &[u16], lines: usize) -> [f32; 3] {
+    let mut total = [0u32; 3];
+    for pixel in sums.as_chunks::<3>().0 {
         for c in 0..3 {
-            sum[c] += u32::from(pixel[c]);
+            total[c] += u32::from(pixel[c]);
         }
     }
+    let scale = 3.0 / (sums.len() * lines) as f32;
+    total.map(|t| t as f32 * scale)
 }

@@ -3,7 +3,7 @@
 
 use super::Parameters;
 use super::cells::Cells;
-use crate::image::Grid;
+use crate::image::{Grid, PixelRect};
 
 /// What was mended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,6 +21,7 @@ pub(super) struct Tidied {
 /// One connected piece.
 struct Piece {
     cells: Vec<usize>,
+    /// Whether it goes on, or may, beyond the part that was looked at.
     touches_border: bool,
 }
 
@@ -32,7 +33,11 @@ pub(super) fn tidy(
     parameters: &Parameters,
 ) -> Tidied {
     let mut tidied = Tidied::default();
-    let pieces = pieces(object, true);
+    let (columns, rows) = (object.width(), object.height());
+    let Some(extent) = object.extent(PixelRect::whole(columns, rows), |&o| o) else {
+        return tidied;
+    };
+    let pieces = pieces(object, true, extent);
     let largest = pieces.iter().map(|p| p.cells.len()).max().unwrap_or(0) as f32;
     for piece in pieces {
         if (piece.cells.len() as f32) < parameters.smallest_piece * largest {
@@ -43,7 +48,8 @@ pub(super) fn tidy(
         }
     }
     let cell_area = (cells.size * cells.size) as f32;
-    for hole in self::pieces(object, false) {
+    // The backdrop around the object is one piece with what lies beyond.
+    for hole in self::pieces(object, false, extent.grown(1, columns, rows)) {
         if hole.touches_border {
             continue;
         }
@@ -66,20 +72,22 @@ fn set(grid: &mut Grid<bool>, cells: &[usize], value: bool) {
     }
 }
 
-/// The connected pieces of `value`, in the order of their first cells. Object connects over corners,
+/// The connected pieces of `value` within `part`, in the order of their first cells. Object connects over corners,
 /// backdrop over sides, so that no line of one crosses the other.
-fn pieces(grid: &Grid<bool>, value: bool) -> Vec<Piece> {
+fn pieces(grid: &Grid<bool>, value: bool, part: PixelRect) -> Vec<Piece> {
     let mut seen = vec![false; grid.pixels().len()];
     let mut found = Vec::new();
-    for start in 0..seen.len() {
-        if !seen[start] && grid.pixels()[start] == value {
-            found.push(grow(grid, value, start, &mut seen));
+    for y in part.y0..part.y1 {
+        for start in (y * grid.width() + part.x0)..(y * grid.width() + part.x1) {
+            if !seen[start] && grid.pixels()[start] == value {
+                found.push(grow(grid, value, part, start, &mut seen));
+            }
         }
     }
     found
 }
 
-fn grow(grid: &Grid<bool>, value: bool, start: usize, seen: &mut [bool]) -> Piece {
+fn grow(grid: &Grid<bool>, value: bool, part: PixelRect, start: usize, seen: &mut [bool]) -> Piece {
     const SIDES: [(isize, isize); 4] = [(1, 0), (-1, 0), (0, 1), (0, -1)];
     const CORNERS: [(isize, isize); 4] = [(1, 1), (-1, 1), (1, -1), (-1, -1)];
     let corners: &[(isize, isize)] = if value { &CORNERS } else { &[] };
@@ -90,14 +98,15 @@ fn grow(grid: &Grid<bool>, value: bool, start: usize, seen: &mut [bool]) -> Piec
     let mut next = 0;
     while let Some(&i) = cells.get(next) {
         next += 1;
-        let (x, y) = ((i % width) as isize, (i / width) as isize);
+        let (x, y) = (i % width, i / width);
         for &(dx, dy) in SIDES.iter().chain(corners) {
-            let Some(&neighbour) = grid.get(x + dx, y + dy) else {
+            let (nx, ny) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
+            if !part.contains(nx, ny) {
                 touches_border = true;
                 continue;
-            };
-            let j = (y + dy) as usize * width + (x + dx) as usize;
-            if neighbour == value && !seen[j] {
+            }
+            let j = ny * width + nx;
+            if grid.pixels()[j] == value && !seen[j] {
                 seen[j] = true;
                 cells.push(j);
             }

@@ -4,7 +4,7 @@ use super::cells::Cells;
 use super::components::Tidied;
 use super::contour::ContourFacts;
 use super::photometry::Photometry;
-use crate::image::{Mask, PixelRect, RgbImage};
+use crate::image::{Grid, Mask, PixelRect, RgbImage};
 
 /// How a silhouette came out.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -49,104 +49,88 @@ pub struct DifferenceFacts {
 }
 
 impl Facts {
-    /// Of a level set within `region`.
-    pub(super) fn of_level(picture: &RgbImage, level: &Mask, region: PixelRect) -> Self {
+    /// Of a level set whose object has the given `bounds`.
+    pub(super) fn of_level(picture: &RgbImage, level: &Mask, bounds: PixelRect) -> Self {
+        // The contour's outer half lies beyond.
+        let region = bounds.grown(2, level.width(), level.height());
         let (mut sum, mut object, mut over, mut under) = (0u64, 0usize, 0usize, 0usize);
         for y in region.y0..region.y1 {
             let levels = &level.row(y)[region.x0..region.x1];
             let pixels = &picture.row(y)[region.x0..region.x1];
-            for (&l, pixel) in levels.iter().zip(pixels) {
-                sum += u64::from(l);
-                if l >= 128 {
-                    object += 1;
-                    over += usize::from(pixel.contains(&255));
-                    under += usize::from(pixel.iter().all(|&v| v <= 3));
-                }
+            sum += levels.iter().map(|&l| u64::from(l)).sum::<u64>();
+            for (&l, &[r, g, b]) in levels.iter().zip(pixels) {
+                let is_object = l >= 128;
+                object += usize::from(is_object);
+                over += usize::from(is_object && r.max(g).max(b) == 255);
+                under += usize::from(is_object && r.max(g).max(b) <= 3);
             }
         }
         let share = |n: usize| n as f32 / object.max(1) as f32;
         Self {
             area_px: sum as f64 / 255.0,
-            edge_px: edge_pixels(level),
+            edge_px: edge_pixels(level, region),
             overexposed: share(over),
             underexposed: share(under),
             blur_px: None,
             difference: None,
         }
     }
+}
 
-    /// Of a silhouette from a background plate.
-    pub(super) fn of_difference(
-        picture: &RgbImage,
-        level: &Mask,
+impl DifferenceFacts {
+    /// Of the cells that were found to be object, and what was found on the way to them.
+    pub(super) fn new(
         cells: &Cells,
+        object: &Grid<bool>,
         photometry: &Photometry,
         contour: ContourFacts,
         tidied: Tidied,
     ) -> Self {
         Self {
-            difference: Some(DifferenceFacts {
-                gain: photometry.gain,
-                noise: photometry.pixel_noise,
-                mean_difference: mean_difference(level, cells, photometry),
-                contrast: contour.contrast,
-                weak_contour: contour.weak,
-                mismatch: photometry.mismatch,
-                pieces: tidied.pieces,
-                dropped_pieces: tidied.dropped,
-                holes: tidied.holes,
-                filled_holes: tidied.filled,
-            }),
-            ..Self::of_level(picture, level, cells.region)
+            gain: photometry.gain,
+            noise: photometry.pixel_noise,
+            mean_difference: mean_difference(cells, object, photometry),
+            contrast: contour.contrast,
+            weak_contour: contour.weak,
+            mismatch: photometry.mismatch,
+            pieces: tidied.pieces,
+            dropped_pieces: tidied.dropped,
+            holes: tidied.holes,
+            filled_holes: tidied.filled,
         }
     }
 }
 
-fn edge_pixels(level: &Mask) -> [usize; 4] {
+/// Outside `region` there is no object.
+fn edge_pixels(level: &Mask, region: PixelRect) -> [usize; 4] {
     let (w, h) = (level.width(), level.height());
-    let row = |y: usize| level.row(y).iter().filter(|&&l| l >= 128).count();
-    let column = |x: usize| (0..h).filter(|&y| level[(x, y)] >= 128).count();
-    [column(0), row(0), column(w - 1), row(h - 1)]
+    let is_object = |l: u8| usize::from(l >= 128);
+    let row = |y: usize| level.row(y).iter().map(|&l| is_object(l)).sum();
+    let column = |x: usize| {
+        (region.y0..region.y1)
+            .map(|y| is_object(level[(x, y)]))
+            .sum()
+    };
+    [
+        if region.x0 == 0 { column(0) } else { 0 },
+        if region.y0 == 0 { row(0) } else { 0 },
+        if region.x1 == w { column(w - 1) } else { 0 },
+        if region.y1 == h { row(h - 1) } else { 0 },
+    ]
 }
 
-fn mean_difference(level: &Mask, cells: &Cells, photometry: &Photometry) -> f32 {
+fn mean_difference(cells: &Cells, object: &Grid<bool>, photometry: &Photometry) -> f32 {
     let (mut sum, mut count) = (0.0, 0);
-    for cy in 0..cells.picture.height() {
-        for cx in 0..cells.picture.width() {
-            let pixels = cells.pixels(cx, cy);
-            if level[(pixels.x0, pixels.y0)] >= 128 {
-                let (picture, plate) = (cells.picture[(cx, cy)], cells.plate[(cx, cy)]);
-                let difference = |c: usize| photometry.error(picture[c], plate[c], c).abs();
-                sum += (0..3).map(difference).fold(0.0, f32::max);
-                count += 1;
-            }
-        }
+    for i in (0..object.pixels().len()).filter(|&i| object.pixels()[i]) {
+        let (picture, plate) = (cells.picture.pixels()[i], cells.plate.pixels()[i]);
+        let difference = |c: usize| (picture[c] - photometry.expected(c, plate[c])).abs();
+        sum += (0..3).map(difference).fold(0.0, f32::max);
+        count += 1;
     }
     sum / count.max(1) as f32
 }
 
 /// The pixels of `region` that are object: their rectangle, empty where there are none.
 pub(super) fn bounds(level: &Mask, region: PixelRect) -> PixelRect {
-    let mut bounds: Option<PixelRect> = None;
-    for y in region.y0..region.y1 {
-        let row = &level.row(y)[region.x0..region.x1];
-        let Some(first) = row.iter().position(|&l| l >= 128) else {
-            continue;
-        };
-        let last = row.iter().rposition(|&l| l >= 128).unwrap_or(first);
-        let (x0, x1) = (region.x0 + first, region.x0 + last + 1);
-        let b = bounds.get_or_insert(PixelRect {
-            x0,
-            y0: y,
-            x1,
-            y1: y,
-        });
-        *b = PixelRect {
-            x0: b.x0.min(x0),
-            y0: b.y0,
-            x1: b.x1.max(x1),
-            y1: y + 1,
-        };
-    }
-    bounds.unwrap_or_default()
+    level.extent(region, |&l| l >= 128).unwrap_or_default()
 }

@@ -17,7 +17,7 @@ pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, 
         smoothed(mask, bounds)
     };
     Ok(Silhouette {
-        facts: Facts::of_level(picture, &level, whole),
+        facts: Facts::of_level(picture, &level, bounds),
         bounds,
         region: whole,
         level,

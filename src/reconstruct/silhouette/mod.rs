@@ -176,9 +176,21 @@ fn difference(
         return Err(NO_DIFFERENCE.to_owned());
     }
     let (level, contour) = contour::locate(picture, plate, &cells, &photometry, &object);
+    let bounds = facts::bounds(&level, cells.region);
+    let facts = Facts {
+        blur_px: contour.blur_px,
+        difference: Some(DifferenceFacts::new(
+            &cells,
+            &object,
+            &photometry,
+            contour,
+            tidied,
+        )),
+        ..Facts::of_level(picture, &level, bounds)
+    };
     Ok(Silhouette {
-        bounds: facts::bounds(&level, cells.region),
-        facts: Facts::of_difference(picture, &level, &cells, &photometry, contour, tidied),
+        bounds,
+        facts,
         region: all.region,
         level,
     })
@@ -205,3 +217,6 @@ impl Silhouette {
         Some(mix(y0) * (1.0 - fy) + mix(y1) * fy)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,6 +13,10 @@ pub(super) struct Photometry {
     pub noise: [f32; 3],
     /// The same of a single pixel.
     pub pixel_noise: [f32; 3],
+    /// Reciprocals of `noise`.
+    inverse_noise: [f32; 3],
+    /// Encoded values to expect of the picture by the plate's, per channel.
+    expected: [[f32; 256]; 3],
     /// Share of the cells around the volume that differ from the plate by more than noise.
     pub mismatch: f32,
 }
@@ -25,19 +29,24 @@ const LEAST_NOISE: f32 = 0.4;
 impl Photometry {
     /// Learns from the cells around the volume, or where those are few, from all.
     pub fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
-        let around = indices(cells, |x, y| !cells.in_volume[y].contains(&x));
+        let around = sample(cells, true);
         let reference = if around.len() >= FEWEST_REFERENCES {
             around
         } else {
-            indices(cells, |_, _| true)
+            sample(cells, false)
         };
+        let gain: [f32; 3] = std::array::from_fn(|c| gain_of_channel(cells, &reference, c));
+        let linear = srgb::linear_from_srgb();
         let mut this = Self {
-            gain: std::array::from_fn(|c| gain_of_channel(cells, &reference, c)),
+            gain,
+            expected: gain.map(|gain| linear.map(|l| srgb::encode(gain * l))),
             noise: [LEAST_NOISE; 3],
+            inverse_noise: [1.0 / LEAST_NOISE; 3],
             pixel_noise: [LEAST_NOISE; 3],
             mismatch: 0.0,
         };
         this.noise = std::array::from_fn(|c| this.noise_of_cells(cells, c));
+        this.inverse_noise = this.noise.map(f32::recip);
         this.pixel_noise = std::array::from_fn(|c| this.noise_of_pixels(picture, plate, cells, c));
         let differing = reference
             .iter()
@@ -45,12 +54,6 @@ impl Photometry {
             .count();
         this.mismatch = differing as f32 / reference.len().max(1) as f32;
         this
-    }
-
-    /// Linear light over encoded units at an encoded value.
-    fn slope(encoded: f32) -> f32 {
-        let (low, high) = ((encoded - 2.0).max(0.0), (encoded + 2.0).min(255.0));
-        (srgb::decode(high) - srgb::decode(low)) / (high - low)
     }
 
     /// Variance of the linear light of a cell where the plate has the encoded value `plate`. A channel that
@@ -66,44 +69,56 @@ impl Photometry {
 
     fn variance(&self, c: usize, plate: f32, noise: f32) -> f32 {
         let clipped = ((plate - 248.0) / 7.0).clamp(0.0, 1.0) * 0.05;
-        let noise = noise * Self::slope(plate) * self.gain[c].max(1.0);
+        let noise = noise * slope(plate) * self.gain[c].max(1.0);
         noise * noise + clipped * clipped + 1e-9
     }
 
     /// How far the picture is from what the plate leads to expect, in encoded units.
-    pub fn error(&self, picture: f32, plate: f32, c: usize) -> f32 {
-        (srgb::decode(picture) - self.gain[c] * srgb::decode(plate)) / Self::slope(plate)
+    #[inline]
+    fn error(&self, picture: f32, plate: f32, c: usize) -> f32 {
+        (srgb::decode(picture) - self.gain[c] * srgb::decode(plate)) / slope(plate)
     }
 
-    /// Whether a cell is as the plate leads to expect: a quick test that spares most cells a closer look.
+    /// The encoded value to expect of the picture where the plate has the encoded value `plate`.
     #[inline]
-    pub fn agree(&self, picture: [f32; 3], plate: [f32; 3]) -> bool {
-        (0..3).all(|c| {
-            let error = srgb::decode(picture[c]) - self.gain[c] * srgb::decode(plate[c]);
-            let limit = 1.5 * self.noise[c] * Self::slope(plate[c]);
-            error.abs() < limit
-        })
+    pub fn expected(&self, c: usize, plate: f32) -> f32 {
+        let low = plate.clamp(0.0, 254.0) as usize;
+        let [a, b] = [self.expected[c][low], self.expected[c][low + 1]];
+        a + (b - a) * (plate - low as f32)
+    }
+
+    /// How far a cell is from what the plate leads to expect, as a sum of squared standard deviations: a
+    /// quick look that spares most cells a closer one.
+    #[inline]
+    pub fn deviation(&self, picture: [f32; 3], plate: [f32; 3]) -> f32 {
+        let squared = |c: usize| {
+            let difference = picture[c] - self.expected(c, plate[c]);
+            (difference * self.inverse_noise[c]).powi(2)
+        };
+        squared(0) + squared(1) + squared(2)
     }
 
     fn differs(&self, cells: &Cells, i: usize) -> bool {
         let (picture, plate) = (cells.picture.pixels()[i], cells.plate.pixels()[i]);
         (0..3).any(|c| {
-            self.error(picture[c], plate[c], c).abs() > 6.0 * self.noise[c] + 0.03 * plate[c]
+            let difference = picture[c] - self.expected(c, plate[c]);
+            difference.abs() > 6.0 * self.noise[c] + 0.03 * plate[c]
         })
     }
 
     /// Noise from differences of cells 20 pixels apart: near enough for shadows and spill to cancel, and
     /// further than the blocks of a JPEG, whose errors neighbours share.
     fn noise_of_cells(&self, cells: &Cells, c: usize) -> f32 {
-        let (columns, n) = (cells.picture.width(), cells.picture.pixels().len());
+        let (columns, rows) = (cells.picture.width(), cells.picture.height());
         let lag = (20 / cells.size).clamp(1, columns.saturating_sub(1).max(1));
-        let error =
-            |i: usize| self.error(cells.picture.pixels()[i][c], cells.plate.pixels()[i][c], c);
-        let mut differences: Vec<f32> = (0..n)
-            .step_by((n / 10_000).max(1))
-            .filter(|i| i % columns + lag < columns)
-            .map(|i| (error(i + lag) - error(i)).abs())
-            .collect();
+        let step = stride(columns * rows, 5_000);
+        let mut differences = Vec::with_capacity(10_000);
+        for y in (0..rows).step_by(step) {
+            let (picture, plate) = (cells.picture.row(y), cells.plate.row(y));
+            let error = |x: usize| self.error(picture[x][c], plate[x][c], c);
+            let pairs = (0..columns.saturating_sub(lag)).step_by(step);
+            differences.extend(pairs.map(|x| (error(x + lag) - error(x)).abs()));
+        }
         deviation_of_pairs(&mut differences)
     }
 
@@ -116,25 +131,49 @@ impl Photometry {
         c: usize,
     ) -> f32 {
         let r = cells.region;
-        let mut differences = Vec::new();
-        for y in (r.y0..r.y1).step_by((r.height() / 50).max(1)) {
+        let (linear, slopes) = (srgb::linear_from_srgb(), srgb::slopes());
+        let mut differences = Vec::with_capacity(10_000);
+        for y in (r.y0..r.y1).step_by((r.height() / 32).max(1)) {
+            let picture = &picture.row(y)[r.x0..r.x1];
+            let plate = &plate.row(y)[r.x0..r.x1];
             let error = |x: usize| {
-                let (picture, plate) = (picture[(x, y)][c], plate[(x, y)][c]);
-                self.error(f32::from(picture), f32::from(plate), c)
+                let (picture, plate) = (usize::from(picture[x][c]), usize::from(plate[x][c]));
+                (linear[picture] - self.gain[c] * linear[plate]) / slopes[plate]
             };
-            let pairs = (r.x0..r.x1.saturating_sub(2)).step_by(7);
+            let pairs = (0..r.width().saturating_sub(2)).step_by(9);
             differences.extend(pairs.map(|x| (error(x + 2) - error(x)).abs()));
         }
         deviation_of_pairs(&mut differences)
     }
 }
 
-fn indices(cells: &Cells, keep: impl Fn(usize, usize) -> bool) -> Vec<usize> {
-    let (columns, n) = (cells.picture.width(), cells.picture.pixels().len());
-    (0..n)
-        .step_by((n / 30_000).max(1))
-        .filter(|&i| keep(i % columns, i / columns))
-        .collect()
+/// Linear light over encoded units at an encoded value.
+#[inline]
+fn slope(encoded: f32) -> f32 {
+    srgb::slopes()[(encoded + 0.5).clamp(0.0, 255.0) as usize]
+}
+
+/// Every how many columns and rows of a grid a sample makes about `samples`.
+fn stride(cells: usize, samples: usize) -> usize {
+    ((cells as f32 / samples as f32).sqrt() as usize).max(1)
+}
+
+/// A sample of the cells, by index: those outside the volume, or all.
+fn sample(cells: &Cells, outside_only: bool) -> Vec<usize> {
+    let (columns, rows) = (cells.picture.width(), cells.picture.height());
+    let step = stride(columns * rows, 12_000);
+    let mut sample = Vec::with_capacity(columns * rows / (step * step) + columns + rows);
+    for y in (0..rows).step_by(step) {
+        let inside = &cells.in_volume[y];
+        let keep = |x: &usize| !outside_only || !inside.contains(x);
+        sample.extend(
+            (0..columns)
+                .step_by(step)
+                .filter(keep)
+                .map(|x| y * columns + x),
+        );
+    }
+    sample
 }
 
 /// The most frequent ratio of picture to plate, then the median of those near it: half of the cells may be

@@ -10,7 +10,7 @@ use crate::image::Grid;
 /// Whole units of cost in one of evidence.
 const UNIT: f32 = 64.0;
 /// Change of the logarithm of light, from cell to cell, at which a boundary costs a quarter.
-const ABRUPT: f32 = 0.15;
+const ABRUPT: f32 = 0.1;
 /// Share of the cost of a boundary that remains where the light changes most.
 const LEAST: f32 = 0.03;
 
@@ -35,6 +35,9 @@ pub(super) fn decide(evidence: &Grid<f32>, ratios: &Ratios, parameters: &Paramet
 /// Square of the change of light between two cells, in units of what is abrupt or of noise.
 fn change(ratios: &Ratios, a: (usize, usize), b: (usize, usize)) -> f32 {
     let (ratio_a, ratio_b) = (ratios.log_ratio[a], ratios.log_ratio[b]);
+    if ratio_a == ratio_b {
+        return 0.0;
+    }
     let (variance_a, variance_b) = (ratios.variance[a], ratios.variance[b]);
     (0..3)
         .map(|c| {

@@ -1,8 +1,8 @@
 //! Which side a pixel of the band is on: the one whose nearest colours it resembles. Several colours stand
 //! for the object, so that a bright rim beside a dark wall hides neither.
 
-use super::{Band, Colors, clip};
-use crate::image::{Mask, srgb};
+use super::{Band, Colors};
+use crate::image::{Grid, Mask, PixelRect, srgb};
 
 /// Colours that stand for the object beside a cell.
 const SAMPLES: usize = 8;
@@ -13,18 +13,24 @@ const TEXTURE: f32 = 0.05;
 
 /// What is beside a cell.
 struct Beside {
-    /// Linear light of object cells, nearest first.
-    object: [[f32; 3]; SAMPLES],
+    /// The object's colours in linear light, per channel; places that are not taken hold a colour that no
+    /// pixel is near.
+    object: [[f32; SAMPLES]; 3],
+    /// Reciprocal variances of the distance to each.
+    weight: [[f32; SAMPLES]; 3],
     objects: usize,
     /// The backdrop's light over the expected: less in a shadow, more under spill.
     shade: [f32; 3],
+    /// Reciprocal variances of the distance to the backdrop.
+    backdrop_weight: [f32; 3],
 }
 
 /// Sets every pixel of the band to 0 or 255.
 pub(super) fn classify(level: &mut Mask, colors: &Colors, band: &Band) {
     let offsets = offsets(super::BAND_PX / band.cells.size + 3);
+    let pure = pure_cells(band.object);
     for &cell in &band.members {
-        let beside = beside(colors, band, cell, &offsets);
+        let beside = beside(colors, band, &pure, cell, &offsets);
         let prior = if band.object[cell] { PRIOR } else { -PRIOR };
         let r = band.cells.pixels(cell.0, cell.1);
         for y in r.y0..r.y1 {
@@ -35,6 +41,7 @@ pub(super) fn classify(level: &mut Mask, colors: &Colors, band: &Band) {
         }
     }
     calm(level, band);
+    drop_specks(level, band);
 }
 
 /// Steps to the cells around one, nearest first.
@@ -47,28 +54,69 @@ fn offsets(radius: usize) -> Vec<(isize, isize)> {
     offsets
 }
 
+/// Whether a cell and those beside it are all of one side.
+fn pure_cells(object: &Grid<bool>) -> Grid<bool> {
+    let (columns, rows) = (object.width(), object.height());
+    let mut pure = Grid::filled(columns, rows, true);
+    let mut mixed = vec![false; columns];
+    for y in 0..rows {
+        let (row, above, below) = (
+            object.row(y),
+            object.row(y.saturating_sub(1)),
+            object.row((y + 1).min(rows - 1)),
+        );
+        for (x, mixed) in mixed.iter_mut().enumerate() {
+            *mixed = row[x] != above[x] || row[x] != below[x];
+        }
+        let out = pure.row_mut(y);
+        for x in 0..columns {
+            let (left, right) = (x.saturating_sub(1), (x + 1).min(columns - 1));
+            let alike = row[left] == row[x] && row[right] == row[x];
+            out[x] = alike && !mixed[left] && !mixed[x] && !mixed[right];
+        }
+    }
+    pure
+}
+
+/// Reciprocal variance of the distance to a colour of a surface that is not quite of one colour. It is the same
+/// for both sides, so that a pixel that mixes them equally is as near to the one as to the other.
+#[inline]
+fn textured(weight: f32, light: f32) -> f32 {
+    weight / (1.0 + weight * (TEXTURE * light).powi(2))
+}
+
 fn beside(
     colors: &Colors,
     band: &Band,
+    pure: &Grid<bool>,
     (cx, cy): (usize, usize),
     offsets: &[(isize, isize)],
 ) -> Beside {
+    const FAR: f32 = 1e3;
+    let plate = band.cells.plate[(cx, cy)].map(|p| (p + 0.5) as usize);
+    let weight: [f32; 3] = std::array::from_fn(|c| colors.weight[c][plate[c]]);
     let mut beside = Beside {
-        object: [[0.0; 3]; SAMPLES],
+        object: [[FAR; SAMPLES]; 3],
+        weight: [[1.0; SAMPLES]; 3],
         objects: 0,
         shade: [1.0; 3],
+        backdrop_weight: std::array::from_fn(|c| textured(weight[c], colors.expected[c][plate[c]])),
     };
     let (mut seen, mut expected, mut backdrops) = ([1e-3f32; 3], [1e-3f32; 3], 0);
     for &(dx, dy) in offsets {
         let (x, y) = (cx.wrapping_add_signed(dx), cy.wrapping_add_signed(dy));
-        if x >= band.object.width() || y >= band.object.height() || !is_pure(band, x, y) {
+        if x >= pure.width() || y >= pure.height() || !pure[(x, y)] {
             continue;
         }
-        let light = band.cells.picture[(x, y)].map(srgb::decode);
         if band.object[(x, y)] && beside.objects < SAMPLES {
-            beside.object[beside.objects] = light;
+            let light = band.cells.picture[(x, y)].map(srgb::decode);
+            for c in 0..3 {
+                beside.object[c][beside.objects] = light[c];
+                beside.weight[c][beside.objects] = textured(weight[c], light[c]);
+            }
             beside.objects += 1;
         } else if !band.object[(x, y)] && backdrops < SAMPLES {
+            let light = band.cells.picture[(x, y)].map(srgb::decode);
             let plate = band.cells.plate[(x, y)];
             for c in 0..3 {
                 seen[c] += light[c];
@@ -84,36 +132,30 @@ fn beside(
     beside
 }
 
-/// Whether a cell and those beside it are all of one side.
-fn is_pure(band: &Band, x: usize, y: usize) -> bool {
-    let object = band.object;
-    let value = object[(x, y)];
-    let (ix, iy) = (x as isize, y as isize);
-    let columns = clip(ix - 1, ix + 1, 0..object.width());
-    clip(iy - 1, iy + 1, 0..object.height())
-        .all(|y| object.row(y)[columns.clone()].iter().all(|&v| v == value))
-}
-
 /// How much nearer a pixel's colour is to the object's than to the backdrop's, in squared standard
 /// deviations.
 #[inline]
 fn preference(colors: &Colors, beside: &Beside, x: usize, y: usize) -> f32 {
     let (light, expected) = (colors.light(x, y), colors.expected(x, y));
-    let weight = colors.weight(x, y);
     let mut to_backdrop = 0.0;
+    let mut distances = [0.0f32; SAMPLES];
     for c in 0..3 {
-        to_backdrop += weight[c] * (light[c] - expected[c] * beside.shade[c]).powi(2);
+        let off = light[c] - expected[c] * beside.shade[c];
+        to_backdrop += beside.backdrop_weight[c] * off * off;
+        for ((distance, sample), weight) in distances
+            .iter_mut()
+            .zip(&beside.object[c])
+            .zip(&beside.weight[c])
+        {
+            *distance += weight * (light[c] - sample) * (light[c] - sample);
+        }
     }
     // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
-    let mut to_object = if beside.objects == 0 { 16.0 } else { f32::MAX };
-    for sample in &beside.object[..beside.objects] {
-        let mut distance = 0.0;
-        for c in 0..3 {
-            let variance = 1.0 + weight[c] * (TEXTURE * sample[c]).powi(2);
-            distance += weight[c] * (light[c] - sample[c]).powi(2) / variance;
-        }
-        to_object = to_object.min(distance);
-    }
+    let to_object = if beside.objects == 0 {
+        16.0
+    } else {
+        distances.iter().copied().fold(f32::MAX, f32::min)
+    };
     to_backdrop - to_object
 }
 
@@ -144,4 +186,60 @@ fn calm(level: &mut Mask, band: &Band) {
     for pixel in turned {
         level[pixel] = 255 - level[pixel];
     }
+}
+
+/// Most pixels of a speck.
+const SPECK_PX: usize = 24;
+
+/// Gives pieces of a few pixels to the side that surrounds them: noise beside the contour.
+fn drop_specks(level: &mut Mask, band: &Band) {
+    let region = band.cells.region;
+    let mut known = Grid::filled(region.width(), region.height(), false);
+    let mut piece = Vec::with_capacity(SPECK_PX + 4);
+    let mut specks = Vec::new();
+    band.for_pixels(|x, y| {
+        if !known[(x - region.x0, y - region.y0)] {
+            piece.clear();
+            if is_speck(level, region, (x, y), &mut known, &mut piece) {
+                specks.extend_from_slice(&piece);
+            }
+        }
+    });
+    for pixel in specks {
+        level[pixel] = 255 - level[pixel];
+    }
+}
+
+/// Collects the piece of one side that a pixel belongs to, until it is too large to be a speck, reaches the
+/// region's border or meets a piece that was looked at before (which was larger, or this one would have been
+/// in it).
+fn is_speck(
+    level: &Mask,
+    region: PixelRect,
+    start: (usize, usize),
+    known: &mut Grid<bool>,
+    piece: &mut Vec<(usize, usize)>,
+) -> bool {
+    let object = level[start] >= 128;
+    let mut is_small = true;
+    piece.push(start);
+    known[(start.0 - region.x0, start.1 - region.y0)] = true;
+    let first_of_piece = piece.len() - 1;
+    let mut next = first_of_piece;
+    while is_small && next < piece.len() {
+        let (x, y) = piece[next];
+        next += 1;
+        for (dx, dy) in [(1isize, 0isize), (-1, 0), (0, 1), (0, -1)] {
+            let (nx, ny) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
+            if !region.contains(nx, ny) {
+                is_small = false;
+            } else if (level[(nx, ny)] >= 128) == object && !piece.contains(&(nx, ny)) {
+                let seen = &mut known[(nx - region.x0, ny - region.y0)];
+                is_small &= !*seen && piece.len() < SPECK_PX;
+                *seen = true;
+                piece.push((nx, ny));
+            }
+        }
+    }
+    is_small
 }

@@ -3,6 +3,7 @@
 
 use super::{Band, Colors, ContourFacts, clip};
 use crate::image::{Mask, PixelRect};
+use crate::reconstruct::silhouette::photometry::median;
 
 /// How far from the contour a pixel must be to show one side alone, in pixels.
 const PURE_PX: isize = 2;
@@ -11,37 +12,63 @@ const REACH_PX: isize = 5;
 /// Below this contrast, in standard deviations of noise, the decision made before counts more than a
 /// pixel's own colour.
 const WEAK_CONTRAST: f32 = 3.0;
-/// Fewest pure pixels that make a colour.
-const FEWEST: f32 = 2.0;
+/// Misfit of a mixture, in squared standard deviations, that noise explains.
+const NOISE: f32 = 12.0;
+/// How much more the decision made before counts for every unit of misfit beyond that.
+const THIRD_COLOR: f32 = 100.0;
+/// Least sum of the pure pixels' weights (the fourth power of twice the distance, inverted) that makes a
+/// colour: two pixels as far as they are looked for.
+const FEWEST: f32 = 2.0 / (162.0 * 162.0);
 
 /// Sets the levels of the pixels near the contour.
 pub(super) fn locate(level: &mut Mask, colors: &Colors, band: &Band) -> ContourFacts {
     let region = band.cells.region;
     let crossings = crossings(level, band);
-    let owners = owners(&crossings, region);
+    let owners = Owners::new(&crossings, region);
+    let weights = weights();
     let sides: Vec<Sides> = crossings
         .iter()
-        .map(|&at| Sides::around(at, level, colors, &owners, region))
+        .map(|&at| Sides::around(at, level, colors, &owners, &weights))
         .collect();
-    let mut changes = Vec::with_capacity(crossings.len() * 6);
+    // Half of what was decided is the pixel's own and half its neighbours': a stair of whole pixels is smoothed.
+    let around = objects_around(level, band, &owners);
+    let mut around = around.iter();
     band.for_pixels(|x, y| {
-        let object = level[(x, y)] >= 128;
-        let owner = owners.at(x, y);
-        let alpha = if owner == NONE {
-            if object { 1.0 } else { 0.0 }
-        } else {
-            sides[owner as usize].alpha(colors, x, y, f32::from(level[(x, y)]) / 255.0)
+        let before = level[(x, y)];
+        level[(x, y)] = match owners.at(x, y) {
+            Some(owner) => {
+                let share = *around.next().unwrap_or(&0.5);
+                let prior = 0.5 * (f32::from(before) / 255.0 + share);
+                (sides[owner].alpha(colors, x, y, prior) * 255.0 + 0.5) as u8
+            }
+            None if before >= 128 => 255,
+            None => 0,
         };
-        changes.push((x, y, (alpha * 255.0 + 0.5) as u8));
     });
-    for (x, y, value) in changes {
-        level[(x, y)] = value;
-    }
     facts(&sides)
 }
 
+/// For each pixel near the contour, in the band's order, the share of object among the nine around it.
+fn objects_around(level: &Mask, band: &Band, owners: &Owners) -> Vec<f32> {
+    let mut shares = Vec::new();
+    band.for_pixels(|x, y| {
+        if owners.at(x, y).is_none() {
+            return;
+        }
+        let columns = x.saturating_sub(1)..(x + 2).min(level.width());
+        let rows = y.saturating_sub(1)..(y + 2).min(level.height());
+        let count = columns.len() * rows.len();
+        let objects: usize = rows
+            .flat_map(|y| &level.row(y)[columns.clone()])
+            .map(|&l| usize::from(l >> 7))
+            .sum();
+        shares.push(objects as f32 / count as f32);
+    });
+    shares
+}
+
 /// The pixels whose right or lower neighbour is on the other side.
-fn crossings(level: &Mask, band: &Band) -> Vec<(usize, usize)> {
+pub(super) fn crossings(level: &Mask, band: &Band) -> Vec<(usize, usize)> {
     let (width, height) = (level.width(), level.height());
     let mut crossings = Vec::new();
     band.for_pixels(|x, y| {
@@ -55,41 +82,41 @@ fn crossings(level: &Mask, band: &Band) -> Vec<(usize, usize)> {
     crossings
 }
 
-/// No crossing is near.
-const NONE: u32 = u32::MAX;
-
-/// For each pixel of the region the crossing that it belongs to.
+/// For each pixel of the region the crossing that it belongs to: its number from 1, or 0 where none is near.
 struct Owners {
     region: PixelRect,
     owner: Vec<u32>,
 }
 
 impl Owners {
-    fn at(&self, x: usize, y: usize) -> u32 {
-        self.owner[(y - self.region.y0) * self.region.width() + x - self.region.x0]
-    }
-}
-
-/// Gives every pixel within reach of a crossing to the nearest one.
-fn owners(crossings: &[(usize, usize)], region: PixelRect) -> Owners {
-    let width = region.width();
-    let mut owner = vec![NONE; width * region.height()];
-    for (index, &(cx, cy)) in crossings.iter().enumerate() {
-        let (ix, iy) = (cx as isize, cy as isize);
-        for y in clip(iy + 1 - PURE_PX, iy + PURE_PX, region.y0..region.y1) {
-            for x in clip(ix + 1 - PURE_PX, ix + PURE_PX, region.x0..region.x1) {
-                let cell = &mut owner[(y - region.y0) * width + x - region.x0];
-                let nearer = *cell == NONE || {
-                    let (ox, oy) = crossings[*cell as usize];
-                    distance(x, y, cx, cy) < distance(x, y, ox, oy)
-                };
-                if nearer {
-                    *cell = index as u32;
+    /// Gives every pixel within reach of a crossing to the nearest one.
+    fn new(crossings: &[(usize, usize)], region: PixelRect) -> Self {
+        let width = region.width();
+        let mut owner = vec![0u32; width * region.height()];
+        for (index, &(cx, cy)) in crossings.iter().enumerate() {
+            let (ix, iy) = (cx as isize, cy as isize);
+            let columns = clip(ix + 1 - PURE_PX, ix + PURE_PX, region.x0..region.x1);
+            for y in clip(iy + 1 - PURE_PX, iy + PURE_PX, region.y0..region.y1) {
+                for x in columns.clone() {
+                    let owner = &mut owner[(y - region.y0) * width + x - region.x0];
+                    let nearer = *owner == 0 || {
+                        let (ox, oy) = crossings[*owner as usize - 1];
+                        distance(x, y, cx, cy) < distance(x, y, ox, oy)
+                    };
+                    if nearer {
+                        *owner = index as u32 + 1;
+                    }
                 }
             }
         }
+        Self { region, owner }
     }
-    Owners { region, owner }
+
+    #[inline]
+    fn at(&self, x: usize, y: usize) -> Option<usize> {
+        let i = (y - self.region.y0) * self.region.width() + x - self.region.x0;
+        (self.owner[i] as usize).checked_sub(1)
+    }
 }
 
 /// Square of the distance to the middle between a crossing and its lower right neighbour, times 4.
@@ -99,6 +126,16 @@ fn distance(x: usize, y: usize, cx: usize, cy: usize) -> isize {
         2 * (y as isize - cy as isize) - 1,
     );
     dx * dx + dy * dy
+}
+
+/// Pixels along a side of the square in which pure pixels are looked for.
+const WINDOW: usize = 2 * REACH_PX as usize;
+
+/// Weights of the pixels of that square, by their distance.
+fn weights() -> [[f32; WINDOW]; WINDOW] {
+    let middle = REACH_PX as usize - 1;
+    let weight = |x: usize, y: usize| 1.0 / (distance(x, y, middle, middle) as f32).powi(2);
+    std::array::from_fn(|y| std::array::from_fn(|x| weight(x, y)))
 }
 
 /// The two colours that mix at a crossing, in linear light.
@@ -117,17 +154,17 @@ impl Sides {
         level: &Mask,
         colors: &Colors,
         owners: &Owners,
-        region: PixelRect,
+        weights: &[[f32; WINDOW]; WINDOW],
     ) -> Self {
+        let region = owners.region;
         let (mut object, mut objects) = ([0.0f32; 3], 0.0f32);
-        let (mut seen, mut expected, mut backdrops) = ([1e-3f32; 3], [1e-3f32; 3], 0.0f32);
+        let (mut seen, mut expected, mut backdrops) = ([1e-6f32; 3], [1e-6f32; 3], 0.0f32);
         let (ix, iy) = (cx as isize, cy as isize);
+        let columns = clip(ix - REACH_PX + 1, ix + REACH_PX, region.x0..region.x1);
         for y in clip(iy - REACH_PX + 1, iy + REACH_PX, region.y0..region.y1) {
-            for x in clip(ix - REACH_PX + 1, ix + REACH_PX, region.x0..region.x1) {
-                if owners.at(x, y) != NONE {
-                    continue;
-                }
-                let weight = 64.0 / (distance(x, y, cx, cy) as f32).powi(2);
+            let weights = &weights[y + REACH_PX as usize - 1 - cy];
+            for x in columns.clone().filter(|&x| owners.at(x, y).is_none()) {
+                let weight = weights[x + REACH_PX as usize - 1 - cx];
                 let light = colors.light(x, y);
                 if level[(x, y)] >= 128 {
                     objects += weight;
@@ -143,12 +180,11 @@ impl Sides {
             }
         }
         let mut sides = Self {
-            object: object.map(|o| o / objects.max(1e-6)),
+            object: object.map(|o| o / objects.max(1e-9)),
             shade: std::array::from_fn(|c| seen[c] / expected[c]),
             contrast: 0.0,
         };
-        let known = 64.0 / (4.0f32 * 36.0 * 36.0) * FEWEST;
-        if objects > known && backdrops > known {
+        if objects > FEWEST && backdrops > FEWEST {
             let (backdrop, weight) = (colors.expected(cx, cy), colors.weight(cx, cy));
             let squared = |c: usize| (sides.object[c] - backdrop[c] * sides.shade[c]).powi(2);
             let sum: f32 = (0..3).map(|c| weight[c] * squared(c)).sum();
@@ -166,14 +202,17 @@ impl Sides {
         }
         let (light, expected) = (colors.light(x, y), colors.expected(x, y));
         let weight = colors.weight(x, y);
-        let (mut along, mut square) = (0.0, 0.0);
+        let (mut along, mut square, mut off) = (0.0, 0.0, 0.0);
         for c in 0..3 {
             let outside = expected[c] * self.shade[c];
             let contrast = self.object[c] - outside;
             along += weight[c] * (light[c] - outside) * contrast;
             square += weight[c] * contrast * contrast;
+            off += weight[c] * (light[c] - outside) * (light[c] - outside);
         }
-        let doubt = WEAK_CONTRAST * WEAK_CONTRAST;
+        // A colour that no mixture of the two makes is a third one, about which nothing is known here.
+        let misfit = (off - along * along / square.max(1e-6)).max(0.0);
+        let doubt = WEAK_CONTRAST * WEAK_CONTRAST + THIRD_COLOR * (misfit - NOISE).max(0.0);
         ((along + doubt * prior) / (square + doubt)).clamp(0.0, 1.0)
     }
 }
@@ -182,7 +221,8 @@ fn facts(sides: &[Sides]) -> ContourFacts {
     let mut contrasts: Vec<f32> = sides.iter().map(|s| s.contrast).collect();
     let weak = contrasts.iter().filter(|&&c| c < WEAK_CONTRAST).count();
     ContourFacts {
-        contrast: super::super::photometry::median(&mut contrasts).unwrap_or(0.0),
+        contrast: median(&mut contrasts).unwrap_or(0.0),
         weak: weak as f32 / sides.len().max(1) as f32,
+        blur_px: None,
     }
 }

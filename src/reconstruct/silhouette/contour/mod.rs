@@ -2,6 +2,7 @@
 //! the side whose colours nearby it resembles (`classify`), then the pixels that the contour crosses are
 //! taken apart into object and backdrop (`mixture`).
 
+mod blur;
 mod classify;
 mod mixture;
 
@@ -21,6 +22,8 @@ pub(super) struct ContourFacts {
     pub contrast: f32,
     /// Share of the contour where the contrast is too weak to locate it.
     pub weak: f32,
+    /// Standard deviation of the blur across it, in pixels.
+    pub blur_px: Option<f32>,
 }
 
 /// Finds the level set (see [`super::Silhouette::level`]) from the coarse decision.
@@ -40,6 +43,8 @@ pub(super) fn locate(
     for _ in 0..PASSES {
         facts = mixture::locate(&mut level, &colors, &band);
     }
+    let crossings = mixture::crossings(&level, &band);
+    facts.blur_px = blur::measure(&level, &colors, &crossings);
     (level, facts)
 }
 
