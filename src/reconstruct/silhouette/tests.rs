@@ -125,7 +125,7 @@ fn an_object_cut_by_the_frame_stays_open_there() {
 /// The point spread is 0.7 pixels; a box's rounded edges, which darken towards the outline, look like more.
 #[test]
 fn blur_shows_in_pixels() {
-    for (added, range) in [(0.0, 0.7..1.8), (2.0, 2.0..3.0), (5.0, 4.5..7.5)] {
+    for (added, range) in [(0.0, 0.7..1.8), (2.0, 2.0..3.0), (5.0, 4.5..6.5)] {
         let mut options = Options {
             cameras: 2,
             width: 960,

@@ -75,6 +75,7 @@ fn falls_below(profile: &[f32], value: f32) -> Option<f32> {
 /// The object's share of the light along a line from inside the object to outside, a sample a pixel.
 struct Profile {
     share: Vec<f32>,
+    reach: usize,
 }
 
 impl Profile {
@@ -82,7 +83,7 @@ impl Profile {
     /// shows too little contrast.
     fn at(level: &Mask, colors: &Colors, (x, y): (usize, usize), reach: usize) -> Option<Self> {
         let (nx, ny) = outward(level, x, y)?;
-        let half = (reach + END_PX) as isize;
+        let half = (reach + search(reach)) as isize;
         let mut light = Vec::with_capacity(2 * half as usize + 1);
         for t in -half..=half {
             let (px, py) = (
@@ -110,24 +111,28 @@ impl Profile {
         };
         Some(Self {
             share: light.iter().map(share).collect(),
+            reach,
         })
     }
 
     /// The profile around the place where it passes one half, finer; `None` if that is not near the middle.
     fn centred(&self) -> Option<Vec<f32>> {
-        let middle = self.share.len() / 2;
-        let near_middle = &self.share[middle - END_PX..=middle + END_PX];
-        let centre = (middle - END_PX) as f32 + falls_below(near_middle, 0.5)?;
-        let half = (middle - END_PX) as f32;
-        let steps = 2 * FINE * (middle - END_PX);
+        let (middle, search) = (self.share.len() / 2, search(self.reach));
+        let near_middle = &self.share[middle - search..=middle + search];
+        let first = middle as f32 + falls_below(near_middle, 0.5)? - (search + self.reach) as f32;
         let at = |i: usize| {
-            let t = centre - half + i as f32 / FINE as f32;
+            let t = first + i as f32 / FINE as f32;
             let low = (t as usize).min(self.share.len() - 2);
             let [a, b] = [self.share[low], self.share[low + 1]];
             a + (b - a) * (t - low as f32)
         };
-        Some((0..=steps).map(at).collect())
+        Some((0..=2 * FINE * self.reach).map(at).collect())
     }
+}
+
+/// How far from the contour that was found its place in a profile of `reach` is looked for, in pixels.
+fn search(reach: usize) -> usize {
+    END_PX.max(reach / 4)
 }
 
 /// The unit normal of the contour near a pixel, away from the object.
