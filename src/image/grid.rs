@@ -121,11 +121,6 @@ impl<T> Grid<T> {
         extent
     }
 
-    /// Takes the pixels out.
-    pub fn into_pixels(self) -> Vec<T> {
-        self.pixels
-    }
-
     /// A grid of the same size with `f` applied to every pixel.
     pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Grid<U> {
         let pixels = self.pixels.iter().map(f).collect();

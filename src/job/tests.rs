@@ -124,7 +124,7 @@ fn the_newest_of_everything_at_or_before_the_trigger_counts() {
     let mut later = Rig::new();
     later.volume.max.x = 0.05;
     later.depth.response.uncertainty = 0.004;
-    let colors = vec![camera("c00", 8, 6), camera("c01", 8, 6)];
+    let colors = [camera("c00", 8, 6), camera("c01", 8, 6)];
     let place = write(|writer, rig| {
         // The file's order is not that of time: what is newest is written first.
         writer.volume(&later.volume, at(100)).unwrap();

@@ -61,11 +61,6 @@ impl StagedFolder {
         })
     }
 
-    /// Where the files are until the folder is in place.
-    pub fn path(&self) -> &Path {
-        &self.part
-    }
-
     /// Writes one file of the folder, durably.
     ///
     /// # Errors
@@ -279,7 +274,7 @@ mod tests {
         let living = StagedFolder::create(&target).unwrap();
         let second = StagedFolder::create(&target).unwrap();
         assert!(!dead.exists());
-        assert!(living.path().exists() && second.path().exists());
+        assert!(living.part.exists() && second.part.exists());
         assert!(home.path().join(".cupboard.part-1-0").exists());
     }
 

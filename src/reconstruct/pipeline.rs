@@ -146,7 +146,7 @@ pub fn reconstruct(
         .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
-    let extracted = hull::extract_hull(&hull, &lattice, &parameters.hull)?;
+    let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
     begin(Stage::Depth)?;
     let template = Template {

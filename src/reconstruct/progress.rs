@@ -30,23 +30,20 @@ pub enum Stage {
     Depth,
     /// Finding the concave regions.
     Region,
-    /// Restoring their surface.
+    /// Restoring their surface, and closing what that opened to the cameras.
     Restoration,
-    /// Checking the model against the silhouettes.
-    Consistency,
     /// Painting the model.
     Texture,
 }
 
 impl Stage {
     /// All stages in their order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 6] = [
         Self::Silhouettes,
         Self::Hull,
         Self::Depth,
         Self::Region,
         Self::Restoration,
-        Self::Consistency,
         Self::Texture,
     ];
 
@@ -58,7 +55,6 @@ impl Stage {
             Self::Depth => "depth",
             Self::Region => "concave regions",
             Self::Restoration => "restoration",
-            Self::Consistency => "consistency",
             Self::Texture => "texture",
         }
     }

@@ -4,7 +4,7 @@
 use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Verdict};
 use crate::frame::{CaptureId, Timestamp};
 use crate::job::CaptureFacts;
-use crate::reconstruct::{Method, Stage};
+use crate::reconstruct::Method;
 use serde::Serialize;
 
 /// Version of the report's form; it grows when a member changes its meaning or goes away.
@@ -30,16 +30,6 @@ pub struct StageTime {
     pub stage: String,
     /// Seconds.
     pub seconds: f64,
-}
-
-impl StageTime {
-    /// The time of one of the reconstruction's stages.
-    pub fn of(stage: Stage, seconds: f64) -> Self {
-        Self {
-            stage: stage.name().to_owned(),
-            seconds,
-        }
-    }
 }
 
 /// What became of a capture.

@@ -64,7 +64,10 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
 
     let origin = Origin::new("cup.mcap", Method::Hybrid, "abc");
     let timing = Timing {
-        stages: vec![StageTime::of(reconstruct::Stage::Hull, 0.25)],
+        stages: vec![StageTime {
+            stage: "visual hull".into(),
+            seconds: 0.25,
+        }],
         ..Timing::default()
     };
     let capture = facts();

@@ -101,7 +101,8 @@ impl Simulation {
 
     /// The exact depth of the object in metres along the optical axis at each pixel of depth camera
     /// `index`, as it is calibrated; infinite where the object is not.
-    pub fn exact_depth(&self, index: usize) -> Grid<f32> {
+    #[cfg(test)]
+    pub(crate) fn exact_depth(&self, index: usize) -> Grid<f32> {
         let station = &self.rig.depths[index].calibrated;
         let lens = &station.camera.intrinsics;
         let mut depth = Grid::filled(lens.width, lens.height, f32::INFINITY);

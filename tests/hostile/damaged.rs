@@ -21,7 +21,7 @@ fn what_is_no_recording_is_refused() {
     replay_bytes("text", b"I am no recording")
         .is_refused(&["is not an MCAP file", "begins with [49, 20, 61"]);
     replay_bytes("empty", b"").is_refused(&["is not an MCAP file", "it is empty"]);
-    replay_bytes("magic", &mcap::MAGIC).is_refused(&["no /trigger", "without its footer"]);
+    replay_bytes("magic", mcap::MAGIC).is_refused(&["no /trigger", "without its footer"]);
     let folder = tempfile::tempdir().unwrap();
     let nothing = folder.path().join("nothing.mcap");
     replay(folder, &nothing, None, &[]).is_refused(&["No such file"]);

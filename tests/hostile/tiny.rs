@@ -78,7 +78,7 @@ fn write(path: &Path) {
             camera,
             Stream::Color,
             11,
-            raw("mono8", mask.into_pixels()),
+            raw("mono8", mask.pixels().to_vec()),
         );
     }
     let readings = (0..SIZE * SIZE).flat_map(|i| {

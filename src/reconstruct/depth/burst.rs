@@ -100,19 +100,6 @@ impl Burst {
     }
 }
 
-impl Fused {
-    /// Median of the depth; 1 m where there is none.
-    pub fn middle_depth(&self) -> f32 {
-        let mut depths: Vec<f32> = self.depth.pixels().to_vec();
-        depths.retain(|&z| z > 0.0);
-        if depths.is_empty() {
-            return 1.0;
-        }
-        let middle = depths.len() / 2;
-        *depths.select_nth_unstable_by(middle, f32::total_cmp).1
-    }
-}
-
 /// Equations 1 and 2 over filtered frames: the mean per pixel of the valid depths, 0 where there is none
 /// or they spread by more than `limit` metres.
 pub fn mean_of_filtered(frames: &[Grid<f32>], limit: f32) -> Grid<f32> {

@@ -13,7 +13,7 @@ pub use solid::Hull;
 
 use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};
 use crate::calibration::Volume;
-use crate::mesh::{self, Mesh};
+use crate::mesh;
 use nalgebra::Point3;
 
 /// How the hull is computed.
@@ -142,14 +142,14 @@ const MOST_CELLS: f64 = 20.0;
 ///
 /// # Errors
 /// If the surface is so ragged that it would take more work than any object's.
-pub fn extract_hull(
+pub fn extract(
     hull: &Hull,
     lattice: &Lattice,
     parameters: &Parameters,
 ) -> Result<Extracted, Error> {
     let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
     let most = (MOST_CELLS * cells.norm_squared()) as usize;
-    match surface::extract_at_most(hull, lattice, most) {
+    match surface::extract(hull, lattice, most) {
         Ok(surface) => Ok(without_stray_pieces(surface, parameters)),
         Err(cells) => Err(Error::Ragged {
             cells,
@@ -157,11 +157,6 @@ pub fn extract_hull(
             camera: hull.most_ragged_camera().map(ToString::to_string),
         }),
     }
-}
-
-/// Extracts a solid's surface and drops stray pieces.
-pub fn extract(solid: &impl Solid, lattice: &Lattice, parameters: &Parameters) -> Extracted {
-    without_stray_pieces(surface::extract(solid, lattice), parameters)
 }
 
 /// Extracts the surface of a solid that is the one of `before` but in the cubes (given by center and half edge)
@@ -212,14 +207,6 @@ fn without_stray_pieces(
         sampled,
         dropped_pieces,
     }
-}
-
-/// The box around a mesh.
-pub fn bounds(mesh: &Mesh) -> Option<(Point3<f32>, Point3<f32>)> {
-    mesh.vertices.iter().fold(None, |bounds, v| match bounds {
-        None => Some((*v, *v)),
-        Some((low, high)) => Some((low.inf(v), high.sup(v))),
-    })
 }
 
 /// Whether a constraint is the volume's floor: the table.

@@ -94,11 +94,6 @@ impl Regions {
     pub fn contains(&self, x: usize, y: usize) -> bool {
         self.labels[(x, y)] != 0
     }
-
-    /// Pixels in regions.
-    pub fn pixels(&self) -> usize {
-        self.labels.pixels().iter().filter(|&&l| l != 0).count()
-    }
 }
 
 /// Finds the regions that one depth camera sees of a hull with vertex normals `normals`. `object` are the

@@ -78,9 +78,6 @@ pub struct Silhouette {
     pub facts: Facts,
 }
 
-/// Value of a silhouette's contour.
-pub const CONTOUR: f32 = 127.5;
-
 /// Why there is no silhouette.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {
@@ -200,7 +197,8 @@ const NO_DIFFERENCE: &str = "the picture does not differ from its background pla
 
 impl Silhouette {
     /// The level at a pixel between whole ones; `None` outside the picture, where it is unknown.
-    pub fn level_at(&self, x: f64, y: f64) -> Option<f32> {
+    #[cfg(test)]
+    fn level_at(&self, x: f64, y: f64) -> Option<f32> {
         let (width, height) = (self.level.width(), self.level.height());
         let inside = x >= -0.5 && y >= -0.5 && x < width as f64 - 0.5 && y < height as f64 - 0.5;
         if !inside {

@@ -106,13 +106,10 @@ pub struct Sampled {
 
 /// Extracts the surface of `solid` within `lattice`. The solid must not reach the lattice's border. Work
 /// grows with the number of cells that the surface crosses; the result does not depend on threads.
-pub fn extract(solid: &impl Solid, lattice: &Lattice) -> (Surface, Sampled) {
-    let cells = Cells::new(lattice, descend::cells_across(solid, lattice, |_, _| true));
-    extract_from(cells, solid, lattice, None)
-}
-
-/// [`extract`], unless the surface may cross more than `most` cells: then how many it may.
-pub fn extract_at_most(
+///
+/// # Errors
+/// If the surface may cross more than `most` cells: how many it may.
+pub fn extract(
     solid: &impl Solid,
     lattice: &Lattice,
     most: usize,

@@ -80,7 +80,7 @@ fn volume(mesh: &Mesh) -> f64 {
 #[test]
 fn a_ball_is_round_and_turned_outwards() {
     let ball = Function(|p: Point3<f64>| 0.7 - p.coords.norm());
-    let (surface, _) = extract(&ball, &unit_lattice(40));
+    let (surface, _) = extract(&ball, &unit_lattice(40), usize::MAX).unwrap();
     assert_manifold(&surface.mesh);
     let worst = surface
         .mesh
@@ -97,7 +97,7 @@ fn a_ball_is_round_and_turned_outwards() {
 fn a_box_keeps_its_edges_and_corners() {
     let half = Vector3::new(0.61, 0.43, 0.37);
     let cuboid = Function(move |p: Point3<f64>| (half - p.coords.abs()).min());
-    let (surface, _) = extract(&cuboid, &unit_lattice(32));
+    let (surface, _) = extract(&cuboid, &unit_lattice(32), usize::MAX).unwrap();
     assert_manifold(&surface.mesh);
     let expected = 8.0 * half.x * half.y * half.z;
     assert!(
@@ -133,7 +133,7 @@ fn noise_at_the_scale_of_a_cell_is_still_manifold() {
                 -1.0
             }
         });
-        let (surface, _) = extract(&noise, &unit_lattice(24));
+        let (surface, _) = extract(&noise, &unit_lattice(24), usize::MAX).unwrap();
         assert!(surface.mesh.triangles.len() > 1000);
         assert_manifold(&surface.mesh);
     }
@@ -141,7 +141,7 @@ fn noise_at_the_scale_of_a_cell_is_still_manifold() {
 
 #[test]
 fn an_empty_solid_has_no_surface() {
-    let (surface, _) = extract(&Function(|_| -1.0), &unit_lattice(8));
+    let (surface, _) = extract(&Function(|_| -1.0), &unit_lattice(8), usize::MAX).unwrap();
     assert!(surface.mesh.vertices.is_empty() && surface.mesh.triangles.is_empty());
 }
 
@@ -152,9 +152,9 @@ fn what_changes_in_places_is_extracted_as_if_from_nothing() {
     let dented = move |p: Point3<f64>| ball(p).min((p.coords - dent).norm() - 0.3);
     let may_differ = |p: Point3<f64>, half: f64| (p.coords - dent).norm() < 0.3 + 2.0 * half;
     let lattice = unit_lattice(40);
-    let (_, before) = extract(&Function(ball), &lattice);
+    let (_, before) = extract(&Function(ball), &lattice, usize::MAX).unwrap();
     let (changed, _) = extract_changed(&Function(dented), &lattice, &before, may_differ);
-    let (anew, _) = extract(&Function(dented), &lattice);
+    let (anew, _) = extract(&Function(dented), &lattice, usize::MAX).unwrap();
     assert_eq!(changed.mesh.triangles, anew.mesh.triangles);
     for (a, b) in changed.mesh.vertices.iter().zip(&anew.mesh.vertices) {
         assert!((a - b).norm() < 2e-3, "{a} {b}");

@@ -63,11 +63,6 @@ impl Shape {
         Self::TwoPits,
     ];
 
-    /// Whether the object equals its convex hull, so that nothing is to be restored.
-    pub fn is_convex(self) -> bool {
-        matches!(self, Self::Egg | Self::Box | Self::Ball)
-    }
-
     /// The object's surface, in metres, of triangles with edges of about `spacing` metres.
     pub fn mesh(self, spacing: f64) -> Mesh {
         let spacing = spacing.max(1e-4);
