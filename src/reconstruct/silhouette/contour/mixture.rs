@@ -4,6 +4,7 @@
 use super::{Band, Colors, ContourFacts, clip};
 use crate::image::{Mask, PixelRect};
 use crate::reconstruct::silhouette::photometry::median;
+use std::ops::Range;
 
 /// How far from the contour a pixel must be to show one side alone, in pixels.
 const PURE_PX: isize = 2;
@@ -30,41 +31,28 @@ pub(super) fn locate(level: &mut Mask, colors: &Colors, band: &Band) -> ContourF
         .iter()
         .map(|&at| Sides::around(at, level, colors, &owners, &weights))
         .collect();
-    // Half of what was decided is the pixel's own and half its neighbours': a stair of whole pixels is smoothed.
-    let around = objects_around(level, band, &owners);
-    let mut around = around.iter();
-    band.for_pixels(|x, y| {
-        let before = level[(x, y)];
-        level[(x, y)] = match owners.at(x, y) {
-            Some(owner) => {
-                let share = *around.next().unwrap_or(&0.5);
-                let prior = 0.5 * (f32::from(before) / 255.0 + share);
-                (sides[owner].alpha(colors, x, y, prior) * 255.0 + 0.5) as u8
-            }
-            None if before >= 128 => 255,
-            None => 0,
-        };
+    let mut decisions = Vec::with_capacity(6 * crossings.len());
+    owners.for_pixels(&crossings, |_, x, y| decisions.push(decided(level, x, y)));
+    let mut decisions = decisions.iter();
+    band.for_pixels(|x, y| level[(x, y)] = if level[(x, y)] >= 128 { 255 } else { 0 });
+    owners.for_pixels(&crossings, |crossing, x, y| {
+        let prior = decisions.next().copied().unwrap_or(0.5);
+        level[(x, y)] = (sides[crossing].alpha(colors, x, y, prior) * 255.0 + 0.5) as u8;
     });
     facts(&sides)
 }
 
-/// For each pixel near the contour, in the band's order, the share of object among the nine around it.
-fn objects_around(level: &Mask, band: &Band, owners: &Owners) -> Vec<f32> {
-    let mut shares = Vec::new();
-    band.for_pixels(|x, y| {
-        if owners.at(x, y).is_none() {
-            return;
-        }
-        let columns = x.saturating_sub(1)..(x + 2).min(level.width());
-        let rows = y.saturating_sub(1)..(y + 2).min(level.height());
-        let count = columns.len() * rows.len();
-        let objects: usize = rows
-            .flat_map(|y| &level.row(y)[columns.clone()])
-            .map(|&l| usize::from(l >> 7))
-            .sum();
-        shares.push(objects as f32 / count as f32);
-    });
-    shares
+/// What was decided of a pixel: half its own level and half the share of object among the nine around it, which
+/// smooths the stair of whole pixels.
+fn decided(level: &Mask, x: usize, y: usize) -> f32 {
+    let columns = x.saturating_sub(1)..(x + 2).min(level.width());
+    let rows = y.saturating_sub(1)..(y + 2).min(level.height());
+    let count = columns.len() * rows.len();
+    let objects: usize = rows
+        .flat_map(|y| &level.row(y)[columns.clone()])
+        .map(|&l| usize::from(l >> 7))
+        .sum();
+    0.5 * (f32::from(level[(x, y)]) / 255.0 + objects as f32 / count as f32)
 }
 
 /// The pixels whose right or lower neighbour is on the other side.
@@ -82,41 +70,88 @@ pub(super) fn crossings(level: &Mask, band: &Band) -> Vec<(usize, usize)> {
     crossings
 }
 
-/// For each pixel of the region the crossing that it belongs to: its number from 1, or 0 where none is near.
+/// Pixels along a side of the square that a crossing may own.
+const OWNED: usize = 2 * PURE_PX as usize;
+
+/// For each pixel of the region where in the square of its crossing it lies: its number in reading order from 1,
+/// or 0 where no crossing is near. A byte a pixel, since most of the region is never touched.
 struct Owners {
     region: PixelRect,
-    owner: Vec<u32>,
+    place: Vec<u8>,
 }
 
 impl Owners {
     /// Gives every pixel within reach of a crossing to the nearest one.
     fn new(crossings: &[(usize, usize)], region: PixelRect) -> Self {
-        let width = region.width();
-        let mut owner = vec![0u32; width * region.height()];
+        let mut this = Self {
+            region,
+            place: vec![0; region.width() * region.height()],
+        };
+        let distances: [isize; OWNED * OWNED] = std::array::from_fn(|i| {
+            let middle = PURE_PX as usize - 1;
+            distance(i % OWNED, i / OWNED, middle, middle)
+        });
+        for &crossing in crossings {
+            this.visit(crossing, |current, place| {
+                let nearer =
+                    |&p: &u8| distances[usize::from(place) - 1] < distances[usize::from(p) - 1];
+                if *current == 0 || nearer(current) {
+                    *current = place;
+                }
+            });
+        }
+        this
+    }
+
+    /// The pixels of a crossing's square: what is noted of each, and its place.
+    fn visit(&mut self, (cx, cy): (usize, usize), mut visit: impl FnMut(&mut u8, u8)) {
+        let (region, width) = (self.region, self.region.width());
+        let (columns, rows) = square(region, cx, cy);
+        for y in rows {
+            for x in columns.clone() {
+                let place = place(x, y, cx, cy);
+                visit(
+                    &mut self.place[(y - region.y0) * width + x - region.x0],
+                    place,
+                );
+            }
+        }
+    }
+
+    /// Visits every pixel that a crossing owns, with the crossing's index.
+    fn for_pixels(&self, crossings: &[(usize, usize)], mut visit: impl FnMut(usize, usize, usize)) {
         for (index, &(cx, cy)) in crossings.iter().enumerate() {
-            let (ix, iy) = (cx as isize, cy as isize);
-            let columns = clip(ix + 1 - PURE_PX, ix + PURE_PX, region.x0..region.x1);
-            for y in clip(iy + 1 - PURE_PX, iy + PURE_PX, region.y0..region.y1) {
+            let (columns, rows) = square(self.region, cx, cy);
+            for y in rows {
                 for x in columns.clone() {
-                    let owner = &mut owner[(y - region.y0) * width + x - region.x0];
-                    let nearer = *owner == 0 || {
-                        let (ox, oy) = crossings[*owner as usize - 1];
-                        distance(x, y, cx, cy) < distance(x, y, ox, oy)
-                    };
-                    if nearer {
-                        *owner = index as u32 + 1;
+                    if self.at(x, y) == place(x, y, cx, cy) {
+                        visit(index, x, y);
                     }
                 }
             }
         }
-        Self { region, owner }
     }
 
     #[inline]
-    fn at(&self, x: usize, y: usize) -> Option<usize> {
-        let i = (y - self.region.y0) * self.region.width() + x - self.region.x0;
-        (self.owner[i] as usize).checked_sub(1)
+    fn at(&self, x: usize, y: usize) -> u8 {
+        self.place[(y - self.region.y0) * self.region.width() + x - self.region.x0]
     }
+}
+
+/// Columns and rows of the square that a crossing may own.
+fn square(region: PixelRect, cx: usize, cy: usize) -> (Range<usize>, Range<usize>) {
+    let side = |c: usize, range| clip(c as isize + 1 - PURE_PX, c as isize + PURE_PX, range);
+    (
+        side(cx, region.x0..region.x1),
+        side(cy, region.y0..region.y1),
+    )
+}
+
+/// Where in a crossing's square a pixel lies, from 1.
+#[inline]
+fn place(x: usize, y: usize, cx: usize, cy: usize) -> u8 {
+    let before = PURE_PX as usize - 1;
+    ((y + before - cy) * OWNED + x + before - cx + 1) as u8
 }
 
 /// Square of the distance to the middle between a crossing and its lower right neighbour, times 4.
@@ -163,7 +198,7 @@ impl Sides {
         let columns = clip(ix - REACH_PX + 1, ix + REACH_PX, region.x0..region.x1);
         for y in clip(iy - REACH_PX + 1, iy + REACH_PX, region.y0..region.y1) {
             let weights = &weights[y + REACH_PX as usize - 1 - cy];
-            for x in columns.clone().filter(|&x| owners.at(x, y).is_none()) {
+            for x in columns.clone().filter(|&x| owners.at(x, y) == 0) {
                 let weight = weights[x + REACH_PX as usize - 1 - cx];
                 let light = colors.light(x, y);
                 if level[(x, y)] >= 128 {
