@@ -62,7 +62,7 @@ pub fn fill(
             }
         }
     }
-    run_across(&mut out, &open);
+    run_across(&mut out, &open, parameters.least_step_mm * 1e-3);
     out
 }
 
@@ -227,12 +227,13 @@ impl Plane {
 /// Lets depth run across the `open` pixels: the harmonic function bounded by what is around them, started
 /// from the outside in, then relaxed. Linear depth is reproduced. (A plane in space is linear in inverse
 /// depth; but walls are rounded at their foot, and there depth itself is nearer to the truth.)
-fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)]) {
+fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)], step: f32) {
+    let measured = depth.clone();
     let mut waiting: Vec<_> = open.to_vec();
     while !waiting.is_empty() {
         let reached: Vec<_> = waiting
             .iter()
-            .filter_map(|&p| around_mean(depth, p).map(|z| (p, z)))
+            .filter_map(|&p| around_mean(&measured, depth, p, step).map(|z| (p, z)))
             .collect();
         if reached.is_empty() {
             break;
@@ -244,20 +245,39 @@ fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)]) {
     }
     for _ in 0..SWEEPS {
         for &p in open {
-            if let Some(mean) = around_mean(depth, p) {
+            if let Some(mean) = around_mean(&measured, depth, p, step) {
                 depth[p] += OVER * (mean - depth[p]);
             }
         }
     }
 }
 
-/// Mean of the up to four neighbours that have depth.
-fn around_mean(depth: &Grid<f32>, (x, y): (usize, usize)) -> Option<f32> {
+/// Weighted mean of the up to four neighbours that have depth. A measured surface reaches to its pixel's
+/// border, half as far away as the next pixel of the hole: without that a wall between a floor and a rim
+/// would start half a pixel before the floor's end.
+fn around_mean(
+    measured: &Grid<f32>,
+    depth: &Grid<f32>,
+    (x, y): (usize, usize),
+    step: f32,
+) -> Option<f32> {
     let (mut sum, mut count) = (0.0, 0.0);
     for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-        if let Some(&z) = depth.get(x as isize + dx, y as isize + dy)
-            && z > 0.0
-        {
+        let at = |grid: &Grid<f32>, steps: isize| {
+            let beside = grid.get(x as isize + steps * dx, y as isize + steps * dy);
+            beside.copied().filter(|&z| z > 0.0)
+        };
+        if let Some(near) = at(measured, 1) {
+            let rise = at(measured, 2).map_or(0.0, |far| near - far);
+            let rise = if rise.abs() < step { rise } else { 0.0 };
+            let b: f32 = std::env::var("BEY")
+                .ok()
+                .and_then(|v| v.parse().ok())
+                .unwrap_or(0.5);
+            let weight = 1.0 / (1.0 - b);
+            sum += weight * (near + b * rise);
+            count += weight;
+        } else if let Some(z) = at(depth, 1) {
             sum += z;
             count += 1.0;
         }
@@ -350,7 +370,8 @@ mod tests {
         let out = filled(&depth);
         for y in 2..18 {
             for x in 8..15 {
-                let expected = 0.80 + (0.871 - 0.80) * (x - 7) as f32 / 8.0;
+                // From where the rim's last pixel ends to where the floor's first begins.
+                let expected = 0.80 + (0.8695 - 0.80) * (x as f32 - 7.5) / 7.0;
                 assert!(
                     (out[(x, y)] - expected).abs() < 2e-3,
                     "{x} {y}: {}",

@@ -1,20 +1,16 @@
 //! Which rays carve, and how deep: the enhanced depth in the regions, kept from breaking through walls that
 //! a remaining bias or noise would perforate.
 
-use super::Parameters;
+use super::{Parameters, Source};
 use crate::image::Grid;
-use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+use crate::reconstruct::depth::DepthKind;
 use crate::reconstruct::region::Regions;
 
 /// Depth before which space is empty, for each pixel of the depth camera; 0 where the ray carves nothing.
 /// Around each region there is a ring of pixels at the hull's own depth, so that a wall stands between the
 /// last pixel outside and the first inside.
-pub(super) fn carving_depth(
-    depth: &EnhancedDepth,
-    regions: &Regions,
-    cell_size: f64,
-    parameters: &Parameters,
-) -> Grid<f32> {
+pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parameters) -> Grid<f32> {
+    let Source { depth, regions, .. } = source;
     let bias = regions.bias.metres as f32;
     let (width, height) = (depth.depth.width(), depth.depth.height());
     let mut carving = Grid::from_fn(width, height, |x, y| {
@@ -25,7 +21,7 @@ pub(super) fn carving_depth(
             0.0
         }
     });
-    keep_walls(&mut carving, depth, regions, cell_size, parameters);
+    keep_walls(&mut carving, source, cell_size, parameters);
     add_ring(&mut carving, regions);
     carving
 }
@@ -33,19 +29,15 @@ pub(super) fn carving_depth(
 /// Pixels that would leave less than the least wall behind them break through only together: where the
 /// readings of a connected group agree that there is nothing but what lies behind the hull. Otherwise the
 /// wall stays.
-fn keep_walls(
-    carving: &mut Grid<f32>,
-    depth: &EnhancedDepth,
-    regions: &Regions,
-    cell_size: f64,
-    parameters: &Parameters,
-) {
+fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, parameters: &Parameters) {
+    let Source { depth, regions, .. } = source;
     let least_wall = 1e-3 * parameters.least_wall_mm;
     // A sheet thinner than this falls through the lattice.
     let wall = least_wall.max(1.5 * cell_size as f32);
     let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
     let (width, height) = (carving.width(), carving.height());
     let mut seen = Grid::from_fn(width, height, |x, y| carving[(x, y)] <= limit(x, y));
+    let mut opened = Grid::from_fn(width, height, |_, _| false);
     for y in 0..height {
         for x in 0..width {
             if seen[(x, y)] {
@@ -63,6 +55,7 @@ fn keep_walls(
             let through = -0.5 * least_wall + regions.bias.remaining as f32;
             let opens = measured && gaps[gaps.len() / 2] > through;
             for p in group {
+                opened[p] = opens;
                 carving[p] = if opens {
                     // All of the hull on this ray goes, whatever noise says.
                     carving[p].max(regions.front.exit[p] + 4.0 * wall)
@@ -71,6 +64,40 @@ fn keep_walls(
                 };
             }
         }
+    }
+    for y in 0..height {
+        for x in 0..width {
+            let carved = &mut carving[(x, y)];
+            if *carved > 0.0 && !opened[(x, y)] {
+                let along = wall * slant(source, x, y);
+                *carved = carved
+                    .min((regions.front.exit[(x, y)] - along).max(regions.front.depth[(x, y)]));
+            }
+        }
+    }
+}
+
+/// How much longer a ray's way through a wall is than the wall is thick, where the wall's far side is slanted as
+/// the hull's is there. Of the differences to either side the smaller one counts, which is not that of an edge.
+fn slant(source: &Source, x: usize, y: usize) -> f32 {
+    /// A wall seen more edge-on than this is left to its neighbours.
+    const STEEPEST: f32 = 10.0;
+    let exit = &source.regions.front.exit;
+    let here = exit[(x, y)];
+    let pixel = here / source.camera.camera.intrinsics.focal_px.min() as f32;
+    let slope = |dx: isize, dy: isize| {
+        let beside = |step: isize| {
+            let at = (x as isize + step * dx, y as isize + step * dy);
+            exit.get(at.0, at.1)
+                .map_or(f32::INFINITY, |&d| (d - here).abs())
+        };
+        beside(-1).min(beside(1)) / pixel
+    };
+    let length = 1.0f32.hypot(slope(1, 0)).hypot(slope(0, 1));
+    if length.is_finite() {
+        length.min(STEEPEST)
+    } else {
+        1.0
     }
 }
 

@@ -132,7 +132,7 @@ pub fn restore(
     let cell_size = template.lattice.cell_size;
     let depths: Vec<Grid<f32>> = sources
         .iter()
-        .map(|s| carve::carving_depth(s.depth, s.regions, cell_size, parameters))
+        .map(|s| carve::carving_depth(s, cell_size, parameters))
         .collect();
     match parameters.form {
         Form::Carve => carve_and_relax(template, &sources, depths, parameters),
