@@ -267,16 +267,15 @@ fn around_mean(
             let beside = grid.get(x as isize + steps * dx, y as isize + steps * dy);
             beside.copied().filter(|&z| z > 0.0)
         };
-        if let Some(near) = at(measured, 1) {
-            let rise = at(measured, 2).map_or(0.0, |far| near - far);
-            let rise = if rise.abs() < step { rise } else { 0.0 };
-            let b: f32 = std::env::var("BEY")
-                .ok()
-                .and_then(|v| v.parse().ok())
-                .unwrap_or(0.5);
-            let weight = 1.0 / (1.0 - b);
-            sum += weight * (near + b * rise);
-            count += weight;
+        if let (Some(near), Some(far)) = (at(measured, 1), at(measured, 2)) {
+            // Beyond a step it is another surface, which tells nothing of this one's slope.
+            let rise = if (near - far).abs() < step {
+                near - far
+            } else {
+                0.0
+            };
+            sum += 2.0 * (near + 0.5 * rise);
+            count += 2.0;
         } else if let Some(z) = at(depth, 1) {
             sum += z;
             count += 1.0;
