@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo deps test lint
+.PHONY: help demo deps test bench lint
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -16,6 +16,9 @@ deps: ## install what the tests need beyond Rust and a C compiler (as root on De
 
 test: deps lint ## format, clippy, documentation, every test
 	$(CARGO) test --locked
+
+bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
+	$(CARGO) bench --locked
 
 lint: ## format, clippy and documentation without warnings
 	$(CARGO) fmt --all -- --check

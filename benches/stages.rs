@@ -1,0 +1,215 @@
+//! Each stage of a replay by itself, and the whole of it from a file to files on disk, on the first capture of a
+//! recording: `recordings/bowl_with_fruit.mcap`, or what `SCAND_BENCH_RECORDING` names. The file is in the page
+//! cache; all threads work.
+
+use clap::Parser;
+use divan::Bencher;
+use scand::commands::{self, Cli};
+use scand::config::Config;
+use scand::image::Mask;
+use scand::job::{CaptureFacts, Session};
+use scand::mesh::vertex_normals;
+use scand::output::{self, StagedFolder};
+use scand::reconstruct::restore::{self, Restored, Source, Template};
+use scand::reconstruct::{
+    Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
+};
+use scand::report;
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// Pixels around the hull's image in which depth is enhanced, as a reconstruction has it.
+const OBJECT_MARGIN_PX: usize = 4;
+
+static CONFIG: LazyLock<Config> = LazyLock::new(Config::default);
+
+static LOADED: LazyLock<(Scene, CaptureFacts)> = LazyLock::new(load);
+
+static MADE: LazyLock<Reconstruction> = LazyLock::new(|| {
+    let parameters = CONFIG.reconstruction();
+    reconstruct(&LOADED.0, &parameters, &Silent).expect("a capture that can be reconstructed")
+});
+
+fn main() {
+    divan::main();
+}
+
+fn recording() -> PathBuf {
+    let given = std::env::var_os("SCAND_BENCH_RECORDING").map(PathBuf::from);
+    let own = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("recordings/bowl_with_fruit.mcap");
+    given.unwrap_or_else(own)
+}
+
+fn load() -> (Scene, CaptureFacts) {
+    let session = Session::open(&recording(), &CONFIG.sync).expect("a recording");
+    let first = &session.captures()[0].id;
+    session.load(first).expect("a sound capture")
+}
+
+fn cones() -> Vec<hull::Cone<'static>> {
+    let views = LOADED.0.colors.iter().zip(&MADE.silhouettes);
+    views
+        .map(|(view, silhouette)| hull::Cone::new(&view.camera, &silhouette.level))
+        .collect()
+}
+
+fn objects() -> Vec<Mask> {
+    let views = LOADED.0.depths.iter();
+    views
+        .map(|view| region::object_pixels(&MADE.hull, &view.camera, OBJECT_MARGIN_PX))
+        .collect()
+}
+
+/// From the file to decoded pictures.
+#[divan::bench]
+fn a_reading(bencher: Bencher) {
+    bencher.bench_local(load);
+}
+
+/// All cameras' silhouettes.
+#[divan::bench]
+fn b_silhouettes(bencher: Bencher) {
+    use rayon::prelude::*;
+    let scene = &LOADED.0;
+    bencher.bench_local(|| {
+        let views = scene.colors.par_iter();
+        views
+            .map(|view| silhouette::extract(view, &scene.volume, &CONFIG.silhouette))
+            .collect::<Vec<_>>()
+    });
+}
+
+/// The visual hull from the silhouettes.
+#[divan::bench]
+fn c_hull(bencher: Bencher) {
+    let parameters = &CONFIG.hull;
+    LazyLock::force(&MADE);
+    bencher.bench_local(|| {
+        let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
+        let lattice = hull::lattice(&hull, parameters).expect("a hull");
+        hull::extract(&hull, &lattice, parameters).map(|extracted| extracted.surface)
+    });
+}
+
+/// The enhancement of all depth cameras' bursts.
+#[divan::bench]
+fn d_depth(bencher: Bencher) {
+    LazyLock::force(&MADE);
+    bencher.bench_local(|| {
+        let views = LOADED.0.depths.iter().zip(objects());
+        views
+            .map(|(view, object)| depth::enhance(view, &object, &CONFIG.depth))
+            .collect::<Vec<_>>()
+    });
+}
+
+/// The search for concave regions.
+#[divan::bench]
+fn e_region(bencher: Bencher) {
+    let (scene, made) = (&LOADED.0, &*MADE);
+    let objects = objects();
+    bencher.bench_local(|| {
+        let normals = vertex_normals(&made.hull);
+        let views = scene.depths.iter().zip(&made.depths).zip(&objects);
+        views
+            .map(|((view, found), object)| {
+                let (enhanced, volume) = (&found.enhanced, &scene.volume);
+                let parameters = &CONFIG.region;
+                region::find(
+                    &made.hull, &normals, view, enhanced, volume, object, parameters,
+                )
+            })
+            .collect::<Vec<_>>()
+    });
+}
+
+/// The restoration of the concave regions, from the hull to the model without its texture.
+#[divan::bench]
+fn f_restoration(bencher: Bencher) {
+    let parameters = &CONFIG.hull;
+    LazyLock::force(&MADE);
+    let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
+    let lattice = hull::lattice(&hull, parameters).expect("a hull");
+    let extracted = hull::extract(&hull, &lattice, parameters).expect("a hull");
+    let template = Template {
+        hull: &hull,
+        extracted: &extracted,
+        lattice: &lattice,
+        parameters,
+        front_threshold: CONFIG.region.front_threshold,
+    };
+    bencher.bench_local(|| restored(&template));
+}
+
+fn restored(template: &Template) -> Restored {
+    let views = LOADED.0.depths.iter().zip(&MADE.depths);
+    let sources: Vec<Source> = views
+        .map(|(view, found)| Source {
+            camera: &view.camera,
+            depth: &found.enhanced,
+            regions: &found.regions,
+        })
+        .collect();
+    restore::restore(template, &sources, &CONFIG.restoration).expect("a system that can be solved")
+}
+
+/// The model's texture.
+#[divan::bench]
+fn g_texture(bencher: Bencher) {
+    let made = &*MADE;
+    let masks: Vec<&Mask> = made.silhouettes.iter().map(|s| &s.level).collect();
+    bencher.bench_local(|| texture::paint(&made.model, &LOADED.0, &masks, &CONFIG.texture));
+}
+
+/// Measuring, judging and the preview's pixels.
+#[divan::bench]
+fn h_report(bencher: Bencher) {
+    let (scene, facts) = &*LOADED;
+    LazyLock::force(&MADE);
+    bencher.bench_local(|| {
+        let measured = report::measure(scene, &MADE, CONFIG.method);
+        let verdict = report::judge(&measured, facts, &CONFIG.verdict);
+        report::preview(scene, &MADE, &verdict, facts.id.as_str())
+    });
+}
+
+/// Encoding the models and the preview, and writing them.
+#[divan::bench]
+fn i_files(bencher: Bencher) {
+    let (scene, facts) = &*LOADED;
+    let measured = report::measure(scene, &MADE, CONFIG.method);
+    let verdict = report::judge(&measured, facts, &CONFIG.verdict);
+    let id = facts.id.as_str();
+    let sheet = report::preview(scene, &MADE, &verdict, id);
+    let folder = tempfile::tempdir().expect("a folder");
+    bencher.bench_local(|| {
+        let preview = || output::encode_png(&sheet).expect("a picture");
+        let glb = || output::glb::encode(&MADE.model, id, &CONFIG.glb).expect("a model");
+        let ply = || output::ply::encode(&MADE.model, id).expect("a model");
+        let (preview, (glb, ply)) = rayon::join(preview, || rayon::join(glb, ply));
+        let staged = StagedFolder::create(&folder.path().join(id)).expect("a folder");
+        for (name, bytes) in [
+            ("model.glb", glb),
+            ("model.ply", ply),
+            ("preview.png", preview),
+        ] {
+            staged.write(name, &bytes).expect("a file");
+        }
+        staged.commit(true).expect("a folder");
+    });
+}
+
+/// All of it, as the command does it.
+#[divan::bench]
+fn whole_replay(bencher: Bencher) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (first, recording) = (LOADED.1.id.as_str(), recording());
+    bencher.bench_local(|| {
+        let recording = recording.as_os_str();
+        let out = folder.path().as_os_str();
+        let words = ["scand", "--quiet", "--force", "--capture", first];
+        let files = ["--replay".as_ref(), recording, "--out".as_ref(), out];
+        let all = words.into_iter().map(AsRef::as_ref).chain(files);
+        commands::run(Cli::parse_from(all)).expect("a replay")
+    });
+}
