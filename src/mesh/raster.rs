@@ -39,10 +39,9 @@ pub fn rasterize(
     let mut buffer = Grid::filled(width, height, Fragment::EMPTY);
     for (index, triangle) in triangles.iter().enumerate() {
         let corners = triangle.map(|v| projected[v as usize]);
-        if corners
-            .iter()
-            .all(|c| c.iter().all(|v| v.is_finite()) && c[2] > 0.0)
-        {
+        // A sum is finite only if all its parts are.
+        let sum: f32 = corners.as_flattened().iter().sum();
+        if sum.is_finite() && corners.iter().all(|c| c[2] > 0.0) {
             draw(&mut buffer, corners, index as u32);
         }
     }
@@ -50,19 +49,24 @@ pub fn rasterize(
 }
 
 fn draw(buffer: &mut Grid<Fragment>, [a, b, c]: [[f32; 3]; 3], triangle: u32) {
+    let (x0, x1) = pixel_range(a[0], b[0], c[0], buffer.width());
+    let (y0, y1) = pixel_range(a[1], b[1], c[1], buffer.height());
+    // Many triangles are smaller than a pixel and lie between the centres of pixels.
+    if x0 >= x1 || y0 >= y1 {
+        return;
+    }
     let area = edge(a, b, c[0], c[1]);
     if area == 0.0 {
         return;
     }
-    let (x0, x1) = pixel_range(a[0], b[0], c[0], buffer.width());
-    let (y0, y1) = pixel_range(a[1], b[1], c[1], buffer.height());
+    let side = area.signum();
     let inverse_depths = [a[2].recip(), b[2].recip(), c[2].recip()];
     for y in y0..y1 {
-        let row = buffer.row_mut(y);
-        for (x, fragment) in row.iter_mut().enumerate().take(x1).skip(x0) {
-            let (px, py) = (x as f32, y as f32);
+        let py = y as f32;
+        for (x, fragment) in (x0..x1).zip(&mut buffer.row_mut(y)[x0..x1]) {
+            let px = x as f32;
             let weights = [edge(b, c, px, py), edge(c, a, px, py), edge(a, b, px, py)];
-            if weights.iter().any(|w| w * area < 0.0) {
+            if weights.iter().any(|w| w * side < 0.0) {
                 continue;
             }
             let depth = (weights[0] + weights[1] + weights[2])
@@ -78,9 +82,15 @@ fn draw(buffer: &mut Grid<Fragment>, [a, b, c]: [[f32; 3]; 3], triangle: u32) {
 
 /// Whole pixels from the smallest to the largest of three coordinates, cut to the picture.
 fn pixel_range(a: f32, b: f32, c: f32, size: usize) -> (usize, usize) {
-    let low = a.min(b).min(c).ceil().max(0.0);
-    let high = a.max(b).max(c).floor() + 1.0;
-    ((low as usize).min(size), (high.max(0.0) as usize).min(size))
+    let high = a.max(b).max(c);
+    if high < 0.0 {
+        return (0, 0);
+    }
+    // Casts cut towards zero and saturate; `ceil` and `floor` are calls on processors without SSE 4.1.
+    let low = a.min(b).min(c).max(0.0);
+    let first = low as usize;
+    let first = first + usize::from((first as f32) < low);
+    (first.min(size), (high as usize).saturating_add(1).min(size))
 }
 
 /// Twice the signed area of the triangle a, b, (x, y). In this form swapping a and b changes the sign and

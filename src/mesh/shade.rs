@@ -107,7 +107,7 @@ impl<'a> Drawn<'a> {
             let corners = self.mesh.triangles[triangle].map(|v| self.projected[v as usize]);
             let weights = weights_at(corners, x as f32, y as f32, self.eye);
             let light = light(self.mesh, triangle, weights, self.eye, style);
-            paint(triangle, weights).map(|c| (f32::from(c) * light).round() as u8)
+            paint(triangle, weights).map(|c| (f32::from(c) * light + 0.5) as u8)
         };
         average(&self.buffer, self.samples, shade)
     }
@@ -122,7 +122,7 @@ pub fn vertex_paint<'a>(
         let corners = mesh.triangles[triangle].map(|v| colors[v as usize]);
         std::array::from_fn(|channel| {
             let blended = (0..3).map(|i| weights[i] * f32::from(corners[i][channel]));
-            blended.sum::<f32>().round() as u8
+            (blended.sum::<f32>() + 0.5) as u8
         })
     }
 }
@@ -208,7 +208,7 @@ fn light(mesh: &Mesh, triangle: usize, weights: [f32; 3], eye: Eye, style: &Styl
         Eye::Towards(direction) => direction,
         Eye::At(point) => point - a,
     };
-    let lengths = normal.norm() * towards_eye.norm();
+    let lengths = (normal.norm_squared() * towards_eye.norm_squared()).sqrt();
     // The inside of an open mesh is lit as its outside is.
     let cosine = normal.dot(&towards_eye).abs() / lengths.max(f32::MIN_POSITIVE);
     style.ambient + (1.0 - style.ambient) * cosine.min(1.0)

@@ -1,7 +1,6 @@
 //! A model as glTF 2.0 in one binary file: metres, y up, one mesh with one primitive and one material, the
 //! texture embedded, provenance and expected error as custom attributes.
 
-use super::Error;
 use super::attributes::{SplitVertices, check, split_at_seams, unit, y_up};
 use super::gltf::{
     ARRAY_BUFFER, Accessor, Asset, Attributes, Buffer, BufferView, CLAMP_TO_EDGE,
@@ -9,10 +8,9 @@ use super::gltf::{
     MetallicRoughness, Node, Primitive, Root, Sampler, Scene, TextureInfo, TextureJson,
     UNSIGNED_BYTE, UNSIGNED_INT,
 };
+use super::{Error, jpeg};
 use crate::image::RgbImage;
 use crate::reconstruct::{Model, Provenance, Texture};
-use ::image::ExtendedColorType;
-use ::image::codecs::jpeg::JpegEncoder;
 use serde_json::json;
 
 /// How a .glb is written.
@@ -41,7 +39,7 @@ pub fn encode(model: &Model, capture: &str, parameters: &Parameters) -> Result<V
     let mut root = Root::empty(capture);
     if !model.mesh.triangles.is_empty() {
         let jpeg = texture
-            .map(|t| jpeg(&t.atlas, parameters.jpeg_quality))
+            .map(|t| jpeg::encode(&t.atlas, parameters.jpeg_quality))
             .transpose()?;
         root.add_mesh(capture, model, texture, &mut body);
         root.add_material(jpeg, &mut body);
@@ -251,17 +249,6 @@ impl Body {
         self.accessors.push(accessor);
         self.accessors.len() as u32 - 1
     }
-}
-
-fn jpeg(atlas: &RgbImage, quality: u8) -> Result<Vec<u8>, Error> {
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100)).encode(
-        atlas.pixels().as_flattened(),
-        atlas.width() as u32,
-        atlas.height() as u32,
-        ExtendedColorType::Rgb8,
-    )?;
-    Ok(bytes)
 }
 
 /// Header, JSON chunk and binary chunk (glTF 2.0, section 4.4).

@@ -4,6 +4,7 @@
 mod attributes;
 pub mod glb;
 mod gltf;
+mod jpeg;
 pub mod ply;
 mod png;
 mod staging;

@@ -201,19 +201,16 @@ impl Reconstruct<'_> {
         clock: &StageClock,
     ) -> anyhow::Result<Verdict> {
         let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
-        let measured = report::measure(made.scene, made.reconstruction, self.config.method);
-        let verdict = report::judge(&measured, made.facts, &self.config.verdict);
-        let preview = || {
+        let judged = || {
+            let measured = report::measure(made.scene, made.reconstruction, self.config.method);
+            let verdict = report::judge(&measured, made.facts, &self.config.verdict);
             let sheet = report::preview(made.scene, made.reconstruction, &verdict, id);
-            output::encode_png(&sheet)
+            (measured, verdict, output::encode_png(&sheet))
         };
-        let models = || {
-            (
-                output::glb::encode(model, id, &self.config.glb),
-                output::ply::encode(model, id),
-            )
-        };
-        let (preview, (glb, ply)) = rayon::join(preview, models);
+        let glb = || output::glb::encode(model, id, &self.config.glb);
+        let ply = || output::ply::encode(model, id);
+        let ((measured, verdict, preview), (glb, ply)) =
+            rayon::join(judged, || rayon::join(glb, ply));
         clock.begin("files");
         let staged = StagedFolder::create(target)?;
         staged.write("model.glb", &glb?)?;

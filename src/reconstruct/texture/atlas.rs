@@ -62,9 +62,7 @@ impl Paint<'_> {
             match chart.plane {
                 Plane::View(view) => {
                     self.gather(vertices, view, &mut sources);
-                    tile.fill(&corners, |texel, shares| {
-                        self.mix(&sources, layout.pixel(chart, texel), shares, layout.scale)
-                    });
+                    self.fill_seen(&mut tile, (layout, chart), &corners, &sources);
                 }
                 Plane::Axis(_) => {
                     let colors = vertices.map(|v| self.vertex_colors[v as usize]);
@@ -74,6 +72,36 @@ impl Paint<'_> {
         }
         tile.extend(layout.gutter);
         tile
+    }
+
+    /// Fills a triangle that is seen.
+    fn fill_seen(
+        &self,
+        tile: &mut Tile,
+        (layout, chart): (&Layout, &Chart),
+        corners: &Corners,
+        sources: &[Source],
+    ) {
+        let scale = layout.scale;
+        match sources {
+            // Nearly all triangles: one view, whose pixels are the texels.
+            [only] if only.pixels.is_none() && scale == 1.0 => {
+                let image = &*self.surface.views[only.view].image;
+                let gain = self.gains[only.view];
+                let [left, top] = layout.pixel(chart, [0.0; 2]);
+                let [right, bottom] = [image.width() - 1, image.height() - 1];
+                tile.fill(corners, |[x, y], shares| {
+                    // The middle of a triangle that holds no texel may lie between pixels.
+                    let (x, y) = ((x + left + 0.5) as usize, (y + top + 0.5) as usize);
+                    let pixel = image.row(y.min(bottom))[x.min(right)];
+                    let color = Vector3::from(pixel.map(f32::from));
+                    color.component_mul(&gain) + interpolate(&only.offsets, shares)
+                });
+            }
+            _ => tile.fill(corners, |texel, shares| {
+                self.mix(sources, layout.pixel(chart, texel), shares, scale)
+            }),
+        }
     }
 
     /// The views that a triangle is mixed from; its own chart's view is always among them.
@@ -191,12 +219,17 @@ impl Tile {
         let (y0, y1) = span(a[1], b[1], c[1], height);
         let mut painted = false;
         if area.abs() > 1e-6 {
+            let inverse = area.recip();
             for y in y0..y1 {
-                for x in x0..x1 {
+                let colors = &mut self.colors.row_mut(y)[x0..x1];
+                let distances = &mut self.distance.row_mut(y)[x0..x1];
+                for ((x, texel), distance) in (x0..x1).zip(colors).zip(distances) {
                     let p = [x as f32, y as f32];
-                    let shares = [edge(b, c, p), edge(c, a, p), edge(a, b, p)].map(|e| e / area);
+                    let [s, t, u] = [edge(b, c, p), edge(c, a, p), edge(a, b, p)];
+                    let shares = [s * inverse, t * inverse, u * inverse];
                     if shares.iter().all(|&s| s >= -1e-4) {
-                        self.paint(x, y, color(p, shares));
+                        *texel = to_bytes(color(p, shares));
+                        *distance = 0;
                         painted = true;
                     }
                 }
@@ -207,14 +240,10 @@ impl Tile {
             let x = ((middle[0] + 0.5) as usize).min(width - 1);
             let y = ((middle[1] + 0.5) as usize).min(height - 1);
             if self.distance[(x, y)] == EMPTY {
-                self.paint(x, y, color(middle, [1.0 / 3.0; 3]));
+                self.colors[(x, y)] = to_bytes(color(middle, [1.0 / 3.0; 3]));
+                self.distance[(x, y)] = 0;
             }
         }
-    }
-
-    fn paint(&mut self, x: usize, y: usize, color: Vector3<f32>) {
-        self.colors[(x, y)] = to_bytes(color);
-        self.distance[(x, y)] = 0;
     }
 
     /// Extends what is painted by `reach` texels, along rows, then along columns.
@@ -253,9 +282,11 @@ impl Tile {
 
 /// Whole texels between three coordinates, first and one past last, cut to `size`.
 fn span(a: f32, b: f32, c: f32, size: usize) -> (usize, usize) {
-    let low = a.min(b).min(c).ceil().max(0.0) as usize;
-    let high = (a.max(b).max(c).floor() + 1.0).max(0.0) as usize;
-    (low.min(size), high.min(size))
+    // Casts cut towards zero; `ceil` and `floor` are calls on processors without SSE 4.1.
+    let low = a.min(b).min(c).max(0.0);
+    let first = low as usize + usize::from((low as usize as f32) < low);
+    let end = (a.max(b).max(c).max(-1.0) + 1.0) as usize;
+    (first.min(end).min(size), end.min(size))
 }
 
 /// Twice the signed area of a triangle.

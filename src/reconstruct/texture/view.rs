@@ -150,13 +150,14 @@ impl View<'_> {
         let (fx, fy) = (x - column as f32, y - row as f32);
         let upper = &self.image.row(row)[column..column + 2];
         let lower = &self.image.row(row + 1)[column..column + 2];
-        let mix = |c: usize| {
-            let at = |p: [u8; 3]| f32::from(p[c]);
-            let top = at(upper[0]) + (at(upper[1]) - at(upper[0])) * fx;
-            let low = at(lower[0]) + (at(lower[1]) - at(lower[0])) * fx;
-            top + (low - top) * fy
-        };
-        Vector3::new(mix(0), mix(1), mix(2))
+        let mut color = Vector3::zeros();
+        for channel in 0..3 {
+            let [a, b] = [upper[0], upper[1]].map(|p| f32::from(p[channel]));
+            let [c, d] = [lower[0], lower[1]].map(|p| f32::from(p[channel]));
+            let (top, low) = (a + (b - a) * fx, c + (d - c) * fx);
+            color[channel] = top + (low - top) * fy;
+        }
+        color
     }
 
     /// The mean colour of the 3 x 3 pixels around a place that the picture [`Self::contains`].

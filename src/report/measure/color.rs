@@ -155,21 +155,25 @@ impl Cells {
     fn level(&self, silhouette: &Silhouette, inside: &Grid<bool>) -> Grid<f32> {
         let samples = (self.pixels.round() as usize).clamp(1, 3);
         let offset = |i: usize| ((i as f64 + 0.5) / samples as f64 - 0.5) * self.pixels;
+        let along = |first: f64, cells: usize| -> Vec<isize> {
+            let middle = |k: usize| (k / samples) as f64 * self.pixels;
+            let nearest = |k: usize| (first + middle(k) + offset(k % samples)).round() as isize;
+            (0..cells * samples).map(nearest).collect()
+        };
+        let columns = along(self.origin[0], self.width);
+        let rows = along(self.origin[1], self.height);
         Grid::from_fn(self.width, self.height, |cx, cy| {
             if !inside[(cx, cy)] {
                 return 0.0;
             }
-            let middle = [cx, cy].map(|c| c as f64 * self.pixels);
-            let mut sum = 0.0;
-            for j in 0..samples {
-                for i in 0..samples {
-                    let x = (self.origin[0] + middle[0] + offset(i)).round();
-                    let y = (self.origin[1] + middle[1] + offset(j)).round();
-                    let level = silhouette.level.get(x as isize, y as isize);
-                    sum += f32::from(level.is_some_and(|&l| l >= 128));
+            let mut count = 0u16;
+            for &y in &rows[cy * samples..][..samples] {
+                for &x in &columns[cx * samples..][..samples] {
+                    let level = silhouette.level.get(x, y);
+                    count += u16::from(level.is_some_and(|&l| l >= 128));
                 }
             }
-            sum / (samples * samples) as f32
+            f32::from(count) / (samples * samples) as f32
         })
     }
 }

@@ -159,13 +159,8 @@ fn limit(difference: &Grid<f32>) -> f32 {
 
 /// Draws the regions' borders two pixels wide.
 fn outline(panel: &mut RgbImage, window: &Window, labels: &Grid<u16>) {
-    let label = |x: usize, y: usize| {
-        let (x, y) = window.picture_from_panel(x as f64, y as f64);
-        labels
-            .get(x.round() as isize, y.round() as isize)
-            .copied()
-            .unwrap_or(0)
-    };
+    let (columns, rows) = window.samples(1);
+    let label = |x: usize, y: usize| labels.get(columns[x], rows[y]).copied().unwrap_or(0);
     let of_panel = Grid::from_fn(panel.width(), panel.height(), label);
     for y in 1..panel.height() {
         for x in 1..panel.width() {

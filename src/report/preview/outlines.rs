@@ -27,8 +27,9 @@ pub(super) fn draw(
     let window = Window::around(silhouette.bounds, size);
     let project = |p| window.panel_from_picture(view.camera.project_for_raster(p));
     let model = rasterize_mesh(coarse, project, size.0, size.1).map(|f| f.is_covered());
+    let (columns, rows) = window.samples(2);
     let mut picture = RgbImage::from_fn(size.0, size.1, |x, y| {
-        let level = level(silhouette, &window, x, y);
+        let level = level(silhouette, &columns[2 * x..][..2], &rows[2 * y..][..2]);
         let object = blend(EMPTY, OBJECT, level);
         match (model[(x, y)], is_edge(&model, x, y)) {
             (_, true) => OUTLINE,
@@ -42,15 +43,14 @@ pub(super) fn draw(
     picture
 }
 
-/// The part of a panel's pixel that is silhouette, from four samples.
-fn level(silhouette: &Silhouette, window: &Window, x: usize, y: usize) -> f32 {
+/// The part of a panel's pixel that is silhouette, from samples in two columns and two rows of the picture.
+fn level(silhouette: &Silhouette, columns: &[isize], rows: &[isize]) -> f32 {
     let mut sum = 0.0;
-    for (dx, dy) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
-        let (px, py) = window.picture_from_panel(x as f64 + dx, y as f64 + dy);
-        let level = silhouette
-            .level
-            .get(px.round() as isize, py.round() as isize);
-        sum += level.map_or(0.0, |&l| f32::from(l) / 255.0);
+    for &y in rows {
+        for &x in columns {
+            let level = silhouette.level.get(x, y);
+            sum += level.map_or(0.0, |&l| f32::from(l) / 255.0);
+        }
     }
     0.25 * sum
 }

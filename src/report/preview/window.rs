@@ -50,26 +50,36 @@ impl Window {
 
     /// A panel whose pixels are computed from the nearest pixel of the picture.
     pub fn nearest(&self, color: impl Fn(isize, isize) -> [u8; 3]) -> RgbImage {
-        RgbImage::from_fn(self.width, self.height, |x, y| {
-            let (x, y) = self.picture_from_panel(x as f64, y as f64);
-            color(x.round() as isize, y.round() as isize)
-        })
+        let (columns, rows) = self.samples(1);
+        RgbImage::from_fn(self.width, self.height, |x, y| color(columns[x], rows[y]))
+    }
+
+    /// The picture's columns and rows nearest to so many evenly spaced samples of each of the panel's.
+    pub fn samples(&self, samples: usize) -> (Vec<isize>, Vec<isize>) {
+        let at = |k: usize| {
+            let offset = ((k % samples) as f64 + 0.5) / samples as f64 - 0.5;
+            (k / samples) as f64 + offset
+        };
+        let column = |k| self.picture_from_panel(at(k), 0.0).0.round() as isize;
+        let row = |k| self.picture_from_panel(0.0, at(k)).1.round() as isize;
+        (
+            (0..samples * self.width).map(column).collect(),
+            (0..samples * self.height).map(row).collect(),
+        )
     }
 
     /// The picture in the window, the mean of up to 3 x 3 of its pixels to one of the panel's.
     pub fn crop(&self, picture: &RgbImage) -> RgbImage {
         let samples = (self.scale.round() as usize).clamp(1, 3);
-        let offsets: Vec<f64> = (0..samples)
-            .map(|i| (i as f64 + 0.5) / samples as f64 - 0.5)
-            .collect();
-        let columns = |y: f64| offsets.iter().map(move |dx| (*dx, y));
+        let (columns, rows) = self.samples(samples);
         RgbImage::from_fn(self.width, self.height, |x, y| {
             let (mut sum, mut count) = ([0u32; 3], 0);
-            for (dx, dy) in offsets.iter().flat_map(|&dy| columns(dy)) {
-                let (x, y) = self.picture_from_panel(x as f64 + dx, y as f64 + dy);
-                if let Some(pixel) = picture.get(x.round() as isize, y.round() as isize) {
-                    (0..3).for_each(|i| sum[i] += u32::from(pixel[i]));
-                    count += 1;
+            for &row in &rows[y * samples..][..samples] {
+                for &column in &columns[x * samples..][..samples] {
+                    if let Some(pixel) = picture.get(column, row) {
+                        (0..3).for_each(|i| sum[i] += u32::from(pixel[i]));
+                        count += 1;
+                    }
                 }
             }
             if count == 0 {
