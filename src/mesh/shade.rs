@@ -221,8 +221,8 @@ fn average(
     shade: impl Fn(usize, usize, &Fragment) -> [u8; 3] + Sync,
 ) -> RgbImage {
     let (width, height) = (buffer.width() / samples, buffer.height() / samples);
-    let pixel = |index: usize| {
-        let (left, top) = (index % width * samples, index / width * samples);
+    let pixel = |x: usize, y: usize| {
+        let (left, top) = (x * samples, y * samples);
         let mut sum = [0_u32; 3];
         for y in top..top + samples {
             let row = &buffer.row(y)[left..left + samples];
@@ -234,8 +234,14 @@ fn average(
         let count = (samples * samples) as u32;
         sum.map(|s| ((s + count / 2) / count) as u8)
     };
-    let pixels = (0..width * height).into_par_iter().map(pixel).collect();
-    Grid::from_pixels(width, height, pixels)
+    let mut picture = RgbImage::filled(width, height, [0; 3]);
+    let rows = picture.pixels_mut().par_chunks_mut(width.max(1));
+    rows.enumerate().for_each(|(y, row)| {
+        for (x, out) in row.iter_mut().enumerate() {
+            *out = pixel(x, y);
+        }
+    });
+    picture
 }
 
 #[cfg(test)]
