@@ -99,7 +99,7 @@ fn a_camera_that_was_turned_is_named() {
 fn a_camera_out_of_focus_is_named() {
     let blurred = CameraFault {
         camera: "c05".into(),
-        amount: 4.0,
+        amount: 5.0,
     };
     let (scene, made) = simulated(|o| {
         o.shape = Shape::Bowl;

@@ -126,6 +126,9 @@ pub struct Parameters {
     pub plate_rounds: usize,
     /// Steps of conjugate gradients between.
     pub plate_steps: usize,
+    /// Standard deviation in pixels of the window over which the sensor matches its pattern, and so takes the
+    /// mean of a surface: the plate undoes it. 0 for a sensor without one.
+    pub window_sigma_px: f32,
 }
 
 impl Default for Parameters {
@@ -144,11 +147,12 @@ impl Default for Parameters {
             least_step_mm: 12.0,
             widest_step_px: 3.5,
             steepest_floor: 1.0,
-            stiffness: 100.0,
+            stiffness: 120.0,
             bend_limit: 0.3,
-            noise_bend: 0.5,
+            noise_bend: 0.3,
             plate_rounds: 5,
             plate_steps: 20,
+            window_sigma_px: 2.0,
         }
     }
 }
@@ -255,15 +259,26 @@ fn on_a_plate(
     let confidence = Grid::from_fn(burst.width, burst.height, |x, y| {
         share(fused.depth[(x, y)], fused.count[(x, y)])
     });
-    let plate = plate::Plate {
+    let mut plate = plate::Plate {
         stiffness: parameters.stiffness,
         bend_limit: parameters.bend_limit,
         noise_bend: parameters.noise_bend,
         rounds: parameters.plate_rounds,
         steps: parameters.plate_steps,
+        window_sigma_px: parameters.window_sigma_px,
+        edge: 0.0,
     };
     let error = SensorNoise::measure(fused).inverse_depth_error(frames);
-    let laid = plate::lay(&filled.map(inverse), &confidence, error, &plate);
+    let start = filled.map(inverse);
+    let farthest = start
+        .pixels()
+        .iter()
+        .copied()
+        .filter(|&w| w > 0.0)
+        .fold(f32::INFINITY, f32::min);
+    // A step at the farthest point, in inverse depth.
+    plate.edge = 1e-3 * parameters.least_step_mm * farthest * farthest;
+    let laid = plate::lay(&start, &confidence, error, &plate);
     laid.map(inverse)
 }
 
@@ -356,7 +371,14 @@ impl Parameters {
         in_range("bend_limit", self.bend_limit, 1e-3, 1e6, "0.001 to 1000000")?;
         in_range("noise_bend", self.noise_bend, 0.0, 1e3, "0 to 1000")?;
         size("plate_rounds", self.plate_rounds as f32, 0, 100, "0 to 100")?;
-        size("plate_steps", self.plate_steps as f32, 0, 1000, "0 to 1000")
+        size("plate_steps", self.plate_steps as f32, 0, 1000, "0 to 1000")?;
+        in_range(
+            "window_sigma_px",
+            self.window_sigma_px,
+            0.0,
+            8.0,
+            "0 to 8 px",
+        )
     }
 }
 

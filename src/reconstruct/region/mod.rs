@@ -127,6 +127,7 @@ pub fn find(
         let evidence = segment::Evidence {
             significant: &beyond(parameters.significance),
             belongs: &beyond(parameters.growing_significance),
+            behind: &behind_the_hull(&regions, depth, parameters),
             hollow: &hollow,
         };
         let (labels, count) = segment::regions(&regions.difference, &evidence, parameters);
@@ -181,6 +182,21 @@ fn beyond_noise(
         let behind_the_hull = regions.front.depth[(x, y)] + f > regions.front.exit[(x, y)];
         f > (significance * sigma).max(least) + remaining
             && !(behind_the_hull && regions.front.is_near_outline(x, y))
+    })
+}
+
+/// Where the depth lies behind the hull by more than its own noise, whether the hull faces the camera or not.
+fn behind_the_hull(
+    regions: &Regions,
+    depth: &EnhancedDepth,
+    parameters: &Parameters,
+) -> Grid<bool> {
+    let least = 1e-3 * parameters.least_difference_mm;
+    let offset = (regions.bias.metres + regions.bias.remaining) as f32;
+    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+        let f = depth.depth[(x, y)] - regions.front.depth[(x, y)];
+        let sigma = parameters.growing_significance * depth.sigma[(x, y)];
+        depth.kind[(x, y)] != DepthKind::None && f > sigma.max(least) + offset
     })
 }
 

@@ -10,12 +10,14 @@ pub(super) struct Evidence<'a> {
     pub(super) significant: &'a Grid<bool>,
     /// The difference is more likely than not.
     pub(super) belongs: &'a Grid<bool>,
+    /// The depth lies behind the hull, however steep the hull is there.
+    pub(super) behind: &'a Grid<bool>,
     /// How far the measured surface lies behind its own rims, in metres.
     pub(super) hollow: &'a Grid<f32>,
 }
 
 /// Numbers the regions: pixels of the paper's segmentation grown over adjacent ones that belong, where
-/// enough of them are significant and hollow. Returns labels from 1 (0 is none) and how many there are.
+/// enough of them are significant and hollow, with what they enclose and lies behind the hull too. Returns labels from 1 (0 is none) and how many there are.
 pub(super) fn regions(
     difference: &Grid<f32>,
     evidence: &Evidence,
@@ -24,6 +26,7 @@ pub(super) fn regions(
     let Evidence {
         significant,
         belongs,
+        behind,
         hollow,
     } = evidence;
     let mut mask = adaptive_threshold(difference, parameters.window);
@@ -57,7 +60,28 @@ pub(super) fn regions(
             }
         }
     }
+    fill_enclosed(&mut labels, behind);
     (labels, usize::from(count))
+}
+
+/// Gives the pixels that a region encloses to it, where they lie behind the hull: steep folds of the hull make
+/// the difference doubtful there, and would be left standing as pegs.
+fn fill_enclosed(labels: &mut Grid<u16>, behind: &Grid<bool>) {
+    let none = labels.map(|&l| l == 0);
+    let mut seen = outside_of(&none);
+    for y in 0..labels.height() {
+        for x in 1..labels.width() {
+            if seen[(x, y)] || !none[(x, y)] {
+                continue;
+            }
+            // The first pixel of a hole in reading order has the region on its left.
+            let label = labels[(x - 1, y)];
+            let hole = connected(&none, &mut seen, (x, y));
+            for pixel in hole.into_iter().filter(|&p| behind[p]) {
+                labels[pixel] = label;
+            }
+        }
+    }
 }
 
 /// The pixels 4-connected to `start` over true ones, which are marked as seen.
@@ -165,16 +189,20 @@ fn around(mask: &Mask, pick: fn(u8, u8) -> u8) -> Mask {
 
 /// The mask with everything inside its contours: what the outside does not reach.
 fn fill_interiors(mask: &Mask) -> Mask {
-    let (width, height) = (mask.width(), mask.height());
+    outside_of(&mask.map(|&m| m == 0)).map(|&out| if out { 0 } else { 255 })
+}
+
+/// The empty pixels that are 4-connected to the picture's border.
+fn outside_of(empty: &Grid<bool>) -> Grid<bool> {
+    let (width, height) = (empty.width(), empty.height());
     let mut outside = Grid::filled(width, height, false);
-    let empty = mask.map(|&m| m == 0);
     let border = (0..width).flat_map(|x| [(x, 0), (x, height - 1)]);
     for start in border.chain((0..height).flat_map(|y| [(0, y), (width - 1, y)])) {
         if empty[start] && !outside[start] {
-            connected(&empty, &mut outside, start);
+            connected(empty, &mut outside, start);
         }
     }
-    outside.map(|&out| if out { 0 } else { 255 })
+    outside
 }
 
 #[cfg(test)]
@@ -185,6 +213,7 @@ mod tests {
         Evidence {
             significant,
             belongs: significant,
+            behind: significant,
             hollow,
         }
     }

@@ -35,6 +35,8 @@ fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, paramete
     // A sheet thinner than this falls through the lattice.
     let wall = least_wall.max(1.5 * cell_size as f32);
     let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
+    // Across a wall that the ray grazes there are cells beside each other: half of that holds.
+    let across = least_wall.max(0.75 * cell_size as f32);
     let (width, height) = (carving.width(), carving.height());
     let mut seen = Grid::from_fn(width, height, |x, y| carving[(x, y)] <= limit(x, y));
     let mut opened = Grid::from_fn(width, height, |_, _| false);
@@ -69,7 +71,7 @@ fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, paramete
         for x in 0..width {
             let carved = &mut carving[(x, y)];
             if *carved > 0.0 && !opened[(x, y)] {
-                let along = wall * slant(source, x, y);
+                let along = across * slant(source, x, y);
                 *carved = carved
                     .min((regions.front.exit[(x, y)] - along).max(regions.front.depth[(x, y)]));
             }

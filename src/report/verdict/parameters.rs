@@ -31,7 +31,7 @@ impl Limits {
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Displacement of a silhouette against the others, as a share of the object's longest side. Default
-    /// 0.005 and 0.03.
+    /// 0.008 and 0.03.
     pub displaced: Limits,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
     /// pixels away. Default 0.004 and 0.15.
@@ -42,7 +42,7 @@ pub struct Parameters {
     pub overexposed: Limits,
     /// Share of the object's pixels that are black. Default 0.5.
     pub underexposed: Limits,
-    /// Standard deviation of the blur across the contour, in pixels. Default 3 and 10.
+    /// Standard deviation of the blur across the contour, in pixels. Default 4 and 10.
     pub blur_px: Limits,
     /// Share of the backdrop around the object that is not as its plate shows it. Default 0.35.
     pub backdrop_changed: Limits,
@@ -76,12 +76,12 @@ pub struct Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            displaced: Limits::amber_red(0.005, 0.03),
+            displaced: Limits::amber_red(0.008, 0.03),
             uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
             overexposed: Limits::amber(0.1),
             underexposed: Limits::amber(0.5),
-            blur_px: Limits::amber_red(3.0, 10.0),
+            blur_px: Limits::amber_red(4.0, 10.0),
             backdrop_changed: Limits::amber(0.35),
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
