@@ -400,6 +400,33 @@ mod tests {
     }
 
     #[test]
+    fn the_sensors_window_is_taken_back_at_a_kink() {
+        // A steep wall that meets a floor, and what a window of 2 px makes of it: the corner is filled by 4 mm.
+        let kink = |x: f32| 0.88 - 0.005 * (x - 20.0).max(0.0);
+        let truth = Grid::from_fn(40, 20, |x, _| kink(x as f32));
+        let seen = Grid::from_fn(40, 20, |x, _| {
+            let weight = |dx: f32| (-0.5 * (dx / 2.0).powi(2)).exp();
+            let (sum, weights) = (-80..=80).fold((0.0, 0.0), |(sum, weights), i| {
+                let dx = i as f32 * 0.1;
+                (sum + weight(dx) * kink(x as f32 + dx), weights + weight(dx))
+            });
+            sum / weights
+        });
+        let off = |window_sigma_px: f32| {
+            let plate = Plate {
+                window_sigma_px,
+                edge: 0.012,
+                ..PLATE
+            };
+            let laid = lay(&seen, &everywhere(&seen), 1e-3, &plate);
+            let errors = (5..35).map(|x| (laid[(x, 10)] - truth[(x, 10)]).abs());
+            errors.sum::<f32>()
+        };
+        assert!(off(0.0) > 8e-3, "{}", off(0.0));
+        assert!(off(2.0) < 0.5 * off(0.0), "{}", off(2.0));
+    }
+
+    #[test]
     fn a_step_stays_a_step() {
         let step = Grid::from_fn(30, 20, |x, _| if x < 15 { 0.80 } else { 0.83 });
         let laid = lay(&step, &everywhere(&step), 1e-3, &PLATE);
