@@ -1,9 +1,11 @@
-//! Recordings that others wrote must load. They are found through SCAND_SHARED_RECORDINGS, or beside the
+//! Recordings that others wrote must load, and their models be as good as was promised. They are found through SCAND_SHARED_RECORDINGS, or beside the
 //! repository; where they are not, these tests say so and pass.
 
+use assert_cmd::Command;
 use scand::job::{Session, Silhouette};
 use scand::reconstruct::{Scene, SilhouetteSource};
 use scand::sync;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 fn shared(name: &str) -> Option<PathBuf> {
@@ -83,4 +85,83 @@ fn a_recording_of_masks_without_depth_loads() {
         let inside = mask.pixels().iter().filter(|&&m| m >= 128).count();
         assert!(inside > 1000, "{}", color.camera.id);
     }
+}
+
+/// Replays a recording as a user would, and returns the folder of its only capture.
+fn replayed(name: &str, out: &std::path::Path) -> Option<PathBuf> {
+    let path = shared(name)?;
+    Command::cargo_bin("scand")
+        .unwrap()
+        .args(["--quiet", "--out"])
+        .arg(out)
+        .arg("--replay")
+        .arg(&path)
+        .assert()
+        .success();
+    let mut captures = std::fs::read_dir(out.join(path.file_stem()?)).unwrap();
+    Some(captures.next().unwrap().unwrap().path())
+}
+
+/// Whole model's F-score at 1 mm and mean error of the concave part in mm; also holds it closed and without handles.
+fn scores(name: &str) -> Option<(f64, f64)> {
+    let out = tempfile::tempdir().unwrap();
+    let model = replayed(&format!("{name}.mcap"), out.path())?.join("model.ply");
+    let truth = shared(&format!("{name}.truth.ply"))?;
+    let answer = Command::cargo_bin("scand")
+        .unwrap()
+        .args(["evaluate", "--json"])
+        .args([&model, &truth])
+        .output()
+        .unwrap();
+    let found: Value = serde_json::from_slice(&answer.stdout).unwrap();
+    let model = &found["model"];
+    assert_eq!(
+        (&model["watertight"], &model["components"], &model["genus"]),
+        (&json!(true), &json!(1), &json!(0))
+    );
+    let whole = &found["whole"];
+    let f_score = &whole["f_scores"][1];
+    assert_eq!(f_score["threshold_mm"], 1.0);
+    Some((
+        f_score["f_score"].as_f64()?,
+        whole["concave"]["mean_mm"].as_f64()?,
+    ))
+}
+
+#[test]
+fn the_cup_is_restored() {
+    let Some((f_score, concave_mm)) = scores("cup") else {
+        return;
+    };
+    assert!(
+        f_score >= 0.95 && concave_mm <= 0.5,
+        "{f_score} {concave_mm}"
+    );
+}
+
+#[test]
+fn the_bowl_with_fruit_is_restored() {
+    let Some((f_score, concave_mm)) = scores("bowl_with_fruit") else {
+        return;
+    };
+    assert!(
+        f_score >= 0.76 && concave_mm <= 4.9,
+        "{f_score} {concave_mm}"
+    );
+}
+
+#[test]
+fn rough_masks_and_their_hull_agree() {
+    let out = tempfile::tempdir().unwrap();
+    let Some(folder) = replayed("dino.mcap", out.path()) else {
+        return;
+    };
+    let report = std::fs::read(folder.join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    let cameras = report["color_cameras"].as_array().unwrap();
+    let ious = cameras
+        .iter()
+        .map(|c| c["consistency"]["iou"].as_f64().unwrap());
+    let mean = ious.sum::<f64>() / cameras.len() as f64;
+    assert!(cameras.len() == 16 && mean >= 0.95, "{mean}");
 }

@@ -60,9 +60,9 @@ fn compare(args: &Args) -> anyhow::Result<Difference> {
         draw(path, &found, &a.mesh, &b.mesh)?;
     }
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&found)?);
+        say!("{}", serde_json::to_string_pretty(&found)?);
     } else {
-        print!("{}", words(&found));
+        say!("{}", words(&found));
     }
     Ok(found)
 }

@@ -59,9 +59,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         draw(path, &found, &model.mesh, &truth.mesh)?;
     }
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&found)?);
+        say!("{}", serde_json::to_string_pretty(&found)?);
     } else {
-        print!("{}", table::table(&found));
+        say!("{}", table::table(&found));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -8,7 +8,6 @@ use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Re
 use crate::sync;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -36,7 +35,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     } else {
         info.in_words()
     };
-    std::io::stdout().lock().write_all(text.as_bytes())?;
+    say!("{text}");
     Ok(if info.damage.is_empty() {
         ExitCode::SUCCESS
     } else {

@@ -1,6 +1,14 @@
 //! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
 //! into words and exit codes; the work itself is done in the rooms.
 
+/// `println!` to a reader that may have gone away, as `head` does: then there is nobody left to tell, and that is no
+/// error.
+macro_rules! say {
+    ($($words:tt)*) => {
+        $crate::commands::write_out(&format!($($words)*))
+    };
+}
+
 pub mod diff;
 pub mod evaluate;
 pub mod info;
@@ -16,6 +24,13 @@ pub const EXIT_LOST: u8 = 3;
 
 /// Exit code of a run whose configuration is bad (EX_CONFIG of sysexits.h).
 pub const EXIT_CONFIGURATION: u8 = 78;
+
+/// Writes a text and the end of its line, if it has none, to the standard output.
+fn write_out(text: &str) {
+    use std::io::Write;
+    let end = if text.ends_with('\n') { "" } else { "\n" };
+    let _ = write!(std::io::stdout().lock(), "{text}{end}");
+}
 
 /// A configuration or calibration that is refused.
 #[derive(Debug, thiserror::Error)]

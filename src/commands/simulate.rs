@@ -189,7 +189,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let simulation = Simulation::new(options(args))?;
     write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
-    println!(
+    say!(
         "{}: {} captures",
         out.display(),
         simulation.options().captures
@@ -197,7 +197,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if let Some(truth) = truth {
         write_atomically(&truth, &ply(simulation.truth()))?;
         let triangles = simulation.truth().triangles.len();
-        println!("{}: {triangles} triangles", truth.display());
+        say!("{}: {triangles} triangles", truth.display());
     }
     Ok(ExitCode::SUCCESS)
 }

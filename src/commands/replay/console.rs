@@ -96,7 +96,7 @@ impl Console {
             let summary = serde_json::json!({
                 "done": done, "failed": outcomes.len() - done, "captures": outcomes,
             });
-            println!("{summary:#}");
+            say!("{summary:#}");
         } else if !self.quiet {
             self.table(outcomes, out);
         }
@@ -111,23 +111,23 @@ impl Console {
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
             let verdict = outcome.verdict.as_deref().unwrap_or(outcome.result);
-            println!("{}: {verdict}", name(outcome));
+            say!("{}: {verdict}", name(outcome));
             for reason in &outcome.reasons {
-                println!("  {reason}");
+                say!("  {reason}");
             }
             match &outcome.folder {
                 Some(folder) if outcome.result == "unchanged" => {
-                    println!("  unchanged since it was made: {}", folder.display());
+                    say!("  unchanged since it was made: {}", folder.display());
                 }
                 Some(folder) => {
-                    println!("  {}", folder.display());
-                    println!("  {total:.2} s: {}", stages.join(", "));
+                    say!("  {}", folder.display());
+                    say!("  {total:.2} s: {}", stages.join(", "));
                 }
                 None => {}
             }
         }
         let done = outcomes.iter().filter(|o| o.is_done()).count();
-        println!(
+        say!(
             "{done} done, {} failed, in {}",
             outcomes.len() - done,
             out.display()
