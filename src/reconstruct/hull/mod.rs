@@ -136,7 +136,7 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
 
 /// Cells that a hull's surface may cross, as a multiple of the square of those along its diagonal: a cube
 /// crosses twice the square, speckled silhouettes most cells there are.
-const MOST_CELLS: f64 = 20.0;
+const MOST_CELLS: f64 = 10.0;
 
 /// Extracts the hull's surface and drops stray pieces.
 ///

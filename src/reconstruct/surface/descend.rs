@@ -12,11 +12,15 @@ pub(super) type ActiveCell = ([u32; 3], Undecided);
 
 /// The cells of the lattice that the surface may cross and that `matter`, given by center and half edge, in an
 /// order that does not depend on threads.
-pub(super) fn cells_across(
+///
+/// # Errors
+/// As soon as the cubes that the surface may cross hold more than `most` cells: how many they hold.
+pub(super) fn cells_across_at_most(
+    most: usize,
     solid: &impl Solid,
     lattice: &Lattice,
     matters: impl Fn(Point3<f64>, f64) -> bool + Sync,
-) -> Vec<ActiveCell> {
+) -> Result<Vec<ActiveCell>, usize> {
     let mut cubes = coarsest(lattice);
     for level in (0..=LEVELS).rev() {
         let across: Vec<ActiveCell> = cubes
@@ -32,14 +36,28 @@ pub(super) fn cells_across(
                 }
             })
             .collect();
+        // A surface that crosses a cube of n cells a side crosses about n² of its cells.
+        let held = across.len().saturating_mul(1 << (2 * level));
+        if held > most {
+            return Err(held);
+        }
         if level == 0 {
-            return across;
+            return Ok(across);
         }
         cubes = across.iter().flat_map(|&cube| children(cube)).collect();
         let size = 1 << (level - 1);
         cubes.retain(|&(at, _)| (0..3).all(|i| at[i] * size < lattice.cells[i]));
     }
     unreachable!("level 0 returns")
+}
+
+/// The same, however many there are.
+pub(super) fn cells_across(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    matters: impl Fn(Point3<f64>, f64) -> bool + Sync,
+) -> Vec<ActiveCell> {
+    cells_across_at_most(usize::MAX, solid, lattice, matters).unwrap_or_default()
 }
 
 fn coarsest(lattice: &Lattice) -> Vec<ActiveCell> {

@@ -108,17 +108,14 @@ pub struct Sampled {
 /// grows with the number of cells that the surface crosses; the result does not depend on threads.
 ///
 /// # Errors
-/// If the surface may cross more than `most` cells: how many it may.
+/// If the surface may cross more than `most` cells: about how many it may.
 pub fn extract(
     solid: &impl Solid,
     lattice: &Lattice,
     most: usize,
 ) -> Result<(Surface, Sampled), usize> {
-    let cells = descend::cells_across(solid, lattice, |_, _| true);
-    if cells.len() > most {
-        return Err(cells.len());
-    }
-    let cells = Cells::new(lattice, cells);
+    let across = descend::cells_across_at_most(most, solid, lattice, |_, _| true)?;
+    let cells = Cells::new(lattice, across);
     Ok(extract_from(cells, solid, lattice, None))
 }
 
