@@ -1,11 +1,13 @@
 //! A rig's cameras and what their depth readings mean: project, unproject, linearise. This room computes,
 //! and keeps calibrations in files; it sees no pictures.
 
+mod board;
 mod camera;
 mod depth_response;
 mod file;
 mod intrinsics;
 
+pub use board::{Board, BoardKind, Face, Markers, Rectangle};
 pub use camera::Camera;
 pub use depth_response::DepthResponse;
 pub use file::{FileError, RigCalibration};

@@ -59,6 +59,16 @@ pub enum Error {
         /// What is wrong with it.
         problem: MessageError,
     },
+    /// A metadata record that does not hold what its name promises.
+    #[error("{path}: metadata record {name}: {cause}")]
+    Metadata {
+        /// The file.
+        path: PathBuf,
+        /// The record's name.
+        name: &'static str,
+        /// What is wrong with it.
+        cause: calibration::Error,
+    },
     /// A channel whose messages are of another kind than its topic promises.
     #[error("{path}: {topic} has schema {found:?} in {encoding:?}, expected {expected}")]
     Schema {

@@ -7,6 +7,7 @@ use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
 use super::source::Source;
 use super::walk::{LARGEST_RECORD, walk};
 use super::{Damage, Error, MessageError, Topic};
+use crate::calibration::Board;
 use crate::frame::Timestamp;
 use bytes::Bytes;
 use rayon::prelude::*;
@@ -86,6 +87,23 @@ impl Recording {
     /// Metadata records: name and pairs.
     pub fn metadata(&self) -> &[(String, BTreeMap<String, String>)] {
         &self.index.metadata
+    }
+
+    /// The board that a calibration session's metadata names: the last record `board`, if there is one.
+    ///
+    /// # Errors
+    /// If it cannot be a board; the message names the pair.
+    pub fn board(&self) -> Result<Option<Board>, Error> {
+        let mut records = self.index.metadata.iter().rev();
+        let Some((_, pairs)) = records.find(|(name, _)| name == "board") else {
+            return Ok(None);
+        };
+        let board = Board::from_pairs(pairs).map_err(|cause| Error::Metadata {
+            path: self.source.path.clone(),
+            name: "board",
+            cause,
+        })?;
+        Ok(Some(board))
     }
 
     /// Attached files.

@@ -228,3 +228,34 @@ fn what_is_no_recording_is_named() {
     std::fs::write(&path, b"PK\x03\x04 not at all").unwrap();
     assert!(open(&path).contains("is not an MCAP file"));
 }
+
+#[test]
+fn the_board_of_a_calibration_session_is_read_back_and_a_bad_one_is_named() {
+    use crate::calibration::Board;
+    let folder = folder();
+    let path = folder.path().join("a.mcap");
+    let mut writer = Writer::create(&path, "", Compression::None).unwrap();
+    let board = Board::charuco(11, 8, 0.025, true).unwrap();
+    writer.board(&board).unwrap();
+    writer.finish().unwrap();
+    assert_eq!(
+        Recording::open(&path).unwrap().board().unwrap(),
+        Some(board)
+    );
+
+    let path = folder.path().join("b.mcap");
+    let mut writer = Writer::create(&path, "", Compression::None).unwrap();
+    let pairs = [("kind", "checkerboard"), ("size", "9x6"), ("square", "25")];
+    let pairs = BTreeMap::from(pairs.map(|(k, v)| (k.to_owned(), v.to_owned())));
+    writer.metadata("board", &pairs).unwrap();
+    writer.finish().unwrap();
+    let error = Recording::open(&path)
+        .unwrap()
+        .board()
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("b.mcap") && error.contains("board square is 25 m"),
+        "{error}"
+    );
+}

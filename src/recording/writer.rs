@@ -4,7 +4,7 @@
 use super::json::{self, CameraSettings, CaptureRecord, Note};
 use super::schemas::{self, SchemaDefinition};
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
-use crate::calibration::{Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
+use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp, Trigger};
 use crate::image::Mask;
 use nalgebra::Isometry3;
@@ -115,6 +115,12 @@ impl Writer {
         };
         let written = self.mcap.write_metadata(&record);
         written.map_err(|source| self.failed(source))
+    }
+
+    /// Writes which board a calibration session shows.
+    #[allow(clippy::missing_errors_doc)]
+    pub fn board(&mut self, board: &Board) -> Result<(), Error> {
+        self.metadata("board", &board.pairs())
     }
 
     /// Attaches a file, such as `rig.toml`.
