@@ -5,6 +5,7 @@ mod board;
 mod camera;
 mod depth_response;
 mod file;
+pub mod fit;
 mod intrinsics;
 
 pub use board::{Board, BoardKind, Face, Markers, Rectangle};

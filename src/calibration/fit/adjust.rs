@@ -1,0 +1,492 @@
+//! Bundle adjustment: lenses, camera poses, the board's placements and its back's pose, all at once, by
+//! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a
+//! modern synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It solves; what is true of the result is
+//! judged elsewhere.
+
+use super::lens::{Lens, PARAMETERS};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector,
+    Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
+};
+use rayon::prelude::*;
+
+/// Columns of a view beside its placement's: the lens, the camera's pose, the back face's pose.
+const SHARED: usize = PARAMETERS + 12;
+/// Columns of a camera: lens and pose.
+pub(super) const CAMERA: usize = PARAMETERS + 6;
+
+/// A camera's state.
+#[derive(Clone, Debug)]
+pub(super) struct CameraState {
+    pub lens: Lens,
+    /// Which of the lens' parameters are fitted.
+    pub free: [bool; PARAMETERS],
+    pub camera_from_rig: Isometry3<f64>,
+    pub pose_free: bool,
+    /// What the lens is believed to be without any picture, and how little that weighs.
+    pub prior: [Option<Belief>; PARAMETERS],
+}
+
+/// A value with its standard deviation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Belief {
+    pub value: f64,
+    pub deviation: f64,
+}
+
+/// A placement of the board.
+#[derive(Clone, Debug)]
+pub(super) struct PlacementState {
+    pub rig_from_board: Isometry3<f64>,
+    pub free: bool,
+}
+
+/// What one camera saw of one placement.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    pub camera: usize,
+    pub placement: usize,
+    /// Whether it is the back of the board.
+    pub back: bool,
+    /// Points in the face's frame and their pixels.
+    pub points: Vec<(Point3<f64>, Point2<f64>)>,
+}
+
+/// All that is adjusted, and what it is adjusted to.
+#[derive(Clone, Debug)]
+pub(super) struct Bundle {
+    pub cameras: Vec<CameraState>,
+    pub placements: Vec<PlacementState>,
+    pub board_from_back: Isometry3<f64>,
+    pub back_free: bool,
+    pub views: Vec<Seen>,
+}
+
+/// How residuals count: as Cauchy's loss of this scale in pixels; squared where it is infinite.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Loss {
+    pub scale_px: f64,
+}
+
+impl Loss {
+    pub(super) const SQUARED: Self = Self {
+        scale_px: f64::INFINITY,
+    };
+
+    /// Loss and weight of a squared residual.
+    #[inline]
+    fn of(self, squared: f64) -> (f64, f64) {
+        if self.scale_px.is_infinite() {
+            return (squared, 1.0);
+        }
+        let c2 = self.scale_px * self.scale_px;
+        (c2 * (squared / c2).ln_1p(), 1.0 / (1.0 + squared / c2))
+    }
+}
+
+/// Squared residual, in px², of a point that is behind its camera.
+const BEHIND: f64 = 1e8;
+/// Variance, in px², that the lenses' beliefs are weighed against.
+const BELIEF_VARIANCE: f64 = 0.04;
+
+/// A view's share of the normal equations.
+struct Share {
+    aa: SMatrix<f64, SHARED, SHARED>,
+    ap: SMatrix<f64, SHARED, 6>,
+    pp: Matrix6<f64>,
+    a: SVector<f64, SHARED>,
+    p: Vector6<f64>,
+    cost: f64,
+}
+
+/// The normal equations with the placements eliminated or about to be.
+pub(super) struct Normal {
+    /// Of the cameras (and the back), all columns, those that are not free with ones on the diagonal.
+    shared: DMatrix<f64>,
+    gradient: DVector<f64>,
+    placements: Vec<Matrix6<f64>>,
+    placement_gradients: Vec<Vector6<f64>>,
+    /// Per view, its share that couples the two.
+    coupling: Vec<SMatrix<f64, SHARED, 6>>,
+    pub(super) cost: f64,
+}
+
+impl Bundle {
+    /// Columns of the cameras and the back.
+    fn columns(&self) -> usize {
+        self.cameras.len() * CAMERA + 6
+    }
+
+    /// Where a view's shared columns are.
+    fn column(&self, view: &Seen, local: usize) -> usize {
+        if local < CAMERA {
+            view.camera * CAMERA + local
+        } else {
+            self.cameras.len() * CAMERA + local - CAMERA
+        }
+    }
+
+    fn is_free(&self, column: usize) -> bool {
+        let (camera, local) = (column / CAMERA, column % CAMERA);
+        match self.cameras.get(camera) {
+            Some(state) if local < PARAMETERS => state.free[local],
+            Some(state) => state.pose_free,
+            None => self.back_free,
+        }
+    }
+
+    /// How many parameters are fitted.
+    pub(super) fn free_parameters(&self) -> usize {
+        let shared = (0..self.columns()).filter(|&c| self.is_free(c)).count();
+        shared + 6 * self.placements.iter().filter(|p| p.free).count()
+    }
+
+    /// A point of a view's face in the board's frame.
+    fn on_board(&self, view: &Seen, p: Point3<f64>) -> Point3<f64> {
+        if view.back {
+            self.board_from_back * p
+        } else {
+            p
+        }
+    }
+
+    /// Residuals (pixel predicted less pixel seen) of a view; `None` for a point behind the camera.
+    pub(super) fn residuals(&self, view: &Seen) -> Vec<Option<Vector2<f64>>> {
+        let camera = &self.cameras[view.camera];
+        let pose = camera.camera_from_rig * self.placements[view.placement].rig_from_board;
+        let residual = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
+            let in_camera = pose * self.on_board(view, *p);
+            camera
+                .lens
+                .project(in_camera.coords)
+                .map(|seen| seen - pixel)
+        };
+        view.points.iter().map(residual).collect()
+    }
+
+    fn cost(&self, loss: Loss) -> f64 {
+        let of_view = |view: &Seen| -> f64 {
+            let residuals = self.residuals(view).into_iter();
+            residuals
+                .map(|r| loss.of(r.map_or(BEHIND, |r| r.norm_squared())).0)
+                .sum()
+        };
+        let costs: Vec<f64> = self.views.par_iter().map(of_view).collect();
+        costs.iter().sum::<f64>() + self.belief_cost()
+    }
+
+    fn beliefs(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+        self.cameras.iter().enumerate().flat_map(|(c, camera)| {
+            let believed = camera.prior.iter().enumerate();
+            believed.filter_map(move |(i, belief)| {
+                let belief = (*belief)?;
+                let weight = BELIEF_VARIANCE / belief.deviation.powi(2);
+                let error = camera.lens.values[i] - belief.value;
+                camera.free[i].then_some((c * CAMERA + i, weight, error))
+            })
+        })
+    }
+
+    fn belief_cost(&self) -> f64 {
+        self.beliefs().map(|(_, w, e)| w * e * e).sum()
+    }
+
+    /// A view's share, at the present state.
+    fn share(&self, view: &Seen, loss: Loss) -> Share {
+        let camera = &self.cameras[view.camera];
+        let placement = &self.placements[view.placement].rig_from_board;
+        let rig_rotation = camera.camera_from_rig.rotation.to_rotation_matrix();
+        let board_rotation = rig_rotation * placement.rotation.to_rotation_matrix();
+        let mut share = Share {
+            aa: SMatrix::zeros(),
+            ap: SMatrix::zeros(),
+            pp: Matrix6::zeros(),
+            a: SVector::zeros(),
+            p: Vector6::zeros(),
+            cost: 0.0,
+        };
+        for (p, pixel) in &view.points {
+            let on_board = self.on_board(view, *p);
+            let rotated = placement.rotation * on_board.coords;
+            let in_rig = rotated + placement.translation.vector;
+            let turned = camera.camera_from_rig.rotation * in_rig;
+            let in_camera = turned + camera.camera_from_rig.translation.vector;
+            let Some((predicted, by_lens, by_point)) = camera.lens.derive(in_camera) else {
+                share.cost += loss.of(BEHIND).0;
+                continue;
+            };
+            let residual = predicted - pixel;
+            let (cost, weight) = loss.of(residual.norm_squared());
+            share.cost += cost;
+            let by_rig = by_point * rig_rotation.matrix();
+            let mut by_shared = SMatrix::<f64, 2, SHARED>::zeros();
+            by_shared
+                .fixed_view_mut::<2, PARAMETERS>(0, 0)
+                .copy_from(&by_lens);
+            set_pose(&mut by_shared, PARAMETERS, &by_point, turned);
+            if view.back {
+                let by_board = by_point * board_rotation.matrix();
+                let from_face = self.board_from_back.rotation * p.coords;
+                set_pose(&mut by_shared, CAMERA, &by_board, from_face);
+            }
+            let mut by_placement = SMatrix::<f64, 2, 6>::zeros();
+            set_pose(&mut by_placement, 0, &by_rig, rotated);
+            share.add(&by_shared, &by_placement, residual, weight);
+        }
+        share
+    }
+
+    /// The normal equations at the present state.
+    pub(super) fn normal(&self, loss: Loss) -> Normal {
+        let shares: Vec<Share> = self
+            .views
+            .par_iter()
+            .map(|view| self.share(view, loss))
+            .collect();
+        let n = self.columns();
+        let mut normal = Normal {
+            shared: DMatrix::zeros(n, n),
+            gradient: DVector::zeros(n),
+            placements: vec![Matrix6::zeros(); self.placements.len()],
+            placement_gradients: vec![Vector6::zeros(); self.placements.len()],
+            coupling: Vec::with_capacity(self.views.len()),
+            cost: self.belief_cost(),
+        };
+        for (view, share) in self.views.iter().zip(shares) {
+            self.add_share(&mut normal, view, share);
+        }
+        for (column, weight, error) in self.beliefs() {
+            normal.shared[(column, column)] += weight;
+            normal.gradient[column] += weight * error;
+        }
+        for column in (0..n).filter(|&c| !self.is_free(c)) {
+            normal.shared.row_mut(column).fill(0.0);
+            normal.shared.column_mut(column).fill(0.0);
+            normal.gradient[column] = 0.0;
+        }
+        normal
+    }
+
+    fn add_share(&self, normal: &mut Normal, view: &Seen, mut share: Share) {
+        normal.cost += share.cost;
+        let columns: [usize; SHARED] = std::array::from_fn(|i| self.column(view, i));
+        for (i, &row) in columns.iter().enumerate() {
+            normal.gradient[row] += share.a[i];
+            for (j, &column) in columns.iter().enumerate() {
+                normal.shared[(row, column)] += share.aa[(i, j)];
+            }
+            if !self.is_free(row) {
+                share.ap.row_mut(i).fill(0.0);
+            }
+        }
+        if self.placements[view.placement].free {
+            normal.placements[view.placement] += share.pp;
+            normal.placement_gradients[view.placement] += share.p;
+        } else {
+            share.ap.fill(0.0);
+        }
+        normal.coupling.push(share.ap);
+    }
+
+    /// The cameras' system with the placements eliminated, damped by `lambda`; with each placement's inverse.
+    fn reduced(
+        &self,
+        normal: &Normal,
+        lambda: f64,
+    ) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix6<f64>>) {
+        let damped = |h: f64| h * (1.0 + lambda) + 1e-12;
+        let inverse = |(block, placement): (&Matrix6<f64>, &PlacementState)| {
+            let mut block = *block;
+            for i in 0..6 {
+                block[(i, i)] = damped(block[(i, i)]);
+            }
+            let inverse = placement
+                .free
+                .then(|| block.cholesky().map(|c| c.inverse()));
+            inverse.flatten().unwrap_or_else(Matrix6::zeros)
+        };
+        let inverses: Vec<_> = normal
+            .placements
+            .iter()
+            .zip(&self.placements)
+            .map(inverse)
+            .collect();
+        let mut matrix = normal.shared.clone();
+        let mut gradient = normal.gradient.clone();
+        for column in 0..matrix.nrows() {
+            let diagonal = matrix[(column, column)];
+            // Parameters that are fixed, or that nothing speaks of, stay where they are.
+            matrix[(column, column)] = if diagonal > 0.0 {
+                damped(diagonal)
+            } else {
+                1.0
+            };
+        }
+        for (placement, inverse) in inverses.iter().enumerate() {
+            let of_placement = self.views.iter().zip(&normal.coupling);
+            let of_placement: Vec<_> = of_placement
+                .filter(|(view, _)| view.placement == placement)
+                .collect();
+            for (view, coupling) in &of_placement {
+                let weighted = *coupling * inverse;
+                let pulled = weighted * normal.placement_gradients[placement];
+                for i in 0..SHARED {
+                    gradient[self.column(view, i)] -= pulled[i];
+                }
+                for (other, other_coupling) in &of_placement {
+                    let block = weighted * other_coupling.transpose();
+                    for i in 0..SHARED {
+                        for j in 0..SHARED {
+                            matrix[(self.column(view, i), self.column(other, j))] -= block[(i, j)];
+                        }
+                    }
+                }
+            }
+        }
+        (matrix, gradient, inverses)
+    }
+
+    /// The state after a step of the damped equations.
+    fn stepped(&self, normal: &Normal, lambda: f64) -> Option<Self> {
+        let (matrix, gradient, inverses) = self.reduced(normal, lambda);
+        let step = -matrix.cholesky()?.solve(&gradient);
+        let mut pulls = normal.placement_gradients.clone();
+        for (view, coupling) in self.views.iter().zip(&normal.coupling) {
+            let of_view = SVector::<f64, SHARED>::from_fn(|i, _| step[self.column(view, i)]);
+            pulls[view.placement] += coupling.transpose() * of_view;
+        }
+        let mut next = self.clone();
+        for (c, camera) in next.cameras.iter_mut().enumerate() {
+            let start = c * CAMERA;
+            for i in 0..PARAMETERS {
+                if camera.free[i] {
+                    camera.lens.values[i] += step[start + i];
+                }
+            }
+            if camera.pose_free {
+                let pose = step.fixed_rows::<6>(start + PARAMETERS).into_owned();
+                camera.camera_from_rig = moved(&camera.camera_from_rig, &pose);
+            }
+        }
+        for (placement, (inverse, pull)) in
+            next.placements.iter_mut().zip(inverses.iter().zip(&pulls))
+        {
+            if placement.free {
+                placement.rig_from_board = moved(&placement.rig_from_board, &-(inverse * pull));
+            }
+        }
+        if self.back_free {
+            let pose = step
+                .fixed_rows::<6>(self.cameras.len() * CAMERA)
+                .into_owned();
+            next.board_from_back = moved(&self.board_from_back, &pose);
+        }
+        let sound = step.iter().all(|v| v.is_finite()) && next.is_sane();
+        sound.then_some(next)
+    }
+
+    fn is_sane(&self) -> bool {
+        let focal = |c: &CameraState| c.lens.values[..2].iter().all(|f| (1.0..1e6).contains(f));
+        self.cameras.iter().all(focal)
+    }
+
+    /// Adjusts until a step gains nothing that matters, at most `most` steps; returns the cost in px².
+    pub(super) fn adjust(&mut self, loss: Loss, most: usize) -> f64 {
+        let mut lambda = 1e-4;
+        let mut normal = self.normal(loss);
+        for _ in 0..most {
+            let mut gained = None;
+            while lambda < 1e12 {
+                let next = self.stepped(&normal, lambda);
+                let better = next
+                    .map(|next| (next.cost(loss), next))
+                    .filter(|(cost, _)| cost.is_finite() && *cost < normal.cost);
+                if let Some((cost, next)) = better {
+                    gained = Some((normal.cost - cost) / normal.cost.max(1e-300));
+                    *self = next;
+                    lambda = (lambda * 0.1).max(1e-12);
+                    break;
+                }
+                lambda *= 8.0;
+            }
+            let Some(gained) = gained else { break };
+            normal = self.normal(loss);
+            if gained < 1e-9 {
+                break;
+            }
+        }
+        normal.cost
+    }
+
+    /// Covariance, in px⁻² units of unit noise, of all cameras' columns and the back's: the inverse of the reduced
+    /// normal equations. Fixed parameters have none. `None` where they cannot be inverted.
+    pub(super) fn covariance(&self, loss: Loss) -> Option<DMatrix<f64>> {
+        let normal = self.normal(loss);
+        let (mut matrix, _, _) = self.reduced(&normal, 0.0);
+        // Scaled to a unit diagonal first: focal lengths and distortion differ by many powers of ten.
+        let scale = DVector::from_fn(matrix.nrows(), |i, _| {
+            matrix[(i, i)].max(1e-300).sqrt().recip()
+        });
+        for i in 0..matrix.nrows() {
+            for j in 0..matrix.ncols() {
+                matrix[(i, j)] *= scale[i] * scale[j];
+            }
+        }
+        let mut inverse = matrix.cholesky()?.inverse();
+        for i in 0..inverse.nrows() {
+            for j in 0..inverse.ncols() {
+                let free = self.is_free(i) && self.is_free(j);
+                inverse[(i, j)] *= if free { scale[i] * scale[j] } else { 0.0 };
+            }
+        }
+        Some(inverse)
+    }
+}
+
+impl Share {
+    #[inline]
+    fn add(
+        &mut self,
+        by_shared: &SMatrix<f64, 2, SHARED>,
+        by_placement: &SMatrix<f64, 2, 6>,
+        residual: Vector2<f64>,
+        weight: f64,
+    ) {
+        let weighted = by_shared.transpose() * weight;
+        self.aa += weighted * by_shared;
+        self.ap += weighted * by_placement;
+        self.a += weighted * residual;
+        let weighted = by_placement.transpose() * weight;
+        self.pp += weighted * by_placement;
+        self.p += weighted * residual;
+    }
+}
+
+/// Writes the derivative by a pose, whose rotation turns `rotated` and whose translation shifts it.
+#[inline]
+fn set_pose<const N: usize>(
+    to: &mut SMatrix<f64, 2, N>,
+    column: usize,
+    by_point: &Matrix2x3<f64>,
+    rotated: Vector3<f64>,
+) {
+    let by_rotation: Matrix2x3<f64> = by_point * -cross(rotated);
+    to.fixed_view_mut::<2, 3>(0, column).copy_from(&by_rotation);
+    to.fixed_view_mut::<2, 3>(0, column + 3).copy_from(by_point);
+}
+
+fn cross(v: Vector3<f64>) -> Matrix3<f64> {
+    v.cross_matrix()
+}
+
+/// A pose turned and shifted by a step: rotation vector, then translation.
+pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2]));
+    let shift = Vector3::new(step[3], step[4], step[5]);
+    let mut rotation = turn * pose.rotation;
+    rotation.renormalize_fast();
+    Isometry3::from_parts(
+        Translation3::from(pose.translation.vector + shift),
+        rotation,
+    )
+}

@@ -1,0 +1,173 @@
+//! One camera by itself: its lens and the board's pose in each of its views, from which the rig's fit starts.
+
+use super::adjust::{Belief, Bundle, CameraState, Loss, PlacementState, Seen};
+use super::lens::{Lens, Model, PARAMETERS};
+use super::planar::{self, PlanePose};
+use super::session::{Subject, View};
+use crate::calibration::Board;
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
+
+/// A camera by itself.
+#[derive(Clone, Debug)]
+pub(super) struct Alone {
+    pub lens: Lens,
+    /// Pose of the seen face in each view; `None` where none fits.
+    pub poses: Vec<Option<PlanePose>>,
+}
+
+/// Fits a camera's lens to its views; a known lens is kept. `None` if no lens can explain them.
+pub(super) fn calibrate(
+    subject: &Subject,
+    views: &[&View],
+    board: &Board,
+    model: Model,
+) -> Option<Alone> {
+    let pairs: Vec<_> = views.iter().map(|v| v.pairs(board)).collect();
+    if let Some(known) = &subject.known {
+        let lens = Lens::from_intrinsics(known);
+        let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
+        return Some(Alone { lens, poses });
+    }
+    let fitted = starts(subject, &pairs)
+        .into_iter()
+        .filter_map(|focal| from_focal(subject, &pairs, focal, model));
+    let (_, lens) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
+    Some(Alone { lens, poses })
+}
+
+/// Focal lengths to start from: the one that the homographies give, where they give one that a camera can have, and
+/// else several.
+fn starts(subject: &Subject, pairs: &[Vec<(Point3<f64>, Point2<f64>)>]) -> Vec<f64> {
+    let pinhole = Lens::pinhole(subject.size, 1.0);
+    let center = Vector2::new(pinhole.values[2], pinhole.values[3]);
+    let homography = |of_view: &Vec<(Point3<f64>, Point2<f64>)>| -> Option<Matrix3<f64>> {
+        let flat: Vec<_> = of_view
+            .iter()
+            .map(|(p, px)| (p.xy(), px - center))
+            .collect();
+        planar::homography(&flat)
+    };
+    let homographies: Vec<_> = pairs.iter().filter_map(homography).collect();
+    let side = pinhole.side();
+    let closed = planar::focal_length(&homographies).filter(|f| (0.3..10.0).contains(&(f / side)));
+    closed.map_or_else(
+        || [0.6, 1.0, 1.6, 2.8].map(|f| f * side).into(),
+        |f| vec![f],
+    )
+}
+
+/// The lens that fits from this start, and its cost.
+fn from_focal(
+    subject: &Subject,
+    pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
+    focal: f64,
+    model: Model,
+) -> Option<(f64, Lens)> {
+    let lens = Lens::pinhole(subject.size, focal);
+    let mut bundle = Bundle {
+        cameras: vec![CameraState {
+            lens,
+            free: [false; PARAMETERS],
+            camera_from_rig: Isometry3::identity(),
+            pose_free: false,
+            prior: beliefs(&lens),
+        }],
+        placements: Vec::new(),
+        board_from_back: Isometry3::identity(),
+        back_free: false,
+        views: Vec::new(),
+    };
+    for points in pairs {
+        let Some(pose) = planar::pose(&lens, points) else {
+            continue;
+        };
+        let placement = bundle.placements.len();
+        bundle.placements.push(PlacementState {
+            rig_from_board: pose.camera_from_plane,
+            free: true,
+        });
+        bundle.views.push(Seen {
+            camera: 0,
+            placement,
+            back: false,
+            points: points.clone(),
+        });
+    }
+    if bundle.views.is_empty() {
+        return None;
+    }
+    for parameter in [0, 1, 4] {
+        bundle.cameras[0].free[parameter] = true;
+    }
+    bundle.adjust_robustly(2);
+    bundle.cameras[0].free = free_parameters(model);
+    let cost = bundle.adjust_robustly(4);
+    let lens = bundle.cameras[0].lens;
+    lens.intrinsics().is_ok().then_some((cost, lens))
+}
+
+/// The parameters that a model has.
+pub(super) fn free_parameters(model: Model) -> [bool; PARAMETERS] {
+    std::array::from_fn(|i| i < 9 || model == Model::Rational)
+}
+
+/// What any lens is believed to be like; so weak that a few good views overrule it, and enough to keep in bounds what
+/// no view speaks of.
+pub(super) fn beliefs(start: &Lens) -> [Option<Belief>; PARAMETERS] {
+    let middle = Lens::pinhole(start.size, start.focal_px());
+    let (side, focal) = (start.side(), start.focal_px());
+    let deviations = [
+        focal,
+        focal,
+        0.1 * side,
+        0.1 * side,
+        1.0,
+        1.0,
+        0.02,
+        0.02,
+        2.0,
+        1.0,
+        1.0,
+        1.0,
+    ];
+    let belief = |i: usize| Belief {
+        value: middle.values[i],
+        deviation: deviations[i],
+    };
+    std::array::from_fn(|i| Some(belief(i)))
+}
+
+impl Bundle {
+    /// All lengths of residuals that can be computed, ascending.
+    pub(super) fn lengths(&self) -> Vec<f64> {
+        let residuals = self.views.iter().flat_map(|view| self.residuals(view));
+        let mut lengths: Vec<f64> = residuals.flatten().map(|r| r.norm()).collect();
+        lengths.sort_by(f64::total_cmp);
+        lengths
+    }
+
+    /// Standard deviation of a coordinate's residual, from the median, so that false corners do not count.
+    pub(super) fn robust_deviation(&self) -> f64 {
+        let lengths = self.lengths();
+        // The median of a Rayleigh distribution.
+        lengths
+            .get(lengths.len() / 2)
+            .map_or(0.0, |median| median / 1.1774)
+    }
+
+    /// The loss under which residuals of three robust deviations count half.
+    pub(super) fn robust_loss(&self) -> Loss {
+        Loss {
+            scale_px: (3.0 * self.robust_deviation()).max(0.02),
+        }
+    }
+
+    /// Adjusts under ever sharper losses; returns the last cost.
+    pub(super) fn adjust_robustly(&mut self, rounds: usize) -> f64 {
+        (0..rounds)
+            .map(|_| self.adjust(self.robust_loss(), 25))
+            .last()
+            .unwrap_or(0.0)
+    }
+}

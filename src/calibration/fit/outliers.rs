@@ -1,0 +1,239 @@
+//! What does not belong: false corners, views that no pose explains, placements during which the board moved, and
+//! placements that are there twice. It decides what to leave out and says why; it fits no lens.
+
+use super::adjust::{Bundle, Loss, PlacementState, Seen};
+use super::planar;
+use super::result::Figures;
+use nalgebra::Isometry3;
+
+/// Something to leave out.
+pub(super) enum Verdict {
+    /// A view, by its index, and why.
+    View(usize, String),
+    /// A placement, by its index, and why.
+    Placement(usize, String),
+}
+
+/// A view's residual in the rig and by itself.
+struct Judged {
+    joint: f64,
+    alone: f64,
+}
+
+/// The root mean square of a view's residuals; those behind the camera count as 1000 px.
+fn rms(bundle: &Bundle, view: &Seen) -> f64 {
+    let lengths = bundle.residuals(view).into_iter();
+    Figures::of(lengths.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+}
+
+fn judged(bundle: &Bundle, view: &Seen) -> Judged {
+    let camera = &bundle.cameras[view.camera];
+    let start = camera.camera_from_rig * bundle.placements[view.placement].rig_from_board;
+    let start = if view.back {
+        start * bundle.board_from_back
+    } else {
+        start
+    };
+    let alone = planar::refined(&camera.lens, &view.points, &start);
+    Judged {
+        joint: rms(bundle, view),
+        alone: alone.map_or(1e3, |pose| pose.rms_px),
+    }
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    Figures::of(values).median_px
+}
+
+/// The worst view or placement that does not belong; `None` when all do.
+pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
+    let judged: Vec<Judged> = bundle.views.iter().map(|v| judged(bundle, v)).collect();
+    // Residuals below a twentieth of a pixel are never worth a word.
+    let usual_alone = median(judged.iter().map(|j| j.alone)).max(0.05);
+    let usual_joint = median(judged.iter().map(|j| j.joint)).max(0.05);
+    let excess = |j: &Judged| (j.joint / usual_joint).max(j.alone / usual_alone);
+    let (index, worst) =
+        (judged.iter().enumerate()).max_by(|a, b| excess(a.1).total_cmp(&excess(b.1)))?;
+    if excess(worst) <= ratio {
+        return None;
+    }
+    let view = &bundle.views[index];
+    if worst.alone / usual_alone > ratio {
+        let reason = format!(
+            "its corners fit no pose of the board: {:.2} px by themselves, {usual_alone:.2} px are usual; it may be \
+             blurred, or the board bent",
+            worst.alone
+        );
+        return Some(Verdict::View(index, reason));
+    }
+    let placement = view.placement;
+    let odd_one = odd_one_out(bundle, placement, ratio * usual_joint);
+    Some(odd_one.unwrap_or_else(|| {
+        let reason = format!(
+            "its cameras disagree on where the board was ({:.2} px, {usual_joint:.2} px are usual): it moved during \
+             the capture",
+            worst.joint
+        );
+        Verdict::Placement(placement, reason)
+    }))
+}
+
+/// The one view of a placement without which its other views agree to `most` pixels, if there is just one such.
+fn odd_one_out(bundle: &Bundle, placement: usize, most: f64) -> Option<Verdict> {
+    let views: Vec<usize> = (0..bundle.views.len())
+        .filter(|&i| bundle.views[i].placement == placement)
+        .collect();
+    if views.len() < 3 {
+        return None;
+    }
+    let without = |left_out: usize| {
+        let others = views
+            .iter()
+            .filter(|&&i| i != left_out)
+            .map(|&i| bundle.views[i].clone());
+        let pose = placed(bundle, placement, others.collect());
+        pose.views.iter().map(|v| rms(&pose, v)).fold(0.0, f64::max)
+    };
+    let (rest, odd) =
+        (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture is of another time";
+    (rest <= most).then(|| Verdict::View(odd, reason.into()))
+}
+
+/// A bundle of one placement's views in which only the board's pose is free, adjusted.
+pub(super) fn placed(bundle: &Bundle, placement: usize, views: Vec<Seen>) -> Bundle {
+    let mut cameras = bundle.cameras.clone();
+    for camera in &mut cameras {
+        camera.pose_free = false;
+        camera.free.fill(false);
+    }
+    let seen = views.into_iter().map(|view| Seen {
+        placement: 0,
+        ..view
+    });
+    let rig_from_board = bundle.placements[placement].rig_from_board;
+    let mut alone = Bundle {
+        cameras,
+        placements: vec![PlacementState {
+            rig_from_board,
+            free: true,
+        }],
+        board_from_back: bundle.board_from_back,
+        back_free: false,
+        views: seen.collect(),
+    };
+    alone.adjust(alone.robust_loss(), 20);
+    alone.adjust(alone.robust_loss(), 20);
+    alone
+}
+
+/// Takes corners out that lie further off than `deviations` robust standard deviations of their camera's residuals;
+/// how many of each camera.
+pub(super) fn drop_false_corners(bundle: &mut Bundle, deviations: f64) -> Vec<usize> {
+    let mut dropped = vec![0; bundle.cameras.len()];
+    for (camera, dropped) in dropped.iter_mut().enumerate() {
+        let of_camera = bundle.views.iter().filter(|v| v.camera == camera);
+        let residuals = of_camera.flat_map(|v| bundle.residuals(v));
+        let usual = median(residuals.map(|r| r.map_or(1e3, |r| r.norm()))) / 1.1774;
+        let most = deviations * usual.max(0.01);
+        for i in 0..bundle.views.len() {
+            if bundle.views[i].camera == camera {
+                let residuals = bundle.residuals(&bundle.views[i]);
+                let mut keep = residuals
+                    .iter()
+                    .map(|r| r.is_some_and(|r| r.norm() <= most));
+                let points = &mut bundle.views[i].points;
+                let before = points.len();
+                points.retain(|_| keep.next().unwrap_or(false));
+                *dropped += before - points.len();
+            }
+        }
+    }
+    dropped
+}
+
+/// Pairs of placements, the later one first, at which all common cameras saw the board in the same place to a fraction
+/// of a pixel: one of them says nothing new.
+pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, String)> {
+    const SAME_PX: f64 = 1.0;
+    let same = |a: usize, b: usize| {
+        let of = |p: usize| bundle.views.iter().filter(move |v| v.placement == p);
+        let mut common = 0;
+        for view in of(a) {
+            let Some(other) = of(b).find(|o| o.camera == view.camera && o.back == view.back) else {
+                continue;
+            };
+            common += 1;
+            let apart = mean_distance(view, other);
+            if apart.is_none_or(|d| d > SAME_PX) {
+                return false;
+            }
+        }
+        common > 0
+    };
+    let mut found: Vec<(usize, String)> = Vec::new();
+    for later in 0..bundle.placements.len() {
+        let earlier = (0..later).find(|&e| found.iter().all(|(d, _)| *d != e) && same(e, later));
+        if let Some(earlier) = earlier {
+            found.push((
+                later,
+                format!(
+                    "the board lies where it lay at {}: it says nothing new",
+                    names[earlier]
+                ),
+            ));
+        }
+    }
+    found
+}
+
+/// Mean distance of the pixels of points that two views share.
+fn mean_distance(a: &Seen, b: &Seen) -> Option<f64> {
+    let partner = |(p, pixel): &(nalgebra::Point3<f64>, nalgebra::Point2<f64>)| {
+        let same = b.points.iter().find(|(q, _)| (p - q).norm() < 1e-9)?;
+        Some((pixel - same.1).norm())
+    };
+    let distances: Vec<f64> = a.points.iter().filter_map(partner).collect();
+    (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
+}
+
+impl Bundle {
+    /// Takes views out; placements that nothing sees any more stay where they are.
+    pub(super) fn retain_views(&mut self, keep: impl Fn(usize, &Seen) -> bool) {
+        let mut index = 0;
+        self.views.retain(|view| {
+            index += 1;
+            keep(index - 1, view)
+        });
+        for placement in 0..self.placements.len() {
+            let seen = self.views.iter().any(|v| v.placement == placement);
+            self.placements[placement].free &= seen;
+        }
+    }
+
+    /// Moves the rig's frame: `new_from_old` maps the old one into the new one.
+    pub(super) fn reframe(&mut self, new_from_old: &Isometry3<f64>) {
+        let old_from_new = new_from_old.inverse();
+        for camera in &mut self.cameras {
+            camera.camera_from_rig *= old_from_new;
+        }
+        for placement in &mut self.placements {
+            placement.rig_from_board = new_from_old * placement.rig_from_board;
+        }
+    }
+
+    /// Variance of a coordinate's residual, as the fit leaves it.
+    pub(super) fn variance(&self) -> f64 {
+        let coordinates = 2 * self.views.iter().map(|v| v.points.len()).sum::<usize>();
+        let squares: f64 = self.lengths().iter().map(|l| l * l).sum();
+        let freedom = coordinates.saturating_sub(self.free_parameters()).max(1);
+        squares / freedom as f64
+    }
+}
+
+/// The loss for a bundle without false corners: nearly squared, so that covariances mean what they say.
+pub(super) fn mild_loss(bundle: &Bundle) -> Loss {
+    Loss {
+        scale_px: (10.0 * bundle.robust_deviation()).max(0.05),
+    }
+}

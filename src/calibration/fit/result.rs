@@ -1,0 +1,162 @@
+//! What a fit finds. Data, and the figures that are computed from residuals.
+
+use super::session::View;
+use crate::calibration::{Board, Camera, Face, Volume};
+use crate::frame::CameraId;
+use nalgebra::{Isometry3, Point2, Vector2};
+
+/// A calibrated rig with what is known of its errors.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The board.
+    pub board: Board,
+    /// The cameras, in the order of the session, those aside that could not be fitted.
+    pub cameras: Vec<FittedCamera>,
+    /// The placements that were used, in their order.
+    pub placements: Vec<FittedPlacement>,
+    /// Of a two-sided board: from the back's frame to the front's.
+    pub front_from_back: Isometry3<f64>,
+    /// Name of the placement that the rig's frame lies on.
+    pub table: String,
+    /// Whether nothing of the board was ever seen below that placement.
+    pub table_is_lowest: bool,
+    /// Of all corners that were used.
+    pub figures: Figures,
+    /// How well placements are predicted that the fit did not see.
+    pub held_out: Option<HeldOut>,
+    /// What all cameras see, from the table up.
+    pub volume: Option<Volume>,
+    /// Views, placements and cameras that were left out, and why.
+    pub left_out: Vec<LeftOut>,
+    /// The board as it was seen and read, with all that was left out gone.
+    pub views: Vec<View>,
+    /// Residuals of each of these views.
+    pub residuals: Vec<ViewResiduals>,
+    /// Links of the cameras' tree: pairs of indices into the cameras.
+    pub links: Vec<[usize; 2]>,
+}
+
+/// A camera that was fitted.
+#[derive(Clone, Debug)]
+pub struct FittedCamera {
+    /// Lens and pose in the rig.
+    pub camera: Camera,
+    /// How uncertain they are.
+    pub uncertainty: Uncertainty,
+    /// Its residuals.
+    pub figures: Figures,
+    /// Views that were used.
+    pub views: usize,
+    /// Part of its picture where corners were seen, of a grid of 10 by 10, from 0 to 1.
+    pub coverage: f64,
+    /// Corners that are far from where they should be and were left out.
+    pub false_corners: usize,
+}
+
+/// A placement that was used.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedPlacement {
+    /// Its name.
+    pub name: String,
+    /// From the board's frame to the rig's.
+    pub rig_from_board: Isometry3<f64>,
+    /// Its residuals.
+    pub figures: Figures,
+    /// Cameras that saw it.
+    pub cameras: usize,
+}
+
+/// Residuals of corners in pixels: lengths of the differences from what is predicted.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// How many corners.
+    pub corners: usize,
+    /// Root mean square.
+    pub rms_px: f64,
+    /// Median.
+    pub median_px: f64,
+    /// Largest.
+    pub max_px: f64,
+}
+
+impl Figures {
+    /// The figures of residuals.
+    pub fn of(lengths: impl Iterator<Item = f64>) -> Self {
+        let mut lengths: Vec<f64> = lengths.collect();
+        lengths.sort_by(f64::total_cmp);
+        let n = lengths.len();
+        Self {
+            corners: n,
+            rms_px: (lengths.iter().map(|l| l * l).sum::<f64>() / n.max(1) as f64).sqrt(),
+            median_px: lengths.get(n / 2).copied().unwrap_or(0.0),
+            max_px: lengths.last().copied().unwrap_or(0.0),
+        }
+    }
+}
+
+/// Standard deviations of what was fitted, as the residuals let expect them.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct Uncertainty {
+    /// Of fx and fy.
+    pub focal_px: [f64; 2],
+    /// Of cx and cy.
+    pub center_px: [f64; 2],
+    /// Of k1, k2, p1, p2, k3, k4, k5, k6.
+    pub distortion: [f64; 8],
+    /// Of the camera's rotation about its own x, y and z, in degrees.
+    pub rotation_degrees: [f64; 3],
+    /// Of its centre along the rig's x, y and z, in metres.
+    pub position: [f64; 3],
+}
+
+/// How well placements are predicted that the fit did not see.
+#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// Residuals of the corners of placements that were held out.
+    pub figures: Figures,
+    /// Their root mean square over that of the same corners in the fit.
+    pub ratio: f64,
+    /// How often the fit was repeated.
+    pub folds: usize,
+}
+
+/// What was left out.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// The camera; none for a whole placement.
+    pub camera: Option<CameraId>,
+    /// The placement; none for a whole camera.
+    pub placement: Option<String>,
+    /// Why.
+    pub reason: String,
+}
+
+/// A view's residuals.
+#[derive(Clone, Debug)]
+pub struct ViewResiduals {
+    /// Index of the camera among the fitted ones.
+    pub camera: usize,
+    /// Index of the placement among the fitted ones.
+    pub placement: usize,
+    /// The side that was seen.
+    pub face: Face,
+    /// Each corner's pixel, and where it is predicted less where it was seen.
+    pub corners: Vec<(Point2<f64>, Vector2<f64>)>,
+}
+
+impl ViewResiduals {
+    /// Lengths of the residuals.
+    pub fn lengths(&self) -> impl Iterator<Item = f64> + '_ {
+        self.corners.iter().map(|(_, r)| r.norm())
+    }
+}
+
+/// Part of a picture's cells, 10 by 10, that hold a corner.
+pub(super) fn coverage(size: [usize; 2], pixels: impl Iterator<Item = Point2<f64>>) -> f64 {
+    let mut cells = [false; 100];
+    for pixel in pixels {
+        let cell = |at: f64, side: usize| (at.max(0.0) / side as f64 * 10.0).min(9.0) as usize;
+        cells[cell(pixel.y, size[1]) * 10 + cell(pixel.x, size[0])] = true;
+    }
+    cells.iter().filter(|&&seen| seen).count() as f64 / 100.0
+}

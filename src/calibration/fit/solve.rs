@@ -1,0 +1,585 @@
+//! The order of the fit's steps: cameras alone, their tree, one bundle, what does not belong, the rig's frame, and
+//! what is uncertain.
+
+use super::adjust::{Bundle, CAMERA, CameraState, Loss, PlacementState, Seen};
+use super::alone::{self, Alone};
+use super::frame::{lowest_placement, rig_from_table};
+use super::holdout::{hangs_together, held_out};
+use super::lens::PARAMETERS;
+use super::links::{Comparison, Link, Tree, poses, tree};
+use super::outliers::{self, Verdict, mild_loss};
+use super::planar::PlanePose;
+use super::result::{
+    Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
+};
+use super::session::{Corner, Session, View};
+use super::volume::proposed;
+use super::{Error, Parameters};
+use crate::calibration::{Camera, Face};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, SMatrix, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Distance of a camera's board from where the others see it, over its distance from the camera, beyond which the view
+/// is left out at once.
+const ELSEWHERE: f64 = 0.15;
+
+/// Fits a rig to a session.
+///
+/// # Errors
+/// If no camera has enough views, the cameras do not hang together, the table's placement is not there, or the
+/// equations cannot be solved.
+pub fn fit(session: &Session, parameters: &Parameters) -> Result<Fit, Error> {
+    let mut left_out = Vec::new();
+    let mut session = session.clone();
+    // Each round leaves something out.
+    loop {
+        let usable = usable(&session, parameters, &mut left_out)?;
+        let mut solver = Solver::start(usable, parameters, &mut left_out)?;
+        solver.leave_out_what_does_not_belong(&mut left_out);
+        if solver.is_well_seen() {
+            return solver.finish(left_out);
+        }
+        session = solver.session;
+    }
+}
+
+/// The session without cameras that have too few views, and without views that have too few corners.
+fn usable(
+    session: &Session,
+    parameters: &Parameters,
+    left_out: &mut Vec<LeftOut>,
+) -> Result<Session, Error> {
+    let enough = |v: &&View| v.corners.len() >= parameters.min_corners.max(4);
+    let views: Vec<&View> = session.views.iter().filter(enough).collect();
+    let count = |camera: usize| views.iter().filter(|v| v.camera == camera).count();
+    let needed = |camera: usize| match session.cameras[camera].known {
+        Some(_) => 1,
+        None => parameters.min_views.max(1),
+    };
+    let mut kept = Vec::new();
+    let mut details = Vec::new();
+    for (camera, subject) in session.cameras.iter().enumerate() {
+        let (found, needed) = (count(camera), needed(camera));
+        if found >= needed {
+            kept.push(camera);
+            continue;
+        }
+        let reason = match found {
+            0 => "it saw no board that could be used".to_owned(),
+            _ => format!(
+                "it has {found} views of the board that can be used, expected at least {needed}"
+            ),
+        };
+        details.push(format!("{}: {reason}", subject.id));
+        left_out.push(LeftOut {
+            camera: Some(subject.id.clone()),
+            placement: None,
+            reason,
+        });
+    }
+    if kept.is_empty() {
+        return Err(Error::NothingToFit {
+            details: details.join("; "),
+        });
+    }
+    let renumbered = |v: &&View| {
+        let camera = kept.iter().position(|&c| c == v.camera)?;
+        Some(View {
+            camera,
+            ..(*v).clone()
+        })
+    };
+    Ok(Session {
+        board: session.board,
+        cameras: kept.iter().map(|&c| session.cameras[c].clone()).collect(),
+        placements: session.placements.clone(),
+        views: views.iter().filter_map(renumbered).collect(),
+    })
+}
+
+/// A session and its bundle; views of both are the same in the same order.
+struct Solver<'a> {
+    session: Session,
+    parameters: &'a Parameters,
+    bundle: Bundle,
+    links: Vec<[usize; 2]>,
+    false_corners: Vec<usize>,
+}
+
+/// Each camera by itself; views that no pose explains are left out.
+fn alone(
+    session: &mut Session,
+    parameters: &Parameters,
+    left_out: &mut Vec<LeftOut>,
+) -> Result<(Vec<Alone>, Vec<Option<PlanePose>>), Error> {
+    let cameras: Vec<usize> = (0..session.cameras.len()).collect();
+    let calibrate = |&camera: &usize| {
+        let views: Vec<&View> = session
+            .views
+            .iter()
+            .filter(|v| v.camera == camera)
+            .collect();
+        alone::calibrate(
+            &session.cameras[camera],
+            &views,
+            &session.board,
+            parameters.model,
+        )
+    };
+    let found: Vec<Option<Alone>> = cameras.par_iter().map(calibrate).collect();
+    let mut alones = Vec::new();
+    for (camera, found) in found.into_iter().enumerate() {
+        let id = &session.cameras[camera].id;
+        alones.push(found.ok_or_else(|| {
+            Error::Unsolvable(format!(
+                "no lens explains what camera {id} saw of the board"
+            ))
+        })?);
+    }
+    let mut next = vec![0; alones.len()];
+    let mut poses = Vec::new();
+    for view in &session.views {
+        poses.push(alones[view.camera].poses[next[view.camera]]);
+        next[view.camera] += 1;
+    }
+    let mut kept = Vec::new();
+    for (view, pose) in session.views.iter().zip(&poses) {
+        kept.push(pose.is_some());
+        if pose.is_none() {
+            left_out.push(LeftOut {
+                camera: Some(session.cameras[view.camera].id.clone()),
+                placement: Some(session.placements[view.placement].clone()),
+                reason: "no pose of the board explains its corners".into(),
+            });
+        }
+    }
+    let mut keep = kept.iter();
+    session
+        .views
+        .retain(|_| keep.next().copied().unwrap_or(false));
+    poses.retain(Option::is_some);
+    Ok((alones, poses))
+}
+
+/// The tree of all cameras.
+fn joined(session: &Session, links: &[Link]) -> Result<Tree, Error> {
+    let n = session.cameras.len();
+    let strength = |c: usize| -> f64 {
+        links
+            .iter()
+            .filter(|l| l.cameras.contains(&c))
+            .map(|l| l.score)
+            .sum()
+    };
+    let root = (0..n).max_by(|&a, &b| strength(a).total_cmp(&strength(b)).then(b.cmp(&a)));
+    let whole = tree(n, links, root.unwrap_or(0));
+    if whole.camera_from_root.iter().all(Option::is_some) {
+        return Ok(whole);
+    }
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for camera in 0..n {
+        if groups.iter().all(|g| !g.contains(&camera)) {
+            let reached = tree(n, links, camera).camera_from_root;
+            groups.push((0..n).filter(|&c| reached[c].is_some()).collect());
+        }
+    }
+    let id = |c: usize| session.cameras[c].id.clone();
+    let placements = |c: usize| -> BTreeSet<usize> {
+        session
+            .views
+            .iter()
+            .filter(|v| v.camera == c)
+            .map(|v| v.placement)
+            .collect()
+    };
+    let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
+    let group = |c: usize| groups.iter().position(|g| g.contains(&c));
+    let ambiguous =
+        pairs.filter(|&[a, b]| group(a) != group(b) && !placements(a).is_disjoint(&placements(b)));
+    Err(Error::Disjoint {
+        ambiguous: ambiguous.map(|pair| pair.map(id)).collect(),
+        groups: groups
+            .iter()
+            .map(|g| g.iter().map(|&c| id(c)).collect())
+            .collect(),
+    })
+}
+
+impl<'a> Solver<'a> {
+    fn start(
+        mut session: Session,
+        parameters: &'a Parameters,
+        left_out: &mut Vec<LeftOut>,
+    ) -> Result<Self, Error> {
+        let (alones, of_views) = alone(&mut session, parameters, left_out)?;
+        let poses = poses(&session, &of_views);
+        let comparison = Comparison::new(&session);
+        let tree = joined(&session, &comparison.links(&poses))?;
+        let mut placements = Vec::new();
+        let mut readings = Vec::new();
+        for placement in 0..session.placements.len() {
+            let agreed = comparison.agree(&poses, &tree, placement);
+            let rig_from_board = agreed.as_ref().map(|a| a.root_from_board);
+            placements.push(PlacementState {
+                rig_from_board: rig_from_board.unwrap_or_else(Isometry3::identity),
+                free: rig_from_board.is_some(),
+            });
+            readings.push(agreed.map(|a| a.turns).unwrap_or_default());
+        }
+        read_alike(&mut session, &readings, left_out);
+        let cameras = alones
+            .iter()
+            .zip(&tree.camera_from_root)
+            .zip(&session.cameras);
+        let cameras = cameras.map(|((alone, pose), subject)| CameraState {
+            lens: alone.lens,
+            free: match subject.known {
+                Some(_) => [false; PARAMETERS],
+                None => alone::free_parameters(parameters.model),
+            },
+            camera_from_rig: pose.unwrap_or_else(Isometry3::identity),
+            pose_free: pose.is_some_and(|p| p != Isometry3::identity()),
+            prior: alone::beliefs(&alone.lens),
+        });
+        let mut bundle = Bundle {
+            cameras: cameras.collect(),
+            placements,
+            board_from_back: session.board.front_from_back(),
+            back_free: both_faces_at_once(&session),
+            views: session.views.iter().map(|v| seen(&session, v)).collect(),
+        };
+        bundle.retain_views(|_, _| true);
+        bundle.adjust_robustly(4);
+        let false_corners = vec![0; session.cameras.len()];
+        Ok(Self {
+            session,
+            parameters,
+            bundle,
+            links: tree.links,
+            false_corners,
+        })
+    }
+
+    /// Takes views and placements out, the worst first, until all that is left belongs together.
+    fn leave_out_what_does_not_belong(&mut self, left_out: &mut Vec<LeftOut>) {
+        for (placement, reason) in outliers::duplicates(&self.bundle, &self.session.placements) {
+            self.leave_out(&Verdict::Placement(placement, reason), left_out);
+        }
+        for _ in 0..self.session.views.len() {
+            let Some(verdict) = outliers::worst(&self.bundle, self.parameters.outlier_ratio) else {
+                break;
+            };
+            self.leave_out(&verdict, left_out);
+            if !self.is_well_seen() {
+                return;
+            }
+            self.bundle.adjust_robustly(2);
+        }
+        let deviations = self.parameters.false_corner_deviations;
+        self.false_corners = outliers::drop_false_corners(&mut self.bundle, deviations);
+        let fewest = self.parameters.min_corners.max(4);
+        let poor: Vec<bool> = self
+            .bundle
+            .views
+            .iter()
+            .map(|v| v.points.len() < fewest)
+            .collect();
+        for index in (0..poor.len()).rev().filter(|&i| poor[i]) {
+            let reason = "hardly any of its corners is where it should be".to_owned();
+            self.leave_out(&Verdict::View(index, reason), left_out);
+        }
+        self.bundle.adjust(mild_loss(&self.bundle), 30);
+    }
+
+    fn leave_out(&mut self, verdict: &Verdict, left_out: &mut Vec<LeftOut>) {
+        let session = &mut self.session;
+        let name = |placement: usize| Some(session.placements[placement].clone());
+        left_out.push(match verdict {
+            Verdict::View(index, reason) => LeftOut {
+                camera: Some(session.cameras[session.views[*index].camera].id.clone()),
+                placement: name(session.views[*index].placement),
+                reason: reason.clone(),
+            },
+            Verdict::Placement(placement, reason) => LeftOut {
+                camera: None,
+                placement: name(*placement),
+                reason: reason.clone(),
+            },
+        });
+        let keep = |index: usize, placement: usize| match verdict {
+            Verdict::View(out, _) => index != *out,
+            Verdict::Placement(out, _) => placement != *out,
+        };
+        let mut index = 0;
+        session.views.retain(|view| {
+            index += 1;
+            keep(index - 1, view.placement)
+        });
+        self.bundle
+            .retain_views(|index, view| keep(index, view.placement));
+    }
+
+    /// Whether every camera has the views that it needs, and all hang together.
+    fn is_well_seen(&self) -> bool {
+        let views = |c: usize| self.bundle.views.iter().filter(|v| v.camera == c).count();
+        let enough = |c: usize| match self.session.cameras[c].known {
+            Some(_) => views(c) >= 1,
+            None => views(c) >= self.parameters.min_views.max(1),
+        };
+        (0..self.session.cameras.len()).all(enough) && hangs_together(&self.bundle)
+    }
+
+    /// Index of the placement that becomes the rig's frame, and whether all else lies above it.
+    fn table(&self) -> Result<(usize, bool), Error> {
+        let used = |p: usize| self.bundle.views.iter().any(|v| v.placement == p);
+        let Some(name) = &self.parameters.table_placement else {
+            let (lowest, below) =
+                lowest_placement(&self.bundle, &self.session.board).unwrap_or((0, 1.0));
+            // What is wrong by less is noise.
+            return Ok((lowest, below < 0.005));
+        };
+        let all = self.session.placements.iter().enumerate();
+        let known: Vec<_> = all.filter(|(p, _)| used(*p)).collect();
+        let found = known
+            .iter()
+            .find(|(_, n)| *n == name)
+            .map(|(p, _)| (*p, true));
+        found.ok_or_else(|| Error::NoSuchPlacement {
+            name: name.clone(),
+            known: known
+                .iter()
+                .map(|(_, n)| n.as_str())
+                .collect::<Vec<_>>()
+                .join(", "),
+        })
+    }
+
+    fn finish(mut self, left_out: Vec<LeftOut>) -> Result<Fit, Error> {
+        let (table, table_is_lowest) = self.table()?;
+        let board_from_rig = self.bundle.placements[table].rig_from_board.inverse();
+        self.bundle.reframe(&(rig_from_table() * board_from_rig));
+        for camera in &mut self.bundle.cameras {
+            camera.pose_free = true;
+        }
+        self.bundle.placements[table].free = false;
+        let loss = mild_loss(&self.bundle);
+        self.bundle.adjust(loss, 30);
+        let covariance = self.bundle.covariance(Loss::SQUARED).ok_or_else(|| {
+            Error::Unsolvable("what was seen does not fix all lenses and poses".into())
+        })? * self.bundle.variance();
+        let held_out = held_out(
+            &self.bundle,
+            self.parameters.folds,
+            self.parameters.min_views,
+        );
+        let residuals = self.residuals();
+        let cameras = (0..self.session.cameras.len())
+            .map(|c| self.camera(c, &residuals, &covariance))
+            .collect::<Result<Vec<_>, _>>()?;
+        let placements = self.placements(&residuals);
+        Ok(Fit {
+            board: self.session.board,
+            volume: self.volume(&cameras),
+            figures: Figures::of(residuals.iter().flat_map(ViewResiduals::lengths)),
+            front_from_back: self.bundle.board_from_back,
+            table: self.session.placements[table].clone(),
+            table_is_lowest,
+            held_out,
+            left_out,
+            views: self.views(),
+            links: self.links.clone(),
+            cameras,
+            placements,
+            residuals: self.renumbered(residuals),
+        })
+    }
+
+    /// Residuals of all views; cameras and placements as the bundle numbers them.
+    fn residuals(&self) -> Vec<ViewResiduals> {
+        let of_view = |view: &Seen| ViewResiduals {
+            camera: view.camera,
+            placement: view.placement,
+            face: if view.back { Face::Back } else { Face::Front },
+            corners: (view.points.iter().zip(self.bundle.residuals(view)))
+                .filter_map(|((_, pixel), r)| Some((*pixel, r?)))
+                .collect(),
+        };
+        self.bundle.views.iter().map(of_view).collect()
+    }
+
+    /// The placements that are used.
+    fn used(&self) -> Vec<usize> {
+        let used: BTreeSet<usize> = self.bundle.views.iter().map(|v| v.placement).collect();
+        used.into_iter().collect()
+    }
+
+    /// Placements numbered as in the result, where only those that are used are left.
+    fn renumbered(&self, residuals: Vec<ViewResiduals>) -> Vec<ViewResiduals> {
+        let used = self.used();
+        let number = |p: usize| used.iter().position(|&u| u == p).unwrap_or(0);
+        residuals
+            .into_iter()
+            .map(|r| ViewResiduals {
+                placement: number(r.placement),
+                ..r
+            })
+            .collect()
+    }
+
+    fn views(&self) -> Vec<View> {
+        let used = self.used();
+        let square = self.session.board.square;
+        let index = |length: f64| (length / square).round() as usize;
+        let view = |v: &Seen| View {
+            camera: v.camera,
+            placement: used.iter().position(|&u| u == v.placement).unwrap_or(0),
+            face: if v.back { Face::Back } else { Face::Front },
+            corners: (v.points.iter())
+                .map(|(p, pixel)| Corner {
+                    column: index(p.x),
+                    row: index(p.y),
+                    pixel: *pixel,
+                })
+                .collect(),
+        };
+        self.bundle.views.iter().map(view).collect()
+    }
+
+    fn camera(
+        &self,
+        camera: usize,
+        residuals: &[ViewResiduals],
+        covariance: &DMatrix<f64>,
+    ) -> Result<FittedCamera, Error> {
+        let state = &self.bundle.cameras[camera];
+        let id = self.session.cameras[camera].id.clone();
+        let unsound = |e| Error::Unsolvable(format!("camera {id}: {e}"));
+        let lens = state.lens.intrinsics().map_err(unsound)?;
+        let own = || residuals.iter().filter(|r| r.camera == camera);
+        let start = camera * CAMERA;
+        let block = covariance
+            .view((start, start), (CAMERA, CAMERA))
+            .into_owned();
+        Ok(FittedCamera {
+            uncertainty: uncertainty(&state.camera_from_rig, &block),
+            figures: Figures::of(own().flat_map(ViewResiduals::lengths)),
+            views: own().count(),
+            coverage: coverage(
+                state.lens.size,
+                own().flat_map(|r| r.corners.iter().map(|c| c.0)),
+            ),
+            false_corners: self.false_corners[camera],
+            camera: Camera::new(id, lens, state.camera_from_rig.inverse()),
+        })
+    }
+
+    fn placements(&self, residuals: &[ViewResiduals]) -> Vec<FittedPlacement> {
+        let of = |placement: usize| {
+            let own = || residuals.iter().filter(move |r| r.placement == placement);
+            FittedPlacement {
+                name: self.session.placements[placement].clone(),
+                rig_from_board: self.bundle.placements[placement].rig_from_board,
+                figures: Figures::of(own().flat_map(ViewResiduals::lengths)),
+                cameras: own().map(|r| r.camera).collect::<BTreeSet<_>>().len(),
+            }
+        };
+        self.used().into_iter().map(of).collect()
+    }
+
+    /// What all cameras see of the space in which the board was.
+    fn volume(&self, cameras: &[FittedCamera]) -> Option<crate::calibration::Volume> {
+        let corners = self.used().into_iter().flat_map(|p| {
+            let pose = self.bundle.placements[p].rig_from_board;
+            super::session::outermost(&self.session.board).map(|corner| pose * corner)
+        });
+        let (mut low, mut high) = (
+            Point3::from(Vector3::repeat(f64::MAX)),
+            Point3::from(Vector3::repeat(f64::MIN)),
+        );
+        for corner in corners {
+            low = low.inf(&corner);
+            high = high.sup(&corner);
+        }
+        let margin = 0.25 * (high - low).max();
+        low -= Vector3::repeat(margin);
+        high += Vector3::repeat(margin);
+        low.z = low.z.max(0.0);
+        let cameras: Vec<&Camera> = cameras.iter().map(|c| &c.camera).collect();
+        ((high - low).min() > 1e-3)
+            .then(|| proposed(&cameras, [low, high]))
+            .flatten()
+    }
+}
+
+/// Gives the views of a placement the reading on which its cameras agreed; those that lie far from it are left out.
+fn read_alike(
+    session: &mut Session,
+    readings: &[Vec<Option<(usize, f64)>>],
+    left_out: &mut Vec<LeftOut>,
+) {
+    let Session {
+        board,
+        cameras,
+        placements,
+        views,
+    } = session;
+    views.retain_mut(|view| {
+        let reading = readings[view.placement].get(view.camera).copied().flatten();
+        let Some((quarters, _)) = reading.filter(|(_, apart)| *apart <= ELSEWHERE) else {
+            left_out.push(LeftOut {
+                camera: Some(cameras[view.camera].id.clone()),
+                placement: Some(placements[view.placement].clone()),
+                reason: "it saw the board far from where the other cameras did".into(),
+            });
+            return false;
+        };
+        view.turn(board, quarters);
+        true
+    });
+}
+
+fn seen(session: &Session, view: &View) -> Seen {
+    Seen {
+        camera: view.camera,
+        placement: view.placement,
+        back: view.face == Face::Back,
+        points: view.pairs(&session.board),
+    }
+}
+
+/// Whether some placement was seen from both sides, so that the back's pose can be told.
+fn both_faces_at_once(session: &Session) -> bool {
+    let of = |face: Face| -> BTreeSet<usize> {
+        session
+            .views
+            .iter()
+            .filter(|v| v.face == face)
+            .map(|v| v.placement)
+            .collect()
+    };
+    !of(Face::Front).is_disjoint(&of(Face::Back))
+}
+
+/// Standard deviations from a camera's covariance; its pose's columns are those of the camera's rotation vector and of
+/// the translation of `camera_from_rig`.
+fn uncertainty(camera_from_rig: &Isometry3<f64>, covariance: &DMatrix<f64>) -> Uncertainty {
+    let deviation = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+    let of_pose = covariance.fixed_view::<6, 6>(PARAMETERS, PARAMETERS);
+    // The centre is -Rᵀt: it moves by Rᵀ(-[t]× w - dt).
+    let back = camera_from_rig.rotation.inverse().to_rotation_matrix();
+    let mut by_pose = SMatrix::<f64, 3, 6>::zeros();
+    let turned: Matrix3<f64> = -(back.matrix() * camera_from_rig.translation.vector.cross_matrix());
+    by_pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&turned);
+    by_pose
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&-back.matrix());
+    let of_center = by_pose * of_pose * by_pose.transpose();
+    Uncertainty {
+        focal_px: [deviation(0), deviation(1)],
+        center_px: [deviation(2), deviation(3)],
+        distortion: std::array::from_fn(|i| deviation(4 + i)),
+        rotation_degrees: std::array::from_fn(|i| deviation(PARAMETERS + i).to_degrees()),
+        position: std::array::from_fn(|i| of_center[(i, i)].max(0.0).sqrt()),
+    }
+}
