@@ -55,32 +55,21 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("config", &["output", "reconstruct", "report", "sync"]),
 ];
 
+/// A scene and what it is made of.
+const SCENE: &[&str] = &[
+    "ColorView",
+    "DepthFrame",
+    "DepthView",
+    "Scene",
+    "SilhouetteSource",
+];
+
 /// Names of another room that a room may use and no others, where it needs its types alone.
 const ONLY: &[(&str, &str, &[&str])] = &[
-    (
-        "job",
-        "reconstruct",
-        &[
-            "ColorView",
-            "DepthFrame",
-            "DepthView",
-            "Scene",
-            "SilhouetteSource",
-        ],
-    ),
+    ("job", "reconstruct", SCENE),
     ("output", "reconstruct", &["Model", "Provenance", "Texture"]),
     ("evaluate", "reconstruct", &["Provenance"]),
-    (
-        "simulate",
-        "reconstruct",
-        &[
-            "ColorView",
-            "DepthFrame",
-            "DepthView",
-            "Scene",
-            "SilhouetteSource",
-        ],
-    ),
+    ("simulate", "reconstruct", SCENE),
 ];
 
 /// Stages of the reconstruction and the other stages that each may use. `pipeline` may use all.

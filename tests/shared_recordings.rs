@@ -129,25 +129,18 @@ fn scores(name: &str) -> Option<(f64, f64)> {
 }
 
 #[test]
-fn the_cup_is_restored() {
-    let Some((f_score, concave_mm)) = scores("cup") else {
-        return;
-    };
-    assert!(
-        f_score >= 0.95 && concave_mm <= 0.5,
-        "{f_score} {concave_mm}"
-    );
-}
-
-#[test]
-fn the_bowl_with_fruit_is_restored() {
-    let Some((f_score, concave_mm)) = scores("bowl_with_fruit") else {
-        return;
-    };
-    assert!(
-        f_score >= 0.76 && concave_mm <= 4.9,
-        "{f_score} {concave_mm}"
-    );
+fn cavities_are_restored() {
+    for (name, least_f_score, most_concave_mm) in
+        [("cup", 0.95, 0.5), ("bowl_with_fruit", 0.76, 4.9)]
+    {
+        let Some((f_score, concave_mm)) = scores(name) else {
+            return;
+        };
+        assert!(
+            f_score >= least_f_score && concave_mm <= most_concave_mm,
+            "{name}: {f_score} {concave_mm}"
+        );
+    }
 }
 
 #[test]

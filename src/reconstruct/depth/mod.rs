@@ -9,6 +9,7 @@ mod joint_bilateral;
 mod noise;
 mod plate;
 mod pyramid;
+mod window;
 
 pub use noise::SensorNoise;
 
@@ -259,25 +260,20 @@ fn on_a_plate(
     let confidence = Grid::from_fn(burst.width, burst.height, |x, y| {
         share(fused.depth[(x, y)], fused.count[(x, y)])
     });
-    let mut plate = plate::Plate {
+    let error = SensorNoise::measure(fused).inverse_depth_error(frames);
+    let start = filled.map(inverse);
+    let surface = start.pixels().iter().copied().filter(|&w| w > 0.0);
+    let farthest = surface.fold(f32::INFINITY, f32::min);
+    let plate = plate::Plate {
         stiffness: parameters.stiffness,
         bend_limit: parameters.bend_limit,
         noise_bend: parameters.noise_bend,
         rounds: parameters.plate_rounds,
         steps: parameters.plate_steps,
         window_sigma_px: parameters.window_sigma_px,
-        edge: 0.0,
+        // A step at the farthest point, in inverse depth.
+        edge: 1e-3 * parameters.least_step_mm * farthest * farthest,
     };
-    let error = SensorNoise::measure(fused).inverse_depth_error(frames);
-    let start = filled.map(inverse);
-    let farthest = start
-        .pixels()
-        .iter()
-        .copied()
-        .filter(|&w| w > 0.0)
-        .fold(f32::INFINITY, f32::min);
-    // A step at the farthest point, in inverse depth.
-    plate.edge = 1e-3 * parameters.least_step_mm * farthest * farthest;
     let laid = plate::lay(&start, &confidence, error, &plate);
     laid.map(inverse)
 }

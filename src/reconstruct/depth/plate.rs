@@ -3,6 +3,7 @@
 //! bounded penalty, after Blake and Zisserman, "Visual Reconstruction", 1987, chapter 2, solved by
 //! iteratively reweighted least squares). It carries slopes into holes and reproduces every plane exactly.
 
+use super::window::Window;
 use crate::image::Grid;
 
 /// What the plate is made of, in units in which the readings' error is 1.
@@ -80,12 +81,14 @@ pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate)
         plate.window_sigma_px,
         plate.edge / error,
     );
-    let mut sharpened = z.clone();
+    let mut sharpened = readings.clone();
     let first = plate.noise_bend * fields.noise_bend(&z);
     for round in 0..plate.rounds {
+        if round > 0 {
+            window.sharpen(&readings, &z, &mut sharpened);
+        }
         fields.reweight(&z, plate.stiffness, plate.bend_limit_in(round, first));
         fields.solve(&mut z, &sharpened, plate.steps);
-        window.sharpen(&readings, &z, &mut sharpened);
     }
     Grid::from_fn(width, height, |x, y| {
         let i = (y + 1) * stride + x + 1;
@@ -95,72 +98,6 @@ pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate)
             0.0
         }
     })
-}
-
-/// What a sensor makes of a surface that takes the mean over a window: diffusion along the links between
-/// neighbours that are of one surface.
-struct Window {
-    stride: usize,
-    /// Share of the difference to the next pixel to the right, and to the one below, that a step evens out.
-    right: Vec<f32>,
-    down: Vec<f32>,
-    steps: usize,
-}
-
-impl Window {
-    /// Share of a difference that a step evens out: four of them stay below one half, so that it is stable.
-    const LARGEST_SHARE: f32 = 0.2;
-
-    fn new(stride: usize, surface: &[bool], z: &[f32], sigma_px: f32, edge: f32) -> Self {
-        // A step of share k has the variance 2 k.
-        let variance = sigma_px * sigma_px;
-        let steps = (variance / (2.0 * Self::LARGEST_SHARE)).ceil();
-        let share = if steps > 0.0 {
-            variance / (2.0 * steps)
-        } else {
-            0.0
-        };
-        let links = |offset: usize| {
-            let linked = |i: usize| {
-                surface[i]
-                    && surface.get(i + offset) == Some(&true)
-                    && (z[i] - z[i + offset]).abs() < edge
-            };
-            (0..z.len())
-                .map(|i| if linked(i) { share } else { 0.0 })
-                .collect()
-        };
-        Self {
-            stride,
-            right: links(1),
-            down: links(stride),
-            steps: steps as usize,
-        }
-    }
-
-    /// The readings as a sensor without a window would give them, if `z` is the surface: changed by what the
-    /// window changes of it (Van Cittert's iteration, one step of it).
-    fn sharpen(&self, readings: &[f32], z: &[f32], sharpened: &mut [f32]) {
-        if self.steps == 0 {
-            return;
-        }
-        let mut seen = z.to_vec();
-        let mut next = z.to_vec();
-        for _ in 0..self.steps {
-            for i in self.stride..z.len() - self.stride {
-                let here = seen[i];
-                next[i] = here
-                    + self.right[i] * (seen[i + 1] - here)
-                    + self.right[i - 1] * (seen[i - 1] - here)
-                    + self.down[i] * (seen[i + self.stride] - here)
-                    + self.down[i - self.stride] * (seen[i - self.stride] - here);
-            }
-            std::mem::swap(&mut seen, &mut next);
-        }
-        for (i, out) in sharpened.iter_mut().enumerate() {
-            *out = readings[i] + z[i] - seen[i];
-        }
-    }
 }
 
 /// A value in the middle of the others: what the plate is measured from, so that f32 loses nothing.

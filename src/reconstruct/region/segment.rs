@@ -256,6 +256,25 @@ mod tests {
     }
 
     #[test]
+    fn what_a_region_encloses_is_its_own_where_it_lies_behind_the_hull() {
+        // A cavity with two doubtful pixels: one lies behind the hull, the other on it, as a fruit's top does.
+        let cavity = |x: usize, y: usize| (5..25).contains(&x) && (5..25).contains(&y);
+        let (doubtful, fruit) = ((10, 10), (20, 15));
+        let difference = Grid::from_fn(30, 30, |x, y| if cavity(x, y) { 0.02 } else { 0.0 });
+        let belongs = Grid::from_fn(30, 30, |x, y| {
+            cavity(x, y) && ![doubtful, fruit].contains(&(x, y))
+        });
+        let behind = Grid::from_fn(30, 30, |x, y| (x, y) != fruit);
+        let evidence = Evidence {
+            behind: &behind,
+            ..evidence(&belongs, &difference)
+        };
+        let (labels, count) = regions(&difference, &evidence, &Parameters::default());
+        assert_eq!((count, labels[doubtful], labels[fruit]), (1, 1, 0));
+        assert_eq!(labels[(2, 2)], 0, "outside stays outside");
+    }
+
+    #[test]
     fn a_loose_hull_over_a_flat_top_is_no_region() {
         let difference = Grid::from_fn(
             40,

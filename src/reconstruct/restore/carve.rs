@@ -26,20 +26,33 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     carving
 }
 
-/// Pixels that would leave less than the least wall behind them break through only together: where the
-/// readings of a connected group agree that there is nothing but what lies behind the hull. Otherwise the
-/// wall stays.
+/// Keeps walls standing: [`break_through`] finds the rays that may open the object, [`keep_across`] what all others
+/// have to leave.
 fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, parameters: &Parameters) {
-    let Source { depth, regions, .. } = source;
     let least_wall = 1e-3 * parameters.least_wall_mm;
     // A sheet thinner than this falls through the lattice.
     let wall = least_wall.max(1.5 * cell_size as f32);
-    let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
+    let opened = break_through(carving, source, wall, parameters);
     // Across a wall that the ray grazes there are cells beside each other: half of that holds.
     let across = least_wall.max(0.75 * cell_size as f32);
+    keep_across(carving, source, across, &opened);
+}
+
+/// Pixels that would leave less than a `wall` behind them break through only together: where the readings of a
+/// connected group agree that there is nothing but what lies behind the hull. Otherwise the wall stays. Tells
+/// which break through.
+fn break_through(
+    carving: &mut Grid<f32>,
+    source: &Source,
+    wall: f32,
+    parameters: &Parameters,
+) -> Grid<bool> {
+    let Source { depth, regions, .. } = source;
+    let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
+    let through = -0.5e-3 * parameters.least_wall_mm + regions.bias.remaining as f32;
     let (width, height) = (carving.width(), carving.height());
     let mut seen = Grid::from_fn(width, height, |x, y| carving[(x, y)] <= limit(x, y));
-    let mut opened = Grid::from_fn(width, height, |_, _| false);
+    let mut opened = Grid::filled(width, height, false);
     for y in 0..height {
         for x in 0..width {
             if seen[(x, y)] {
@@ -54,7 +67,6 @@ fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, paramete
             let measured =
                 2 * gaps.len() >= group.len() && gaps.len() >= parameters.least_opening_px;
             gaps.sort_by(f32::total_cmp);
-            let through = -0.5 * least_wall + regions.bias.remaining as f32;
             let opens = measured && gaps[gaps.len() / 2] > through;
             for p in group {
                 opened[p] = opens;
@@ -67,13 +79,18 @@ fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, paramete
             }
         }
     }
-    for y in 0..height {
-        for x in 0..width {
+    opened
+}
+
+/// Leaves walls of `across` metres, measured across them, on all rays that do not break through.
+fn keep_across(carving: &mut Grid<f32>, source: &Source, across: f32, opened: &Grid<bool>) {
+    let front = &source.regions.front;
+    for y in 0..carving.height() {
+        for x in 0..carving.width() {
             let carved = &mut carving[(x, y)];
             if *carved > 0.0 && !opened[(x, y)] {
-                let along = across * slant(source, x, y);
-                *carved = carved
-                    .min((regions.front.exit[(x, y)] - along).max(regions.front.depth[(x, y)]));
+                let deepest = front.exit[(x, y)] - across * slant(source, x, y);
+                *carved = carved.min(deepest.max(front.depth[(x, y)]));
             }
         }
     }
