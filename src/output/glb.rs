@@ -6,7 +6,7 @@ use super::gltf::{
     ARRAY_BUFFER, Accessor, Asset, Attributes, Buffer, BufferView, CLAMP_TO_EDGE,
     ELEMENT_ARRAY_BUFFER, FLOAT, Image, LINEAR, LINEAR_MIPMAP_LINEAR, Material, Mesh,
     MetallicRoughness, Node, Primitive, Root, Sampler, Scene, TextureInfo, TextureJson,
-    UNSIGNED_BYTE, UNSIGNED_INT,
+    UNSIGNED_INT,
 };
 use super::{Error, jpeg};
 use crate::image::RgbImage;
@@ -117,7 +117,7 @@ impl Root {
         if let Some(jpeg) = jpeg {
             self.images.push(Image {
                 name: "atlas".into(),
-                buffer_view: body.view(&jpeg, None, None),
+                buffer_view: body.view(&jpeg, None),
                 mime_type: "image/jpeg",
             });
             self.samplers.push(Sampler {
@@ -148,14 +148,16 @@ fn add_attributes(model: &Model, split: &SplitVertices, body: &mut Body) -> Attr
     let positions = each().map(|v| y_up(model.mesh.vertices[v].into()));
     let normals = each().map(|v| y_up(unit(model.normals[v]).into()));
     let errors = each().map(|v| [model.expected_error[v]]);
-    let provenance = each().map(|v| model.provenance[v] as u8);
+    // As floats: Blender's importer (4.2) fails on integers, and a vertex's attribute takes 4 bytes anyway.
+    let provenance = each().map(|v| [f32::from(model.provenance[v] as u8)]);
+    let seen = split.seen.iter().map(|&seen| [f32::from(seen)]);
     Attributes {
         position: body.floats(positions, "VEC3"),
         normal: body.floats(normals, "VEC3"),
         texcoord: (!split.uv.is_empty()).then(|| body.floats(split.uv.iter().copied(), "VEC2")),
-        provenance: body.bytes(provenance),
+        provenance: body.floats(provenance, "SCALAR"),
         error: body.floats(errors, "SCALAR"),
-        seen: (!split.seen.is_empty()).then(|| body.bytes(split.seen.iter().copied())),
+        seen: (!split.seen.is_empty()).then(|| body.floats(seen, "SCALAR")),
     }
 }
 
@@ -169,7 +171,7 @@ struct Body {
 
 impl Body {
     /// Appends a view, aligned to 4 bytes.
-    fn view(&mut self, data: &[u8], stride: Option<u32>, target: Option<u32>) -> u32 {
+    fn view(&mut self, data: &[u8], target: Option<u32>) -> u32 {
         let byte_offset = self.bytes.len();
         self.bytes.extend_from_slice(data);
         pad(&mut self.bytes, 0);
@@ -177,7 +179,6 @@ impl Body {
             buffer: 0,
             byte_offset,
             byte_length: data.len(),
-            byte_stride: stride,
             target,
         });
         self.views.len() as u32 - 1
@@ -199,7 +200,7 @@ impl Body {
             }
             count += 1;
         }
-        let buffer_view = self.view(&data, None, Some(ARRAY_BUFFER));
+        let buffer_view = self.view(&data, Some(ARRAY_BUFFER));
         self.accessor(Accessor {
             buffer_view,
             component_type: FLOAT,
@@ -210,31 +211,11 @@ impl Body {
         })
     }
 
-    /// Scalars of one byte, each padded to the 4 bytes that vertex attributes are aligned to.
-    fn bytes(&mut self, values: impl Iterator<Item = u8>) -> u32 {
-        let (mut low, mut high) = (u8::MAX, 0);
-        let mut data = Vec::with_capacity(values.size_hint().0 * 4);
-        for value in values {
-            low = low.min(value);
-            high = high.max(value);
-            data.extend_from_slice(&[value, 0, 0, 0]);
-        }
-        let buffer_view = self.view(&data, Some(4), Some(ARRAY_BUFFER));
-        self.accessor(Accessor {
-            buffer_view,
-            component_type: UNSIGNED_BYTE,
-            count: data.len() / 4,
-            kind: "SCALAR",
-            min: vec![f64::from(low)],
-            max: vec![f64::from(high)],
-        })
-    }
-
     fn indices(&mut self, triangles: &[[u32; 3]]) -> u32 {
         let flat = || triangles.iter().flatten();
         let data: Vec<u8> = flat().flat_map(|i| i.to_le_bytes()).collect();
         let extreme = |index: Option<&u32>| vec![f64::from(index.copied().unwrap_or(0))];
-        let buffer_view = self.view(&data, None, Some(ELEMENT_ARRAY_BUFFER));
+        let buffer_view = self.view(&data, Some(ELEMENT_ARRAY_BUFFER));
         self.accessor(Accessor {
             buffer_view,
             component_type: UNSIGNED_INT,

@@ -69,17 +69,14 @@ fn read(json: &Value, binary: &[u8], accessor: &Value) -> Vec<Vec<f64>> {
         _ => 3,
     };
     let kind = accessor["componentType"].as_u64().unwrap() as u32;
-    let size = if kind == UNSIGNED_BYTE { 1 } else { 4 };
-    let stride = number(&view["byteStride"]).unwrap_or(width * size);
     let component = |at: usize| match kind {
-        UNSIGNED_BYTE => f64::from(binary[at]),
         UNSIGNED_INT => f64::from(u32::from_le_bytes(binary[at..at + 4].try_into().unwrap())),
         _ => f64::from(f32::from_le_bytes(binary[at..at + 4].try_into().unwrap())),
     };
     let rows: Vec<Vec<f64>> = (0..number(&accessor["count"]).unwrap())
         .map(|row| {
-            let start = offset + row * stride;
-            (0..width).map(|c| component(start + c * size)).collect()
+            let start = offset + row * width * 4;
+            (0..width).map(|c| component(start + c * 4)).collect()
         })
         .collect();
     for c in 0..width {

@@ -5,7 +5,6 @@ use serde_json::Value;
 
 pub(super) const ARRAY_BUFFER: u32 = 34962;
 pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-pub(super) const UNSIGNED_BYTE: u32 = 5121;
 pub(super) const UNSIGNED_INT: u32 = 5125;
 pub(super) const FLOAT: u32 = 5126;
 pub(super) const LINEAR: u32 = 9729;
@@ -152,8 +151,6 @@ pub(super) struct BufferView {
     pub buffer: u32,
     pub byte_offset: usize,
     pub byte_length: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub byte_stride: Option<u32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<u32>,
 }
