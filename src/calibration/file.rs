@@ -122,6 +122,48 @@ impl RigCalibration {
     }
 }
 
+impl RigCalibration {
+    /// The text of a file that [`Self::load`] reads back.
+    pub fn to_toml(&self) -> String {
+        let mut text = "format = 1\n".to_owned();
+        for (id, (camera, response)) in &self.cameras {
+            let lens = &camera.intrinsics;
+            let (model, d) = lens.distortion.to_model();
+            let pose = &camera.rig_from_camera;
+            // Numbers are written with as many digits as they need to be read back the same.
+            text += &format!(
+                "\n[cameras.{id}]\nsize = [{}, {}]\nfocal_px = {:?}\ncenter_px = {:?}\n\
+                 distortion_model = {model:?}\ndistortion = {d:?}\ntranslation = {:?}\nrotation = {:?}\n",
+                lens.width,
+                lens.height,
+                lens.focal_px.as_slice(),
+                lens.center_px.as_slice(),
+                pose.translation.vector.as_slice(),
+                pose.rotation.coords.as_slice(),
+            );
+            if let Some(response) = response {
+                text += &response_toml(id, response);
+            }
+        }
+        text
+    }
+}
+
+fn response_toml(id: &CameraId, response: &DepthResponse) -> String {
+    let DepthResponse {
+        slope,
+        intercept,
+        scale,
+        range,
+        uncertainty,
+    } = response;
+    let range = range.map_or_else(String::new, |range| format!("range = {range:?}\n"));
+    format!(
+        "\n[cameras.{id}.response]\nslope = {slope:?}\nintercept = {intercept:?}\nscale = {scale:?}\n\
+         {range}uncertainty = {uncertainty:?}\n"
+    )
+}
+
 impl CameraEntry {
     fn camera(
         self,
@@ -200,6 +242,7 @@ mod tests {
             uncertainty: 0.001,
         };
         assert_eq!(kinect.1, Some(response));
+        assert_eq!(read(&calibration.to_toml()).unwrap(), calibration);
     }
 
     #[test]

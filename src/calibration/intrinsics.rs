@@ -43,6 +43,19 @@ impl Distortion {
         })
     }
 
+    /// Name and coefficients D of the plainest model that holds the lens: what [`Self::from_model`] reads.
+    pub fn to_model(&self) -> (&'static str, Vec<f64>) {
+        let [k1, k2, k3, k4, k5, k6] = self.radial;
+        let [p1, p2] = self.tangential;
+        if self.is_none() {
+            ("", vec![])
+        } else if [k4, k5, k6] == [0.0; 3] {
+            ("plumb_bob", vec![k1, k2, p1, p2, k3])
+        } else {
+            ("rational_polynomial", vec![k1, k2, p1, p2, k3, k4, k5, k6])
+        }
+    }
+
     /// Whether the lens is a pinhole.
     pub fn is_none(&self) -> bool {
         self.radial == [0.0; 6] && self.tangential == [0.0; 2]

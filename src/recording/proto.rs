@@ -95,16 +95,8 @@ fn check_r(r: &[f64]) -> Result<(), MessageError> {
 }
 
 pub(super) fn write_intrinsics(id: &str, lens: &Intrinsics, log_time: u64) -> CameraCalibration {
-    let (f, c, d) = (lens.focal_px, lens.center_px, &lens.distortion);
-    let [k1, k2, k3, k4, k5, k6] = d.radial;
-    let [p1, p2] = d.tangential;
-    let (model, coefficients) = if d.is_none() {
-        ("", vec![])
-    } else if [k4, k5, k6] == [0.0; 3] {
-        ("plumb_bob", vec![k1, k2, p1, p2, k3])
-    } else {
-        ("rational_polynomial", vec![k1, k2, p1, p2, k3, k4, k5, k6])
-    };
+    let (f, c) = (lens.focal_px, lens.center_px);
+    let (model, coefficients) = lens.distortion.to_model();
     CameraCalibration {
         timestamp: Some(timestamp(log_time)),
         frame_id: id.into(),

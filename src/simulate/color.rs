@@ -33,6 +33,19 @@ pub(super) fn expose(
                 .map(|&l| srgb(l))
                 .collect(),
         },
+        Encoding::Mono => Picture::Raw {
+            width: width as u32,
+            height: height as u32,
+            encoding: "mono8".to_owned(),
+            step: width as u32,
+            data: sensed(rendered, sensor, key, |light, _, _| {
+                (light[0] * gains[0] + 2.0 * light[1] * gains[1] + light[2] * gains[2]) * 0.25
+            })
+            .pixels()
+            .iter()
+            .map(|&l| srgb(l))
+            .collect(),
+        },
         Encoding::Rgb => Picture::Raw {
             width: width as u32,
             height: height as u32,
@@ -79,8 +92,21 @@ fn compressed(format: &str, is_complete: bool, data: Vec<u8>) -> Picture {
 
 /// Linear values behind a mosaic of red, green, green and blue, with noise, in [0, 1].
 fn mosaic(rendered: &Rendered, sensor: &ColorSensor, gains: Light3, key: [u64; 4]) -> Grid<f32> {
+    sensed(rendered, sensor, key, |light, x, y| {
+        let channel = x % 2 + y % 2;
+        light[channel] * gains[channel]
+    })
+}
+
+/// Linear values, with noise, in [0, 1] of a sensor that takes of the light on a pixel what `filter` lets through.
+fn sensed(
+    rendered: &Rendered,
+    sensor: &ColorSensor,
+    key: [u64; 4],
+    filter: impl Fn(Light3, usize, usize) -> f32,
+) -> Grid<f32> {
     let (width, height) = rendered.size();
-    let mut mosaic = Grid::filled(width, height, 0.0);
+    let mut values = Grid::filled(width, height, 0.0);
     let mut light = vec![[0.0; 3]; width];
     let mut normal = vec![0.0; width];
     let full_well = sensor.full_well as f32;
@@ -90,11 +116,9 @@ fn mosaic(rendered: &Rendered, sensor: &ColorSensor, gains: Light3, key: [u64; 4
         if full_well > 0.0 {
             Random::new(&[key[0], key[1], key[2], key[3], y as u64]).fill_normal(&mut normal);
         }
-        let channels = if y % 2 == 0 { [0, 1] } else { [1, 2] };
-        let row = mosaic.row_mut(y);
+        let row = values.row_mut(y);
         for (x, value) in row.iter_mut().enumerate() {
-            let channel = channels[x % 2];
-            let linear = light[x][channel] * gains[channel];
+            let linear = filter(light[x], x, y);
             *value = if full_well > 0.0 {
                 let electrons = linear * full_well;
                 let noise = (electrons + read_variance).sqrt() * normal[x];
@@ -104,7 +128,7 @@ fn mosaic(rendered: &Rendered, sensor: &ColorSensor, gains: Light3, key: [u64; 4
             };
         }
     }
-    mosaic
+    values
 }
 
 /// Rows of red, green and blue, sRGB-encoded, as a camera develops its mosaic. A sensor without noise has

@@ -1,6 +1,7 @@
 //! The simulated rig: objects whose form is known, rendered into the pictures and depth readings that real
 //! cameras would give of them, with their noise and their faults, so that accuracy is a number.
 
+mod board;
 mod color;
 mod coverage;
 mod depth;
@@ -16,6 +17,9 @@ mod rig;
 mod session;
 mod shape;
 
+pub use board::{
+    BoardFaults, BoardOptions, BoardSession, Placement, PlacementFault, write_board_session,
+};
 pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Options, Response};
 pub use preset::Preset;
 pub use record::{ply, write};
@@ -58,7 +62,6 @@ fn invalid(what: &'static str, found: impl ToString, expected: &'static str) -> 
     }
 }
 
-#[cfg(test)]
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

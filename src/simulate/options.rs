@@ -79,12 +79,34 @@ impl Options {
     }
 }
 
+impl Options {
+    /// A rig to which calibration boards are shown: the depth camera is far enough away to see them at 0.7 to 1.3 m, and
+    /// gives ten frames with two colour pictures to each placement.
+    pub fn for_boards() -> Self {
+        Self {
+            depth_distance: 1.3,
+            color: ColorSensor {
+                blur_px: 0.8,
+                ..ColorSensor::default()
+            },
+            depth: DepthSensor {
+                frames: 10,
+                color_every: 5,
+                ..DepthSensor::default()
+            },
+            ..Self::default()
+        }
+    }
+}
+
 /// How pictures are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
     /// The sensor's own mosaic, `bayer_rggb8`.
     Bayer,
+    /// Grey values, `mono8`.
+    Mono,
     /// JPEG.
     Jpeg,
     /// PNG.

@@ -78,6 +78,25 @@ impl Rendered {
         }
     }
 
+    /// Paints a part of the picture, given by its first column and row and its size, over the backdrop; the lens' blur
+    /// is applied to it.
+    pub(super) fn with_window(
+        mut self,
+        origin: [usize; 2],
+        size: [usize; 2],
+        blur_px: f64,
+        paint: impl FnOnce([usize; 2], &mut Grid<Light3>),
+    ) -> Self {
+        let mut window = Grid::filled(size[0], size[1], [0.0; 3]);
+        for y in 0..size[1] {
+            self.fill_backdrop(origin[1] + y, origin[0], window.row_mut(y));
+        }
+        paint(origin, &mut window);
+        blur(&mut window, blur_px);
+        self.window = Some((origin, window));
+        self
+    }
+
     /// Width and height in pixels.
     pub(super) fn size(&self) -> (usize, usize) {
         (self.width, self.height)

@@ -19,13 +19,13 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 /// When sessions begin, in UTC nanoseconds.
-const BEGIN: u64 = 1_767_225_600_000_000_000;
+pub(super) const BEGIN: u64 = 1_767_225_600_000_000_000;
 /// Nanoseconds from the session's begin to the background plates, to the first trigger, between triggers.
 const TO_BACKGROUND: u64 = 1_000_000_000;
 const TO_TRIGGER: u64 = 5_000_000_000;
 const BETWEEN_TRIGGERS: u64 = 10_000_000_000;
 /// Nanoseconds between two frames of a depth camera.
-const DEPTH_PERIOD: u64 = 33_333_333;
+pub(super) const DEPTH_PERIOD: u64 = 33_333_333;
 
 /// An object among cameras, ready to be looked at.
 #[derive(Debug)]
@@ -363,7 +363,7 @@ impl Simulation {
 }
 
 /// Refuses numbers that make no session.
-fn check(options: &Options) -> Result<(), Error> {
+pub(super) fn check(options: &Options) -> Result<(), Error> {
     let (color, depth) = (&options.color, &options.depth);
     let within: [(&'static str, f64, f64, f64, &'static str); 12] = [
         ("spacing", options.spacing_mm, 0.1, 50.0, "0.1 to 50 mm"),
@@ -412,7 +412,7 @@ fn check(options: &Options) -> Result<(), Error> {
 }
 
 /// Refuses faults of cameras that are not there.
-fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
+pub(super) fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
     let colors = rig.colors.iter().map(|s| s.actual.id.as_str());
     let depths = rig.depths.iter().map(|s| s.actual.camera.id.as_str());
     let known: Vec<&str> = colors.chain(depths).collect();
@@ -426,7 +426,7 @@ fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
     }
 }
 
-fn trigger_time(index: usize) -> Timestamp {
+pub(super) fn trigger_time(index: usize) -> Timestamp {
     Timestamp(BEGIN + TO_TRIGGER + BETWEEN_TRIGGERS * index as u64)
 }
 
@@ -478,7 +478,7 @@ fn rgb(picture: &Picture) -> RgbImage {
 }
 
 /// The depth camera's own colour sensor: small, with more noise.
-fn depth_color(options: &Options) -> ColorSensor {
+pub(super) fn depth_color(options: &Options) -> ColorSensor {
     let quality = options.depth.color_jpeg_quality;
     ColorSensor {
         encoding: if quality == 0 {

@@ -1,7 +1,7 @@
 //! Boards written down: the compact text of the command line, `charuco:11x8:25mm:two-sided`, and the pairs of a
 //! recording's metadata.
 
-use super::{Board, BoardKind, Error, MARKER_PART, Markers, bad};
+use super::{Board, BoardKind, Error, Markers, bad};
 use calib_targets_aruco::resolve_dictionary;
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,4 +1,6 @@
-//! `scand simulate`: a recording of an object whose form is known.
+//! `scand simulate`: a recording of an object whose form is known, or of a calibration board.
+
+mod board;
 
 use crate::output::write_atomically;
 use crate::recording::Compression;
@@ -13,7 +15,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The object.
-    #[arg(long, value_enum, required_unless_present = "preset")]
+    #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session"])]
     shape: Option<Shape>,
     /// Start from one of the named cases; what else is given changes it.
     #[arg(long, value_enum)]
@@ -21,8 +23,8 @@ pub struct Args {
     /// The recording to write; nothing may be there yet.
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
-    /// Write the object's true surface into this file.
-    #[arg(long, value_name = "FILE.ply")]
+    /// Write the object's true surface into this file; of a calibration session, the true calibration.
+    #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// What all randomness derives from.
     #[arg(long)]
@@ -48,6 +50,8 @@ pub struct Args {
     depth: DepthArgs,
     #[command(flatten)]
     faults: FaultArgs,
+    #[command(flatten)]
+    board: board::BoardArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -187,7 +191,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         true => Compression::Zstd,
         false => Compression::None,
     };
-    let simulation = Simulation::new(options(args))?;
+    if args.board.calibration_session {
+        let (options, boards) = options(args);
+        return board::run(options, boards, &out, truth.as_deref(), compression);
+    }
+    let simulation = Simulation::new(options(args).0)?;
     write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
     say!(
         "{}: {} captures",
@@ -209,8 +217,12 @@ fn take<T>(place: &mut T, given: Option<T>) {
     }
 }
 
-fn options(args: Args) -> Options {
-    let mut options = args.preset.map(Preset::options).unwrap_or_default();
+fn options(args: Args) -> (Options, board::BoardArgs) {
+    let mut options = match args.preset {
+        _ if args.board.calibration_session => Options::for_boards(),
+        Some(preset) => preset.options(),
+        None => Options::default(),
+    };
     take(&mut options.shape, args.shape);
     take(&mut options.seed, args.seed);
     take(&mut options.captures, args.captures);
@@ -229,7 +241,7 @@ fn options(args: Args) -> Options {
     faults.no_background.extend(args.faults.no_background);
     faults.empty_table |= args.faults.empty_table;
     faults.no_depth |= args.faults.no_depth;
-    options
+    (options, args.board)
 }
 
 fn take_color(options: &mut Options, args: ColorArgs) {

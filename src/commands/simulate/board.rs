@@ -1,0 +1,124 @@
+//! `scand simulate --calibration-session`: a recording to calibrate from, with its truth in files of its own.
+
+use crate::output::write_atomically;
+use crate::recording::Compression;
+use crate::simulate::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Calibration sessions")]
+pub(super) struct BoardArgs {
+    /// Show a calibration board instead of an object, at one placement after the other. The rig is the one that the
+    /// same options give to an object, but for its depth camera, which is 1.3 m away unless said otherwise.
+    #[arg(
+        long,
+        conflicts_with = "preset",
+        conflicts_with = "captures",
+        conflicts_with = "masks"
+    )]
+    pub calibration_session: bool,
+    /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided.
+    #[arg(long, value_name = "BOARD", requires = "calibration_session")]
+    board: Option<String>,
+    /// The board that the recording names, if not the same.
+    #[arg(long, value_name = "BOARD", requires = "calibration_session")]
+    declared_board: Option<String>,
+    /// How often the board is shown; the first time it lies on the table.
+    #[arg(long, value_name = "N", requires = "calibration_session")]
+    placements: Option<usize>,
+    /// How far the back's print may be off its place.
+    #[arg(long, value_name = "MM", requires = "calibration_session")]
+    misprint_mm: Option<f64>,
+    /// Write where the board was at each placement into this file.
+    #[arg(long, value_name = "FILE.json", requires = "calibration_session")]
+    placements_truth: Option<PathBuf>,
+    /// The board moves during a placement, counted from 0.
+    #[arg(long, value_name = "PLACEMENT=MM", value_parser = parse_fault, requires = "calibration_session")]
+    moved_placement: Vec<PlacementFault>,
+    /// A placement is out of focus, or shaken.
+    #[arg(long, value_name = "PLACEMENT=PX", value_parser = parse_fault, requires = "calibration_session")]
+    blurred_placement: Vec<PlacementFault>,
+    /// At a placement the board lies as at the one before.
+    #[arg(long, value_name = "PLACEMENT", requires = "calibration_session")]
+    duplicate_placement: Vec<usize>,
+    /// At a placement the board is turned by 180 degrees in its plane.
+    #[arg(long, value_name = "PLACEMENT", requires = "calibration_session")]
+    turned_over_placement: Vec<usize>,
+    /// A camera never sees the board.
+    #[arg(long, value_name = "ID", requires = "calibration_session")]
+    blind: Vec<String>,
+}
+
+fn parse_fault(text: &str) -> Result<PlacementFault, String> {
+    let expected = || format!("{text:?} is not PLACEMENT=AMOUNT, such as 3=1.5");
+    let (placement, amount) = text.split_once('=').ok_or_else(expected)?;
+    Ok(PlacementFault {
+        placement: placement.parse().map_err(|_| expected())?,
+        amount: amount.parse().map_err(|_| expected())?,
+    })
+}
+
+impl BoardArgs {
+    fn options(self) -> BoardOptions {
+        let mut options = BoardOptions::default();
+        super::take(&mut options.board, self.board);
+        super::take(&mut options.placements, self.placements);
+        super::take(&mut options.misprint_mm, self.misprint_mm);
+        options.declared = self.declared_board;
+        let faults = &mut options.faults;
+        faults.moved_mm = self.moved_placement;
+        faults.blurred_px = self.blurred_placement;
+        faults.duplicate = self.duplicate_placement;
+        faults.turned_over = self.turned_over_placement;
+        faults.blind = self.blind;
+        options
+    }
+}
+
+/// Simulates and writes.
+pub(super) fn run(
+    options: Options,
+    args: BoardArgs,
+    out: &Path,
+    truth: Option<&Path>,
+    compression: Compression,
+) -> anyhow::Result<ExitCode> {
+    let placements_truth = args.placements_truth.clone();
+    let session = BoardSession::new(options, args.options())?;
+    write_board_session(&session, out, compression)
+        .with_context(|| format!("writing {}", out.display()))?;
+    let (count, board) = (session.placements().len(), session.board());
+    say!("{}: {count} placements of {board}", out.display());
+    if let Some(path) = truth {
+        write_atomically(path, session.truth().to_toml().as_bytes())?;
+        say!(
+            "{}: {} cameras",
+            path.display(),
+            session.truth().cameras.len()
+        );
+    }
+    if let Some(path) = placements_truth {
+        write_atomically(&path, &placements_json(&session)?)?;
+        say!("{}: {count} poses", path.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Poses as translation in metres and quaternion x, y, z, w.
+fn placements_json(session: &BoardSession) -> anyhow::Result<Vec<u8>> {
+    let pose = |pose: &nalgebra::Isometry3<f64>| {
+        serde_json::json!({
+            "translation": pose.translation.vector.as_slice(),
+            "rotation": pose.rotation.coords.as_slice(),
+        })
+    };
+    let placements = session.placements().iter();
+    let document = serde_json::json!({
+        "board": session.board().to_string(),
+        "rig_from_board": placements.map(|p| pose(&p.rig_from_board)).collect::<Vec<_>>(),
+        "front_from_back": pose(&session.front_from_back()),
+    });
+    Ok(serde_json::to_vec_pretty(&document)?)
+}
