@@ -3,7 +3,9 @@
 
 mod adjust;
 mod alone;
+mod corners;
 mod frame;
+mod grid;
 mod holdout;
 mod lens;
 mod links;
@@ -14,6 +16,8 @@ mod session;
 mod solve;
 mod volume;
 
+pub use corners::find_corners;
+pub use grid::Rejection;
 pub use lens::{Lens, Model};
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals,
