@@ -9,6 +9,7 @@ macro_rules! say {
     };
 }
 
+pub mod calibrate;
 pub mod diff;
 pub mod evaluate;
 pub mod info;
@@ -58,6 +59,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Calibrate(Box<calibrate::Args>),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Info(info::Args),
@@ -70,6 +72,7 @@ enum Command {
 /// What went wrong, in words for the terminal; the exit code is then 1.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Some(Command::Calibrate(args)) => calibrate::run(*args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Info(args)) => info::run(args),

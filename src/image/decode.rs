@@ -331,3 +331,27 @@ pub fn encode_linear_as_srgb(picture: &mut RgbImage) {
         }
     });
 }
+
+/// Width and height of a picture file, from its header.
+#[allow(clippy::missing_errors_doc)]
+pub fn size_of_file(format: &str, data: &[u8]) -> Result<(usize, usize), DecodeError> {
+    match format {
+        "jpeg" | "jpg" => guarded("jpeg", || {
+            let mut decoder = JpegDecoder::new(ZCursor::new(data));
+            decoder.decode_headers().map_err(|e| broken("jpeg", &e))?;
+            let size = decoder.dimensions();
+            size.ok_or_else(|| broken("jpeg", &"its header has no size"))
+        }),
+        "png" => guarded("png", || {
+            let decoder = PngDecoder::new(Cursor::new(data)).map_err(|e| broken("png", &e))?;
+            let (width, height) = decoder.dimensions();
+            Ok((width as usize, height as usize))
+        }),
+        other => Err(unknown(other, "jpeg or png")),
+    }
+}
+
+/// How bright each pixel is: the mean of its channels, green counted twice.
+pub fn grey_from_rgb(picture: &RgbImage) -> Grid<u8> {
+    picture.map(|&[r, g, b]| ((u16::from(r) + 2 * u16::from(g) + u16::from(b) + 2) / 4) as u8)
+}

@@ -164,8 +164,8 @@ pub struct CaptureSummary {
 
 /// A capture as it was assembled.
 #[derive(Debug)]
-struct Planned {
-    capture: Capture<MessageRef>,
+pub(super) struct Planned {
+    pub(super) capture: Capture<MessageRef>,
     failure: Option<String>,
 }
 
@@ -438,7 +438,7 @@ fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOut>) {
 }
 
 /// Bounds what assembling takes: each capture asks each camera.
-fn check_counts(recording: &Recording, cameras: &sync::Cameras) -> Result<(), Error> {
+pub(super) fn check_counts(recording: &Recording, cameras: &sync::Cameras) -> Result<(), Error> {
     const MOST: usize = 1_000_000;
     let triggers = recording.messages(&Topic::Trigger).len();
     let records = recording.messages(&Topic::Capture).len();
@@ -456,7 +456,7 @@ fn check_counts(recording: &Recording, cameras: &sync::Cameras) -> Result<(), Er
 }
 
 /// Channels that look like a camera's and are not.
-fn misnamed(recording: &Recording) -> Vec<String> {
+pub(super) fn misnamed(recording: &Recording) -> Vec<String> {
     let like_ours = |topic: &str| topic.starts_with("/color/") || topic.starts_with("/depth/");
     let channels = recording.channels().into_iter();
     channels
@@ -470,7 +470,7 @@ fn misnamed(recording: &Recording) -> Vec<String> {
 }
 
 /// Hands everything to the synchronisation in the order of time, as a live rig would.
-fn assemble(
+pub(super) fn assemble(
     events: Vec<(Timestamp, Event)>,
     cameras: sync::Cameras,
     parameters: &sync::Parameters,

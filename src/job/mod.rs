@@ -5,6 +5,7 @@ mod digest;
 mod facts;
 mod load;
 mod pictures;
+mod placements;
 mod plan;
 mod replacement;
 mod rig;
@@ -12,6 +13,7 @@ mod rig;
 pub use digest::digest;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Error, Session};
+pub use placements::{Placements, Readings, Shot};
 pub use replacement::{Misfit, replace_cameras};
 pub use rig::RigAt;
 

@@ -109,7 +109,7 @@ fn decoded(picture: &Picture, wanted: &Wanted) -> Result<Decoded, DecodeError> {
 }
 
 /// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
-fn raw(picture: &Picture) -> RawPixels<'_> {
+pub(super) fn raw(picture: &Picture) -> RawPixels<'_> {
     match picture {
         Picture::Raw {
             width,

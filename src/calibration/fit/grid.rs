@@ -33,7 +33,9 @@ pub enum Rejection {
         expected: [usize; 2],
     },
     /// Squares that are not black and white.
-    #[error("its squares differ by {contrast:.0} of 255 grey levels, expected at least {needed:.0}")]
+    #[error(
+        "its squares differ by {contrast:.0} of 255 grey levels, expected at least {needed:.0}"
+    )]
     Contrast {
         /// Difference of bright squares and dark ones.
         contrast: f64,
@@ -55,8 +57,12 @@ const LEAST_CONTRAST: f64 = 10.0;
 /// homography of the corners up to two steps away.
 pub(super) fn without_false_corners(mut labelled: Labelled) -> Labelled {
     for _ in 0..labelled.len() {
-        let off = labelled.keys().filter_map(|&at| Some((surprise(&labelled, at)?, at)));
-        let Some((worst, at)) = off.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        let off = labelled
+            .keys()
+            .filter_map(|&at| Some((surprise(&labelled, at)?, at)));
+        let Some((worst, at)) = off.max_by(|a, b| a.0.total_cmp(&b.0)) else {
+            break;
+        };
         if worst <= FALSE_CORNER {
             break;
         }
@@ -81,7 +87,11 @@ fn surprise(labelled: &Labelled, at: (i32, i32)) -> Option<f64> {
         return Some(f64::INFINITY);
     };
     let predicted = |x: f64, y: f64| Point2::from_homogeneous(h * Vector3::new(x, y, 1.0));
-    let (Some(here), Some(right), Some(below)) = (predicted(0.0, 0.0), predicted(1.0, 0.0), predicted(0.0, 1.0)) else {
+    let (Some(here), Some(right), Some(below)) = (
+        predicted(0.0, 0.0),
+        predicted(1.0, 0.0),
+        predicted(0.0, 1.0),
+    ) else {
         return Some(f64::INFINITY);
     };
     let side = (right - here).norm().min((below - here).norm());
@@ -112,13 +122,19 @@ pub(super) fn read(
 ) -> Result<Vec<Corner>, Rejection> {
     let labelled = without_false_corners(labelled);
     let needed = ((board.corners_per_face() as f64 * LEAST_PART).ceil() as usize).max(4);
-    let few = Rejection::Few { found: labelled.len(), needed };
-    let (Some(columns), Some(rows)) = (extent(&labelled, |at| at.0), extent(&labelled, |at| at.1)) else {
+    let few = Rejection::Few {
+        found: labelled.len(),
+        needed,
+    };
+    let (Some(columns), Some(rows)) = (extent(&labelled, |at| at.0), extent(&labelled, |at| at.1))
+    else {
         return Err(few);
     };
     let inside: Labelled = labelled
         .into_iter()
-        .filter(|((i, j), _)| (columns[0]..=columns[1]).contains(i) && (rows[0]..=rows[1]).contains(j))
+        .filter(|((i, j), _)| {
+            (columns[0]..=columns[1]).contains(i) && (rows[0]..=rows[1]).contains(j)
+        })
         .map(|((i, j), pixel)| ((i - columns[0], j - rows[0]), pixel))
         .collect();
     let size = [columns, rows].map(|[first, last]| (last - first + 1) as usize);
@@ -133,11 +149,18 @@ pub(super) fn read(
     }
     let contrast = contrast(&inside, brightness);
     if contrast.abs() < LEAST_CONTRAST {
-        return Err(Rejection::Contrast { contrast: contrast.abs(), needed: LEAST_CONTRAST });
+        return Err(Rejection::Contrast {
+            contrast: contrast.abs(),
+            needed: LEAST_CONTRAST,
+        });
     }
     // The square behind the first corner must be black, as the one before it is.
     let fits = |quarters: &usize| {
-        let [w, h] = if quarters % 2 == 0 { size } else { [size[1], size[0]] };
+        let [w, h] = if quarters % 2 == 0 {
+            size
+        } else {
+            [size[1], size[0]]
+        };
         [w, h] == expected && (contrast > 0.0) == (first_cell(size, *quarters) % 2 == 0)
     };
     let Some(quarters) = (0..4).find(fits) else {
@@ -156,7 +179,10 @@ fn right_handed(labelled: Labelled, last_column: i32) -> Labelled {
     if handedness(&labelled) >= 0.0 {
         return labelled;
     }
-    labelled.into_iter().map(|((i, j), pixel)| ((last_column - i, j), pixel)).collect()
+    labelled
+        .into_iter()
+        .map(|((i, j), pixel)| ((last_column - i, j), pixel))
+        .collect()
 }
 
 /// Sum over all cells of the sine-like turn from their columns' direction to their rows'.
@@ -194,7 +220,9 @@ fn contrast(labelled: &Labelled, brightness: impl Fn(Point2<f64>) -> f64) -> f64
     let (mut sums, mut counts) = ([0.0; 2], [0.0_f64; 2]);
     for &(i, j) in labelled.keys() {
         let corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|at| labelled.get(&at));
-        let [Some(a), Some(b), Some(c), Some(d)] = corners else { continue };
+        let [Some(a), Some(b), Some(c), Some(d)] = corners else {
+            continue;
+        };
         let middle = Point2::from((a.coords + b.coords + c.coords + d.coords) / 4.0);
         let parity = (i + j).rem_euclid(2) as usize;
         sums[parity] += brightness(middle);
@@ -228,13 +256,22 @@ mod tests {
     }
 
     fn pixel(column: f64, row: f64) -> Point2<f64> {
-        Point2::new(50.0 + 20.0 * column + 3.0 * row, 60.0 - 2.0 * column + 21.0 * row)
+        Point2::new(
+            50.0 + 20.0 * column + 3.0 * row,
+            60.0 - 2.0 * column + 21.0 * row,
+        )
     }
 
     fn bright(p: Point2<f64>) -> f64 {
-        let m = nalgebra::Matrix2::new(20.0, 3.0, -2.0, 21.0).try_inverse().unwrap();
+        let m = nalgebra::Matrix2::new(20.0, 3.0, -2.0, 21.0)
+            .try_inverse()
+            .unwrap();
         let at = m * (p - Point2::new(50.0, 60.0));
-        if (at.x.floor() + at.y.floor()).rem_euclid(2.0) == 0.0 { 30.0 } else { 200.0 }
+        if (at.x.floor() + at.y.floor()).rem_euclid(2.0) == 0.0 {
+            30.0
+        } else {
+            200.0
+        }
     }
 
     proptest! {
@@ -269,7 +306,12 @@ mod tests {
         let corners = read(labelled, &board, bright).unwrap();
         assert_eq!(corners.len(), 52);
         let other = Board::checkerboard(10, 7, 0.02).unwrap();
-        let size = |found| Err(Rejection::Size { found, expected: [9, 6] });
+        let size = |found| {
+            Err(Rejection::Size {
+                found,
+                expected: [9, 6],
+            })
+        };
         assert_eq!(read(grid(&other, 0, false), &board, bright), size([10, 7]));
         let smaller = Board::checkerboard(8, 6, 0.02).unwrap();
         assert_eq!(read(grid(&smaller, 1, false), &board, bright), size([8, 6]));

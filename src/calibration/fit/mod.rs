@@ -5,18 +5,22 @@ mod adjust;
 mod alone;
 mod corners;
 mod frame;
+mod gaps;
 mod grid;
 mod holdout;
 mod lens;
 mod links;
 mod outliers;
 mod planar;
+mod refine;
 mod result;
 mod session;
 mod solve;
+mod verdict;
 mod volume;
 
 pub use corners::find_corners;
+pub use gaps::{Wanted, missing};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
 pub use result::{
@@ -24,6 +28,7 @@ pub use result::{
 };
 pub use session::{Corner, Session, Subject, View};
 pub use solve::fit;
+pub use verdict::{Judgement, Level, Limits, judge};
 
 use crate::frame::CameraId;
 

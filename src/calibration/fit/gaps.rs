@@ -1,0 +1,176 @@
+//! What a session still lacks, in words for the person with the board.
+
+use super::result::Fit;
+use super::session::Session;
+use crate::frame::CameraId;
+use nalgebra::Vector3;
+use std::collections::BTreeSet;
+
+/// What a session should have.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Wanted {
+    /// Views of each camera. Default 6.
+    pub views: usize,
+    /// Placements that each camera shares with its nearest partner. Default 4.
+    pub shared: usize,
+    /// Distances from a depth camera, in metres, between which the board should be seen. Default 0.7 to 1.3.
+    pub depths: [f64; 2],
+    /// Length of the steps in which these distances should be seen, in metres. Default 0.15.
+    pub depth_step: f64,
+    /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
+    pub tilts_degrees: [f64; 2],
+}
+
+impl Default for Wanted {
+    fn default() -> Self {
+        Self {
+            views: 6,
+            shared: 4,
+            depths: [0.7, 1.3],
+            depth_step: 0.15,
+            tilts_degrees: [15.0, 35.0],
+        }
+    }
+}
+
+const PARTS: [[&str; 3]; 3] = [
+    ["top left", "top", "top right"],
+    ["left", "middle", "right"],
+    ["bottom left", "bottom", "bottom right"],
+];
+
+/// What a session lacks: of each camera, parts of its picture and views; of pairs of cameras, shared views; and of the
+/// depth cameras named, distances and tilts, which need a fit to be known.
+pub fn missing(
+    session: &Session,
+    fit: Option<&Fit>,
+    depth_cameras: &[CameraId],
+    wanted: &Wanted,
+) -> Vec<String> {
+    let mut found = Vec::new();
+    for camera in 0..session.cameras.len() {
+        found.extend(of_camera(session, camera, wanted));
+    }
+    found.extend(of_pairs(session, wanted));
+    for id in depth_cameras {
+        found.extend(fit.into_iter().flat_map(|fit| of_depth(fit, id, wanted)));
+    }
+    found
+}
+
+fn of_camera(session: &Session, camera: usize, wanted: &Wanted) -> Vec<String> {
+    let subject = &session.cameras[camera];
+    let views: Vec<_> = session
+        .views
+        .iter()
+        .filter(|v| v.camera == camera)
+        .collect();
+    if views.is_empty() {
+        return vec![format!("camera {}: it has not seen the board", subject.id)];
+    }
+    let mut found = Vec::new();
+    if views.len() < wanted.views {
+        let words = "views of the board";
+        found.push(format!(
+            "camera {}: it has {} {words}, {} are wanted",
+            subject.id,
+            views.len(),
+            wanted.views
+        ));
+    }
+    let mut seen = [[false; 3]; 3];
+    for corner in views.iter().flat_map(|v| &v.corners) {
+        let part = |at: f64, side: usize| (at.max(0.0) / side as f64 * 3.0).min(2.0) as usize;
+        seen[part(corner.pixel.y, subject.size[1])][part(corner.pixel.x, subject.size[0])] = true;
+    }
+    let cells = (0..9)
+        .map(|i| (i / 3, i % 3))
+        .filter(|&(row, column)| !seen[row][column]);
+    let parts: Vec<&str> = cells.map(|(row, column)| PARTS[row][column]).collect();
+    if !parts.is_empty() {
+        let words = "the board has not been in these parts of its picture";
+        found.push(format!(
+            "camera {}: {words}: {}",
+            subject.id,
+            parts.join(", ")
+        ));
+    }
+    found
+}
+
+/// Cameras whose best partner shares too few placements with them, by name of both.
+fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
+    let placements = |camera: usize| -> BTreeSet<usize> {
+        session
+            .views
+            .iter()
+            .filter(|v| v.camera == camera)
+            .map(|v| v.placement)
+            .collect()
+    };
+    let seen: Vec<_> = (0..session.cameras.len()).map(placements).collect();
+    let partner = |camera: usize| {
+        let others = (0..seen.len()).filter(|&other| other != camera && !seen[other].is_empty());
+        others
+            .map(|other| (seen[camera].intersection(&seen[other]).count(), other))
+            .max_by_key(|&(shared, other)| (shared, usize::MAX - other))
+    };
+    let id = |camera: usize| &session.cameras[camera].id;
+    let words = |camera: usize| {
+        let (shared, other) = partner(camera).filter(|_| !seen[camera].is_empty())?;
+        (shared < wanted.shared).then(|| {
+            format!(
+                "cameras {} and {} share {shared} placements, {} are wanted: show the board to both at once",
+                id(camera),
+                id(other),
+                wanted.shared
+            )
+        })
+    };
+    (0..session.cameras.len()).filter_map(words).collect()
+}
+
+fn of_depth(fit: &Fit, id: &CameraId, wanted: &Wanted) -> Vec<String> {
+    let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
+        return Vec::new();
+    };
+    let camera = &fit.cameras[index].camera;
+    let seen = fit.views.iter().filter(|v| v.camera == index);
+    let poses =
+        seen.map(|v| camera.rig_from_camera.inverse() * fit.placements[v.placement].rig_from_board);
+    let middle = fit
+        .board
+        .corner_position(fit.board.columns / 2, fit.board.rows / 2);
+    let measures: Vec<(f64, f64)> = poses
+        .map(|pose| {
+            (
+                (pose * middle).z,
+                (pose * Vector3::z()).z.abs().min(1.0).acos().to_degrees(),
+            )
+        })
+        .collect();
+    let mut found = Vec::new();
+    let mut near = wanted.depths[0];
+    while near + 0.5 * wanted.depth_step < wanted.depths[1] {
+        let far = (near + wanted.depth_step).min(wanted.depths[1]);
+        if !measures.iter().any(|(z, _)| (near..far).contains(z)) {
+            found.push(format!(
+                "depth camera {id}: it has not seen the board {near:.2} to {far:.2} m away"
+            ));
+        }
+        near += wanted.depth_step.max(0.01);
+    }
+    let [flat, tilted] = wanted.tilts_degrees;
+    if !measures.iter().any(|(_, tilt)| *tilt <= flat) {
+        found.push(format!(
+            "depth camera {id}: it has not seen the board facing it, within {flat:.0}°"
+        ));
+    }
+    if !measures.iter().any(|(_, tilt)| *tilt >= tilted) {
+        found.push(format!(
+            "depth camera {id}: it has not seen the board tilted by {tilted:.0}° or more"
+        ));
+    }
+    found
+}

@@ -1,0 +1,198 @@
+//! `scand calibrate SESSION.mcap`: from pictures of a board to the rig's calibration, with a verdict.
+
+mod sight;
+mod words;
+
+use super::{BadConfiguration, EXIT_LOST};
+use crate::calibration::fit::{Fit, Level, Limits, Model, Parameters, Wanted, fit, judge, missing};
+use crate::calibration::{Board, DepthResponse, RigCalibration};
+use crate::frame::CameraId;
+use crate::output::write_atomically;
+use indicatif::{ProgressBar, ProgressStyle};
+use sight::Sight;
+use std::collections::BTreeMap;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use words::Told;
+
+/// Calibrate a rig from recordings in which its cameras see a board in many places.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Recordings: each trigger is a placement of the board
+    #[arg(required = true, value_name = "SESSION.mcap")]
+    sessions: Vec<PathBuf>,
+    /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
+    /// the recordings say
+    #[arg(long, value_name = "BOARD")]
+    board: Option<Board>,
+    /// Calibration file to write
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Replace the file that is there, and write a calibration that is refused
+    #[arg(long)]
+    force: bool,
+    /// Lenses to keep, from a calibration file; those of cameras that are not in it are fitted
+    #[arg(long, value_name = "FILE")]
+    fix_intrinsics: Option<PathBuf>,
+    /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2)
+    #[arg(long, value_enum, default_value_t = LensModel::PlumbBob)]
+    model: LensModel,
+    /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
+    #[arg(long, value_name = "ID")]
+    table_placement: Option<String>,
+    /// Cameras run freely: take the frame nearest to the trigger
+    #[arg(long)]
+    nearest: bool,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+#[value(rename_all = "snake_case")]
+enum LensModel {
+    PlumbBob,
+    Rational,
+}
+
+impl From<LensModel> for Model {
+    fn from(model: LensModel) -> Self {
+        match model {
+            LensModel::PlumbBob => Self::PlumbBob,
+            LensModel::Rational => Self::Rational,
+        }
+    }
+}
+
+/// Calibrates.
+///
+/// # Errors
+/// If a recording cannot be read, the board is unknown or another, the cameras cannot be joined, or the file is there
+/// already.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_to_replace(args.out.as_deref(), args.force)?;
+    let known = args.fix_intrinsics.as_deref().map(load).transpose()?;
+    let recordings = sight::open(&args.sessions, args.nearest)?;
+    let board = sight::board(args.board, &recordings)?;
+    let progress = progress(args.quiet);
+    let sight = sight::look(&recordings, &board, known.as_ref(), &progress)?;
+    progress.finish_and_clear();
+    if !args.quiet {
+        sight
+            .warnings
+            .iter()
+            .chain(&sight.lost)
+            .for_each(|words| eprintln!("scand: {words}"));
+    }
+    let parameters = Parameters {
+        model: args.model.into(),
+        table_placement: args.table_placement.clone(),
+        ..Parameters::default()
+    };
+    let fitted = fit(&sight.session, &parameters);
+    let lacking = missing(
+        &sight.session,
+        fitted.as_ref().ok(),
+        &sight.depth_cameras,
+        &Wanted::default(),
+    );
+    let fitted = match fitted {
+        Ok(fitted) => fitted,
+        Err(error) => return Err(unfinished(&sight, &lacking, error.into())),
+    };
+    let judgement = judge(&fitted, &Limits::default());
+    let refused = judgement.level == Level::Refused && !args.force;
+    let out = args.out.as_deref().filter(|_| !refused);
+    if let Some(path) = out {
+        let responses = known.map(responses).unwrap_or_default();
+        write_atomically(path, calibration(&fitted, &responses).to_toml().as_bytes())?;
+    }
+    let told = Told {
+        sight: &sight,
+        fit: &fitted,
+        judgement: &judgement,
+        missing: &lacking,
+        written: out,
+    };
+    if args.json {
+        say!("{:#}", told.json());
+    } else if !args.quiet {
+        say!("{}", told.text());
+    }
+    if refused {
+        let rms = fitted.figures.rms_px;
+        eprintln!(
+            "scand: the calibration is refused (rms {rms:.3} px) and not written; --force writes it"
+        );
+        return Ok(ExitCode::FAILURE);
+    }
+    let lost = !sight.lost.is_empty() || fitted.left_out.iter().any(|l| l.placement.is_none());
+    Ok(if lost {
+        ExitCode::from(EXIT_LOST)
+    } else {
+        ExitCode::SUCCESS
+    })
+}
+
+fn load(path: &Path) -> anyhow::Result<RigCalibration> {
+    RigCalibration::load(path).map_err(|e| BadConfiguration(e.into()).into())
+}
+
+/// A calibration that is there is worth more than one that nobody has seen.
+fn refuse_to_replace(out: Option<&Path>, force: bool) -> anyhow::Result<()> {
+    let there = out.filter(|path| !force && path.exists());
+    match there {
+        Some(path) => anyhow::bail!(
+            "{} is there already: give --force to replace it, or another --out",
+            path.display()
+        ),
+        None => Ok(()),
+    }
+}
+
+fn progress(quiet: bool) -> ProgressBar {
+    if quiet || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("looking for the board [{bar:30}] {pos}/{len}");
+    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// An error with what the session lacks.
+fn unfinished(sight: &Sight, lacking: &[String], error: anyhow::Error) -> anyhow::Error {
+    let mut words = String::new();
+    for lack in lacking {
+        words += &format!("\n  missing: {lack}");
+    }
+    let mut reasons: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
+    for rejected in &sight.rejected {
+        *reasons
+            .entry((&rejected.camera, &rejected.reason))
+            .or_default() += 1;
+    }
+    for ((camera, reason), count) in reasons.into_iter().take(40) {
+        words += &format!("\n  camera {camera}: {reason} ({count} pictures)");
+    }
+    anyhow::anyhow!("{error}{words}")
+}
+
+fn responses(known: RigCalibration) -> BTreeMap<CameraId, DepthResponse> {
+    let response = |(id, (_, response))| Some((id, response?));
+    known.cameras.into_iter().filter_map(response).collect()
+}
+
+/// The fit as a calibration file holds it.
+fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigCalibration {
+    let entry = |c: &crate::calibration::fit::FittedCamera| {
+        let id = c.camera.id.clone();
+        let response = responses.get(&id).copied();
+        (id, (c.camera.clone(), response))
+    };
+    RigCalibration {
+        cameras: fit.cameras.iter().map(entry).collect(),
+    }
+}

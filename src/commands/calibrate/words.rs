@@ -1,0 +1,169 @@
+//! What a calibration says to its user: a table and a verdict, or JSON.
+
+use super::sight::Sight;
+use crate::calibration::fit::{Fit, Judgement, Level};
+use std::path::Path;
+
+/// All that there is to say of a calibration.
+pub(super) struct Told<'a> {
+    pub(super) sight: &'a Sight,
+    pub(super) fit: &'a Fit,
+    pub(super) judgement: &'a Judgement,
+    pub(super) missing: &'a [String],
+    pub(super) written: Option<&'a Path>,
+}
+
+impl Told<'_> {
+    /// The table and the verdict.
+    pub(super) fn text(&self) -> String {
+        let (fit, session) = (self.fit, &self.sight.session);
+        let mut lines = vec![format!(
+            "board {}: {} placements, {} views, {} cameras",
+            fit.board,
+            session.placements.len(),
+            session.views.len(),
+            session.cameras.len()
+        )];
+        lines.push("camera        views  rms px  median    max  seen %  focal px         ±  place ± mm  turn ± °".into());
+        for camera in &fit.cameras {
+            let (figures, uncertainty) = (&camera.figures, &camera.uncertainty);
+            let largest = |of: [f64; 3]| of.into_iter().fold(0.0, f64::max);
+            lines.push(format!(
+                "{:<12} {:>6}  {:>6.3}  {:>6.3} {:>6.2}  {:>6.0}  {:>8.2}  {:>8.3}  {:>10.3}  {:>8.4}",
+                camera.camera.id,
+                camera.views,
+                figures.rms_px,
+                figures.median_px,
+                figures.max_px,
+                100.0 * camera.coverage,
+                camera.camera.intrinsics.focal_px.x,
+                uncertainty.focal_px[0],
+                1e3 * largest(uncertainty.position),
+                largest(uncertainty.rotation_degrees),
+            ));
+        }
+        for left_out in &fit.left_out {
+            let camera = left_out.camera.as_ref().map(|id| format!("camera {id}"));
+            let placement = left_out
+                .placement
+                .as_ref()
+                .map(|name| format!("placement {name}"));
+            let what: Vec<String> = [camera, placement].into_iter().flatten().collect();
+            lines.push(format!(
+                "left out: {}: {}",
+                what.join(", "),
+                left_out.reason
+            ));
+        }
+        let false_corners: usize = fit.cameras.iter().map(|c| c.false_corners).sum();
+        if false_corners > 0 {
+            lines.push(format!(
+                "left out: {false_corners} corners that are not where they should be"
+            ));
+        }
+        lines.extend(self.missing.iter().map(|m| format!("missing: {m}")));
+        if let Some(volume) = &fit.volume {
+            let [min, max] =
+                [volume.min, volume.max].map(|p| p.coords.map(|c| (c * 1e3).round() / 1e3));
+            lines.push(format!(
+                "all cameras see from {:?} to {:?} m",
+                min.as_slice(),
+                max.as_slice()
+            ));
+        }
+        lines.push(format!("the rig's frame lies on placement {}", fit.table));
+        lines.push(self.verdict());
+        lines.extend(
+            self.judgement
+                .reasons
+                .iter()
+                .map(|reason| format!("  {reason}")),
+        );
+        lines.extend(
+            self.written
+                .map(|path| format!("written: {}", path.display())),
+        );
+        lines.join("\n")
+    }
+
+    fn verdict(&self) -> String {
+        let worth = match self.judgement.level {
+            Level::Good => "good",
+            Level::Accepted => "accepted",
+            Level::Doubtful => "doubtful",
+            Level::Refused => "refused",
+        };
+        let worst = |what: &str, worst: &Option<(String, f64)>| {
+            worst
+                .as_ref()
+                .map(|(name, rms)| format!(", worst {what} {name} ({rms:.3} px)"))
+                .unwrap_or_default()
+        };
+        let held_out = self.fit.held_out.map(|h| {
+            format!(
+                ", held out {:.3} px ({:.2} times)",
+                h.figures.rms_px, h.ratio
+            )
+        });
+        format!(
+            "{worth}: rms {:.3} px{}{}{}",
+            self.fit.figures.rms_px,
+            held_out.unwrap_or_default(),
+            worst("camera", &self.judgement.worst_camera),
+            worst("placement", &self.judgement.worst_placement),
+        )
+    }
+
+    /// The same for programs.
+    pub(super) fn json(&self) -> serde_json::Value {
+        let fit = self.fit;
+        let cameras: serde_json::Map<_, _> = fit
+            .cameras
+            .iter()
+            .map(|c| (c.camera.id.to_string(), camera(c)))
+            .collect();
+        let placement = |p: &crate::calibration::fit::FittedPlacement| {
+            let pose = &p.rig_from_board;
+            serde_json::json!({
+                "name": p.name, "cameras": p.cameras, "figures": p.figures,
+                "translation": pose.translation.vector.as_slice(), "rotation": pose.rotation.coords.as_slice(),
+            })
+        };
+        serde_json::json!({
+            "board": fit.board.to_string(),
+            "verdict": self.judgement,
+            "figures": fit.figures,
+            "held_out": fit.held_out,
+            "cameras": cameras,
+            "placements": fit.placements.iter().map(placement).collect::<Vec<_>>(),
+            "table": fit.table,
+            "volume": fit.volume.map(|v| serde_json::json!({
+                "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
+            })),
+            "left_out": fit.left_out,
+            "rejected": self.sight.rejected,
+            "lost": self.sight.lost,
+            "missing": self.missing,
+            "written": self.written,
+        })
+    }
+}
+
+fn camera(camera: &crate::calibration::fit::FittedCamera) -> serde_json::Value {
+    let (lens, pose) = (&camera.camera.intrinsics, &camera.camera.rig_from_camera);
+    let (model, coefficients) = lens.distortion.to_model();
+    serde_json::json!({
+        "size": [lens.width, lens.height],
+        "focal_px": lens.focal_px.as_slice(),
+        "center_px": lens.center_px.as_slice(),
+        "distortion_model": model,
+        "distortion": coefficients,
+        "translation": pose.translation.vector.as_slice(),
+        "rotation": pose.rotation.coords.as_slice(),
+        "uncertainty": camera.uncertainty,
+        "figures": camera.figures,
+        "views": camera.views,
+        "coverage": camera.coverage,
+        "false_corners": camera.false_corners,
+    })
+}

@@ -1,0 +1,238 @@
+//! A calibration session as a recording has it: placements of a board, each with the pictures of whatever cameras saw
+//! something; no calibration, background or volume is needed.
+
+use super::load::{Error, assemble, check_counts, misnamed};
+use super::pictures::raw;
+use crate::calibration::Intrinsics;
+use crate::drivers::replay;
+use crate::frame::{CameraId, Picture, Timestamp};
+use crate::image::{DecodeError, Grid, grey_from_raw, grey_from_rgb, readings_from_raw};
+use crate::image::{rgb_from_file, rgb_from_raw, size_of_file};
+use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
+use crate::sync::{self, Capture};
+use std::path::Path;
+
+/// An open calibration session.
+#[derive(Debug)]
+pub struct Placements {
+    recording: Recording,
+    captures: Vec<Capture<MessageRef>>,
+    warnings: Vec<String>,
+}
+
+/// A picture in which a camera may have seen the board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shot {
+    /// The placement's name.
+    pub placement: String,
+    /// The camera; of a depth camera, its colour picture.
+    pub camera: CameraId,
+    /// Whether it is a depth camera.
+    pub measures_depth: bool,
+    topic: Topic,
+    message: MessageRef,
+}
+
+/// A depth camera's readings of a placement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Readings {
+    /// The placement's name.
+    pub placement: String,
+    /// The depth camera.
+    pub camera: CameraId,
+    topic: Topic,
+    messages: Vec<MessageRef>,
+}
+
+impl Placements {
+    /// Opens a recording and assembles its placements.
+    ///
+    /// # Errors
+    /// If it cannot be read, or has no trigger, or more cameras and triggers than any rig.
+    pub fn open(path: &Path, parameters: &sync::Parameters) -> Result<Self, Error> {
+        let recording = Recording::open(path)?;
+        let cameras = cameras(&recording);
+        check_counts(&recording, &cameras)?;
+        let played = replay::events(&recording)?;
+        let mut warnings = misnamed(&recording);
+        warnings.extend(played.problems);
+        let parameters = sync::Parameters {
+            min_depth_frames: 1,
+            go_on_without_missing: true,
+            ..parameters.clone()
+        };
+        let planned = assemble(played.events, cameras, &parameters, &mut warnings);
+        if planned.is_empty() {
+            let damage = recording.damage().iter().map(ToString::to_string);
+            let reasons = warnings.into_iter().chain(damage);
+            return Err(Error::NoTrigger {
+                path: path.into(),
+                details: reasons.take(10).map(|r| format!("; {r}")).collect(),
+            });
+        }
+        let captures = planned.into_iter().map(|p| p.capture).collect();
+        Ok(Self {
+            recording,
+            captures,
+            warnings,
+        })
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &Recording {
+        &self.recording
+    }
+
+    /// What a person should know of the recording as a whole.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The parts of the file that are known to be unreadable.
+    pub fn damage(&self) -> &[Damage] {
+        self.recording.damage()
+    }
+
+    /// The placements' names in the order of their triggers.
+    pub fn names(&self) -> Vec<String> {
+        self.captures
+            .iter()
+            .map(|c| c.trigger.id.to_string())
+            .collect()
+    }
+
+    /// Cameras that have pictures, and whether they measure depth: in the order of their ids, colour cameras first.
+    pub fn cameras(&self) -> Vec<(CameraId, bool)> {
+        let cameras = cameras(&self.recording);
+        let colors = cameras.colors.into_iter().map(|id| (id, false));
+        let depths = cameras
+            .depths
+            .into_iter()
+            .filter(|(_, has_color)| *has_color);
+        colors.chain(depths.map(|(id, _)| (id, true))).collect()
+    }
+
+    /// The pictures of all placements, one a camera.
+    pub fn shots(&self) -> Vec<Shot> {
+        let of = |capture: &Capture<MessageRef>| {
+            let placement = capture.trigger.id.to_string();
+            let color = |(id, frame): (&CameraId, &sync::Stamped<MessageRef>)| Shot {
+                placement: placement.clone(),
+                camera: id.clone(),
+                measures_depth: false,
+                topic: Topic::Color(id.clone(), ColorPart::Image),
+                message: frame.handle,
+            };
+            let depth = |(id, takes): (&CameraId, &Vec<sync::DepthTake<MessageRef>>)| {
+                let color = takes.iter().find_map(|take| take.color.as_ref())?;
+                Some(Shot {
+                    placement: placement.clone(),
+                    camera: id.clone(),
+                    measures_depth: true,
+                    topic: Topic::Depth(id.clone(), DepthPart::Color),
+                    message: color.handle,
+                })
+            };
+            let mut shots: Vec<Shot> = capture.colors.iter().map(color).collect();
+            shots.extend(capture.depths.iter().filter_map(depth));
+            shots
+        };
+        self.captures.iter().flat_map(of).collect()
+    }
+
+    /// The readings of all placements, one set a depth camera.
+    pub fn readings(&self) -> Vec<Readings> {
+        let of = |capture: &Capture<MessageRef>| {
+            let placement = capture.trigger.id.to_string();
+            let readings =
+                move |(id, takes): (&CameraId, &Vec<sync::DepthTake<MessageRef>>)| Readings {
+                    placement: placement.clone(),
+                    camera: id.clone(),
+                    topic: Topic::Depth(id.clone(), DepthPart::Image),
+                    messages: takes.iter().map(|take| take.depth.handle).collect(),
+                };
+            capture.depths.iter().map(readings).collect::<Vec<_>>()
+        };
+        self.captures.iter().flat_map(of).collect()
+    }
+
+    /// Reads and decodes a picture as grey values; its size is its own.
+    ///
+    /// # Errors
+    /// If it cannot be read, is damaged, or larger than any camera's.
+    pub fn grey(&self, shot: &Shot) -> Result<Grid<u8>, Error> {
+        let picture = self.recording.picture(&shot.topic, &shot.message)?;
+        grey(&picture).map_err(|problem| self.undecodable(&shot.topic, &shot.message, problem))
+    }
+
+    /// Reads and decodes a depth camera's frames.
+    ///
+    /// # Errors
+    /// If one cannot be read, is damaged, or larger than any camera's.
+    pub fn depth(&self, readings: &Readings) -> Result<Vec<Grid<u16>>, Error> {
+        let decode = |message: &MessageRef| {
+            let picture = self.recording.picture(&readings.topic, message)?;
+            let decoded = size(&picture).and_then(|size| readings_from_raw(&raw(&picture), size));
+            decoded.map_err(|problem| self.undecodable(&readings.topic, message, problem))
+        };
+        readings.messages.iter().map(decode).collect()
+    }
+
+    fn undecodable(&self, topic: &Topic, message: &MessageRef, problem: DecodeError) -> Error {
+        let timestamp: Timestamp = message.log_time();
+        Error::Picture {
+            path: self.recording.path().into(),
+            topic: topic.to_string(),
+            timestamp,
+            problem,
+        }
+    }
+}
+
+/// The picture's own width and height, within what any camera has.
+fn size(picture: &Picture) -> Result<(usize, usize), DecodeError> {
+    let size = match picture {
+        Picture::Raw { width, height, .. } => (*width as usize, *height as usize),
+        Picture::Compressed { format, data } => size_of_file(format, data)?,
+    };
+    let most = Intrinsics::LARGEST_SIDE;
+    if size.0 == 0 || size.1 == 0 || size.0 > most || size.1 > most {
+        return Err(DecodeError::Size {
+            found: size,
+            expected: (most, most),
+        });
+    }
+    Ok(size)
+}
+
+fn grey(picture: &Picture) -> Result<Grid<u8>, DecodeError> {
+    let size = size(picture)?;
+    match picture {
+        Picture::Raw { encoding, .. } if encoding == "mono8" => grey_from_raw(&raw(picture), size),
+        Picture::Raw { .. } => Ok(grey_from_rgb(&rgb_from_raw(&raw(picture), size)?)),
+        Picture::Compressed { format, data } => {
+            Ok(grey_from_rgb(&rgb_from_file(format, data, size)?))
+        }
+    }
+}
+
+/// All cameras that have pictures.
+fn cameras(recording: &Recording) -> sync::Cameras {
+    let mut cameras = sync::Cameras::default();
+    for topic in recording
+        .topics()
+        .filter(|t| !recording.messages(t).is_empty())
+    {
+        match topic {
+            Topic::Color(id, ColorPart::Image) => drop(cameras.colors.insert(id.clone())),
+            Topic::Depth(id, DepthPart::Image) => {
+                let color = Topic::Depth(id.clone(), DepthPart::Color);
+                cameras
+                    .depths
+                    .insert(id.clone(), !recording.messages(&color).is_empty());
+            }
+            _ => {}
+        }
+    }
+    cameras
+}
