@@ -11,6 +11,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("calibration", &["frame"]),
     ("calibration/fit", &["calibration", "frame", "image"]),
+    ("calibration/response", &["calibration", "image"]),
     ("recording", &["frame", "calibration", "image"]),
     ("drivers", &["frame", "recording"]),
     ("sync", &["frame"]),

@@ -7,6 +7,7 @@ mod depth_response;
 mod file;
 pub mod fit;
 mod intrinsics;
+pub mod response;
 
 pub use board::{Board, BoardKind, Face, Markers, Rectangle};
 pub use camera::Camera;

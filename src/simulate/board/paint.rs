@@ -244,7 +244,7 @@ fn part_within(quad: &Quad, bounds: &Rectangle, rectangle: &Rectangle) -> f32 {
         return 1.0;
     }
     let whole = area(quad);
-    if !(whole.abs() > 0.0) {
+    if whole == 0.0 || whole.is_nan() {
         return 0.0;
     }
     let mut polygon = Polygon::of(quad);

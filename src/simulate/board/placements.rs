@@ -89,7 +89,8 @@ impl Chooser<'_> {
         let table = camera.center().z / -forward.z.min(-0.1);
         let nearest = (NEAREST * table).max(NEAREST_AT_LEAST);
         let farthest = (table - 0.04).max(nearest + 0.02);
-        let step = (k * 2 % count.max(1) + usize::from(count % 2 == 0 && k * 2 >= count)) as f64;
+        let step =
+            (k * 2 % count.max(1) + usize::from(count.is_multiple_of(2) && k * 2 >= count)) as f64;
         let part = (step + random.uniform()) / count.max(1) as f64;
         let depth = nearest + (farthest - nearest) * part.min(1.0);
         let lens = &camera.intrinsics;

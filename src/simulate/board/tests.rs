@@ -1,10 +1,12 @@
 //! What is painted is what a camera would see, and placements are such that a rig can be calibrated from them.
 
-use super::super::{Encoding, Options};
+use super::super::{Capture, Encoding, Options, Response};
 use super::paint::{Directions, rendered};
 use super::*;
+use crate::calibration::response::{PlaneParameters, PlaneView, fit_plane};
 use crate::calibration::{Board, Camera, DepthResponse, Face};
 use crate::frame::{Picture, Stream};
+use crate::image::Grid;
 use crate::simulate::random::Random;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
@@ -283,5 +285,78 @@ fn what_is_not_there_cannot_fail() {
         let mut boards = BoardOptions::default();
         change(&mut boards);
         assert!(BoardSession::new(Options::for_boards(), boards).is_err());
+    }
+}
+
+/// The depth frames of a capture.
+fn depth_frames(capture: &Capture) -> Vec<Grid<u16>> {
+    let depth = capture.frames.iter().filter(|f| f.stream == Stream::Depth);
+    let grid = |frame: &crate::frame::Frame| {
+        let Picture::Raw {
+            width,
+            height,
+            data,
+            ..
+        } = &frame.picture
+        else {
+            panic!("depth is raw")
+        };
+        let readings = data
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|&b| u16::from_le_bytes(b));
+        Grid::from_pixels(*width as usize, *height as usize, readings.collect())
+    };
+    depth.map(grid).collect()
+}
+
+#[test]
+fn boards_take_20_mm_of_bias_to_less_than_1_mm_from_70_to_130_cm() {
+    for (seed, response) in [(1, Response::Ideal), (2, Response::Hidden)] {
+        let session = session(320, |options, boards| {
+            options.seed = seed;
+            options.cameras = 2;
+            options.depth.bias_mm = 20.0;
+            options.depth.response = response;
+            boards.placements = 20;
+        });
+        let truth = session.truth();
+        let (camera, actual) = truth.cameras.values().last().unwrap();
+        let actual = actual.unwrap();
+        let captures: Vec<Vec<Grid<u16>>> = (0..20)
+            .filter(|k| k % 3 == 0 || k % 4 == 2)
+            .map(|k| depth_frames(&session.capture(k).unwrap()))
+            .collect();
+        let used = (0..20).filter(|k| k % 3 == 0 || k % 4 == 2);
+        let views: Vec<PlaneView<'_>> = used
+            .zip(&captures)
+            .map(|(k, readings)| PlaneView {
+                placement: "a",
+                camera_from_face: camera.rig_from_camera.inverse()
+                    * session.placements()[k].rig_from_board,
+                readings,
+            })
+            .collect();
+        let parameters = PlaneParameters::default();
+        let fit = fit_plane(&camera.intrinsics, session.board(), &views, &parameters).unwrap();
+        let bias = |z: f64| {
+            let raw = (z - actual.intercept) / actual.slope;
+            fit.response.slope * raw + fit.response.intercept - z
+        };
+        let worst = (0..=60)
+            .map(|k| bias(0.7 + 0.01 * f64::from(k)).abs())
+            .fold(0.0, f64::max);
+        assert!(worst < 1e-3, "{worst} {:?} {:?}", fit.bias, fit.left_out);
+        // Without the fit they are off by a centimetre or two.
+        assert!(
+            fit.bias.iter().any(|b| b.bias_before.abs() > 0.01),
+            "{:?}",
+            fit.bias
+        );
+        for z in [0.7, 1.3] {
+            let off = fit.response.scale_at(z) - actual.scale_at(z);
+            assert!(off.abs() < 0.005, "{off}");
+        }
     }
 }

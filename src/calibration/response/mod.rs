@@ -1,0 +1,65 @@
+//! Fits what a depth camera's readings mean: as the paper does, from a table of measurements, and from boards whose
+//! planes its colour picture gives. Pure functions; nothing here reads a recording.
+
+mod correction;
+mod paper;
+mod plane;
+mod polynomial;
+mod table;
+
+pub use correction::Correction;
+pub use paper::PaperFit;
+pub use plane::{DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane};
+pub use polynomial::Polynomial;
+pub use table::{DepthTable, Measurement};
+
+use std::path::PathBuf;
+
+/// Why no response can be fitted.
+#[derive(Debug, thiserror::Error)]
+pub enum ResponseError {
+    /// A table that cannot be read.
+    #[error("depth table {}: {cause}", path.display())]
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A table that is not what it should be.
+    #[error("depth table {}: line {line}: {message}", path.display())]
+    Table {
+        /// Which file.
+        path: PathBuf,
+        /// Which line, counted from 1.
+        line: usize,
+        /// What was found and expected.
+        message: String,
+    },
+    /// Too little to fit from.
+    #[error("the depth response cannot be fitted: {found}, expected {expected}")]
+    TooLittle {
+        /// What there is.
+        found: String,
+        /// What is needed.
+        expected: &'static str,
+    },
+    /// A distance at which the fit says nothing.
+    #[error("{distance} m is outside the fitted range of {} to {} m", range[0], range[1])]
+    OutsideRange {
+        /// What was asked for.
+        distance: f64,
+        /// Where the fit holds, in metres.
+        range: [f64; 2],
+    },
+    /// A fit that is no sensor's.
+    #[error(transparent)]
+    Impossible(#[from] super::Error),
+}
+
+fn too_little<T>(found: String, expected: &'static str) -> Result<T, ResponseError> {
+    Err(ResponseError::TooLittle { found, expected })
+}
+
+#[cfg(test)]
+mod tests;

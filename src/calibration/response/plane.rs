@@ -1,0 +1,549 @@
+//! The response from boards: where the colour picture says that the board's plane is, each depth pixel on it has a known
+//! depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
+
+use super::correction::Correction;
+use super::{ResponseError, too_little};
+use crate::calibration::{Board, DepthResponse, Intrinsics};
+use crate::image::Grid;
+use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
+use rayon::prelude::*;
+
+/// What a depth camera saw of one placement.
+#[derive(Clone, Copy, Debug)]
+pub struct PlaneView<'a> {
+    /// The placement's name.
+    pub placement: &'a str,
+    /// Maps the frame of the face that is seen into the depth camera's.
+    pub camera_from_face: Isometry3<f64>,
+    /// The raw frames of its burst, all of the lens' size.
+    pub readings: &'a [Grid<u16>],
+}
+
+/// How a response is fitted to planes.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlaneParameters {
+    /// Largest angle in degrees between a ray and the board's normal. Default 60.
+    pub steepest_degrees: f64,
+    /// Fewest views that say enough. Default 3.
+    pub min_views: usize,
+    /// Nearest and farthest board, as a part of the nearest one's distance, that say enough: below it only the offset is
+    /// fitted. Default 1.1.
+    pub min_span: f64,
+    /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of the distance.
+    /// Default 0.0015.
+    pub noise_at_1m: f64,
+    /// By how much the scale s(z) may be expected to be off 1, and to change a metre. Default 0.02.
+    pub scale_expected: f64,
+    /// Pixels whose errors are one and the same, because a sensor matches windows. Default 100.
+    pub correlated_pixels: f64,
+}
+
+impl Default for PlaneParameters {
+    fn default() -> Self {
+        Self {
+            steepest_degrees: 60.0,
+            min_views: 3,
+            min_span: 1.1,
+            noise_at_1m: 0.0015,
+            scale_expected: 0.02,
+            correlated_pixels: 100.0,
+        }
+    }
+}
+
+/// A fitted response with what it leaves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlaneFit {
+    /// The response; its range reaches a quarter beyond the nearest and the farthest board.
+    pub response: DepthResponse,
+    /// Bias that is left, by distance, in ascending order.
+    pub bias: Vec<DistanceBias>,
+    /// Each view that was used, in the order given.
+    pub views: Vec<ViewBias>,
+    /// Views that were left out, and why.
+    pub left_out: Vec<(String, String)>,
+    /// A smooth correction a pixel, and whether it would pay.
+    pub correction: Correction,
+}
+
+/// Readings at one distance, against the boards' planes.
+#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq)]
+pub struct DistanceBias {
+    /// Middle of the step, in metres.
+    pub distance: f64,
+    /// Views and pixels in it.
+    pub views: usize,
+    /// Pixels in it.
+    pub pixels: usize,
+    /// Mean of measured less true depth after the fit, in metres.
+    pub bias: f64,
+    /// The same before it, with readings taken for millimetres.
+    pub bias_before: f64,
+    /// Standard deviation of a pixel after the fit, in metres.
+    pub spread: f64,
+}
+
+/// One view against its plane.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct ViewBias {
+    /// The placement's name.
+    pub placement: String,
+    /// Mean distance in metres.
+    pub distance: f64,
+    /// Mean angle between rays and the normal, in degrees.
+    pub tilt_degrees: f64,
+    /// Pixels on the board.
+    pub pixels: usize,
+    /// Mean of measured less true depth after the fit, in metres.
+    pub bias: f64,
+}
+
+/// Metres of a step of [`DistanceBias`], and pixels that make one.
+const STEP: f64 = 0.1;
+const FEWEST_IN_STEP: usize = 200;
+/// Pixels that make a view.
+const FEWEST_IN_VIEW: usize = 100;
+/// Part of a square at the pattern's rim that is not looked at: readings mix there, and an unknown scale displaces it.
+const RIM: f64 = 0.4;
+/// How far beyond the boards the line may be followed, as a part of the distance.
+const BEYOND: f64 = 0.25;
+/// A view that is off by more than so many deviations, and by so many metres at 1 m, is left out.
+const VIEW_DEVIATIONS: f64 = 6.0;
+const VIEW_OFF: f64 = 0.004;
+
+/// A pixel on a board.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    pub pixel: [f64; 2],
+    /// Normalised direction.
+    direction: [f64; 2],
+    /// Mean of the valid readings.
+    reading: f64,
+}
+
+/// A view's pixels and its plane: n·X = offset.
+struct Plane<'a> {
+    placement: &'a str,
+    normal: Vector3<f64>,
+    offset: f64,
+    samples: Vec<Sample>,
+    tilt_degrees: f64,
+}
+
+/// Parameters of a response: slope, intercept, and the two of the scale.
+type Values = Vector4<f64>;
+
+/// Fits a response to boards.
+///
+/// # Errors
+/// If too few views show enough of the board in depth, or what comes out is no sensor's response.
+pub fn fit_plane(
+    lens: &Intrinsics,
+    board: &Board,
+    views: &[PlaneView<'_>],
+    parameters: &PlaneParameters,
+) -> Result<PlaneFit, ResponseError> {
+    let gathered: Vec<Result<Plane<'_>, String>> = views
+        .par_iter()
+        .map(|view| Plane::gather(lens, board, view, parameters))
+        .collect();
+    let (mut planes, mut left_out) = (Vec::new(), Vec::new());
+    for (view, plane) in views.iter().zip(gathered) {
+        match plane {
+            Ok(plane) => planes.push(plane),
+            Err(reason) => left_out.push((view.placement.to_owned(), reason)),
+        }
+    }
+    let values = loop {
+        if planes.len() < parameters.min_views.max(1) {
+            let reasons = left_out
+                .iter()
+                .map(|(name, reason)| format!("; {name}: {reason}"));
+            let found = format!(
+                "{} usable views{}",
+                planes.len(),
+                reasons.collect::<String>()
+            );
+            return too_little(
+                found,
+                "3 or more of the board by the depth camera, near and far",
+            );
+        }
+        let values = solve(&planes, parameters);
+        match worst(&planes, &values) {
+            Some((k, bias)) => {
+                let plane = planes.remove(k);
+                let reason = format!(
+                    "its depth is {:.1} mm off what all others say: did the board move?",
+                    1e3 * bias
+                );
+                left_out.push((plane.placement.to_owned(), reason));
+            }
+            None => break values,
+        }
+    };
+    report(lens, &planes, &values, left_out)
+}
+
+impl<'a> Plane<'a> {
+    /// The board's pixels that have readings.
+    fn gather(
+        lens: &Intrinsics,
+        board: &Board,
+        view: &PlaneView<'a>,
+        parameters: &PlaneParameters,
+    ) -> Result<Self, String> {
+        let normal = view.camera_from_face * Vector3::z();
+        let offset = normal.dot(&view.camera_from_face.translation.vector);
+        let [columns, rows] = window(lens, board, view).ok_or("the board is not in its picture")?;
+        let face_from_camera = view.camera_from_face.inverse();
+        let inner = inner(board);
+        let steepest = parameters.steepest_degrees.to_radians().cos();
+        let (mut samples, mut cosines) = (Vec::new(), 0.0);
+        let mut on_board = 0;
+        for y in rows {
+            for x in columns.clone() {
+                let pixel = Point2::new(x as f64, y as f64);
+                let Some(n) = lens.unproject(pixel) else {
+                    continue;
+                };
+                let ray = Vector3::new(n.x, n.y, 1.0);
+                let along = normal.dot(&ray);
+                let cosine = along / ray.norm();
+                let p = face_from_camera * Point3::from(ray * (offset / along));
+                let is_on = (0..2).all(|a| (inner[0][a]..=inner[1][a]).contains(&p[a]));
+                if !is_on || cosine < steepest {
+                    continue;
+                }
+                on_board += 1;
+                if let Some(reading) = mean_reading(view.readings, x, y) {
+                    let (pixel, direction) = ([pixel.x, pixel.y], [n.x, n.y]);
+                    samples.push(Sample {
+                        pixel,
+                        direction,
+                        reading,
+                    });
+                    cosines += cosine;
+                }
+            }
+        }
+        if samples.len() < FEWEST_IN_VIEW {
+            let found = samples.len();
+            return Err(format!(
+                "{found} of {on_board} pixels on the board have a reading"
+            ));
+        }
+        let tilt = (cosines / samples.len() as f64).clamp(-1.0, 1.0).acos();
+        let tilt_degrees = tilt.to_degrees();
+        let placement = view.placement;
+        Ok(Self {
+            placement,
+            normal,
+            offset,
+            samples,
+            tilt_degrees,
+        })
+    }
+
+    /// True depth of a sample whose lateral scale is known.
+    fn depth(&self, sample: &Sample, scale: f64) -> f64 {
+        self.offset / self.along(sample, scale)
+    }
+
+    /// The plane's normal along a sample's ray of depth 1.
+    fn along(&self, sample: &Sample, scale: f64) -> f64 {
+        self.normal.z + scale * self.across(sample)
+    }
+
+    fn across(&self, sample: &Sample) -> f64 {
+        let [x, y] = sample.direction;
+        self.normal.x * x + self.normal.y * y
+    }
+
+    /// Measured less true depth of a sample.
+    fn error(&self, sample: &Sample, values: &Values) -> f64 {
+        let z = values[0] * sample.reading + values[1];
+        z - self.depth(sample, values[2] + values[3] * z)
+    }
+}
+
+/// The part of the pattern that is looked at: smallest and largest x and y in the face's frame.
+fn inner(board: &Board) -> [[f64; 2]; 2] {
+    let outline = board.outline();
+    let rim = RIM * board.square;
+    [outline.min.map(|v| v + rim), outline.max.map(|v| v - rim)]
+}
+
+/// Columns and rows that the board may cover.
+fn window(
+    lens: &Intrinsics,
+    board: &Board,
+    view: &PlaneView<'_>,
+) -> Option<[std::ops::Range<usize>; 2]> {
+    let [min, max] = inner(board);
+    let rim = (0..32).map(|k| {
+        let t = f64::from(k % 8) / 8.0;
+        let between = |a: usize, t: f64| min[a] + (max[a] - min[a]) * t;
+        match k / 8 {
+            0 => [between(0, t), min[1]],
+            1 => [max[0], between(1, t)],
+            2 => [between(0, 1.0 - t), max[1]],
+            _ => [min[0], between(1, 1.0 - t)],
+        }
+    });
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for [x, y] in rim {
+        let p = view.camera_from_face * Point3::new(x, y, 0.0);
+        if let Some(pixel) = lens.project(p.x, p.y, p.z) {
+            low = [0, 1].map(|a| low[a].min(pixel[a]));
+            high = [0, 1].map(|a| high[a].max(pixel[a]));
+        }
+    }
+    let all = [lens.width, lens.height];
+    let frames = view.readings.iter();
+    let is_size = |f: &Grid<u16>| f.width() == lens.width && f.height() == lens.height;
+    let range = |a: usize| {
+        let from = low[a].floor().clamp(0.0, all[a] as f64) as usize;
+        from..(high[a].ceil() + 1.0).clamp(0.0, all[a] as f64) as usize
+    };
+    let ranges = [range(0), range(1)];
+    let fits = ranges.iter().all(|r| !r.is_empty()) && frames.clone().all(is_size);
+    fits.then_some(ranges)
+}
+
+/// Mean over the frames of a pixel that has readings in half of them.
+fn mean_reading(frames: &[Grid<u16>], x: usize, y: usize) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0);
+    for frame in frames {
+        let reading = frame[(x, y)];
+        sum += f64::from(reading);
+        count += usize::from(reading > 0);
+    }
+    (count > 0 && 2 * count >= frames.len()).then(|| sum / count as f64)
+}
+
+/// Slope, intercept and scale by weighted least squares with a robust loss, from an offset alone on.
+fn solve(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
+    const ROUNDS: usize = 12;
+    let mut values = start(planes, parameters);
+    let is_line = spans(planes, parameters.min_span);
+    for _ in 0..ROUNDS {
+        // Tukey's and Huber's idea in one: a pixel counts less the farther off it is, in units of what is usual.
+        let usual = usual_error(planes, &values, parameters).max(0.3);
+        let mut normal = prior(&values, parameters, is_line);
+        for plane in planes {
+            for sample in &plane.samples {
+                add(&mut normal, plane, sample, &values, parameters, usual);
+            }
+        }
+        match normal.0.cholesky() {
+            Some(solved) => values -= solved.solve(&normal.1),
+            None => break,
+        }
+    }
+    values
+}
+
+/// Millimetres, with the offset that is right for half of the views.
+fn start(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
+    let mut ratios: Vec<f64> = Vec::new();
+    for plane in planes {
+        ratios.extend(
+            plane
+                .samples
+                .iter()
+                .map(|s| plane.depth(s, 1.0) / s.reading),
+        );
+    }
+    ratios.sort_by(f64::total_cmp);
+    let slope = match spans(planes, parameters.min_span) {
+        true => ratios[ratios.len() / 2],
+        false => 0.001,
+    };
+    Values::new(slope, 0.0, 1.0, 0.0)
+}
+
+/// Whether the boards' distances differ enough to say what the slope is.
+fn spans(planes: &[Plane<'_>], min_span: f64) -> bool {
+    let [near, far] = distances(planes);
+    far > min_span * near
+}
+
+/// Mean distance of the nearest and the farthest view.
+fn distances(planes: &[Plane<'_>]) -> [f64; 2] {
+    let means = planes.iter().map(|plane| {
+        let sum: f64 = plane.samples.iter().map(|s| plane.depth(s, 1.0)).sum();
+        sum / plane.samples.len() as f64
+    });
+    means.fold([f64::INFINITY, 0.0], |[near, far], z| {
+        [near.min(z), far.max(z)]
+    })
+}
+
+/// What is expected before any reading, as normal equations about `values`. With boards at one distance the slope stays.
+fn prior(
+    values: &Values,
+    parameters: &PlaneParameters,
+    is_line: bool,
+) -> (Matrix4<f64>, Vector4<f64>) {
+    let expected = Values::new(values[0], values[1], 1.0, 0.0);
+    let slope = if is_line { 0.0 } else { 1e-18_f64.recip() };
+    let scale = parameters.scale_expected.max(1e-6).powi(-2);
+    let weights = Vector4::new(slope, 0.0, scale, scale);
+    let gradient = weights.component_mul(&(values - expected));
+    (Matrix4::from_diagonal(&weights), gradient)
+}
+
+/// Adds a sample's equation.
+fn add(
+    normal: &mut (Matrix4<f64>, Vector4<f64>),
+    plane: &Plane<'_>,
+    sample: &Sample,
+    values: &Values,
+    parameters: &PlaneParameters,
+    usual: f64,
+) {
+    let z = values[0] * sample.reading + values[1];
+    let scale = values[2] + values[3] * z;
+    let across = plane.across(sample);
+    let along = plane.normal.z + scale * across;
+    // Distance from the plane, and by z: the lateral scale changes with it too.
+    let error = z * along - plane.offset;
+    let by_z = along + z * values[3] * across;
+    let derivative = Vector4::new(by_z * sample.reading, by_z, z * across, z * z * across);
+    let deviation = parameters.noise_at_1m * z * z * along.abs();
+    let off = (error / deviation / usual).abs();
+    let robust = if off <= 2.0 { 1.0 } else { (2.0 / off).powi(2) };
+    let weight = robust / (deviation * deviation * parameters.correlated_pixels.max(1.0));
+    normal.0 += derivative * derivative.transpose() * weight;
+    normal.1 += derivative * (error * weight);
+}
+
+/// Median error of all samples in units of what is expected, times 1.4826: 1 where the noise is as expected.
+fn usual_error(planes: &[Plane<'_>], values: &Values, parameters: &PlaneParameters) -> f64 {
+    let mut errors: Vec<f64> = Vec::new();
+    for plane in planes {
+        errors.extend(plane.samples.iter().map(|s| {
+            let z = values[0] * s.reading + values[1];
+            (plane.error(s, values) / (parameters.noise_at_1m * z * z)).abs()
+        }));
+    }
+    let middle = errors.len() / 2;
+    let (_, median, _) = errors.select_nth_unstable_by(middle, f64::total_cmp);
+    1.4826 * *median
+}
+
+/// Median of a view's errors over z².
+fn view_error(plane: &Plane<'_>, values: &Values) -> f64 {
+    let error = |s: &Sample| plane.error(s, values) / plane.depth(s, 1.0).powi(2);
+    let mut errors: Vec<f64> = plane.samples.iter().map(error).collect();
+    let middle = errors.len() / 2;
+    *errors.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// The view that disagrees with all others, if there is one, and by how much at 1 m.
+fn worst(planes: &[Plane<'_>], values: &Values) -> Option<(usize, f64)> {
+    if planes.len() < 5 {
+        return None;
+    }
+    let errors: Vec<f64> = planes.iter().map(|p| view_error(p, values)).collect();
+    let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let limit = (VIEW_DEVIATIONS * 1.4826 * sizes[sizes.len() / 2]).max(VIEW_OFF);
+    let (k, &error) = errors
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    (error.abs() > limit).then_some((k, error))
+}
+
+fn report(
+    lens: &Intrinsics,
+    planes: &[Plane<'_>],
+    values: &Values,
+    left_out: Vec<(String, String)>,
+) -> Result<PlaneFit, ResponseError> {
+    let bias = by_distance(planes, values);
+    let [near, far] = distances(planes);
+    let response = DepthResponse {
+        slope: values[0],
+        intercept: values[1],
+        scale: [values[2], values[3], 0.0, 0.0, 0.0],
+        range: Some([near * (1.0 - BEYOND), far * (1.0 + BEYOND)]),
+        uncertainty: bias.iter().map(|b| b.bias.abs()).fold(1e-4, f64::max),
+    };
+    let views = planes
+        .iter()
+        .map(|plane| view_bias(plane, values))
+        .collect();
+    let correction = Correction::weigh(lens, &correction_samples(planes, values));
+    let response = response.checked()?;
+    Ok(PlaneFit {
+        response,
+        bias,
+        views,
+        left_out,
+        correction,
+    })
+}
+
+fn view_bias(plane: &Plane<'_>, values: &Values) -> ViewBias {
+    let count = plane.samples.len() as f64;
+    let mean = |of: &dyn Fn(&Sample) -> f64| plane.samples.iter().map(of).sum::<f64>() / count;
+    ViewBias {
+        placement: plane.placement.to_owned(),
+        distance: mean(&|s| plane.depth(s, 1.0)),
+        tilt_degrees: plane.tilt_degrees,
+        pixels: plane.samples.len(),
+        bias: mean(&|s| plane.error(s, values)),
+    }
+}
+
+/// For each view its samples' pixels with their error over z²: what a disparity is off.
+fn correction_samples(planes: &[Plane<'_>], values: &Values) -> Vec<Vec<([f64; 2], f64)>> {
+    let of = |plane: &Plane<'_>| {
+        let error = |s: &Sample| {
+            let z = plane.depth(s, 1.0);
+            (s.pixel, plane.error(s, values) / (z * z))
+        };
+        plane.samples.iter().map(error).collect()
+    };
+    planes.iter().map(of).collect()
+}
+
+fn by_distance(planes: &[Plane<'_>], values: &Values) -> Vec<DistanceBias> {
+    let mut steps: std::collections::BTreeMap<usize, (usize, Vec<[f64; 2]>)> = Default::default();
+    let millimetres = Values::new(0.001, 0.0, 1.0, 0.0);
+    for plane in planes {
+        let mut touched = std::collections::BTreeSet::new();
+        for sample in &plane.samples {
+            let step = (plane.depth(sample, 1.0) / STEP).max(0.0) as usize;
+            let entry = steps.entry(step).or_default();
+            entry.0 += usize::from(touched.insert(step));
+            entry.1.push([
+                plane.error(sample, values),
+                plane.error(sample, &millimetres),
+            ]);
+        }
+    }
+    let large = steps
+        .into_iter()
+        .filter(|(_, (_, errors))| errors.len() >= FEWEST_IN_STEP);
+    large
+        .map(|(step, (views, errors))| {
+            let count = errors.len() as f64;
+            let mean = |a: usize| errors.iter().map(|e| e[a]).sum::<f64>() / count;
+            let (bias, bias_before) = (mean(0), mean(1));
+            let variance = errors.iter().map(|e| (e[0] - bias).powi(2)).sum::<f64>() / count;
+            DistanceBias {
+                distance: (step as f64 + 0.5) * STEP,
+                views,
+                pixels: errors.len(),
+                bias,
+                bias_before,
+                spread: variance.sqrt(),
+            }
+        })
+        .collect()
+}

@@ -1,0 +1,193 @@
+//! Responses that are known are found again from boards.
+
+use super::*;
+use crate::calibration::{Board, DepthResponse, Distortion, Intrinsics};
+use crate::image::Grid;
+use nalgebra::{Isometry3, Point2, Translation3, UnitQuaternion, Vector2, Vector3};
+
+fn lens() -> Intrinsics {
+    let (focal, center) = (Vector2::repeat(575.8), Vector2::new(319.5, 239.5));
+    Intrinsics::new(640, 480, focal, center, Distortion::default()).unwrap()
+}
+
+/// A sensor that needs all of it.
+fn sensor() -> DepthResponse {
+    DepthResponse {
+        slope: 0.00104,
+        intercept: -0.038,
+        scale: [1.012, -0.009, 0.0, 0.0, 0.0],
+        ..DepthResponse::default()
+    }
+}
+
+/// Boards at distances from 0.7 to 1.3 m, here and there, tilted this way and that.
+fn poses(count: usize) -> Vec<Isometry3<f64>> {
+    let pose = |k: usize| {
+        let turn = 2.4 * k as f64;
+        let tilt = Vector3::new(turn.cos(), turn.sin(), 0.0) * (0.15 + 0.06 * (k % 7) as f64);
+        let z = 0.7 + 0.6 * ((k * 5) % count) as f64 / (count - 1) as f64;
+        let at = [
+            -0.1 + 0.25 * z * (turn * 1.7).sin(),
+            -0.08 + 0.16 * z * (turn * 0.9).cos(),
+            z,
+        ];
+        Isometry3::from_parts(
+            Translation3::from(at),
+            UnitQuaternion::from_scaled_axis(tilt),
+        )
+    };
+    (0..count).map(pose).collect()
+}
+
+fn board() -> Board {
+    Board::checkerboard(9, 6, 0.025).unwrap()
+}
+
+/// What a sensor reads of a plane, in steps of whole units, with a pattern that grows with z².
+fn readings(
+    pose: &Isometry3<f64>,
+    response: &DepthResponse,
+    pattern: impl Fn(f64, f64) -> f64,
+) -> Grid<u16> {
+    let lens = lens();
+    let normal = pose * Vector3::z();
+    let offset = normal.dot(&pose.translation.vector);
+    Grid::from_fn(640, 480, |x, y| {
+        let n = lens.unproject(Point2::new(x as f64, y as f64)).unwrap();
+        let mut z = offset / normal.z;
+        for _ in 0..5 {
+            let s = response.scale_at(z);
+            z = offset / (normal.z + s * (normal.x * n.x + normal.y * n.y));
+        }
+        let noise = 0.001 * (((x * 7919 + y * 104_729) % 101) as f64 / 50.0 - 1.0);
+        let z = z + z * z * (noise + pattern(n.x, n.y));
+        ((z - response.intercept) / response.slope).round() as u16
+    })
+}
+
+fn fitted(poses: &[Isometry3<f64>], frames: &[Vec<Grid<u16>>]) -> Result<PlaneFit, ResponseError> {
+    let names: Vec<String> = (0..poses.len()).map(|k| format!("p{k}")).collect();
+    let views = poses
+        .iter()
+        .zip(frames)
+        .zip(&names)
+        .map(|((pose, frames), name)| PlaneView {
+            placement: name,
+            camera_from_face: *pose,
+            readings: frames,
+        });
+    let views: Vec<PlaneView<'_>> = views.collect();
+    fit_plane(&lens(), &board(), &views, &PlaneParameters::default())
+}
+
+fn no_pattern(_: f64, _: f64) -> f64 {
+    0.0
+}
+
+/// Largest difference in depth between two responses from 0.7 to 1.3 m.
+fn largest_bias(found: &DepthResponse, truth: &DepthResponse) -> f64 {
+    let at = |k: i32| {
+        let z = 0.7 + 0.01 * f64::from(k);
+        let raw = (z - truth.intercept) / truth.slope;
+        (found.slope * raw + found.intercept - z).abs()
+    };
+    (0..=60).map(at).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_response_is_found_from_planes() {
+    let poses = poses(9);
+    let frames: Vec<_> = poses
+        .iter()
+        .map(|p| vec![readings(p, &sensor(), no_pattern)])
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    let bias = largest_bias(&fit.response, &sensor());
+    assert!(bias < 2e-4, "{bias}");
+    for z in [0.7, 1.0, 1.3] {
+        let off = fit.response.scale_at(z) - sensor().scale_at(z);
+        assert!(off.abs() < 2e-3, "{off} at {z}");
+    }
+    assert!(fit.response.uncertainty < 5e-4);
+    let worst = |pick: fn(&DistanceBias) -> f64| fit.bias.iter().map(pick).fold(0.0, f64::max);
+    assert!(worst(|b| b.bias.abs()) < 2e-4, "{:?}", fit.bias);
+    assert!(worst(|b| b.bias_before.abs()) > 0.01, "{:?}", fit.bias);
+    assert!(
+        fit.left_out.is_empty() && !fit.correction.pays,
+        "{:?}",
+        fit.correction
+    );
+}
+
+#[test]
+fn a_board_that_moved_and_one_without_readings_are_left_out_and_named() {
+    let poses = poses(9);
+    let mut frames: Vec<_> = poses
+        .iter()
+        .map(|p| vec![readings(p, &sensor(), no_pattern)])
+        .collect();
+    let moved = Translation3::new(0.0, 0.0, 0.012) * poses[4];
+    frames[4] = vec![readings(&moved, &sensor(), no_pattern)];
+    frames[6] = vec![Grid::filled(640, 480, 0)];
+    let fit = fitted(&poses, &frames).unwrap();
+    let names: Vec<&str> = fit.left_out.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["p6", "p4"], "{:?}", fit.left_out);
+    assert!(largest_bias(&fit.response, &sensor()) < 3e-4);
+}
+
+#[test]
+fn boards_at_one_distance_give_an_offset_and_no_slope() {
+    let mut poses = poses(5);
+    for pose in &mut poses {
+        pose.translation.z = 1.0;
+    }
+    let offset = DepthResponse {
+        intercept: -0.02,
+        ..DepthResponse::default()
+    };
+    let frames: Vec<_> = poses
+        .iter()
+        .map(|p| vec![readings(p, &offset, no_pattern)])
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    assert!(
+        (fit.response.slope - 0.001).abs() < 1e-9,
+        "{:?}",
+        fit.response
+    );
+    assert!(
+        (fit.response.intercept + 0.02).abs() < 2e-4,
+        "{:?}",
+        fit.response
+    );
+}
+
+#[test]
+fn a_bowl_of_errors_is_offered_a_correction() {
+    let poses = poses(12);
+    let bowl = |x: f64, y: f64| 0.02 * (x * x + y * y) - 0.001;
+    let frames: Vec<_> = poses
+        .iter()
+        .map(|p| vec![readings(p, &sensor(), bowl)])
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    assert!(fit.correction.pays, "{:?}", fit.correction);
+    assert!(fit.correction.held_out_corrected < 0.5 * fit.correction.held_out);
+}
+
+#[test]
+fn too_little_is_refused_with_what_there_was() {
+    let poses = poses(3);
+    let frames = vec![vec![Grid::filled(640, 480, 0)]; 3];
+    let message = fitted(&poses, &frames).unwrap_err().to_string();
+    assert!(
+        message.contains("0 usable views") && message.contains("p1: 0 of"),
+        "{message}"
+    );
+    // Boards beside the picture, and behind the camera, are no reason to panic.
+    let away = [
+        Isometry3::translation(9.0, 0.0, 1.0),
+        Isometry3::translation(0.0, 0.0, -1.0),
+    ];
+    assert!(fitted(&away, &frames[..2]).is_err());
+}
