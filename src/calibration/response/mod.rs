@@ -9,7 +9,9 @@ mod table;
 
 pub use correction::Correction;
 pub use paper::PaperFit;
-pub use plane::{DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane};
+pub use plane::{
+    DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane, mean_readings,
+};
 pub use polynomial::Polynomial;
 pub use table::{DepthTable, Measurement};
 

@@ -15,8 +15,8 @@ pub struct PlaneView<'a> {
     pub placement: &'a str,
     /// Maps the frame of the face that is seen into the depth camera's.
     pub camera_from_face: Isometry3<f64>,
-    /// The raw frames of its burst, all of the lens' size.
-    pub readings: &'a [Grid<u16>],
+    /// The mean of its burst, as [`mean_readings`] takes it, of the lens' size.
+    pub readings: &'a Grid<f32>,
 }
 
 /// How a response is fitted to planes.
@@ -217,7 +217,8 @@ impl<'a> Plane<'a> {
                     continue;
                 }
                 on_board += 1;
-                if let Some(reading) = mean_reading(view.readings, x, y) {
+                let reading = f64::from(view.readings[(x, y)]);
+                if reading > 0.0 {
                     let (pixel, direction) = ([pixel.x, pixel.y], [n.x, n.y]);
                     samples.push(Sample {
                         pixel,
@@ -301,26 +302,36 @@ fn window(
         }
     }
     let all = [lens.width, lens.height];
-    let frames = view.readings.iter();
-    let is_size = |f: &Grid<u16>| f.width() == lens.width && f.height() == lens.height;
+    let is_size = view.readings.width() == lens.width && view.readings.height() == lens.height;
     let range = |a: usize| {
         let from = low[a].floor().clamp(0.0, all[a] as f64) as usize;
         from..(high[a].ceil() + 1.0).clamp(0.0, all[a] as f64) as usize
     };
     let ranges = [range(0), range(1)];
-    let fits = ranges.iter().all(|r| !r.is_empty()) && frames.clone().all(is_size);
+    let fits = is_size && ranges.iter().all(|r| !r.is_empty());
     fits.then_some(ranges)
 }
 
-/// Mean over the frames of a pixel that has readings in half of them.
-fn mean_reading(frames: &[Grid<u16>], x: usize, y: usize) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0);
-    for frame in frames {
-        let reading = frame[(x, y)];
-        sum += f64::from(reading);
-        count += usize::from(reading > 0);
-    }
-    (count > 0 && 2 * count >= frames.len()).then(|| sum / count as f64)
+/// Mean of a burst's raw readings at each pixel that has them in half of the frames or more, 0 at others; `None` without
+/// frames of one size.
+pub fn mean_readings(frames: &[Grid<u16>]) -> Option<Grid<f32>> {
+    let first = frames.first()?;
+    let is_same = frames.iter().all(|f| f.same_size(first));
+    let mean = |x: usize, y: usize| {
+        let (mut sum, mut count) = (0_u64, 0);
+        for frame in frames {
+            let reading = frame[(x, y)];
+            sum += u64::from(reading);
+            count += usize::from(reading > 0);
+        }
+        let enough = count > 0 && 2 * count >= frames.len();
+        if enough {
+            sum as f32 / count as f32
+        } else {
+            0.0
+        }
+    };
+    is_same.then(|| Grid::from_fn(first.width(), first.height(), mean))
 }
 
 /// Slope, intercept and scale by weighted least squares with a robust loss, from an offset alone on.

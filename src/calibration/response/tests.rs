@@ -66,15 +66,16 @@ fn readings(
 }
 
 fn fitted(poses: &[Isometry3<f64>], frames: &[Vec<Grid<u16>>]) -> Result<PlaneFit, ResponseError> {
+    let means: Vec<Grid<f32>> = frames.iter().map(|f| mean_readings(f).unwrap()).collect();
     let names: Vec<String> = (0..poses.len()).map(|k| format!("p{k}")).collect();
     let views = poses
         .iter()
-        .zip(frames)
+        .zip(&means)
         .zip(&names)
-        .map(|((pose, frames), name)| PlaneView {
+        .map(|((pose, readings), name)| PlaneView {
             placement: name,
             camera_from_face: *pose,
-            readings: frames,
+            readings,
         });
     let views: Vec<PlaneView<'_>> = views.collect();
     fit_plane(&lens(), &board(), &views, &PlaneParameters::default())

@@ -1,5 +1,6 @@
 //! `scand calibrate SESSION.mcap`: from pictures of a board to the rig's calibration, with a verdict.
 
+mod depth;
 mod sight;
 mod words;
 
@@ -41,6 +42,8 @@ pub struct Args {
     /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
     #[arg(long, value_name = "ID")]
     table_placement: Option<String>,
+    #[command(flatten)]
+    depth: depth::DepthArgs,
     /// Cameras run freely: take the frame nearest to the trigger
     #[arg(long)]
     nearest: bool,
@@ -104,11 +107,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         Ok(fitted) => fitted,
         Err(error) => return Err(unfinished(&sight, &lacking, error.into())),
     };
+    let depth = depth::respond(&args.depth, &recordings, &fitted, &sight.depth_cameras)?;
     let judgement = judge(&fitted, &Limits::default());
     let refused = judgement.level == Level::Refused && !args.force;
     let out = args.out.as_deref().filter(|_| !refused);
     if let Some(path) = out {
-        let responses = known.map(responses).unwrap_or_default();
+        let mut responses = known.map(responses).unwrap_or_default();
+        let found = sight.depth_cameras.iter();
+        responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
         write_atomically(path, calibration(&fitted, &responses).to_toml().as_bytes())?;
     }
     let told = Told {
@@ -116,6 +122,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         fit: &fitted,
         judgement: &judgement,
         missing: &lacking,
+        depth: &depth,
         written: out,
     };
     if args.json {
@@ -130,7 +137,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         );
         return Ok(ExitCode::FAILURE);
     }
-    let lost = !sight.lost.is_empty() || fitted.left_out.iter().any(|l| l.placement.is_none());
+    let lost = !sight.lost.is_empty()
+        || !depth.lost.is_empty()
+        || fitted.left_out.iter().any(|l| l.placement.is_none());
     Ok(if lost {
         ExitCode::from(EXIT_LOST)
     } else {

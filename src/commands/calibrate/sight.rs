@@ -168,7 +168,7 @@ pub(super) fn look(
 }
 
 /// Names of each recording's placements by their ids; where two recordings share one, the recording's name is added.
-fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String, String>> {
+pub(super) fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String, String>> {
     let mut taken = BTreeSet::new();
     let mut all = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {

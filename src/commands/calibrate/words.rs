@@ -1,5 +1,6 @@
 //! What a calibration says to its user: a table and a verdict, or JSON.
 
+use super::depth::Depth;
 use super::sight::Sight;
 use crate::calibration::fit::{Fit, Judgement, Level};
 use std::path::Path;
@@ -10,6 +11,7 @@ pub(super) struct Told<'a> {
     pub(super) fit: &'a Fit,
     pub(super) judgement: &'a Judgement,
     pub(super) missing: &'a [String],
+    pub(super) depth: &'a Depth,
     pub(super) written: Option<&'a Path>,
 }
 
@@ -62,6 +64,7 @@ impl Told<'_> {
             ));
         }
         lines.extend(self.missing.iter().map(|m| format!("missing: {m}")));
+        lines.extend(self.depth.text());
         if let Some(volume) = &fit.volume {
             let [min, max] =
                 [volume.min, volume.max].map(|p| p.coords.map(|c| (c * 1e3).round() / 1e3));
@@ -136,13 +139,14 @@ impl Told<'_> {
             "held_out": fit.held_out,
             "cameras": cameras,
             "placements": fit.placements.iter().map(placement).collect::<Vec<_>>(),
+            "depth": self.depth.json(),
             "table": fit.table,
             "volume": fit.volume.map(|v| serde_json::json!({
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
             })),
             "left_out": fit.left_out,
             "rejected": self.sight.rejected,
-            "lost": self.sight.lost,
+            "lost": self.sight.lost.iter().chain(&self.depth.lost).collect::<Vec<_>>(),
             "missing": self.missing,
             "written": self.written,
         })

@@ -3,7 +3,7 @@
 use super::super::{Capture, Encoding, Options, Response};
 use super::paint::{Directions, rendered};
 use super::*;
-use crate::calibration::response::{PlaneParameters, PlaneView, fit_plane};
+use crate::calibration::response::{PlaneParameters, PlaneView, fit_plane, mean_readings};
 use crate::calibration::{Board, Camera, DepthResponse, Face};
 use crate::frame::{Picture, Stream};
 use crate::image::Grid;
@@ -324,9 +324,9 @@ fn boards_take_20_mm_of_bias_to_less_than_1_mm_from_70_to_130_cm() {
         let truth = session.truth();
         let (camera, actual) = truth.cameras.values().last().unwrap();
         let actual = actual.unwrap();
-        let captures: Vec<Vec<Grid<u16>>> = (0..20)
+        let captures: Vec<Grid<f32>> = (0..20)
             .filter(|k| k % 3 == 0 || k % 4 == 2)
-            .map(|k| depth_frames(&session.capture(k).unwrap()))
+            .map(|k| mean_readings(&depth_frames(&session.capture(k).unwrap())).unwrap())
             .collect();
         let used = (0..20).filter(|k| k % 3 == 0 || k % 4 == 2);
         let views: Vec<PlaneView<'_>> = used
