@@ -5,14 +5,22 @@ use super::super::Rig;
 use super::super::random::Random;
 use super::super::rig::looking_at;
 use crate::calibration::{Board, DepthCamera};
-use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Metres that the board's lowest corner stays above the table, and that its centre stays within of the rig's axis.
 const ABOVE_TABLE: f64 = 0.012;
 const JITTER: f64 = 0.03;
 /// Angles in degrees between the table and where the board faces, in turn.
-const ELEVATIONS: [f64; 4] = [22.0, 48.0, 66.0, 34.0];
+const ELEVATIONS: [f64; 4] = [20.0, 42.0, 56.0, 30.0];
+/// Where in a depth camera's picture the board's middle is, in turn, as parts of its width and height.
+const SPOTS: [[f64; 2]; 5] = [
+    [0.25, 0.28],
+    [0.76, 0.70],
+    [0.5, 0.5],
+    [0.74, 0.27],
+    [0.24, 0.72],
+];
 /// Where a board is nearest to a depth camera, as a part of the table's distance, and in metres at least.
 const NEAREST: f64 = 0.53;
 const NEAREST_AT_LEAST: f64 = 0.45;
@@ -94,13 +102,11 @@ impl Chooser<'_> {
         let part = (step + random.uniform()) / count.max(1) as f64;
         let depth = nearest + (farthest - nearest) * part.min(1.0);
         let lens = &camera.intrinsics;
-        let pixel = nalgebra::Point2::new(
-            lens.width as f64 * random.between(0.3, 0.7),
-            lens.height as f64 * random.between(0.35, 0.65),
-        );
+        let [u, v] = SPOTS[k % SPOTS.len()].map(|part| part + random.between(-0.05, 0.05));
+        let pixel = Point2::new(lens.width as f64 * u, lens.height as f64 * v);
         let middle = response.point(lens, pixel, depth);
         let middle = camera.rig_from_camera * middle.unwrap_or(Point3::new(0.0, 0.0, depth));
-        let (tilt, about) = (random.between(0.05, 0.6), random.between(0.0, TAU));
+        let (tilt, about) = (random.between(0.25, 0.65), random.between(0.0, TAU));
         let axis = Vector3::new(about.cos(), about.sin(), 0.0);
         let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), random.between(-PI, PI));
         let tilted = UnitQuaternion::from_scaled_axis(axis * tilt) * roll;
