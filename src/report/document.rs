@@ -1,7 +1,7 @@
 //! The report of one capture as data; `docs/report.schema.json` describes its JSON. All that may differ
 //! between two runs over the same input is under `timing`.
 
-use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Verdict};
+use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Moved, Verdict};
 use crate::frame::{CaptureId, Timestamp};
 use crate::job::CaptureFacts;
 use crate::reconstruct::Method;
@@ -83,6 +83,8 @@ pub struct Report<'a> {
     pub verdict: &'a Verdict,
     /// The colour cameras.
     pub color_cameras: &'a [ColorMeasures],
+    /// The camera that has moved since the calibration, if one has.
+    pub moved: Option<&'a Moved>,
     /// The depth cameras.
     pub depth_cameras: &'a [DepthMeasures],
     /// The model.
@@ -107,6 +109,7 @@ impl<'a> Report<'a> {
             capture,
             verdict,
             color_cameras: &measured.colors,
+            moved: measured.moved.as_ref(),
             depth_cameras: &measured.depths,
             model: &measured.model,
             timing,

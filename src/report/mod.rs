@@ -13,8 +13,8 @@ pub use document::{
     FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
 };
 pub use measure::{
-    ColorMeasures, Consistency, DepthMeasures, Measurements, ModelMeasures, ProvenanceMeasures,
-    RegionMeasures, measure,
+    ColorMeasures, Consistency, DepthMeasures, Measurements, ModelMeasures, Moved,
+    ProvenanceMeasures, RegionMeasures, measure,
 };
 pub use preview::preview;
 pub use verdict::{Code, Level, Limits, Parameters, Reason, Verdict, judge};

@@ -6,10 +6,15 @@ use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::job::CaptureFacts;
 use crate::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
 use crate::simulate::{CameraFault, Options, Shape, Simulation};
+use nalgebra::Vector2;
 use serde_json::Value;
 
 /// A cup among eight small cameras, one depth camera above it.
 fn simulated(change: impl Fn(&mut Options)) -> (Scene, Reconstruction) {
+    simulated_at(60.0, change)
+}
+
+fn simulated_at(resolution: f64, change: impl Fn(&mut Options)) -> (Scene, Reconstruction) {
     let mut options = Options {
         shape: Shape::Cup,
         cameras: 8,
@@ -22,7 +27,7 @@ fn simulated(change: impl Fn(&mut Options)) -> (Scene, Reconstruction) {
     change(&mut options);
     let scene = Simulation::new(options).unwrap().scene(0);
     let mut parameters = reconstruct::Parameters::default();
-    parameters.hull.resolution = 60.0;
+    parameters.hull.resolution = resolution;
     let made = reconstruct(&scene, &parameters, &Silent).unwrap();
     (scene, made)
 }
@@ -82,17 +87,32 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
 }
 
 #[test]
-fn a_camera_that_was_turned_is_named() {
-    let turned = CameraFault {
-        camera: "c03".into(),
-        amount: 0.5,
-    };
-    let (scene, made) = simulated(|o| o.faults.turned_deg = vec![turned.clone()]);
-    let verdict = judged(&scene, &made);
-    let reason = &verdict.reasons[0];
-    assert_eq!(reason.code, Code::CameraDisplaced, "{verdict:#?}");
-    assert_eq!(reason.cameras, [CameraId::new("c03").unwrap()]);
-    assert!(verdict.level > Level::Green);
+fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
+    for (camera, degrees) in [("c00", 0.1), ("c08", 0.1), ("c03", 1.0)] {
+        let turned = CameraFault {
+            camera: camera.into(),
+            amount: degrees,
+        };
+        let (scene, made) = simulated_at(120.0, |o| {
+            (o.cameras, o.width, o.height) = (11, 960, 720);
+            o.faults.turned_deg = vec![turned.clone()];
+        });
+        let verdict = judged(&scene, &made);
+        let mut reasons = verdict.reasons.iter();
+        let reason = reasons.find(|r| r.code == Code::CameraDisplaced);
+        let reason = reason.unwrap_or_else(|| panic!("{camera}: {verdict:#?}"));
+        assert_eq!(reason.cameras, [CameraId::new(camera).unwrap()]);
+        // The camera was turned about (0.6, 0.8, 0) of its own frame.
+        let focal_px = scene.colors[0].camera.intrinsics.focal_px;
+        let expected =
+            (focal_px * f64::to_radians(degrees)).component_mul(&Vector2::new(-0.8, 0.6));
+        let measured = measure(&scene, &made, Method::Hybrid);
+        let found = Vector2::from(measured.moved.unwrap().shift_px);
+        assert!(
+            (found - expected).norm() < 0.35 * expected.norm(),
+            "{camera}: {found} {expected}"
+        );
+    }
 }
 
 #[test]

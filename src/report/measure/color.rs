@@ -1,6 +1,7 @@
 //! How well a colour camera agrees with the others: the hull's projection beside the camera's silhouette, at
 //! a reduced resolution. The hull cannot leave a silhouette, but where cameras disagree it does not fill it.
 
+use super::outline;
 use crate::calibration::{Camera, Volume};
 use crate::frame::CameraId;
 use crate::image::{Grid, PixelRect};
@@ -36,8 +37,8 @@ pub struct Consistency {
     pub missing: f64,
     /// Area of both over area of either.
     pub iou: f64,
-    /// By how many of its pixels the silhouette lies beside the place that the other cameras give it, x and
-    /// y; half of what the contours show in the mean, because only one side of a displaced silhouette shows.
+    /// By how many of its pixels the silhouette lies beside the hull's projection, x and y: twice what the
+    /// contours show in the mean, because only one side of a displaced silhouette shows.
     pub shift_px: [f64; 2],
     /// Edge of a cell of the comparison, in pixels.
     pub cell_px: f64,
@@ -54,11 +55,26 @@ impl ColorMeasures {
             silhouette: silhouette.facts.clone(),
         }
     }
+
+    /// The object's longest side in the picture, in pixels.
+    pub fn longest_side_px(&self) -> f64 {
+        self.object_px.into_iter().fold(1, usize::max) as f64
+    }
+
+    /// The length of a shift over the object's longest side.
+    pub fn shift_share(&self, [dx, dy]: [f64; 2]) -> f64 {
+        dx.hypot(dy) / self.longest_side_px()
+    }
 }
 
 impl Consistency {
     /// Compares on cells of a few pixels around the silhouette.
-    fn of(camera: &Camera, silhouette: &Silhouette, hull: &Mesh, volume: Volume) -> Self {
+    pub(super) fn of(
+        camera: &Camera,
+        silhouette: &Silhouette,
+        hull: &Mesh,
+        volume: Volume,
+    ) -> Self {
         let cells = Cells::around(camera, silhouette.bounds);
         let inside = cells.inside(camera, volume);
         let projected = cells.draw(camera, hull);
@@ -88,6 +104,20 @@ impl Consistency {
                 .into(),
             cell_px: cells.pixels,
         }
+    }
+
+    /// By how many pixels, x and y, a silhouette lies beside where a hull that it has no part in allows it.
+    pub(super) fn shift_against(
+        camera: &Camera,
+        silhouette: &Silhouette,
+        others: &Mesh,
+        volume: Volume,
+    ) -> [f64; 2] {
+        let cells = Cells::around(camera, silhouette.bounds);
+        let level = cells.level(silhouette, &cells.inside(camera, volume));
+        let projected = cells.draw(camera, others);
+        let gaps = outline::gaps(&smooth(&level), &smooth(&projected));
+        (outline::displacement(&gaps) * cells.pixels).into()
     }
 }
 

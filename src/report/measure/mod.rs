@@ -4,10 +4,13 @@
 mod color;
 mod depth;
 mod model;
+mod moved;
+mod outline;
 
 pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
 pub use model::{ModelMeasures, ProvenanceMeasures};
+pub use moved::Moved;
 
 use super::coarse::coarse;
 use crate::reconstruct::{Method, Reconstruction, Scene};
@@ -19,6 +22,8 @@ use serde::Serialize;
 pub struct Measurements {
     /// A colour camera each, in the order of the scene's.
     pub colors: Vec<ColorMeasures>,
+    /// The camera that has moved since the calibration, if one has.
+    pub moved: Option<Moved>,
     /// A depth camera each, in the order of the scene's; none where the method uses no depth.
     pub depths: Vec<DepthMeasures>,
     /// Depth cameras of the rig, used or not.
@@ -34,9 +39,11 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
     let colors = || {
         let hull = coarse(&made.hull, 2.0 * made.cell_size as f32);
         let views = scene.colors.par_iter().zip(&made.silhouettes);
-        views
+        let colors: Vec<ColorMeasures> = views
             .map(|(view, silhouette)| ColorMeasures::of(view, silhouette, &hull, scene.volume))
-            .collect()
+            .collect();
+        let moved = moved::moved(scene, made, &colors);
+        (colors, moved)
     };
     let rest = || {
         let depths = scene.depths.iter().zip(&made.depths);
@@ -45,9 +52,10 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
             .collect();
         (depths, ModelMeasures::of(made))
     };
-    let (colors, (depths, model)) = rayon::join(colors, rest);
+    let ((colors, moved), (depths, model)) = rayon::join(colors, rest);
     Measurements {
         colors,
+        moved,
         depths,
         depth_cameras: scene.depths.len(),
         model,

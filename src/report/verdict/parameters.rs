@@ -30,8 +30,8 @@ impl Limits {
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// Displacement of a silhouette against the others, as a share of the object's longest side. Default
-    /// 0.008 and 0.03.
+    /// Displacement of the silhouette of a camera that moved, as a share of the object's longest side. Default
+    /// 0.005 and 0.03.
     pub displaced: Limits,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
     /// pixels away. Default 0.004 and 0.15.
@@ -76,7 +76,7 @@ pub struct Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            displaced: Limits::amber_red(0.008, 0.03),
+            displaced: Limits::amber_red(0.005, 0.03),
             uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
             overexposed: Limits::amber(0.1),

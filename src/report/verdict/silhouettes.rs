@@ -54,34 +54,20 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     ));
 }
 
-/// Cameras displaced by less than this share of the worst one's displacement are taken for harmed by it.
-const BLAMED: f64 = 0.9;
-
-/// A camera that moved: its whole silhouette lies beside the place that the others give it. It harms the
-/// others' silhouettes too, though less, and they are not to blame.
+/// A camera that moved. It harms the others' silhouettes too, and they are not to blame.
 fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
-    let share = |c: &ColorMeasures| {
-        let [dx, dy] = c.consistency.shift_px;
-        dx.hypot(dy) / longest_side(c)
-    };
-    let worst = measured.colors.iter().map(share).fold(0.0, f64::max);
-    let blamed = measured
-        .colors
-        .iter()
-        .filter(|c| share(c) >= BLAMED * worst);
+    let moved = measured.moved.as_ref()?;
     let mut reason = about_cameras(
         Code::CameraDisplaced,
         &parameters.displaced,
-        blamed.map(|c| (&c.camera, share(c))),
+        [(&moved.camera, moved.shift_share)].into_iter(),
         |v| format!("by {} of the object's size", percent(v)),
         |names| format!("the silhouette lies beside where the other cameras put it: {names}"),
     )?;
-    if let [camera] = reason.cameras.as_slice() {
-        let of_camera = measured.colors.iter().find(|c| c.camera == *camera)?;
-        let [dx, dy] = of_camera.consistency.shift_px;
-        reason.words +=
-            &format!("; it seems to have moved, by at least about {dx:+.0}, {dy:+.0} px");
-    }
+    let [dx, dy] = moved.shift_px;
+    reason.words += &format!(
+        "; the camera seems to have moved: its picture is off by about {dx:+.1}, {dy:+.1} px"
+    );
     Some(reason)
 }
 
@@ -102,10 +88,5 @@ fn uncovered(measured: &Measurements, parameters: &Parameters) -> Option<Reason>
 /// Pixels on the frame's edges over the object's longest side.
 fn frame_cut(camera: &ColorMeasures) -> f64 {
     let cut: usize = camera.silhouette.edge_px.iter().sum();
-    cut as f64 / longest_side(camera)
-}
-
-/// Of the object in the picture, in pixels.
-fn longest_side(camera: &ColorMeasures) -> f64 {
-    camera.object_px.into_iter().fold(1, usize::max) as f64
+    cut as f64 / camera.longest_side_px()
 }

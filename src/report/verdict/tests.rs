@@ -5,7 +5,7 @@ use crate::frame::{CaptureId, Timestamp};
 use crate::job::{ColorFacts, LeftOut, Silhouette};
 use crate::mesh;
 use crate::reconstruct::{Method, Provenance, silhouette};
-use crate::report::{ColorMeasures, Consistency, ModelMeasures, ProvenanceMeasures};
+use crate::report::{ColorMeasures, Consistency, ModelMeasures, Moved, ProvenanceMeasures};
 
 fn id(name: &str) -> CameraId {
     CameraId::new(name).unwrap()
@@ -27,6 +27,7 @@ fn camera(name: &str, missing: f64) -> ColorMeasures {
 fn measured() -> Measurements {
     Measurements {
         colors: ["c00", "c01", "c02"].map(|name| camera(name, 0.0)).to_vec(),
+        moved: None,
         depths: Vec::new(),
         depth_cameras: 0,
         model: ModelMeasures {
@@ -90,15 +91,20 @@ fn a_rig_without_a_depth_camera_is_green_and_says_so() {
 fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
     let mut measured = measured();
     measured.colors[0] = camera("c00", 0.01);
-    measured.colors[1].consistency.shift_px = [12.0, -3.4];
-    measured.colors[2].consistency.shift_px = [4.0, 4.0];
+    measured.moved = Some(Moved {
+        camera: id("c01"),
+        shift_px: [12.0, -3.4],
+        shift_share: 0.012,
+        others_share_with: 0.01,
+        others_share_without: 0.001,
+    });
     let verdict = judged(&measured, &capture());
     assert_eq!(codes(&verdict, Level::Amber), [Code::CameraDisplaced]);
     let reason = &verdict.reasons[0];
     assert_eq!(reason.cameras, [id("c01")]);
     assert!(reason.words.contains("c01 (by 1.2 %"), "{}", reason.words);
-    assert!(reason.words.contains("+12, -3 px"), "{}", reason.words);
-    measured.colors[1].consistency.shift_px = [0.0, 80.0];
+    assert!(reason.words.contains("+12.0, -3.4 px"), "{}", reason.words);
+    measured.moved.as_mut().unwrap().shift_share = 0.05;
     assert_eq!(judged(&measured, &capture()).level, Level::Red);
 }
 

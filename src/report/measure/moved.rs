@@ -1,0 +1,121 @@
+//! Which camera has moved since the calibration: the one without which the others agree again, and by how much
+//! its silhouette lies beside the hull of the others. Leaving a camera out shows both, because the hull of all
+//! stays within every silhouette and so hides half of what is wrong, and blames the innocent as well.
+
+use super::color::{ColorMeasures, Consistency};
+use crate::frame::CameraId;
+use crate::mesh::Mesh;
+use crate::reconstruct::hull::{self, Cone, Hull};
+use crate::reconstruct::{Reconstruction, Scene};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// A camera that has moved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Moved {
+    /// The camera.
+    pub camera: CameraId,
+    /// By how many pixels its silhouette lies beside where the others put it, x to the right and y down.
+    pub shift_px: [f64; 2],
+    /// The length of that over the longest side of the object in the picture.
+    pub shift_share: f64,
+    /// How far the other cameras' silhouettes lie beside the hull of all, as a share of the object's longest
+    /// side; the root of the mean square over them.
+    pub others_share_with: f64,
+    /// The same beside the hull without it.
+    pub others_share_without: f64,
+}
+
+/// Fewer cameras than this cannot tell which one of them moved.
+const LEAST_CAMERAS: usize = 4;
+/// Shift, as a share of the object's longest side, from which on a camera is looked into. Sound captures stay
+/// below (`design/verdict.md`), and cost nothing here.
+const SUSPICIOUS: f64 = 0.003;
+/// Cameras looked into, the most shifted first: who moved is among them.
+const SUSPECTS: usize = 3;
+/// A camera is to blame if the others disagree this much less without it.
+const BLAMED: f64 = 0.5;
+/// Cells along the object's diagonal of the hulls that are compared.
+const RESOLUTION: f64 = 120.0;
+
+/// Finds the camera that has moved, if one has.
+pub(super) fn moved(
+    scene: &Scene,
+    made: &Reconstruction,
+    colors: &[ColorMeasures],
+) -> Option<Moved> {
+    let suspects = suspects(colors);
+    if colors.len() < LEAST_CAMERAS || suspects.is_empty() {
+        return None;
+    }
+    let of_suspect = |camera| without(scene, made, colors, camera);
+    let found = suspects.into_par_iter().filter_map(of_suspect);
+    let found: Vec<Moved> = found.collect();
+    found
+        .into_iter()
+        .filter(|m| m.shift_share > SUSPICIOUS && improvement(m) < BLAMED)
+        .min_by(|a, b| improvement(a).total_cmp(&improvement(b)))
+}
+
+/// What remains of the others' disagreement without the camera.
+fn improvement(moved: &Moved) -> f64 {
+    moved.others_share_without / moved.others_share_with
+}
+
+fn suspects(colors: &[ColorMeasures]) -> Vec<usize> {
+    let share = |&i: &usize| colors[i].shift_share(colors[i].consistency.shift_px);
+    let mut suspects: Vec<usize> = (0..colors.len())
+        .filter(|i| share(i) > SUSPICIOUS)
+        .collect();
+    suspects.sort_by(|a, b| share(b).total_cmp(&share(a)));
+    suspects.truncate(SUSPECTS);
+    suspects
+}
+
+/// How the others agree without a camera, and where they put its silhouette.
+fn without(
+    scene: &Scene,
+    made: &Reconstruction,
+    colors: &[ColorMeasures],
+    camera: usize,
+) -> Option<Moved> {
+    let hull = hull_without(scene, made, camera)?;
+    let share_without = |i: usize| {
+        let (view, silhouette) = (&scene.colors[i], &made.silhouettes[i]);
+        let consistency = Consistency::of(&view.camera, silhouette, &hull, scene.volume);
+        colors[i].shift_share(consistency.shift_px)
+    };
+    let share_with = |i: usize| colors[i].shift_share(colors[i].consistency.shift_px);
+    let others = || (0..colors.len()).filter(|&i| i != camera);
+    let (view, silhouette) = (&scene.colors[camera], &made.silhouettes[camera]);
+    let shift_px = Consistency::shift_against(&view.camera, silhouette, &hull, scene.volume);
+    Some(Moved {
+        camera: view.camera.id.clone(),
+        shift_px,
+        shift_share: colors[camera].shift_share(shift_px),
+        others_share_with: root_mean_square(others().map(share_with)),
+        others_share_without: root_mean_square(others().map(share_without)),
+    })
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v * v, count + 1.0));
+    f64::sqrt(sum / count)
+}
+
+/// The hull of all cameras but one, coarser than the model; `None` where there is none.
+fn hull_without(scene: &Scene, made: &Reconstruction, camera: usize) -> Option<Mesh> {
+    let views = scene.colors.iter().zip(&made.silhouettes).enumerate();
+    let cones = views
+        .filter(|(i, _)| *i != camera)
+        .map(|(_, (view, silhouette))| Cone::new(&view.camera, &silhouette.level))
+        .collect();
+    let parameters = hull::Parameters {
+        resolution: RESOLUTION,
+        ..hull::Parameters::default()
+    };
+    let hull = Hull::new(cones, scene.volume, parameters.least_views);
+    let lattice = hull::lattice(&hull, &parameters).ok()?;
+    let extracted = hull::extract(&hull, &lattice, &parameters).ok()?;
+    Some(extracted.surface.mesh)
+}
