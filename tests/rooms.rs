@@ -39,7 +39,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "mesh",
         ],
     ),
-    ("output", &["reconstruct", "image", "mesh"]),
+    ("output", &["reconstruct", "image", "mesh", "calibration"]),
     ("evaluate", &["mesh", "image", "reconstruct"]),
     (
         "simulate",
@@ -69,6 +69,7 @@ const SCENE: &[&str] = &[
 const ONLY: &[(&str, &str, &[&str])] = &[
     ("job", "reconstruct", SCENE),
     ("output", "reconstruct", &["Model", "Provenance", "Texture"]),
+    ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),
     ("simulate", "reconstruct", SCENE),
 ];

@@ -9,6 +9,7 @@ macro_rules! say {
     };
 }
 
+pub mod board;
 pub mod calibrate;
 pub mod diff;
 pub mod evaluate;
@@ -59,6 +60,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Board(board::Args),
     Calibrate(Box<calibrate::Args>),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
@@ -72,6 +74,7 @@ enum Command {
 /// What went wrong, in words for the terminal; the exit code is then 1.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Some(Command::Board(args)) => board::run(args),
         Some(Command::Calibrate(args)) => calibrate::run(*args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),

@@ -1,14 +1,17 @@
-//! Files for people: models as glTF and PLY, and folders that are complete once they have their final name.
+//! Files for people: models as glTF and PLY, boards to print, and folders that are complete once they have their final name.
 //! What goes into a model is decided elsewhere; here it only becomes bytes on a disk.
 
 mod attributes;
+mod board_sheet;
 pub mod glb;
 mod gltf;
 mod jpeg;
+mod pdf;
 pub mod ply;
 mod png;
 mod staging;
 
+pub use board_sheet::{Paper, board_sheet};
 pub use png::encode_png;
 pub use staging::{StagedFolder, write_atomically};
 
