@@ -18,9 +18,11 @@ use nalgebra::Point2;
 const FEWEST_MARKERS: usize = 3;
 
 /// Half a window's side over the distance of the next corner.
-const WINDOW_PART: f64 = 0.4;
-/// Largest half of a window's side, in pixels.
-const LARGEST_WINDOW: i32 = 5;
+const WINDOW_PART: f64 = 0.25;
+/// Half a window's side, in pixels, from which the gradients within it are worth more than a saddle point.
+const SMALLEST_WINDOW: usize = 4;
+/// A picture's side over the largest half of a window's: 19 pixels at 5 MP, as blur and squares grow with pictures.
+const SIDE_PER_WINDOW: usize = 128;
 /// Farthest, in pixels, that a corner may be from its saddle point.
 const LARGEST_MOVE: f64 = 1.5;
 
@@ -177,9 +179,12 @@ fn charuco_face(
     Ok(corners)
 }
 
-/// Corners moved to where all gradients around them say that they are, which is less noisy than their saddle points;
-/// the window stays clear of the next corners. Between markers there is no room for that.
+/// Corners moved to where all gradients around them say that they are, which strays less than saddle points do; the
+/// window stays clear of the next corners, and where there is too little room the saddle point stays. Between markers
+/// there never is.
 fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>) -> Vec<Corner> {
+    let side = picture.width().max(picture.height());
+    let largest = (side / SIDE_PER_WINDOW).max(SMALLEST_WINDOW);
     let all: Vec<Point2<f64>> = corners.iter().map(|c| c.pixel).collect();
     for corner in &mut corners {
         let distances = all
@@ -187,9 +192,9 @@ fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>) -> Vec<Corner> {
             .map(|p| (p - corner.pixel).norm())
             .filter(|d| *d > 0.0);
         let nearest = distances.fold(f64::INFINITY, f64::min);
-        let half = ((nearest * WINDOW_PART) as i32).min(LARGEST_WINDOW);
-        let refined = (half >= 2)
-            .then(|| refine::refined(picture, corner.pixel, half))
+        let half = ((nearest * WINDOW_PART) as usize).min(largest);
+        let refined = (half >= SMALLEST_WINDOW)
+            .then(|| refine::refined(picture, corner.pixel, half as i32))
             .flatten();
         if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < LARGEST_MOVE) {
             corner.pixel = at;

@@ -10,6 +10,7 @@ mod grid;
 mod holdout;
 mod lens;
 mod links;
+mod moved;
 mod outliers;
 mod planar;
 mod refine;
@@ -23,6 +24,7 @@ pub use corners::find_corners;
 pub use gaps::{Wanted, missing};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
+pub use moved::{CheckError, Checked, Motion, Watch, check};
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals,
 };

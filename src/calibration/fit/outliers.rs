@@ -45,19 +45,43 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     Figures::of(values).median_px
 }
 
+/// What residuals usually are in the views of each camera: the median of its own, but not less than half of what is
+/// usual in all of them, and of all where it has few.
+fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
+    const FEW: usize = 3;
+    // Residuals below a twentieth of a pixel are never worth a word.
+    let all = median(of_views.iter().copied()).max(0.05);
+    let of_camera = |camera: usize| {
+        let own = bundle
+            .views
+            .iter()
+            .zip(of_views)
+            .filter(|(v, _)| v.camera == camera);
+        let own: Vec<f64> = own.map(|(_, rms)| *rms).collect();
+        if own.len() < FEW {
+            all
+        } else {
+            median(own.into_iter()).max(all / 2.0)
+        }
+    };
+    (0..bundle.cameras.len()).map(of_camera).collect()
+}
+
 /// The worst view or placement that does not belong; `None` when all do.
 pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
     let judged: Vec<Judged> = bundle.views.iter().map(|v| judged(bundle, v)).collect();
-    // Residuals below a twentieth of a pixel are never worth a word.
-    let usual_alone = median(judged.iter().map(|j| j.alone)).max(0.05);
-    let usual_joint = median(judged.iter().map(|j| j.joint)).max(0.05);
-    let excess = |j: &Judged| (j.joint / usual_joint).max(j.alone / usual_alone);
-    let (index, worst) =
-        (judged.iter().enumerate()).max_by(|a, b| excess(a.1).total_cmp(&excess(b.1)))?;
-    if excess(worst) <= ratio {
+    let alone = usual(bundle, &judged.iter().map(|j| j.alone).collect::<Vec<_>>());
+    let joint = usual(bundle, &judged.iter().map(|j| j.joint).collect::<Vec<_>>());
+    let excess = |i: usize| {
+        let camera = bundle.views[i].camera;
+        (judged[i].joint / joint[camera]).max(judged[i].alone / alone[camera])
+    };
+    let index = (0..judged.len()).max_by(|&a, &b| excess(a).total_cmp(&excess(b)))?;
+    if excess(index) <= ratio {
         return None;
     }
-    let view = &bundle.views[index];
+    let (view, worst) = (&bundle.views[index], &judged[index]);
+    let (usual_alone, usual_joint) = (alone[view.camera], joint[view.camera]);
     if worst.alone / usual_alone > ratio {
         let reason = format!(
             "its corners fit no pose of the board: {:.2} px by themselves, {usual_alone:.2} px are usual; it may be \
@@ -67,7 +91,7 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
         return Some(Verdict::View(index, reason));
     }
     let placement = view.placement;
-    let odd_one = odd_one_out(bundle, placement, ratio * usual_joint);
+    let odd_one = odd_one_out(bundle, placement, |camera| ratio * joint[camera]);
     Some(odd_one.unwrap_or_else(|| {
         let reason = format!(
             "its cameras disagree on where the board was ({:.2} px, {usual_joint:.2} px are usual): it moved during \
@@ -78,8 +102,8 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
     }))
 }
 
-/// The one view of a placement without which its other views agree to `most` pixels, if there is just one such.
-fn odd_one_out(bundle: &Bundle, placement: usize, most: f64) -> Option<Verdict> {
+/// The one view of a placement without which its other views agree, each camera's to `most` pixels.
+fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -> Option<Verdict> {
     let views: Vec<usize> = (0..bundle.views.len())
         .filter(|&i| bundle.views[i].placement == placement)
         .collect();
@@ -92,12 +116,15 @@ fn odd_one_out(bundle: &Bundle, placement: usize, most: f64) -> Option<Verdict> 
             .filter(|&&i| i != left_out)
             .map(|&i| bundle.views[i].clone());
         let pose = placed(bundle, placement, others.collect());
-        pose.views.iter().map(|v| rms(&pose, v)).fold(0.0, f64::max)
+        pose.views
+            .iter()
+            .map(|v| rms(&pose, v) / most(v.camera))
+            .fold(0.0, f64::max)
     };
     let (rest, odd) =
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture is of another time";
-    (rest <= most).then(|| Verdict::View(odd, reason.into()))
+    (rest <= 1.0).then(|| Verdict::View(odd, reason.into()))
 }
 
 /// A bundle of one placement's views in which only the board's pose is free, adjusted.

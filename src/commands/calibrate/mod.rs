@@ -1,5 +1,6 @@
 //! `scand calibrate SESSION.mcap`: from pictures of a board to the rig's calibration, with a verdict.
 
+mod checking;
 mod depth;
 mod sight;
 mod words;
@@ -47,6 +48,13 @@ pub struct Args {
     /// Cameras run freely: take the frame nearest to the trigger
     #[arg(long)]
     nearest: bool,
+    /// Check the rig against a calibration instead: which camera moved, and by how much? One placement is enough.
+    /// The exit code is 1 if one moved
+    #[arg(long, requires = "against", conflicts_with_all = ["out", "fix_intrinsics", "table_placement"])]
+    check: bool,
+    /// The calibration to check against
+    #[arg(long, value_name = "FILE", requires = "check")]
+    against: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
@@ -78,7 +86,8 @@ impl From<LensModel> for Model {
 /// already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace(args.out.as_deref(), args.force)?;
-    let known = args.fix_intrinsics.as_deref().map(load).transpose()?;
+    let kept = args.fix_intrinsics.as_deref().or(args.against.as_deref());
+    let known = kept.map(load).transpose()?;
     let recordings = sight::open(&args.sessions, args.nearest)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
@@ -90,6 +99,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             .iter()
             .chain(&sight.lost)
             .for_each(|words| eprintln!("scand: {words}"));
+    }
+    if let (true, Some(known)) = (args.check, &known) {
+        return checking::run(&sight, known, args.json, args.quiet);
     }
     let parameters = Parameters {
         model: args.model.into(),
