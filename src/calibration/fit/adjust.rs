@@ -490,3 +490,103 @@ pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64
         rotation,
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn pose(v: [f64; 6]) -> Isometry3<f64> {
+        let step = Vector6::from(v);
+        moved(&Isometry3::translation(0.0, 0.0, 1.0), &(step * 0.2))
+    }
+
+    /// Two cameras and a placement; one sees its front, the other its back.
+    fn bundle(poses: [[f64; 6]; 4], noise: f64) -> Bundle {
+        let lens = Lens {
+            values: [
+                700.0, 705.0, 320.0, 240.0, -0.1, 0.05, 1e-3, -1e-3, 0.01, 0.0, 0.0, 0.0,
+            ],
+            size: [640, 480],
+        };
+        let camera = |v| CameraState {
+            lens,
+            free: [true; PARAMETERS],
+            camera_from_rig: pose(v),
+            pose_free: true,
+            prior: [None; PARAMETERS],
+        };
+        let placement = PlacementState {
+            rig_from_board: pose(poses[2]),
+            free: true,
+        };
+        let point = |i: usize| {
+            let p = Point3::new((i % 3) as f64 * 0.05, (i / 3) as f64 * 0.05, 0.0);
+            (
+                p,
+                Point2::new(300.0 + noise * i as f64, 200.0 - noise * i as f64),
+            )
+        };
+        let view = |camera, back| Seen {
+            camera,
+            placement: 0,
+            back,
+            points: (0..6).map(point).collect(),
+        };
+        Bundle {
+            cameras: vec![camera(poses[0]), camera(poses[1])],
+            placements: vec![placement],
+            board_from_back: moved(&Isometry3::identity(), &(Vector6::from(poses[3]) * 0.1)),
+            back_free: true,
+            views: vec![view(0, false), view(1, true)],
+        }
+    }
+
+    /// The bundle with one shared column, or one of the placement's behind them, moved.
+    fn perturbed(bundle: &Bundle, column: usize, by: f64) -> Bundle {
+        let mut bundle = bundle.clone();
+        let step = |local: usize| {
+            let mut step = Vector6::zeros();
+            step[local] = by;
+            step
+        };
+        let (camera, local) = (column / CAMERA, column % CAMERA);
+        match (camera, local) {
+            (0 | 1, l) if l < PARAMETERS => bundle.cameras[camera].lens.values[l] += by,
+            (0 | 1, l) => {
+                let pose = &mut bundle.cameras[camera].camera_from_rig;
+                *pose = moved(pose, &step(l - PARAMETERS));
+            }
+            (_, l) if l < 6 => bundle.board_from_back = moved(&bundle.board_from_back, &step(l)),
+            (_, l) => {
+                let pose = &mut bundle.placements[0].rig_from_board;
+                *pose = moved(pose, &step(l - 6));
+            }
+        }
+        bundle
+    }
+
+    proptest! {
+        #[test]
+        fn gradients_are_those_of_finite_differences(
+            poses in proptest::array::uniform4(proptest::array::uniform6(-0.5..0.5f64)), noise in 0.0..10.0f64,
+        ) {
+            let bundle = bundle(poses, noise);
+            let normal = bundle.normal(Loss::SQUARED);
+            prop_assert!((normal.cost - bundle.cost(Loss::SQUARED)).abs() < 1e-6 * normal.cost);
+            for column in 0..2 * CAMERA + 12 {
+                let shared = 2 * CAMERA + 6;
+                let analytic = match column.checked_sub(shared) {
+                    None => normal.gradient[column],
+                    Some(local) => normal.placement_gradients[0][local],
+                };
+                let lens = column < 2 * CAMERA && column % CAMERA < 4;
+                let step = if lens { 1e-3 } else { 1e-6 };
+                let cost = |by| perturbed(&bundle, column, by).cost(Loss::SQUARED);
+                let numeric = (cost(step) - cost(-step)) / (4.0 * step);
+                let error = (analytic - numeric).abs();
+                prop_assert!(error < 1e-4 * (analytic.abs() + 1.0 + 1e-4 * normal.cost), "{column}: {analytic} {numeric}");
+            }
+        }
+    }
+}

@@ -17,6 +17,8 @@ use nalgebra::Point2;
 /// Fewest markers that tell where a ChArUco board is.
 const FEWEST_MARKERS: usize = 3;
 
+/// Shorter side of a picture, in pixels, that is worth looking at in half its size.
+const SMALLEST_HALVED: usize = 600;
 /// Half a window's side over the distance of the next corner.
 const WINDOW_PART: f64 = 0.25;
 /// Half a window's side, in pixels, from which the gradients within it are worth more than a saddle point.
@@ -26,11 +28,35 @@ const SIDE_PER_WINDOW: usize = 128;
 /// Farthest, in pixels, that a corner may be from its saddle point.
 const LARGEST_MOVE: f64 = 1.5;
 
-/// Finds the board in a grey picture; of a two-sided one, the side that shows.
+/// Finds the board in a grey picture; of a two-sided one, the side that shows. Where it does not show at full size,
+/// because it is blurred, it is looked for in the picture at half and a quarter of its size.
 ///
 /// # Errors
 /// If there is no board, or what is there is not this board.
 pub fn find_corners(picture: &Grid<u8>, board: &Board) -> Result<(Face, Vec<Corner>), Rejection> {
+    let mut first = find_at_size(picture, board, picture);
+    let mut smaller = picture;
+    let mut halved;
+    for _ in 0..2 {
+        if first.is_ok() || smaller.width().min(smaller.height()) < SMALLEST_HALVED {
+            break;
+        }
+        halved = half_size(smaller);
+        smaller = &halved;
+        let found = find_at_size(smaller, board, picture);
+        if found.is_ok() || first == Err(Rejection::Nothing) {
+            first = found;
+        }
+    }
+    first
+}
+
+/// Finds the board in a picture that is `full` or a half or quarter of its size; the corners are those of `full`.
+fn find_at_size(
+    picture: &Grid<u8>,
+    board: &Board,
+    full: &Grid<u8>,
+) -> Result<(Face, Vec<Corner>), Rejection> {
     if picture.width() < 16 || picture.height() < 16 {
         return Err(Rejection::Nothing);
     }
@@ -40,11 +66,30 @@ pub fn find_corners(picture: &Grid<u8>, board: &Board) -> Result<(Face, Vec<Corn
         data: picture.pixels(),
     };
     let features = detect_corners(&view, &features_config());
-    match board.kind {
-        BoardKind::Checkerboard => checkerboard(picture, &features, board)
-            .map(|corners| (Face::Front, polished(picture, corners))),
-        BoardKind::Charuco(_) => charuco(&view, &features, board),
+    let (face, mut corners) = match board.kind {
+        BoardKind::Checkerboard => (Face::Front, checkerboard(picture, &features, board)?),
+        BoardKind::Charuco(_) => charuco(&view, &features, board)?,
+    };
+    // Pixel centres are at whole numbers: the centre of a pixel of half size lies between two.
+    let scale = (full.width() / picture.width()) as f64;
+    let shift = nalgebra::Vector2::repeat((scale - 1.0) / 2.0);
+    for corner in &mut corners {
+        corner.pixel = corner.pixel * scale + shift;
     }
+    if board.kind == BoardKind::Checkerboard {
+        corners = polished(full, corners, scale * LARGEST_MOVE);
+    }
+    Ok((face, corners))
+}
+
+/// Each pixel the mean of four.
+fn half_size(picture: &Grid<u8>) -> Grid<u8> {
+    let (width, height) = (picture.width() / 2, picture.height() / 2);
+    Grid::from_fn(width, height, |x, y| {
+        let [top, bottom] = [2 * y, 2 * y + 1].map(|y| &picture.row(y)[2 * x..2 * x + 2]);
+        let sum: u16 = top.iter().chain(bottom).map(|&v| u16::from(v)).sum();
+        ((sum + 2) / 4) as u8
+    })
 }
 
 fn features_config() -> DetectorConfig {
@@ -182,7 +227,7 @@ fn charuco_face(
 /// Corners moved to where all gradients around them say that they are, which strays less than saddle points do; the
 /// window stays clear of the next corners, and where there is too little room the saddle point stays. Between markers
 /// there never is.
-fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>) -> Vec<Corner> {
+fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>, largest_move: f64) -> Vec<Corner> {
     let side = picture.width().max(picture.height());
     let largest = (side / SIDE_PER_WINDOW).max(SMALLEST_WINDOW);
     let all: Vec<Point2<f64>> = corners.iter().map(|c| c.pixel).collect();
@@ -196,9 +241,104 @@ fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>) -> Vec<Corner> {
         let refined = (half >= SMALLEST_WINDOW)
             .then(|| refine::refined(picture, corner.pixel, half as i32))
             .flatten();
-        if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < LARGEST_MOVE) {
+        if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < largest_move) {
             corner.pixel = at;
         }
     }
     corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+
+    /// A board as a pinhole camera of 700 px sees it, each pixel the mean of 5x5 samples, blurred by averaging.
+    fn picture(board: &Board, pose: &Isometry3<f64>, size: [usize; 2]) -> Grid<u8> {
+        let h = pose.to_homogeneous();
+        let plane = nalgebra::Matrix3::from_columns(&[
+            h.fixed_view::<3, 1>(0, 0).into_owned(),
+            h.fixed_view::<3, 1>(0, 1).into_owned(),
+            h.fixed_view::<3, 1>(0, 3).into_owned(),
+        ]);
+        let lens = nalgebra::Matrix3::new(
+            700.0,
+            0.0,
+            size[0] as f64 / 2.0,
+            0.0,
+            700.0,
+            size[1] as f64 / 2.0,
+            0.0,
+            0.0,
+            1.0,
+        );
+        let back = (lens * plane).try_inverse().unwrap();
+        let light = |x: f64, y: f64| {
+            let at = Point2::from_homogeneous(back * Vector3::new(x, y, 1.0)).unwrap();
+            let square = |v: f64| (v / board.square).floor() as i64 + 1;
+            let (i, j) = (square(at.x), square(at.y));
+            let inside =
+                (0..=board.columns as i64).contains(&i) && (0..=board.rows as i64).contains(&j);
+            if inside && (i + j) % 2 == 0 {
+                40.0
+            } else {
+                210.0
+            }
+        };
+        Grid::from_fn(size[0], size[1], |x, y| {
+            let sample = |k: usize| (k as f64 - 3.5) / 4.0;
+            let samples =
+                (0..64).map(|k| light(x as f64 + sample(k % 8), y as f64 + sample(k / 8)));
+            (samples.sum::<f64>() / 64.0).round() as u8
+        })
+    }
+
+    #[test]
+    fn a_rendered_boards_corners_are_found_to_a_twentieth_of_a_pixel() {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let pose = Isometry3::new(
+            Vector3::new(-0.11, -0.05, 0.55),
+            Vector3::new(0.3, -0.35, 0.2),
+        );
+        let picture = picture(&board, &pose, [640, 480]);
+        let (_, corners) = find_corners(&picture, &board).unwrap();
+        assert_eq!(corners.len(), 54);
+        let squares = corners.iter().map(|c| {
+            let p: Point3<f64> = pose * board.corner_position(c.column, c.row);
+            let truth = Point2::new(700.0 * p.x / p.z + 320.0, 700.0 * p.y / p.z + 240.0);
+            (c.pixel - truth).norm_squared()
+        });
+        let rms = (squares.sum::<f64>() / 54.0).sqrt();
+        assert!(rms < 0.05, "{rms}");
+        let other = Board::checkerboard(8, 6, 0.025).unwrap();
+        assert!(matches!(
+            find_corners(&picture, &other),
+            Err(Rejection::Size { .. })
+        ));
+    }
+
+    #[test]
+    fn a_board_too_blurred_for_full_size_is_found_in_half() {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let pose = Isometry3::new(Vector3::new(-0.1, -0.06, 0.5), Vector3::new(0.2, 0.1, 0.1));
+        let small = picture(&board, &pose, [320, 240]);
+        // Five times the size, between pixels linear: every edge is five pixels wide.
+        let large = Grid::from_fn(1600, 1200, |x, y| {
+            let at = Vector2::new(x as f64 / 5.0, y as f64 / 5.0);
+            let (i, j) = ((at.x as usize).min(318), (at.y as usize).min(238));
+            let (fx, fy) = (at.x - i as f64, at.y - j as f64);
+            let v = |i: usize, j: usize| f64::from(small[(i, j)]);
+            let top = v(i, j) * (1.0 - fx) + v(i + 1, j) * fx;
+            let bottom = v(i, j + 1) * (1.0 - fx) + v(i + 1, j + 1) * fx;
+            (top * (1.0 - fy) + bottom * fy).round() as u8
+        });
+        let (_, corners) = find_corners(&large, &board).unwrap();
+        let squares = corners.iter().map(|c| {
+            let p: Point3<f64> = pose * board.corner_position(c.column, c.row);
+            let truth = Point2::new(700.0 * p.x / p.z + 160.0, 700.0 * p.y / p.z + 120.0) * 5.0;
+            (c.pixel - truth).norm_squared()
+        });
+        let rms = (squares.sum::<f64>() / corners.len() as f64).sqrt();
+        assert!(corners.len() >= 50 && rms < 0.4, "{} {rms}", corners.len());
+    }
 }

@@ -4,7 +4,8 @@
 use super::adjust::{Bundle, Loss, PlacementState, Seen};
 use super::planar;
 use super::result::Figures;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point2, Point3};
+use rayon::prelude::*;
 
 /// Something to leave out.
 pub(super) enum Verdict {
@@ -20,10 +21,15 @@ struct Judged {
     alone: f64,
 }
 
-/// The root mean square of a view's residuals; those behind the camera count as 1000 px.
+/// The root mean square of a view's residuals as their median tells it, so that single false corners do not count.
 fn rms(bundle: &Bundle, view: &Seen) -> f64 {
     let lengths = bundle.residuals(view).into_iter();
-    Figures::of(lengths.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+    rms_of_median(median(lengths.map(|r| r.map_or(1e3, |r| r.norm()))))
+}
+
+/// For residuals that are normally distributed in both coordinates.
+fn rms_of_median(median: f64) -> f64 {
+    median / (2.0 * std::f64::consts::LN_2).sqrt() * std::f64::consts::SQRT_2
 }
 
 fn judged(bundle: &Bundle, view: &Seen) -> Judged {
@@ -34,10 +40,17 @@ fn judged(bundle: &Bundle, view: &Seen) -> Judged {
     } else {
         start
     };
-    let alone = planar::refined(&camera.lens, &view.points, &start);
+    let alone = planar::refined(&camera.lens, &view.points, &start).map(|alone| {
+        let pose = alone.camera_from_plane;
+        let length = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
+            let seen = camera.lens.project((pose * p).coords);
+            seen.map_or(1e3, |seen| (seen - pixel).norm())
+        };
+        rms_of_median(median(view.points.iter().map(length)))
+    });
     Judged {
         joint: rms(bundle, view),
-        alone: alone.map_or(1e3, |pose| pose.rms_px),
+        alone: alone.unwrap_or(1e3),
     }
 }
 
@@ -45,12 +58,13 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     Figures::of(values).median_px
 }
 
-/// What residuals usually are in the views of each camera: the median of its own, but not less than half of what is
-/// usual in all of them, and of all where it has few.
+/// What residuals usually are, in pixels, where they are less: a fifth of a pixel and less is never worth a word.
+const LEAST_USUAL: f64 = 0.06;
+
+/// What residuals usually are in the views of each camera: the median of its own, and of all where it has few.
 fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
     const FEW: usize = 3;
-    // Residuals below a twentieth of a pixel are never worth a word.
-    let all = median(of_views.iter().copied()).max(0.05);
+    let all = median(of_views.iter().copied()).max(LEAST_USUAL);
     let of_camera = |camera: usize| {
         let own = bundle
             .views
@@ -61,7 +75,7 @@ fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
         if own.len() < FEW {
             all
         } else {
-            median(own.into_iter()).max(all / 2.0)
+            median(own.into_iter()).max(LEAST_USUAL)
         }
     };
     (0..bundle.cameras.len()).map(of_camera).collect()
@@ -69,7 +83,9 @@ fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
 
 /// The worst view or placement that does not belong; `None` when all do.
 pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
-    let judged: Vec<Judged> = bundle.views.iter().map(|v| judged(bundle, v)).collect();
+    let judged: Vec<Judged> = (bundle.views.par_iter())
+        .map(|v| judged(bundle, v))
+        .collect();
     let alone = usual(bundle, &judged.iter().map(|j| j.alone).collect::<Vec<_>>());
     let joint = usual(bundle, &judged.iter().map(|j| j.joint).collect::<Vec<_>>());
     let excess = |i: usize| {
@@ -183,8 +199,12 @@ pub(super) fn drop_false_corners(bundle: &mut Bundle, deviations: f64) -> Vec<us
 /// of a pixel: one of them says nothing new.
 pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, String)> {
     const SAME_PX: f64 = 1.0;
+    let mut by_placement: Vec<Vec<&Seen>> = vec![Vec::new(); bundle.placements.len()];
+    for view in &bundle.views {
+        by_placement[view.placement].push(view);
+    }
     let same = |a: usize, b: usize| {
-        let of = |p: usize| bundle.views.iter().filter(move |v| v.placement == p);
+        let of = |p: usize| by_placement[p].iter().copied();
         let mut common = 0;
         for view in of(a) {
             let Some(other) = of(b).find(|o| o.camera == view.camera && o.back == view.back) else {
@@ -216,7 +236,7 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
 
 /// Mean distance of the pixels of points that two views share.
 fn mean_distance(a: &Seen, b: &Seen) -> Option<f64> {
-    let partner = |(p, pixel): &(nalgebra::Point3<f64>, nalgebra::Point2<f64>)| {
+    let partner = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
         let same = b.points.iter().find(|(q, _)| (p - q).norm() < 1e-9)?;
         Some((pixel - same.1).norm())
     };

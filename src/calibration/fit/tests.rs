@@ -122,3 +122,270 @@ fn a_rig_of_twelve_cameras_is_found_again() {
         "{rms} {largest}"
     );
 }
+
+/// A session with a change, its fit, and how the cameras' predictions are then.
+fn fitted(truth: &Truth, change: impl FnOnce(&mut Session)) -> Result<Fit, Error> {
+    let mut session = truth.session(0.1, &mut Random(7));
+    change(&mut session);
+    let parameters = Parameters {
+        folds: 0,
+        ..Parameters::default()
+    };
+    fit(&session, &parameters)
+}
+
+fn predicts_well(truth: &Truth, fit: &Fit) {
+    let (mean, worst) = prediction(truth, fit);
+    assert!(mean < 0.05 && worst < 0.2, "{mean} {worst}");
+}
+
+#[test]
+fn a_two_sided_board_is_better_and_its_back_is_found() {
+    let board = Board::charuco(11, 8, 0.025, true).unwrap();
+    let two_sided = truth(board, 20, 1);
+    let found = fitted(&two_sided, |_| {}).unwrap();
+    let off = found.front_from_back.inverse() * two_sided.front_from_back;
+    assert!(
+        off.translation.vector.norm() < 2e-5 && off.rotation.angle() < 1e-3,
+        "{off}"
+    );
+    let one_sided = truth(checkerboard(), 20, 1);
+    let with_one = prediction(&one_sided, &fitted(&one_sided, |_| {}).unwrap());
+    let with_two = prediction(&two_sided, &found);
+    assert!(with_two.0 < with_one.0, "{with_two:?} {with_one:?}");
+}
+
+#[test]
+fn a_board_that_looks_the_same_turned_is_read_alike_by_all() {
+    for board in [
+        Board::checkerboard(9, 7, 0.025).unwrap(),
+        Board::checkerboard(8, 8, 0.025).unwrap(),
+    ] {
+        let truth = truth(board, 16, 2);
+        let readings = session::turns(&board);
+        let mut random = Random(3);
+        let fit = fitted(&truth, |session| {
+            for view in &mut session.views {
+                let reading = (random.uniform() * readings.len() as f64) as usize;
+                view.turn(&board, readings[reading.min(readings.len() - 1)]);
+            }
+        })
+        .unwrap();
+        assert!(fit.left_out.is_empty(), "{:?}", fit.left_out);
+        predicts_well(&truth, &fit);
+    }
+}
+
+/// Only the views of these pairs of cameras and placements.
+fn only(session: &mut Session, seen: impl Fn(usize, usize) -> bool) {
+    session.views.retain(|v| seen(v.camera, v.placement));
+}
+
+#[test]
+fn a_chain_of_cameras_is_joined_and_a_broken_one_says_what_would_join_it() {
+    let mut truth = truth(checkerboard(), 24, 4);
+    truth.cameras = [1, 3, 5].map(|i| truth.cameras[i].clone()).to_vec();
+    // The first two share the even placements of the first half, the last two those of the second: never all three.
+    let chain = |camera: usize, placement: usize| match camera {
+        0 => placement < 12,
+        1 => true,
+        _ => placement >= 12,
+    };
+    let fit = fitted(&truth, |session| only(session, chain)).unwrap();
+    let of = |camera: usize| fit.views.iter().filter(|v| v.camera == camera).count();
+    assert!((0..3).all(|c| of(c) >= 3), "{:?}", [of(0), of(1), of(2)]);
+    let (mean, worst) = prediction(&truth, &fit);
+    assert!(mean < 0.2 && worst < 0.8, "{mean} {worst}");
+    let broken = fitted(&truth, |session| {
+        only(session, |c, p| if c == 1 { p < 12 } else { chain(c, p) })
+    });
+    let Err(error @ Error::Disjoint { .. }) = broken else {
+        panic!("{broken:?}")
+    };
+    let words = error.to_string();
+    assert!(words.contains("[c01, c03] and [c05]"), "{words}");
+}
+
+#[test]
+fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
+    let truth = truth(checkerboard(), 20, 1);
+    let fit = fitted(&truth, |session| session.views.retain(|v| v.camera != 4)).unwrap();
+    assert_eq!(fit.cameras.len(), 11);
+    let named: Vec<_> = fit
+        .left_out
+        .iter()
+        .filter_map(|l| l.camera.as_ref())
+        .collect();
+    assert_eq!(named.len(), 1);
+    assert_eq!(named[0].as_str(), "c04");
+    let judgement = judge(&fit, &Limits::default());
+    assert!(
+        judgement.level >= Level::Doubtful && judgement.reasons.iter().any(|r| r.contains("c04"))
+    );
+}
+
+/// Whether what was left out names just this placement, and this camera if one is given.
+fn names_only(fit: &Fit, camera: Option<&str>, placement: &str) {
+    let named = |l: &LeftOut| {
+        l.placement.as_deref() == Some(placement)
+            && camera.is_none_or(|c| l.camera.as_ref().is_some_and(|id| id.as_str() == c))
+    };
+    assert!(
+        !fit.left_out.is_empty() && fit.left_out.iter().all(named),
+        "{:?}",
+        fit.left_out
+    );
+}
+
+#[test]
+fn a_board_that_moved_between_the_cameras_pictures_is_named() {
+    let mut truth = truth(checkerboard(), 20, 1);
+    let session = truth.session(0.1, &mut Random(7));
+    // By 3 mm before half of the cameras took their picture.
+    truth.placements[6].translation.vector += Vector3::new(0.002, 0.002, 0.001);
+    let moved = truth.session(0.1, &mut Random(8));
+    let mut mixed = session.clone();
+    for view in &mut mixed.views {
+        if view.placement == 6 && view.camera % 2 == 0 {
+            if let Some(other) = moved
+                .views
+                .iter()
+                .find(|v| (v.camera, v.placement) == (view.camera, 6))
+            {
+                *view = other.clone();
+            }
+        }
+    }
+    let fit = fit(&mixed, &Parameters::default()).unwrap();
+    names_only(&fit, None, "p06");
+    predicts_well(&truth, &fit);
+}
+
+#[test]
+fn a_blurred_view_is_named_and_a_duplicate_placement_too() {
+    let truth = truth(checkerboard(), 20, 1);
+    let mut random = Random(5);
+    let blurred = fitted(&truth, |session| {
+        let view = session
+            .views
+            .iter_mut()
+            .find(|v| v.camera == 3 && v.placement > 4)
+            .unwrap();
+        for corner in &mut view.corners {
+            corner.pixel += nalgebra::Vector2::new(random.normal(), random.normal());
+        }
+    })
+    .unwrap();
+    assert_eq!(blurred.left_out.len(), 1);
+    assert!(
+        blurred.left_out[0].reason.contains("blurred"),
+        "{:?}",
+        blurred.left_out
+    );
+    predicts_well(&truth, &blurred);
+    let mut twice = truth;
+    twice.placements.push(twice.placements[9]);
+    let fit = fitted(&twice, |_| {}).unwrap();
+    names_only(&fit, None, "p20");
+    assert!(fit.left_out[0].reason.contains("p09"), "{:?}", fit.left_out);
+}
+
+#[test]
+fn false_corners_do_no_harm() {
+    let truth = truth(checkerboard(), 20, 1);
+    let fit = fitted(&truth, |session| {
+        for view in session.views.iter_mut().step_by(7) {
+            view.corners[13].pixel.x += 9.0;
+            view.corners[40].pixel.y -= 4.0;
+        }
+    })
+    .unwrap();
+    assert!(
+        fit.cameras.iter().map(|c| c.false_corners).sum::<usize>() >= 40,
+        "{:?}",
+        fit.figures
+    );
+    predicts_well(&truth, &fit);
+}
+
+#[test]
+fn known_lenses_are_kept() {
+    let mut truth = truth(checkerboard(), 8, 6);
+    truth.cameras = truth.cameras[6..10].to_vec();
+    let mut session = truth.session(0.1, &mut Random(7));
+    for (subject, camera) in session.cameras.iter_mut().zip(&truth.cameras) {
+        subject.known = Some(camera.intrinsics);
+    }
+    let fit = fit(&session, &Parameters::default()).unwrap();
+    assert_eq!(
+        fit.cameras[0].camera.intrinsics,
+        truth.cameras[0].intrinsics
+    );
+    predicts_well(&truth, &fit);
+}
+
+#[test]
+fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
+    let truth = truth(checkerboard(), 3, 1);
+    let mut session = truth.session(0.1, &mut Random(7));
+    session.views.retain(|v| v.placement == 0);
+    let mut known = crate::calibration::RigCalibration::default();
+    for (index, camera) in truth.cameras.iter().enumerate() {
+        let turn = nalgebra::UnitQuaternion::from_scaled_axis(
+            Vector3::new(0.3, 0.9, 0.1).normalize() * 0.1_f64.to_radians(),
+        );
+        let mut before = camera.rig_from_camera;
+        if index == 5 {
+            before.rotation *= turn;
+        }
+        let before = crate::calibration::Camera::new(camera.id.clone(), camera.intrinsics, before);
+        known.cameras.insert(camera.id.clone(), (before, None));
+    }
+    let checked = check(&session, &known, &Watch::default()).unwrap();
+    let moved: Vec<_> = checked.iter().filter(|c| c.motion.is_some()).collect();
+    assert_eq!(moved.len(), 1, "{checked:?}");
+    let motion = moved[0].motion.unwrap();
+    assert_eq!(moved[0].camera.as_str(), "c05");
+    assert!(
+        (motion.turn_degrees - 0.1).abs() < 0.005 && motion.shift == 0.0,
+        "{motion:?}"
+    );
+    assert!(moved[0].off_px > 3.0 && motion.rest_px < 0.25);
+    assert_eq!(
+        check(
+            &truth.session(0.1, &mut Random(1)),
+            &Default::default(),
+            &Watch::default()
+        )
+        .unwrap_err(),
+        CheckError::TooFew {
+            found: 0,
+            needed: 3
+        }
+    );
+}
+
+#[test]
+fn what_an_unfinished_session_lacks_is_said() {
+    let truth = truth(checkerboard(), 4, 1);
+    let session = truth.session(0.1, &mut Random(7));
+    let fit = fit(
+        &session,
+        &Parameters {
+            min_views: 1,
+            folds: 0,
+            ..Parameters::default()
+        },
+    )
+    .ok();
+    let kinect = truth.cameras[11].id.clone();
+    let words = missing(&session, fit.as_ref(), &[kinect], &Wanted::default()).join("\n");
+    for expected in [
+        "camera c01: it has",
+        "parts of its picture",
+        "share",
+        "depth camera kinect: it has not seen the board 1.",
+    ] {
+        assert!(words.contains(expected), "{expected}: {words}");
+    }
+}
