@@ -137,3 +137,159 @@ fn opencvs_stereo_pairs_give_the_published_lenses_and_baseline() {
     assert_eq!(again.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&again.stderr).contains("is there already"));
 }
+
+/// A small rig's calibration session.
+fn simulate(arguments: &[&str], out: &Path) {
+    let common = [
+        "simulate",
+        "--calibration-session",
+        "--size",
+        "612x512",
+        "--blur-px",
+        "0.6",
+    ];
+    let common = [
+        common.as_slice(),
+        &["--board", "checkerboard:9x7:25mm", "--out"],
+    ]
+    .concat();
+    scand(&common).arg(out).args(arguments).assert().success();
+}
+
+fn calibrate(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = scand(&[&["calibrate"], arguments].concat())
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (
+        output.status.code(),
+        text(output.stdout),
+        text(output.stderr),
+    )
+}
+
+#[test]
+fn faults_are_named_and_what_is_left_is_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (session, truth) = (path("session.mcap"), path("truth.toml"));
+    let faults = [
+        "--moved-placement",
+        "5=3",
+        "--duplicate-placement",
+        "9",
+        "--blind",
+        "c02",
+        "--turned-over-placement",
+        "4",
+    ];
+    let with_truth = ["--placements", "18", "--truth", truth.to_str().unwrap()];
+    simulate(&[faults.as_slice(), &with_truth].concat(), &session);
+    let (session, out) = (session.to_str().unwrap(), path("calibration.toml"));
+    let (code, json, errors) = calibrate(&[session, "--json", "--out", out.to_str().unwrap()]);
+    assert_eq!(code, Some(3), "a camera is missing: {errors}");
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let left_out = found["left_out"].to_string();
+    for named in [
+        "placement-005",
+        "placement-009",
+        "\"c02\"",
+        "it moved during the capture",
+        "placement-008",
+    ] {
+        assert!(left_out.contains(named), "{named}: {left_out}");
+    }
+    assert!(!left_out.contains("placement-004"), "{left_out}");
+    assert!(found["figures"]["rms_px"].as_f64().unwrap() < 0.1, "{json}");
+    assert!(found["held_out"]["ratio"].as_f64().unwrap() < 1.3);
+    let [fitted, truth] =
+        [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
+    assert!(fitted.cameras.len() >= 9, "{left_out}");
+    for (id, (camera, _)) in &fitted.cameras {
+        let true_one = &truth.cameras[id].0;
+        let ratio = camera
+            .intrinsics
+            .focal_px
+            .component_div(&true_one.intrinsics.focal_px);
+        assert!(
+            ratio.iter().all(|r| (r - 1.0).abs() < 3e-3),
+            "{id}: {ratio}"
+        );
+    }
+
+    let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:8x6:25mm"]);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("has 9x7 inner corners"), "{errors}");
+
+    let bumped = path("bumped.mcap");
+    simulate(&["--placements", "1", "--turned", "c07=0.1"], &bumped);
+    let check = [
+        "--check",
+        bumped.to_str().unwrap(),
+        "--against",
+        out.to_str().unwrap(),
+        "--json",
+    ];
+    let (code, json, errors) = calibrate(&check);
+    assert_eq!(code, Some(1), "{errors}");
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let moved = found["cameras"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|c| !c["motion"].is_null());
+    let moved: Vec<_> = moved.collect();
+    assert_eq!(moved.len(), 1, "{json}");
+    assert_eq!(moved[0]["camera"], "c07");
+    assert!(
+        (moved[0]["motion"]["turn_degrees"].as_f64().unwrap() - 0.1).abs() < 0.01,
+        "{json}"
+    );
+}
+
+#[test]
+fn what_cannot_be_calibrated_says_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("session.mcap");
+    let mut writer = Writer::create(&session, "test", Compression::None).unwrap();
+    let time = Timestamp(1_000_000_000);
+    let id = CaptureId::new("p1").unwrap();
+    writer
+        .trigger(&Trigger {
+            id,
+            time,
+            source: "test".into(),
+            subject: None,
+        })
+        .unwrap();
+    let grey = Picture::Raw {
+        width: 320,
+        height: 240,
+        encoding: "mono8".into(),
+        step: 320,
+        data: vec![90; 320 * 240].into(),
+    };
+    let camera = CameraId::new("c00").unwrap();
+    writer
+        .frame(&Frame {
+            camera,
+            stream: Stream::Color,
+            timestamp: time,
+            picture: grey,
+        })
+        .unwrap();
+    writer.finish().unwrap();
+    let session = session.to_str().unwrap();
+    let (code, _, errors) = calibrate(&[session]);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("give --board"), "{errors}");
+    let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:9x6:25mm"]);
+    assert_eq!(code, Some(1));
+    assert!(
+        errors.contains("c00: it saw no board")
+            && errors.contains("no board was found (1 pictures)"),
+        "{errors}"
+    );
+    let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:9x6"]);
+    assert_eq!(code, Some(2), "{errors}");
+}

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 pub struct Watch {
     /// Root mean square in pixels by which the board is elsewhere in its picture. Default 0.4.
     pub moved_px: f64,
-    /// And how many times what is usual among the cameras. Default 3.
+    /// And how many times what is usual among the cameras, where that is less. Default 3.
     pub ratio: f64,
 }
 
@@ -108,7 +108,8 @@ pub fn check(
         let off: Vec<(f64, usize)> = seen.iter().map(|&c| (off_px(&bundle, c), c)).collect();
         let still = off.iter().filter(|(_, c)| !movers.contains(c));
         let usual = Figures::of(still.clone().map(|(off, _)| *off)).median_px;
-        let most = watch.moved_px.max(watch.ratio * usual);
+        // Where all are far off, that is not usual.
+        let most = watch.moved_px.max(watch.ratio * usual.min(watch.moved_px));
         let Some((_, worst)) = still
             .filter(|(off, _)| *off > most)
             .max_by(|a, b| a.0.total_cmp(&b.0))

@@ -87,7 +87,7 @@ impl Figures {
         let n = lengths.len();
         Self {
             corners: n,
-            rms_px: (lengths.iter().map(|l| l * l).sum::<f64>() / n.max(1) as f64).sqrt(),
+            rms_px: (lengths.iter().fold(0.0, |sum, l| sum + l * l) / n.max(1) as f64).sqrt(),
             median_px: lengths.get(n / 2).copied().unwrap_or(0.0),
             max_px: lengths.last().copied().unwrap_or(0.0),
         }
