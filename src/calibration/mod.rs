@@ -4,6 +4,7 @@
 mod board;
 mod camera;
 mod depth_response;
+pub mod exchange;
 mod file;
 pub mod fit;
 mod intrinsics;

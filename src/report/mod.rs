@@ -1,6 +1,7 @@
 //! What is said of a model to the person who made it: figures, a verdict in words, the report and one
 //! picture of it all. It makes data and pictures; `output` and the commands make files of them.
 
+mod calibration;
 mod coarse;
 mod document;
 mod measure;
@@ -9,6 +10,7 @@ mod preview;
 mod tests;
 mod verdict;
 
+pub use calibration::{CalibrationPage, calibration_page};
 pub use document::{
     FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
 };

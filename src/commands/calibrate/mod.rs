@@ -2,6 +2,7 @@
 
 mod checking;
 mod depth;
+mod files;
 mod sight;
 mod words;
 
@@ -34,7 +35,7 @@ pub struct Args {
     /// Replace the file that is there, and write a calibration that is refused
     #[arg(long)]
     force: bool,
-    /// Lenses to keep, from a calibration file; those of cameras that are not in it are fitted
+    /// Lenses to keep, from a calibration file, ROS camera_info or a Kalibr camchain (YAML), or a folder of them; those of cameras that are not in it are fitted
     #[arg(long, value_name = "FILE")]
     fix_intrinsics: Option<PathBuf>,
     /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2)
@@ -45,6 +46,8 @@ pub struct Args {
     table_placement: Option<String>,
     #[command(flatten)]
     depth: depth::DepthArgs,
+    #[command(flatten)]
+    files: files::FileArgs,
     /// Cameras run freely: take the frame nearest to the trigger
     #[arg(long)]
     nearest: bool,
@@ -86,8 +89,11 @@ impl From<LensModel> for Model {
 /// already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace(args.out.as_deref(), args.force)?;
-    let kept = args.fix_intrinsics.as_deref().or(args.against.as_deref());
-    let known = kept.map(load).transpose()?;
+    let fixed = args.fix_intrinsics.as_deref().map(import).transpose()?;
+    let known = match fixed {
+        Some(fixed) => Some(fixed),
+        None => args.against.as_deref().map(load).transpose()?,
+    };
     let recordings = sight::open(&args.sessions, args.nearest)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
@@ -121,7 +127,18 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let depth = depth::respond(&args.depth, &recordings, &fitted, &sight.depth_cameras)?;
     let judgement = judge(&fitted, &Limits::default());
+    args.files.write_report(
+        &args.sessions,
+        &sight,
+        &fitted,
+        &judgement,
+        &lacking,
+        &depth,
+    )?;
     let refused = judgement.level == Level::Refused && !args.force;
+    if !refused {
+        args.files.write_exports(&fitted)?;
+    }
     let out = args.out.as_deref().filter(|_| !refused);
     if let Some(path) = out {
         let mut responses = known.map(responses).unwrap_or_default();
@@ -161,6 +178,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 
 fn load(path: &Path) -> anyhow::Result<RigCalibration> {
     RigCalibration::load(path).map_err(|e| BadConfiguration(e.into()).into())
+}
+
+fn import(path: &Path) -> anyhow::Result<RigCalibration> {
+    RigCalibration::import(path).map_err(|e| BadConfiguration(e.into()).into())
 }
 
 /// A calibration that is there is worth more than one that nobody has seen.

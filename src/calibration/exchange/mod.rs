@@ -1,0 +1,100 @@
+//! Calibrations in the files of others: ROS `camera_info` and Kalibr's camchain, both YAML. What they cannot hold is said
+//! in a comment or refused, never dropped.
+
+mod kalibr;
+mod ros;
+mod yaml;
+
+pub use kalibr::to_kalibr;
+pub use ros::to_ros;
+
+use super::{Camera, FileError, RigCalibration};
+use std::path::Path;
+
+/// Largest file, in bytes.
+const LONGEST_FILE: u64 = 4 << 20;
+
+impl RigCalibration {
+    /// Reads cameras from a calibration file of ours, from a ROS `camera_info` or Kalibr camchain YAML file (`.yaml`,
+    /// `.yml`), or from a folder of such YAML files. Of ROS's the poses are not known and are those of the rig's frame;
+    /// Kalibr's are in the frame of its first camera.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; or if a folder has no such file, or names a camera twice.
+    pub fn import(path: &Path) -> Result<Self, FileError> {
+        if path.is_dir() {
+            return import_folder(path);
+        }
+        if !is_yaml(path) {
+            return Self::load(path);
+        }
+        let failed = |source| FileError::Read {
+            path: path.into(),
+            source,
+        };
+        let parse = |message: String| FileError::Parse {
+            path: path.into(),
+            message,
+        };
+        let length = std::fs::metadata(path).map_err(failed)?.len();
+        if length > LONGEST_FILE {
+            return Err(parse(format!(
+                "{length} bytes, expected at most {LONGEST_FILE}"
+            )));
+        }
+        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let tree = yaml::read(&text).map_err(parse)?;
+        let cameras: Vec<Camera> = match tree.contains_key("camera_matrix.data") {
+            true => vec![ros::camera(&tree).map_err(parse)?],
+            false => kalibr::cameras(&tree).map_err(parse)?,
+        };
+        collect(cameras).map_err(parse)
+    }
+}
+
+fn is_yaml(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "yaml" || e == "yml")
+}
+
+fn import_folder(folder: &Path) -> Result<RigCalibration, FileError> {
+    let failed = |source| FileError::Read {
+        path: folder.into(),
+        source,
+    };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if is_yaml(&path) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    let mut cameras = Vec::new();
+    for file in &files {
+        let read = RigCalibration::import(file)?;
+        cameras.extend(read.cameras.into_values().map(|(camera, _)| camera));
+    }
+    let found = if cameras.is_empty() {
+        Err("no YAML file with a camera in it".to_owned())
+    } else {
+        collect(cameras)
+    };
+    found.map_err(|message| FileError::Parse {
+        path: folder.into(),
+        message,
+    })
+}
+
+fn collect(cameras: Vec<Camera>) -> Result<RigCalibration, String> {
+    let mut rig = RigCalibration::default();
+    for camera in cameras {
+        let id = camera.id.clone();
+        if rig.cameras.insert(id.clone(), (camera, None)).is_some() {
+            return Err(format!("camera {id} is there twice"));
+        }
+    }
+    Ok(rig)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,60 @@
+//! ROS: `camera_info` as camera_info_manager and camera_calibration_parsers read and write it, a file a camera.
+
+use super::yaml::{Tree, exactly, list, side, word};
+use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::frame::CameraId;
+use nalgebra::{Isometry3, Vector2};
+
+/// A camera's lens as ROS keeps it.
+pub fn to_ros(camera: &Camera) -> String {
+    let lens = &camera.intrinsics;
+    let (f, c) = (lens.focal_px, lens.center_px);
+    let (model, mut d) = lens.distortion.to_model();
+    // ROS has no empty model.
+    let model = if model.is_empty() { "plumb_bob" } else { model };
+    d.resize(d.len().max(5), 0.0);
+    format!(
+        "image_width: {}\nimage_height: {}\ncamera_name: {}\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [{:?}, 0.0, \
+         {:?}, 0.0, {:?}, {:?}, 0.0, 0.0, 1.0]\ndistortion_model: {model}\ndistortion_coefficients:\n  rows: 1\n  cols: \
+         {}\n  data: {d:?}\nrectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, \
+         1.0]\nprojection_matrix:\n  rows: 3\n  cols: 4\n  data: [{:?}, 0.0, {:?}, 0.0, 0.0, {:?}, {:?}, 0.0, 0.0, 0.0, \
+         1.0, 0.0]\n",
+        lens.width,
+        lens.height,
+        camera.id,
+        f.x,
+        c.x,
+        f.y,
+        c.y,
+        d.len(),
+        f.x,
+        c.x,
+        f.y,
+        c.y,
+    )
+}
+
+/// Reads a camera.
+pub(super) fn camera(tree: &Tree) -> Result<Camera, String> {
+    let number = |name: &str| {
+        let text = word(tree, name)?;
+        text.parse()
+            .map_err(|_| format!("{name} is {text:.40?}, expected a number"))
+    };
+    let (width, height) = (
+        side(number("image_width")?)?,
+        side(number("image_height")?)?,
+    );
+    let k: [f64; 9] = exactly(tree, "camera_matrix.data")?;
+    if k[1] != 0.0 {
+        return Err(format!("camera_matrix has a skew of {}, expected 0", k[1]));
+    }
+    let model = word(tree, "distortion_model").unwrap_or("plumb_bob");
+    let d = list(tree, "distortion_coefficients.data").unwrap_or(&[]);
+    let distortion = Distortion::from_model(model, d).map_err(|e| e.to_string())?;
+    let (focal, center) = (Vector2::new(k[0], k[4]), Vector2::new(k[2], k[5]));
+    let lens =
+        Intrinsics::new(width, height, focal, center, distortion).map_err(|e| e.to_string())?;
+    let id = CameraId::new(word(tree, "camera_name")?).map_err(|e| format!("camera_name: {e}"))?;
+    Ok(Camera::new(id, lens, Isometry3::identity()))
+}

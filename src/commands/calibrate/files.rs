@@ -1,0 +1,81 @@
+//! The other files that a calibration is asked for: a report to read, and calibrations for ROS and Kalibr.
+
+use super::depth::Depth;
+use super::sight::Sight;
+use crate::calibration::exchange::{to_kalibr, to_ros};
+use crate::calibration::fit::{Fit, Judgement, Limits};
+use crate::output::write_atomically;
+use crate::report::{CalibrationPage, calibration_page};
+use anyhow::Context;
+use std::path::PathBuf;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct FileArgs {
+    /// Report to write: one HTML file with pictures
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Folder for ROS camera_info files, ID.yaml each
+    #[arg(long, value_name = "FOLDER")]
+    ros: Option<PathBuf>,
+    /// Kalibr camchain to write
+    #[arg(long, value_name = "FILE.yaml")]
+    kalibr: Option<PathBuf>,
+}
+
+impl FileArgs {
+    /// Writes the report, whatever the verdict.
+    pub(super) fn write_report(
+        &self,
+        sessions: &[PathBuf],
+        sight: &Sight,
+        fit: &Fit,
+        judgement: &Judgement,
+        missing: &[String],
+        depth: &Depth,
+    ) -> anyhow::Result<()> {
+        let Some(path) = &self.report else {
+            return Ok(());
+        };
+        let name = |path: &PathBuf| {
+            path.file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        };
+        let depths: Vec<_> = depth
+            .planes
+            .iter()
+            .map(|(id, fit)| (id.clone(), fit))
+            .collect();
+        let lost: Vec<String> = sight.lost.iter().chain(&depth.lost).cloned().collect();
+        let sources: Vec<String> = sessions.iter().map(name).collect();
+        let page = CalibrationPage {
+            fit,
+            judgement,
+            limits: &Limits::default(),
+            missing,
+            lost: &lost,
+            depths: &depths,
+            depth_words: &depth.words,
+            sources: &sources,
+        };
+        Ok(write_atomically(path, calibration_page(&page).as_bytes())?)
+    }
+
+    /// Writes the calibration for others.
+    pub(super) fn write_exports(&self, fit: &Fit) -> anyhow::Result<()> {
+        if let Some(folder) = &self.ros {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("making {}", folder.display()))?;
+            for camera in &fit.cameras {
+                let path = folder.join(format!("{}.yaml", camera.camera.id));
+                write_atomically(&path, to_ros(&camera.camera).as_bytes())?;
+            }
+        }
+        if let Some(path) = &self.kalibr {
+            let cameras = fit.cameras.iter().map(|c| &c.camera);
+            write_atomically(path, to_kalibr(cameras).as_bytes())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,114 @@
+//! The page says what the fit says, needs nothing else, and takes no text for its own.
+
+use super::*;
+use crate::calibration::fit::{
+    Figures, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals, judge,
+};
+use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
+use nalgebra::{Isometry3, Point2, Vector2, Vector3};
+
+fn camera(name: &str, x: f64, rms: f64) -> FittedCamera {
+    let (focal, center) = (Vector2::repeat(600.0), Vector2::new(319.5, 239.5));
+    let lens = Intrinsics::new(640, 480, focal, center, Distortion::default()).unwrap();
+    let pose = Isometry3::new(Vector3::new(x, 0.0, 1.0), Vector3::x() * 3.0);
+    FittedCamera {
+        camera: Camera::new(CameraId::new(name).unwrap(), lens, pose),
+        uncertainty: Uncertainty::default(),
+        figures: Figures {
+            corners: 4,
+            rms_px: rms,
+            median_px: 0.1,
+            max_px: 0.5,
+        },
+        views: 7,
+        coverage: 0.5,
+        false_corners: 0,
+    }
+}
+
+fn fit() -> Fit {
+    let residual = (Point2::new(100.0, 50.0), Vector2::new(0.1, -0.2));
+    let view = |camera| ViewResiduals {
+        camera,
+        placement: 0,
+        face: Face::Front,
+        corners: vec![residual],
+    };
+    let figures = Figures {
+        corners: 8,
+        rms_px: 0.31,
+        median_px: 0.1,
+        max_px: 0.5,
+    };
+    Fit {
+        board: Board::checkerboard(9, 6, 0.025).unwrap(),
+        cameras: vec![camera("c00", -0.5, 0.05), camera("c01", 0.5, 0.9)],
+        placements: vec![FittedPlacement {
+            name: "<script>alert(1)</script>".to_owned(),
+            rig_from_board: Isometry3::identity(),
+            figures,
+            cameras: 2,
+        }],
+        front_from_back: Isometry3::identity(),
+        table: "p".to_owned(),
+        table_is_lowest: true,
+        figures,
+        held_out: Some(HeldOut {
+            figures,
+            ratio: 1.5,
+            folds: 5,
+        }),
+        volume: None,
+        left_out: vec![LeftOut {
+            camera: None,
+            placement: Some("p7".to_owned()),
+            reason: "it moved".to_owned(),
+        }],
+        views: Vec::new(),
+        residuals: vec![view(0), view(1)],
+        links: vec![[0, 1]],
+    }
+}
+
+#[test]
+fn a_page_is_whole_and_names_what_is_red() {
+    let fit = fit();
+    let limits = Limits::default();
+    let judgement = judge(&fit, &limits);
+    let page = CalibrationPage {
+        fit: &fit,
+        judgement: &judgement,
+        limits: &limits,
+        missing: &["camera c00: the board has not been in these parts".to_owned()],
+        lost: &[],
+        depths: &[],
+        depth_words: &[],
+        sources: &["a&b.mcap".to_owned()],
+    };
+    let html = calibration_page(&page);
+    for words in [
+        "Calibration: <span class=\"poor\">doubtful",
+        "<td class=\"bad\">0.900</td>",
+        "a&amp;b.mcap",
+        "placement p7: it moved",
+        "c00 and c01: 1",
+        "on placements held out, 1.50 times",
+        "Look at its arrows below",
+        "&lt;script&gt;",
+    ] {
+        assert!(html.contains(words), "{words}");
+    }
+    assert!(
+        !html.contains("<script") && !html.contains("http"),
+        "nothing runs and nothing is fetched"
+    );
+    for tag in ["svg", "table", "figure", "ul", "div"] {
+        let opened =
+            html.matches(&format!("<{tag}>")).count() + html.matches(&format!("<{tag} ")).count();
+        assert_eq!(opened, html.matches(&format!("</{tag}>")).count(), "{tag}");
+    }
+    assert!(
+        !html.contains("NaN") && !html.contains("inf"),
+        "numbers are numbers"
+    );
+}
