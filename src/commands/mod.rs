@@ -14,6 +14,7 @@ pub mod calibrate;
 pub mod diff;
 pub mod evaluate;
 pub mod info;
+pub mod recover;
 pub mod replay;
 pub mod simulate;
 
@@ -65,6 +66,7 @@ enum Command {
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Info(info::Args),
+    Recover(recover::Args),
     Simulate(Box<simulate::Args>),
 }
 
@@ -79,6 +81,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Info(args)) => info::run(args),
+        Some(Command::Recover(args)) => recover::run(args),
         Some(Command::Simulate(args)) => simulate::run(*args),
         None => replay::run(cli.replay),
     }

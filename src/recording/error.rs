@@ -21,6 +21,18 @@ pub enum Error {
         /// What was given.
         path: PathBuf,
     },
+    /// Nothing that a crash left behind.
+    #[error("{path}: expected a recording that was not completed, NAME.mcap.part")]
+    NotUnfinished {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A recording that is not lost.
+    #[error("{path}: is being written")]
+    BeingWritten {
+        /// The file.
+        path: PathBuf,
+    },
     /// Not an MCAP file at all.
     #[error(
         "{path}: is not an MCAP file: {found}, expected the magic bytes 89 4d 43 41 50 30 0d 0a"

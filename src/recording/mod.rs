@@ -8,6 +8,7 @@ mod json;
 mod proto;
 mod reader;
 mod records;
+mod recovery;
 mod schemas;
 mod source;
 mod topic;
@@ -20,11 +21,14 @@ pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Transfer};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
+pub use recovery::{Recovered, recover, unfinished};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::{Compression, Writer};
 
 #[cfg(test)]
 mod damage_tests;
+#[cfg(test)]
+mod recovery_tests;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]

@@ -18,6 +18,9 @@ const LARGEST_CHUNK: usize = 16 << 20;
 /// Bytes that a message takes in a chunk beside its data.
 const MESSAGE_OVERHEAD: usize = 31;
 
+/// What the name of a recording ends with while it is written.
+pub(super) const PART: &str = ".part";
+
 /// How a recording's chunks are packed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
@@ -61,16 +64,32 @@ impl Writer {
     /// cannot be written to.
     pub fn create(path: &Path, program: &str, compression: Compression) -> Result<Self, Error> {
         let mut part = path.as_os_str().to_owned();
-        part.push(".part");
-        let part = PathBuf::from(part);
+        part.push(PART);
+        let there = |cause| Error::Io {
+            path: path.into(),
+            cause,
+        };
+        if path.try_exists().map_err(there)? {
+            return Err(there(std::io::ErrorKind::AlreadyExists.into()));
+        }
+        Self::create_at(path, Path::new(&part), program, compression)
+    }
+
+    /// Starts a recording that is written at `part`, and locked there, until it gets its name.
+    pub(super) fn create_at(
+        path: &Path,
+        part: &Path,
+        program: &str,
+        compression: Compression,
+    ) -> Result<Self, Error> {
+        let part = part.to_owned();
         let io = |path: &Path| {
             let path = path.to_owned();
             move |cause| Error::Io { path, cause }
         };
-        if path.try_exists().map_err(io(path))? {
-            return Err(io(path)(std::io::ErrorKind::AlreadyExists.into()));
-        }
         let file = File::create_new(&part).map_err(io(&part))?;
+        // Tells who would recover it that it is not lost. A file system without locks does without.
+        let _ = file.try_lock();
         sync_folder(&part).map_err(io(&part))?;
         let sink = BufWriter::with_capacity(1 << 20, file.try_clone().map_err(io(&part))?);
         let compression = match compression {
@@ -132,16 +151,13 @@ impl Writer {
         time: Timestamp,
         data: &[u8],
     ) -> Result<(), Error> {
-        self.finish_chunk()?;
-        let attachment = mcap::Attachment {
+        self.copy_attachment(&mcap::Attachment {
             log_time: time.0,
             create_time: time.0,
             name: name.into(),
             media_type: media_type.into(),
             data: data.into(),
-        };
-        let written = self.mcap.attach(&attachment);
-        written.map_err(|source| self.failed(source))
+        })
     }
 
     /// Writes a colour camera: its lens and its pose.
@@ -339,15 +355,7 @@ impl Writer {
         data: &[u8],
         time: Timestamp,
     ) -> Result<(), Error> {
-        let bytes = data.len() + MESSAGE_OVERHEAD;
-        let pictures = schema.name.ends_with("Image");
-        let open = self.chunk;
-        let fits = open.pictures == pictures && open.bytes + bytes <= LARGEST_CHUNK;
-        if open.bytes > 0 && !fits {
-            self.finish_chunk()?;
-        }
-        self.chunk.pictures = pictures;
-        self.chunk.bytes += bytes;
+        self.make_room(&schema.name, data.len())?;
         let channel = self.channel(topic, &schema, encoding)?;
         let header = mcap::records::MessageHeader {
             channel_id: channel.id,
@@ -357,6 +365,35 @@ impl Writer {
         };
         let written = self.mcap.write_to_known_channel(&header, data);
         written.map_err(|source| self.failed(source))
+    }
+
+    /// Writes a message of another recording as it is.
+    pub(super) fn copy(&mut self, message: &mcap::Message) -> Result<(), Error> {
+        let schema = message.channel.schema.as_ref();
+        self.make_room(schema.map_or("", |s| &s.name), message.data.len())?;
+        let written = self.mcap.write(message);
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// Writes an attachment of another recording as it is.
+    pub(super) fn copy_attachment(&mut self, attachment: &mcap::Attachment) -> Result<(), Error> {
+        self.finish_chunk()?;
+        let written = self.mcap.attach(attachment);
+        written.map_err(|source| self.failed(source))
+    }
+
+    /// Ends the open chunk if a message of `length` bytes has no place in it.
+    fn make_room(&mut self, schema: &str, length: usize) -> Result<(), Error> {
+        let bytes = length + MESSAGE_OVERHEAD;
+        let pictures = schema.ends_with("Image");
+        let open = self.chunk;
+        let fits = open.pictures == pictures && open.bytes + bytes <= LARGEST_CHUNK;
+        if open.bytes > 0 && !fits {
+            self.finish_chunk()?;
+        }
+        self.chunk.pictures = pictures;
+        self.chunk.bytes += bytes;
+        Ok(())
     }
 
     /// The channel of a topic and schema, with its next message's number.
@@ -419,7 +456,7 @@ impl Writer {
 }
 
 /// Brings a folder's entries to the disk: those of the folder that `path` is in.
-fn sync_folder(path: &Path) -> std::io::Result<()> {
+pub(super) fn sync_folder(path: &Path) -> std::io::Result<()> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }

@@ -1,0 +1,67 @@
+//! `scand recover`: recordings that a crash or a power cut left unfinished become complete files.
+
+use super::EXIT_LOST;
+use crate::recording::{Recovered, recover, unfinished};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Complete recordings that were cut off (NAME.mcap.part becomes NAME.mcap). What cannot be read is kept in
+/// NAME.mcap.tail.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Recordings that were not completed, or folders that hold some.
+    #[arg(required = true, value_name = "FILE.part|FOLDER")]
+    paths: Vec<PathBuf>,
+}
+
+/// Recovers all that is named, and goes on after a failure.
+///
+/// # Errors
+/// If a folder cannot be read. What cannot be recovered is told here: it stays as it is.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let mut parts = Vec::new();
+    for path in args.paths {
+        if path.is_dir() {
+            parts.extend(unfinished(&path)?);
+        } else {
+            parts.push(path);
+        }
+    }
+    let (mut failed, mut lost) = (false, false);
+    for part in &parts {
+        match recover(part) {
+            Ok(recovered) => {
+                lost |= recovered.tail.is_some();
+                say!("{}", words(&recovered));
+            }
+            Err(error) => {
+                failed = true;
+                eprintln!("scand: {error}; {} stays as it is", part.display());
+            }
+        }
+    }
+    if parts.is_empty() {
+        say!("nothing to recover");
+    }
+    Ok(match (failed, lost) {
+        (true, _) => ExitCode::FAILURE,
+        (_, true) => ExitCode::from(EXIT_LOST),
+        _ => ExitCode::SUCCESS,
+    })
+}
+
+fn words(recovered: &Recovered) -> String {
+    let Recovered {
+        path,
+        messages,
+        tail,
+    } = recovered;
+    let kept = tail.as_ref().map(|(tail, length)| {
+        format!(
+            "; {length} bytes could not be read and are in {}",
+            tail.display()
+        )
+    });
+    let kept = kept.unwrap_or_default();
+    format!("{}: recovered, {messages} messages{kept}", path.display())
+}

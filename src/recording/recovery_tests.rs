@@ -1,0 +1,146 @@
+//! What a crash leaves behind is made a recording again, and nothing of it is lost.
+
+use super::testing::*;
+use super::*;
+use crate::frame::Timestamp;
+use std::path::{Path, PathBuf};
+
+/// A recording that was synced after each of two captures, and then the machine stopped: its bytes.
+fn cut_off(folder: &Path) -> Vec<u8> {
+    let path = folder.join("a.mcap");
+    let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
+    let rig = Rig::new();
+    writer
+        .attach("rig.toml", "application/toml", at(0), b"a = 1\n")
+        .unwrap();
+    rig.write_to(&mut writer);
+    for (id, ms) in [("cup-1", 100), ("cup-2", 5000)] {
+        rig.write_capture(&mut writer, id, ms, 3);
+        writer.sync().unwrap();
+    }
+    let bytes = std::fs::read(folder.join("a.mcap.part")).unwrap();
+    drop(writer);
+    std::fs::remove_file(folder.join("a.mcap.part")).unwrap();
+    bytes
+}
+
+fn part_of(folder: &Path, bytes: &[u8]) -> PathBuf {
+    let part = folder.join("a.mcap.part");
+    std::fs::write(&part, bytes).unwrap();
+    part
+}
+
+/// Topic, log time and data of every message.
+fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
+    let recording = Recording::open(path).unwrap();
+    let mut all = Vec::new();
+    for topic in recording.topics() {
+        for message in recording.messages(topic) {
+            if let Ok((data, _)) = recording.read(topic, message) {
+                all.push((topic.to_string(), message.log_time(), data.to_vec()));
+            }
+        }
+    }
+    all
+}
+
+#[test]
+fn a_recording_cut_off_anywhere_is_completed_and_keeps_every_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let mut most = 0;
+    for end in (40..bytes.len()).step_by(1009).chain([bytes.len()]) {
+        let part = part_of(folder.path(), &bytes[..end]);
+        let before = messages(&part);
+        let recovered = recover(&part).unwrap_or_else(|e| panic!("{end}: {e}"));
+        assert!(!part.exists());
+        assert_eq!(recovered.path, folder.path().join("a.mcap"));
+        let recording = Recording::open(&recovered.path).unwrap();
+        assert_eq!(recording.verify().unwrap(), [], "{end}");
+        assert_eq!(messages(&recovered.path), before, "{end}");
+        assert_eq!(recovered.messages, before.len() as u64);
+        assert!(recovered.messages >= most, "less of a longer file");
+        most = recovered.messages;
+        if let Some((tail, length)) = &recovered.tail {
+            let kept = std::fs::read(tail).unwrap();
+            assert_eq!(kept, bytes[end - *length as usize..end]);
+            std::fs::remove_file(tail).unwrap();
+        }
+        std::fs::remove_file(&recovered.path).unwrap();
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 0, "{end}");
+    }
+    let whole = messages(&part_of(folder.path(), &bytes));
+    assert_eq!(most, whole.len() as u64);
+    let recording = recover(&folder.path().join("a.mcap.part")).unwrap();
+    let recording = Recording::open(&recording.path).unwrap();
+    assert_eq!(recording.attachments().len(), 1);
+    assert_eq!(recording.metadata().len(), 1);
+}
+
+#[test]
+fn a_flipped_bit_moves_what_is_behind_it_into_the_tail() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    for at in (60..bytes.len()).step_by(1511) {
+        let mut damaged = bytes.clone();
+        damaged[at] ^= 0x10;
+        let part = part_of(folder.path(), &damaged);
+        let recovered = match recover(&part) {
+            Ok(recovered) => recovered,
+            // What cannot be understood stays where it is.
+            Err(error) => {
+                assert_eq!(std::fs::read(&part).unwrap(), damaged, "{at}: {error}");
+                continue;
+            }
+        };
+        assert_eq!(Recording::open(&recovered.path).unwrap().damage(), []);
+        if let Some((tail, length)) = recovered.tail {
+            assert!(damaged.ends_with(&std::fs::read(&tail).unwrap()));
+            assert!(length > 0 && length as usize <= bytes.len());
+        }
+        for entry in std::fs::read_dir(folder.path()).unwrap() {
+            std::fs::remove_file(entry.unwrap().path()).unwrap();
+        }
+    }
+}
+
+#[test]
+fn another_recording_of_that_name_is_not_touched_but_an_equal_one_is_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let part = part_of(folder.path(), &bytes);
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, b"mine").unwrap();
+    assert!(recover(&part).is_err());
+    assert_eq!(std::fs::read(&path).unwrap(), b"mine");
+    assert_eq!(std::fs::read(&part).unwrap(), bytes);
+
+    std::fs::remove_file(&path).unwrap();
+    recover(&part).unwrap();
+    // A crash before the `.part` was removed.
+    let part = part_of(folder.path(), &bytes);
+    let complete = std::fs::read(&path).unwrap();
+    recover(&part).unwrap();
+    assert!(!part.exists());
+    assert_eq!(std::fs::read(&path).unwrap(), complete);
+}
+
+#[test]
+fn what_is_being_written_or_is_no_recording_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("b.mcap");
+    let writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
+    let part = folder.path().join("b.mcap.part");
+    assert_eq!(
+        unfinished(folder.path()).unwrap(),
+        std::slice::from_ref(&part)
+    );
+    assert!(matches!(recover(&part), Err(Error::BeingWritten { .. })));
+    drop(writer);
+    std::fs::write(&part, b"not a recording").unwrap();
+    assert!(matches!(recover(&part), Err(Error::NotMcap { .. })));
+    assert!(part.exists());
+    let other = folder.path().join("c.mcap");
+    assert!(matches!(recover(&other), Err(Error::NotUnfinished { .. })));
+}
