@@ -234,13 +234,17 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
     found
 }
 
-/// Mean distance of the pixels of points that two views share.
+/// Mean distance of some of a view's corners from the other's nearest; of whatever name, for a board that looks the same
+/// turned may have been read the other way round.
 fn mean_distance(a: &Seen, b: &Seen) -> Option<f64> {
-    let partner = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
-        let same = b.points.iter().find(|(q, _)| (p - q).norm() < 1e-9)?;
-        Some((pixel - same.1).norm())
+    const SOME: usize = 12;
+    let nearest = |pixel: &Point2<f64>| {
+        let distances = b.points.iter().map(|(_, other)| (pixel - other).norm());
+        distances.fold(f64::INFINITY, f64::min)
     };
-    let distances: Vec<f64> = a.points.iter().filter_map(partner).collect();
+    let step = a.points.len().div_ceil(SOME).max(1);
+    let some = a.points.iter().step_by(step);
+    let distances: Vec<f64> = some.map(|(_, pixel)| nearest(pixel)).collect();
     (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
