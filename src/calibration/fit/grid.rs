@@ -156,12 +156,12 @@ pub(super) fn read(
     }
     // The square behind the first corner must be black, as the one before it is.
     let fits = |quarters: &usize| {
-        let [w, h] = if quarters % 2 == 0 {
+        let [w, h] = if quarters.is_multiple_of(2) {
             size
         } else {
             [size[1], size[0]]
         };
-        [w, h] == expected && (contrast > 0.0) == (first_cell(size, *quarters) % 2 == 0)
+        [w, h] == expected && (contrast > 0.0) == (first_cell(size, *quarters).is_multiple_of(2))
     };
     let Some(quarters) = (0..4).find(fits) else {
         let found = [size[0].max(size[1]), size[0].min(size[1])];

@@ -116,12 +116,15 @@ impl Lens {
         Some((pixel, by_lens, by_point))
     }
 
-    /// Normalised direction (x/z, y/z) of a pixel; where the model cannot be inverted, that of the pinhole.
-    pub fn unproject(&self, pixel: Point2<f64>) -> Vector2<f64> {
+    /// Normalised directions (x/z, y/z) of pixels; where the model cannot be inverted, those of the pinhole.
+    pub fn unproject(&self, pixels: impl Iterator<Item = Point2<f64>>) -> Vec<Vector2<f64>> {
         let [fx, fy, cx, cy, ..] = self.values;
-        let pinhole = Vector2::new((pixel.x - cx) / fx, (pixel.y - cy) / fy);
-        let exact = self.intrinsics().ok().and_then(|i| i.unproject(pixel));
-        exact.unwrap_or(pinhole)
+        let intrinsics = self.intrinsics().ok();
+        let direction = |pixel: Point2<f64>| {
+            let exact = intrinsics.as_ref().and_then(|i| i.unproject(pixel));
+            exact.unwrap_or_else(|| Vector2::new((pixel.x - cx) / fx, (pixel.y - cy) / fy))
+        };
+        pixels.map(direction).collect()
     }
 
     /// Mean focal length in pixels.

@@ -91,9 +91,11 @@ pub(super) struct PlanePose {
 /// The pose of a plane of known points: from its homography, and from the pose that looks nearly the same (the
 /// plane tilted the other way), each refined, the better of the two.
 pub(super) fn pose(lens: &Lens, pairs: &Pairs) -> Option<PlanePose> {
+    let directions = lens.unproject(pairs.iter().map(|(_, pixel)| *pixel));
     let normalized: Vec<_> = pairs
         .iter()
-        .map(|(p, pixel)| (p.xy(), Point2::from(lens.unproject(*pixel))))
+        .zip(directions)
+        .map(|((p, _), direction)| (p.xy(), Point2::from(direction)))
         .collect();
     let first = refined(lens, pairs, &from_homography(&homography(&normalized)?)?)?;
     let other = refined(lens, pairs, &tilted_back(&first.camera_from_plane, pairs));

@@ -29,7 +29,8 @@ pub(super) fn refined(picture: &Grid<u8>, start: Point2<f64>, half: i32) -> Opti
         }
         let step = a.try_inverse()? * b;
         at += step;
-        if !((at - start).norm() <= f64::from(half)) {
+        let moved = (at - start).norm();
+        if moved.is_nan() || moved > f64::from(half) {
             return None;
         }
         if step.norm() < STILL {

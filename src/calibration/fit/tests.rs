@@ -246,14 +246,11 @@ fn a_board_that_moved_between_the_cameras_pictures_is_named() {
     let moved = truth.session(0.1, &mut Random(8));
     let mut mixed = session.clone();
     for view in &mut mixed.views {
-        if view.placement == 6 && view.camera % 2 == 0 {
-            if let Some(other) = moved
-                .views
-                .iter()
-                .find(|v| (v.camera, v.placement) == (view.camera, 6))
-            {
-                *view = other.clone();
-            }
+        let same = |other: &&View| (other.camera, other.placement) == (view.camera, 6);
+        let later = moved.views.iter().find(same);
+        if let Some(other) = later.filter(|_| view.placement == 6 && view.camera.is_multiple_of(2))
+        {
+            *view = other.clone();
         }
     }
     let fit = fit(&mixed, &Parameters::default()).unwrap();
