@@ -230,6 +230,9 @@ impl<'a> Plane<'a> {
             }
         }
         if samples.len() < FEWEST_IN_VIEW {
+            if on_board == 0 {
+                return Err("the board is seen too steeply".into());
+            }
             let found = samples.len();
             return Err(format!(
                 "{found} of {on_board} pixels on the board have a reading"
