@@ -28,17 +28,24 @@ pub(super) fn calibrate(
         let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
         return Some(Alone { lens, poses });
     }
-    let fitted = starts(subject, &pairs)
+    let fitted = starts(subject, &pairs, model)
         .into_iter()
-        .filter_map(|focal| from_focal(subject, &pairs, focal, model));
+        .filter_map(|lens| from_start(&pairs, lens, model));
     let (_, lens) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
     Some(Alone { lens, poses })
 }
 
-/// Focal lengths to start from: the one that the homographies give, where they give one that a camera can have, and
-/// else several.
-fn starts(subject: &Subject, pairs: &[Vec<(Point3<f64>, Point2<f64>)>]) -> Vec<f64> {
+/// Lenses to start from: the one that is given; else one of the focal length that the homographies give, where they
+/// give one that a camera can have; and else several.
+fn starts(subject: &Subject, pairs: &[Vec<(Point3<f64>, Point2<f64>)>], model: Model) -> Vec<Lens> {
+    if let Some(start) = &subject.start {
+        let mut lens = Lens::from_intrinsics(start);
+        let free = free_parameters(model);
+        let fixed = lens.values.iter_mut().zip(free).filter(|(_, free)| !free);
+        fixed.for_each(|(value, _)| *value = 0.0);
+        return vec![lens];
+    }
     let pinhole = Lens::pinhole(subject.size, 1.0);
     let center = Vector2::new(pinhole.values[2], pinhole.values[3]);
     let homography = |of_view: &Vec<(Point3<f64>, Point2<f64>)>| -> Option<Matrix3<f64>> {
@@ -51,20 +58,20 @@ fn starts(subject: &Subject, pairs: &[Vec<(Point3<f64>, Point2<f64>)>]) -> Vec<f
     let homographies: Vec<_> = pairs.iter().filter_map(homography).collect();
     let side = pinhole.side();
     let closed = planar::focal_length(&homographies).filter(|f| (0.3..10.0).contains(&(f / side)));
-    closed.map_or_else(
+    let focals = closed.map_or_else(
         || [0.6, 1.0, 1.6, 2.8].map(|f| f * side).into(),
         |f| vec![f],
-    )
+    );
+    let lens = |focal| Lens::pinhole(subject.size, focal);
+    focals.into_iter().map(lens).collect()
 }
 
 /// The lens that fits from this start, and its cost.
-fn from_focal(
-    subject: &Subject,
+fn from_start(
     pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
-    focal: f64,
+    lens: Lens,
     model: Model,
 ) -> Option<(f64, Lens)> {
-    let lens = Lens::pinhole(subject.size, focal);
     let mut bundle = Bundle {
         cameras: vec![CameraState {
             lens,

@@ -13,6 +13,8 @@ pub struct Subject {
     pub size: [usize; 2],
     /// Its lens, where that is known and to be kept.
     pub known: Option<Intrinsics>,
+    /// A lens to start from, where that is better than what the views say by themselves.
+    pub start: Option<Intrinsics>,
 }
 
 /// A corner of the board in a picture.

@@ -198,6 +198,7 @@ impl Truth {
             id: c.id.clone(),
             size: [c.intrinsics.width, c.intrinsics.height],
             known: None,
+            start: None,
         };
         Session {
             board: self.board,

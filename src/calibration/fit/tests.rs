@@ -322,6 +322,24 @@ fn known_lenses_are_kept() {
 }
 
 #[test]
+fn a_lens_to_start_from_is_improved_and_leads_to_the_same_fit() {
+    let truth = truth(checkerboard(), 12, 4);
+    let plain = fitted(&truth, |_| {}).unwrap();
+    let started = fitted(&truth, |session| {
+        for (subject, camera) in session.cameras.iter_mut().zip(&truth.cameras) {
+            let mut lens = camera.intrinsics;
+            lens.focal_px *= 1.1;
+            subject.start = Some(lens);
+        }
+    });
+    for (a, b) in plain.cameras.iter().zip(&started.unwrap().cameras) {
+        let (a, b) = (&a.camera.intrinsics, &b.camera.intrinsics);
+        let apart = (a.focal_px - b.focal_px).norm() / a.focal_px.norm();
+        assert!(apart < 1e-4, "{} {}", a.focal_px, b.focal_px);
+    }
+}
+
+#[test]
 fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
     let truth = truth(checkerboard(), 3, 1);
     let mut session = truth.session(0.1, &mut Random(7));

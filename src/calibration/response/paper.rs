@@ -42,7 +42,8 @@ impl PaperFit {
             return too_little(rows(), "3 or more at different distances");
         };
         let slope = depth_line.coefficients[1];
-        if slope.abs() < 1e-9 || !(depth_line.r_squared > 0.5) {
+        let follows = slope.abs() >= 1e-9 && depth_line.r_squared > 0.5;
+        if !follows {
             let found = format!(
                 "a depth that does not follow the distance (slope {slope:.3e} a metre, R² {:.3})",
                 depth_line.r_squared

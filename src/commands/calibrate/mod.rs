@@ -38,6 +38,9 @@ pub struct Args {
     /// Lenses to keep, from a calibration file, ROS camera_info or a Kalibr camchain (YAML), or a folder of them; those of cameras that are not in it are fitted
     #[arg(long, value_name = "FILE")]
     fix_intrinsics: Option<PathBuf>,
+    /// Lenses to start from, in the same formats
+    #[arg(long, value_name = "FILE")]
+    start: Option<PathBuf>,
     /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2)
     #[arg(long, value_enum, default_value_t = LensModel::PlumbBob)]
     model: LensModel,
@@ -53,7 +56,7 @@ pub struct Args {
     nearest: bool,
     /// Check the rig against a calibration instead: which camera moved, and by how much? One placement is enough.
     /// The exit code is 1 if one moved
-    #[arg(long, requires = "against", conflicts_with_all = ["out", "fix_intrinsics", "table_placement"])]
+    #[arg(long, requires = "against", conflicts_with_all = ["out", "fix_intrinsics", "start", "table_placement"])]
     check: bool,
     /// The calibration to check against
     #[arg(long, value_name = "FILE", requires = "check")]
@@ -94,10 +97,16 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         Some(fixed) => Some(fixed),
         None => args.against.as_deref().map(load).transpose()?,
     };
+    let start = args.start.as_deref().map(import).transpose()?;
     let recordings = sight::open(&args.sessions, args.nearest)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
-    let sight = sight::look(&recordings, &board, known.as_ref(), &progress)?;
+    let sight = sight::look(
+        &recordings,
+        &board,
+        [&known, &start].map(Option::as_ref),
+        &progress,
+    )?;
     progress.finish_and_clear();
     if !args.quiet {
         sight

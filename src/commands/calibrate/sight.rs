@@ -1,7 +1,7 @@
 //! From recordings to what each camera saw of the board: opens them, decodes and detects on all cores.
 
 use crate::calibration::fit::{Rejection, Session, Subject, View, find_corners};
-use crate::calibration::{Board, RigCalibration};
+use crate::calibration::{Board, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
 use crate::job::{Placements, Shot};
 use crate::sync;
@@ -81,11 +81,11 @@ struct Look<'a> {
     found: Result<View, Rejection>,
 }
 
-/// Looks for the board in all pictures. `known` are lenses to keep.
+/// Looks for the board in all pictures. `lenses` are those to keep, and those to start from.
 pub(super) fn look(
     recordings: &[Placements],
     board: &Board,
-    known: Option<&RigCalibration>,
+    lenses: [Option<&RigCalibration>; 2],
     progress: &ProgressBar,
 ) -> anyhow::Result<Sight> {
     let placements = placement_names(recordings);
@@ -142,22 +142,12 @@ pub(super) fn look(
             .iter()
             .find(|l| l.shot.camera == *id)
             .map_or([1, 1], |l| l.size);
-        let known = known
-            .and_then(|k| k.cameras.get(id))
-            .map(|(camera, _)| camera.intrinsics);
-        if let Some(lens) = known.filter(|lens| [lens.width, lens.height] != size) {
-            anyhow::bail!(
-                "camera {id}: its known lens is of pictures of {}x{} pixels, and its pictures have {}x{}",
-                lens.width,
-                lens.height,
-                size[0],
-                size[1]
-            );
-        }
+        let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
         sight.session.cameras.push(Subject {
             id: id.clone(),
             size,
-            known,
+            known: known.transpose()?,
+            start: start.transpose()?,
         });
     }
     for look in looks {
@@ -165,6 +155,25 @@ pub(super) fn look(
     }
     sight.check_size()?;
     Ok(sight)
+}
+
+/// The lens that a calibration has for a camera whose pictures have this size.
+fn lens_of(
+    calibration: &RigCalibration,
+    id: &CameraId,
+    size: [usize; 2],
+) -> anyhow::Result<Option<Intrinsics>> {
+    let lens = calibration.cameras.get(id).map(|(c, _)| c.intrinsics);
+    if let Some(lens) = lens.filter(|lens| [lens.width, lens.height] != size) {
+        anyhow::bail!(
+            "camera {id}: its known lens is of pictures of {}x{} pixels, and its pictures have {}x{}",
+            lens.width,
+            lens.height,
+            size[0],
+            size[1]
+        );
+    }
+    Ok(lens)
 }
 
 /// Names of each recording's placements by their ids; where two recordings share one, the recording's name is added.

@@ -17,9 +17,9 @@ pub(super) fn section(html: &mut String, page: &CalibrationPage<'_>) {
     *html += "<h2>Depth</h2>\n";
     for (id, fit) in page.depths {
         let r = &fit.response;
-        let _ = write!(
+        let _ = writeln!(
             html,
-            "<p><b>{}</b>: z = {:.6}&middot;r {:+.4} m, lateral scale {:.4} {:+.4}&middot;z, from {} boards.</p>\n",
+            "<p><b>{}</b>: z = {:.6}&middot;r {:+.4} m, lateral scale {:.4} {:+.4}&middot;z, from {} boards.</p>",
             escaped(id.as_str()),
             r.slope,
             r.intercept,
@@ -127,10 +127,10 @@ fn table(html: &mut String, fit: &PlaneFit) {
 fn correction(html: &mut String, fit: &PlaneFit) {
     let c = &fit.correction;
     let verdict = if c.pays { "would pay" } else { "would not pay" };
-    let _ = write!(
+    let _ = writeln!(
         html,
         "<p>A smooth correction of each pixel {verdict}: on boards held out {:.2} mm without it, {:.2} mm with it, at 1 \
-         m.</p>\n",
+         m.</p>",
         1e3 * c.held_out,
         1e3 * c.held_out_corrected
     );
