@@ -80,27 +80,33 @@ struct ResponseEntry {
 /// Largest calibration file, in bytes.
 const LONGEST_FILE: u64 = 4 << 20;
 
+/// A file's text, if it is no longer than a calibration can be.
+pub(super) fn read_text(path: &Path) -> Result<String, FileError> {
+    let failed = |source| FileError::Read {
+        path: path.into(),
+        source,
+    };
+    let length = std::fs::metadata(path).map_err(failed)?.len();
+    if length > LONGEST_FILE {
+        return Err(FileError::Parse {
+            path: path.into(),
+            message: format!("{length} bytes, expected at most {LONGEST_FILE}"),
+        });
+    }
+    std::fs::read_to_string(path).map_err(failed)
+}
+
 impl RigCalibration {
     /// Reads a file.
     ///
     /// # Errors
     /// If it cannot be read, or a camera in it cannot be; the message names line or camera and field.
     pub fn load(path: &Path) -> Result<Self, FileError> {
-        let failed = |source| FileError::Read {
-            path: path.into(),
-            source,
-        };
         let parse = |message: String| FileError::Parse {
             path: path.into(),
             message,
         };
-        let length = std::fs::metadata(path).map_err(failed)?.len();
-        if length > LONGEST_FILE {
-            return Err(parse(format!(
-                "{length} bytes, expected at most {LONGEST_FILE}"
-            )));
-        }
-        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let text = read_text(path)?;
         let contents: Contents =
             toml::from_str(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
         if contents.format != 1 {

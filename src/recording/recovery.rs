@@ -64,22 +64,23 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     let staged = with_ending(&path, "recovering");
     remove_stale(&staged)?;
     let mut writer = Writer::create_at(&path, &staged, program, Compression::None)?;
-    let messages = match copy(&mut file, part, readable, &mut writer) {
-        Ok(messages) => messages,
-        Err(error) => {
-            // What was begun is of no use, and may be what filled the disk.
-            let _ = std::fs::remove_file(&staged);
-            return Err(error);
+    let put_into_place = || {
+        let messages = copy(&mut file, part, readable, &mut writer)?;
+        if path.try_exists().map_err(io(&path))? {
+            check_equal(&path, messages)?;
+            return Ok(messages);
         }
-    };
-    if let Some((tail, _)) = &tail {
-        keep_tail(&mut file, part, readable, tail)?;
-    }
-    if path.try_exists().map_err(io(&path))? {
-        replace_equal(&path, messages, &staged)?;
-    } else {
+        if let Some((tail, _)) = &tail {
+            keep_tail(&mut file, part, readable, tail)?;
+        }
         writer.finish()?;
-    }
+        Ok(messages)
+    };
+    let done = put_into_place();
+    // What was begun and not put into place is of no use, and may be what filled the disk.
+    let removed = remove_stale(&staged);
+    let messages = done?;
+    removed?;
     std::fs::remove_file(part)
         .and_then(|()| sync_folder(part))
         .map_err(io(part))?;
@@ -92,8 +93,7 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
 
 /// A crash between the recording's getting its name and the removal of its `.part` leaves both: then the one under its
 /// name holds it all, and there is nothing to do. Another recording is never touched.
-fn replace_equal(path: &Path, messages: u64, staged: &Path) -> Result<(), Error> {
-    std::fs::remove_file(staged).map_err(io(staged))?;
+fn check_equal(path: &Path, messages: u64) -> Result<(), Error> {
     let found = Recording::open(path)?;
     let count: u64 = found.channels().iter().map(|c| c.messages).sum();
     if count == messages && found.verify()?.is_empty() {
@@ -223,7 +223,7 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, tail: &Path) -> Result<(),
     copied().map_err(io(part))
 }
 
-/// What an earlier recovery began.
+/// Removes what a recovery began, if it is there.
 fn remove_stale(path: &Path) -> Result<(), Error> {
     match std::fs::remove_file(path) {
         Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => Err(io(path)(cause)),

@@ -115,6 +115,11 @@ fn another_recording_of_that_name_is_not_touched_but_an_equal_one_is_enough() {
     assert!(recover(&part).is_err());
     assert_eq!(std::fs::read(&path).unwrap(), b"mine");
     assert_eq!(std::fs::read(&part).unwrap(), bytes);
+    // Nor is anything left beside them where a part of the recording cannot be read.
+    part_of(folder.path(), &bytes[..bytes.len() - 5]);
+    assert!(recover(&part).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    part_of(folder.path(), &bytes);
 
     std::fs::remove_file(&path).unwrap();
     recover(&part).unwrap();

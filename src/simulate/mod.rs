@@ -2,6 +2,7 @@
 //! cameras would give of them, with their noise and their faults, so that accuracy is a number.
 
 mod board;
+mod burst;
 mod color;
 mod coverage;
 mod depth;

@@ -1,8 +1,9 @@
 //! A session in front of the simulated rig: what its cameras hand over, when, and with which faults.
 
+use super::burst::{Burst, DEPTH_PERIOD};
 use super::color::expose;
 use super::coverage::Layer;
-use super::depth::{DepthScene, picture};
+use super::depth::DepthScene;
 use super::light::Light;
 use super::material::Material;
 use super::options::{ColorSensor, Encoding, Faults};
@@ -24,8 +25,6 @@ pub(super) const BEGIN: u64 = 1_767_225_600_000_000_000;
 const TO_BACKGROUND: u64 = 1_000_000_000;
 const TO_TRIGGER: u64 = 5_000_000_000;
 const BETWEEN_TRIGGERS: u64 = 10_000_000_000;
-/// Nanoseconds between two frames of a depth camera.
-pub(super) const DEPTH_PERIOD: u64 = 33_333_333;
 
 /// An object among cameras, ready to be looked at.
 #[derive(Debug)]
@@ -322,43 +321,26 @@ impl Simulation {
         index: usize,
         sensor: &ColorSensor,
     ) -> Vec<Frame> {
-        let Options {
-            seed,
-            depth,
-            faults,
-            ..
-        } = &self.options;
+        let seed = self.options.seed;
         let camera = &station.actual.camera;
-        let mut random = Random::new(&[*seed, 8, k as u64, index as u64]);
+        let mut random = Random::new(&[seed, 8, k as u64, index as u64]);
         let start = trigger_time(index).0
             + (random.uniform() * DEPTH_PERIOD as f64) as u64
             + self.late(&camera.id);
         let scene = DepthScene::new(&self.options, station, self.object());
         let rendered = self.rendered(camera, self.options.color.blur_px);
-        let every = depth.color_every.max(1);
-        (0..depth.frames)
-            .into_par_iter()
-            .flat_map_iter(|i| {
-                let timestamp = Timestamp(start + DEPTH_PERIOD * i as u64);
-                let number = (index * depth.frames + i) as u64;
-                let frame = |stream, picture| Frame {
-                    camera: camera.id.clone(),
-                    stream,
-                    timestamp,
-                    picture,
-                };
-                let readings = match faults.no_depth {
-                    true => Grid::filled(camera.intrinsics.width, camera.intrinsics.height, 0),
-                    false => scene.read(&self.options, station, k as u64, number),
-                };
-                let key = [*seed, 9, k as u64, number];
-                let color = (i % every == 0)
-                    .then(|| frame(Stream::DepthColor, expose(&rendered, sensor, [1.0; 3], key)));
-                color
-                    .into_iter()
-                    .chain([frame(Stream::Depth, picture(&readings))])
-            })
-            .collect()
+        Burst {
+            options: &self.options,
+            station,
+            camera: k as u64,
+            scene: &scene,
+            rendered: &rendered,
+            sensor,
+            capture: index,
+            start,
+            noise: 9,
+        }
+        .frames()
     }
 }
 

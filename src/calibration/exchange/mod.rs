@@ -8,11 +8,9 @@ mod yaml;
 pub use kalibr::to_kalibr;
 pub use ros::to_ros;
 
+use super::file::read_text;
 use super::{Camera, FileError, RigCalibration};
 use std::path::Path;
-
-/// Largest file, in bytes.
-const LONGEST_FILE: u64 = 4 << 20;
 
 impl RigCalibration {
     /// Reads cameras from a calibration file of ours, from a ROS `camera_info` or Kalibr camchain YAML file (`.yaml`,
@@ -28,21 +26,11 @@ impl RigCalibration {
         if !is_yaml(path) {
             return Self::load(path);
         }
-        let failed = |source| FileError::Read {
-            path: path.into(),
-            source,
-        };
         let parse = |message: String| FileError::Parse {
             path: path.into(),
             message,
         };
-        let length = std::fs::metadata(path).map_err(failed)?.len();
-        if length > LONGEST_FILE {
-            return Err(parse(format!(
-                "{length} bytes, expected at most {LONGEST_FILE}"
-            )));
-        }
-        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let text = read_text(path)?;
         let tree = yaml::read(&text).map_err(parse)?;
         let cameras: Vec<Camera> = match tree.contains_key("camera_matrix.data") {
             true => vec![ros::camera(&tree).map_err(parse)?],

@@ -131,6 +131,16 @@ pub struct LeftOut {
     pub reason: String,
 }
 
+impl LeftOut {
+    /// What it is, in words: the camera, the placement, or both.
+    pub fn subject(&self) -> String {
+        let camera = self.camera.as_ref().map(|id| format!("camera {id}"));
+        let placement = self.placement.as_ref().map(|p| format!("placement {p}"));
+        let both: Vec<String> = [camera, placement].into_iter().flatten().collect();
+        both.join(", ")
+    }
+}
+
 /// A view's residuals.
 #[derive(Clone, Debug)]
 pub struct ViewResiduals {

@@ -44,19 +44,8 @@ impl Told<'_> {
                 largest(uncertainty.rotation_degrees),
             ));
         }
-        for left_out in &fit.left_out {
-            let camera = left_out.camera.as_ref().map(|id| format!("camera {id}"));
-            let placement = left_out
-                .placement
-                .as_ref()
-                .map(|name| format!("placement {name}"));
-            let what: Vec<String> = [camera, placement].into_iter().flatten().collect();
-            lines.push(format!(
-                "left out: {}: {}",
-                what.join(", "),
-                left_out.reason
-            ));
-        }
+        let left_out = fit.left_out.iter();
+        lines.extend(left_out.map(|l| format!("left out: {}: {}", l.subject(), l.reason)));
         let false_corners: usize = fit.cameras.iter().map(|c| c.false_corners).sum();
         if false_corners > 0 {
             lines.push(format!(

@@ -217,16 +217,10 @@ fn left_out(html: &mut String, page: &CalibrationPage<'_>) {
     }
     *html += "<h2>Left out</h2>\n<ul>";
     for left_out in &page.fit.left_out {
-        let camera = left_out.camera.as_ref().map(|id| format!("camera {id}"));
-        let placement = left_out
-            .placement
-            .as_ref()
-            .map(|name| format!("placement {name}"));
-        let what: Vec<String> = [camera, placement].into_iter().flatten().collect();
         let _ = write!(
             html,
             "<li>{}: {}</li>",
-            escaped(&what.join(", ")),
+            escaped(&left_out.subject()),
             escaped(&left_out.reason)
         );
     }

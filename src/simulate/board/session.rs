@@ -1,11 +1,12 @@
 //! What the rig's cameras hand over when a board is shown to them.
 
+use super::super::burst::{Burst, DEPTH_PERIOD};
 use super::super::color::expose;
-use super::super::depth::{DepthScene, picture};
+use super::super::depth::DepthScene;
 use super::super::options::{ColorSensor, Faults};
 use super::super::random::Random;
 use super::super::render::Rendered;
-use super::super::session::{BEGIN, DEPTH_PERIOD, check, check_faults, depth_color, trigger_time};
+use super::super::session::{BEGIN, check, check_faults, depth_color, trigger_time};
 use super::super::{Capture, DepthStation, Error, Options, Rig, invalid};
 use super::options::{BoardFaults, BoardOptions};
 use super::paint::{Directions, rendered};
@@ -13,7 +14,6 @@ use super::placements::{Placement, choose};
 use super::plate::Plate;
 use crate::calibration::{Board, Camera, DepthResponse, RigCalibration};
 use crate::frame::{CaptureId, Frame, Stream, Timestamp, Trigger};
-use crate::image::Grid;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
@@ -200,12 +200,7 @@ impl BoardSession {
 
     /// A burst of depth frames with their colour pictures, of depth camera `k`.
     fn depth_frames(&self, k: usize, station: &DepthStation, index: usize) -> Vec<Frame> {
-        let Options {
-            seed,
-            depth,
-            faults,
-            ..
-        } = &self.options;
+        let seed = self.options.seed;
         let camera = &station.actual.camera;
         let of_all = self.rig.colors.len() + k;
         let mesh = self.plate.mesh(&self.pose(index, of_all));
@@ -218,33 +213,20 @@ impl BoardSession {
         let scene = DepthScene::new(&self.options, station, (!is_blind).then_some(&mesh));
         let rendered = self.rendered(of_all, camera, index);
         let sensor: ColorSensor = depth_color(&self.options);
-        let mut random = Random::new(&[*seed, 25, k as u64, index as u64]);
+        let mut random = Random::new(&[seed, 25, k as u64, index as u64]);
         let start = trigger_time(index).0 + (random.uniform() * DEPTH_PERIOD as f64) as u64;
-        let frames = (0..depth.frames).into_par_iter().flat_map_iter(|i| {
-            let timestamp = Timestamp(start + DEPTH_PERIOD * i as u64);
-            let number = (index * depth.frames + i) as u64;
-            let frame = |stream, picture| Frame {
-                camera: camera.id.clone(),
-                stream,
-                timestamp,
-                picture,
-            };
-            let readings = match faults.no_depth {
-                true => Grid::filled(camera.intrinsics.width, camera.intrinsics.height, 0),
-                false => scene.read(&self.options, station, k as u64, number),
-            };
-            let key = [*seed, 26, k as u64, number];
-            let color = i.is_multiple_of(depth.color_every.max(1)).then(|| {
-                frame(
-                    Stream::DepthColor,
-                    expose(&rendered, &sensor, [1.0; 3], key),
-                )
-            });
-            color
-                .into_iter()
-                .chain([frame(Stream::Depth, picture(&readings))])
-        });
-        frames.collect()
+        Burst {
+            options: &self.options,
+            station,
+            camera: k as u64,
+            scene: &scene,
+            rendered: &rendered,
+            sensor: &sensor,
+            capture: index,
+            start,
+            noise: 26,
+        }
+        .frames()
     }
 
     /// When the session begins.
