@@ -1,4 +1,5 @@
-//! Where frames come from. A driver opens a source and hands out its frames and triggers; a recording that
-//! is played back is one of them.
+//! Where frames come from: recordings that are played back, and live cameras, each SDK in a folder of its own.
 
+#[cfg(feature = "live")]
+pub mod live;
 pub mod replay;

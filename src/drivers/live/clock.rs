@@ -1,0 +1,233 @@
+//! Clocks of hosts and cameras. The host's timeline is its monotonic clock, with the offset to UTC taken once, so that
+//! a step of the wall clock moves nothing; a camera's clock is mapped onto it by what was seen of both at once.
+
+use crate::frame::Timestamp;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// The host's timeline: nanoseconds of UTC that run as the monotonic clock does.
+#[derive(Debug, Clone, Copy)]
+pub struct HostClock {
+    begin: Instant,
+    begin_utc_ns: u64,
+}
+
+impl HostClock {
+    /// Takes the offset between monotonic clock and UTC.
+    pub fn start() -> Self {
+        let begin = Instant::now();
+        let utc = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self {
+            begin,
+            begin_utc_ns: utc.unwrap_or_default().as_nanos() as u64,
+        }
+    }
+
+    /// The time now.
+    pub fn now(&self) -> Timestamp {
+        self.at(Instant::now())
+    }
+
+    /// The time of an instant.
+    pub fn at(&self, instant: Instant) -> Timestamp {
+        match instant.checked_duration_since(self.begin) {
+            Some(later) => Timestamp(self.begin_utc_ns + later.as_nanos() as u64),
+            None => {
+                let earlier = self.begin.duration_since(instant).as_nanos() as u64;
+                Timestamp(self.begin_utc_ns.saturating_sub(earlier))
+            }
+        }
+    }
+
+    /// The time of a reading of the monotonic clock (`CLOCK_MONOTONIC`), as V4L2 stamps its frames.
+    pub fn of_monotonic(&self, reading: Duration) -> Timestamp {
+        let now = Instant::now();
+        let monotonic = monotonic_now();
+        let age = monotonic.as_nanos() as i128 - reading.as_nanos() as i128;
+        Timestamp((i128::from(self.at(now).0) - age).max(0) as u64)
+    }
+}
+
+/// `CLOCK_MONOTONIC`, which is what [`Instant`] reads on Linux.
+fn monotonic_now() -> Duration {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+/// A moment of a camera's clock, and what is known of when that was for the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reading {
+    /// The camera's clock in nanoseconds.
+    pub device_ns: u64,
+    /// It was not before; `None` where only an arrival is known.
+    pub not_before: Option<Timestamp>,
+    /// It was not after.
+    pub not_after: Timestamp,
+}
+
+/// Maps a camera's clock onto the host's timeline.
+///
+/// Each reading bounds the offset from both sides (a clock that is latched between two of the host's times) or from one
+/// (a frame that was exposed before it came). The narrowest bounds count, made wider by what the clocks may have
+/// drifted apart since.
+#[derive(Debug, Clone, Default)]
+pub struct DeviceClock {
+    readings: VecDeque<Reading>,
+}
+
+/// Readings that are kept.
+const KEPT: usize = 32;
+/// How far two quartz clocks drift apart at most, as a part of the time that passes.
+const DRIFT: f64 = 100e-6;
+
+impl DeviceClock {
+    /// Takes a reading.
+    ///
+    /// # Errors
+    /// If the clock stands still, or jumped: said in words, and what was known of it before is forgotten.
+    pub fn add(&mut self, reading: Reading) -> Result<(), String> {
+        let problem = self
+            .readings
+            .back()
+            .and_then(|last| problem(*last, reading));
+        if problem.is_some() {
+            self.readings.clear();
+        } else if self.readings.len() == KEPT {
+            self.readings.pop_front();
+        }
+        self.readings.push_back(reading);
+        problem.map_or(Ok(()), Err)
+    }
+
+    /// The host's time at a moment of the camera's clock, and by how many nanoseconds that may be off (unknown where
+    /// only arrivals were seen). `None` before the first reading.
+    pub fn host_time(&self, device_ns: u64) -> Option<(Timestamp, Option<u64>)> {
+        let (low, high) = self.bounds(device_ns);
+        let high = high?;
+        let (offset, uncertainty) = match low {
+            Some(low) => (
+                (low + high).div_euclid(2),
+                Some(((high - low).max(0) / 2) as u64),
+            ),
+            None => (high, None),
+        };
+        let time = (i128::from(device_ns) + offset).clamp(0, i128::from(u64::MAX));
+        Some((Timestamp(time as u64), uncertainty))
+    }
+
+    /// Highest lower and lowest upper bound of host time less device time.
+    fn bounds(&self, device_ns: u64) -> (Option<i128>, Option<i128>) {
+        let drift = |r: &Reading| (r.device_ns.abs_diff(device_ns) as f64 * DRIFT) as i128;
+        let offset = |r: &Reading, t: Timestamp| i128::from(t.0) - i128::from(r.device_ns);
+        let lows = self.readings.iter();
+        let low = lows
+            .filter_map(|r| Some(offset(r, r.not_before?) - drift(r)))
+            .max();
+        let highs = self.readings.iter();
+        let high = highs.map(|r| offset(r, r.not_after) + drift(r)).min();
+        (low, high)
+    }
+}
+
+/// What is wrong with a clock that showed these two readings.
+fn problem(last: Reading, next: Reading) -> Option<String> {
+    let passed = i128::from(next.device_ns) - i128::from(last.device_ns);
+    let at_most = next.not_before.map_or(0, |_| {
+        next.not_after
+            .nanoseconds_since(last.not_before.unwrap_or(last.not_after))
+    });
+    let at_least = next.not_before.map(|t| t.nanoseconds_since(last.not_after));
+    const SLACK_NS: i128 = 5_000_000;
+    if let Some(at_least) = at_least.filter(|&ns| ns > SLACK_NS) {
+        if passed == 0 {
+            return Some(format!(
+                "its clock stands still: {} ns at two times {:.1} ms apart",
+                next.device_ns,
+                at_least as f64 / 1e6
+            ));
+        }
+        let slack = SLACK_NS + at_most / 100;
+        if passed < at_least - slack || passed > at_most + slack {
+            return Some(format!(
+                "its clock jumped: {:.1} ms passed for it, {:.1} ms for the host",
+                passed as f64 / 1e6,
+                at_most as f64 / 1e6
+            ));
+        }
+    } else if passed < 0 {
+        return Some(format!(
+            "its clock ran back by {:.1} ms",
+            -passed as f64 / 1e6
+        ));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOST: u64 = 1_700_000_000_000_000_000;
+
+    fn latched(device_ns: u64, host_ns: u64, width_ns: u64) -> Reading {
+        Reading {
+            device_ns,
+            not_before: Some(Timestamp(HOST + host_ns - width_ns / 2)),
+            not_after: Timestamp(HOST + host_ns + width_ns / 2),
+        }
+    }
+
+    #[test]
+    fn the_narrowest_reading_gives_the_offset() {
+        let mut clock = DeviceClock::default();
+        assert_eq!(clock.host_time(5), None);
+        clock.add(latched(1_000, 1_000_000, 400_000)).unwrap();
+        clock.add(latched(3_000_000, 3_999_100, 2_000)).unwrap();
+        let (time, uncertainty) = clock.host_time(4_000_000).unwrap();
+        assert!(time.0.abs_diff(HOST + 4_999_100) < 1_000, "{time:?}");
+        assert!(uncertainty.unwrap() < 1_200);
+    }
+
+    #[test]
+    fn arrivals_bound_from_one_side_and_the_earliest_counts() {
+        let mut clock = DeviceClock::default();
+        for (device, late) in [
+            (0, 9_000_000),
+            (100_000_000, 4_000_000),
+            (200_000_000, 7_000_000),
+        ] {
+            let arrival = Reading {
+                device_ns: device,
+                not_before: None,
+                not_after: Timestamp(HOST + device + late),
+            };
+            clock.add(arrival).unwrap();
+        }
+        let (time, uncertainty) = clock.host_time(100_000_000).unwrap();
+        assert_eq!((time, uncertainty), (Timestamp(HOST + 104_000_000), None));
+    }
+
+    #[test]
+    fn a_clock_that_stands_still_or_jumps_is_told_and_then_known_anew() {
+        let mut clock = DeviceClock::default();
+        clock
+            .add(latched(1_000_000_000, 1_000_000_000, 1_000))
+            .unwrap();
+        let still = clock.add(latched(1_000_000_000, 2_000_000_000, 1_000));
+        assert!(still.unwrap_err().contains("stands still"));
+        let jumped = clock.add(latched(90_000_000_000, 3_000_000_000, 1_000));
+        assert!(jumped.unwrap_err().contains("jumped"));
+        clock
+            .add(latched(91_000_000_000, 4_000_000_000, 1_000))
+            .unwrap();
+        let (time, _) = clock.host_time(91_000_000_000).unwrap();
+        assert!(time.0.abs_diff(HOST + 4_000_000_000) < 200_000);
+    }
+
+    #[test]
+    fn the_monotonic_clock_is_the_hosts_timeline() {
+        let clock = HostClock::start();
+        let mapped = clock.of_monotonic(monotonic_now());
+        assert!(mapped.0.abs_diff(clock.now().0) < 50_000_000);
+    }
+}

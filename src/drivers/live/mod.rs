@@ -1,0 +1,15 @@
+//! What live cameras have in common. A camera has a [`Driver`] that opens it, a [`Device`] that takes its pictures, and
+//! a thread of its own that [`supervise`] runs: it opens the camera, asks whether it is still there, and opens it again
+//! when it is not. No SDK is named here.
+
+mod clock;
+mod device;
+mod pool;
+mod supervisor;
+#[cfg(test)]
+mod supervisor_tests;
+
+pub use clock::{DeviceClock, HostClock, Reading};
+pub use device::{Confirmed, Device, Driver, Fault, Shot, Tally};
+pub use pool::{Pool, PooledBuffer};
+pub use supervisor::{Backoff, Command, Event, Message, Supervised, supervise};
