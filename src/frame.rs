@@ -181,6 +181,8 @@ pub struct Trigger {
     pub time: Timestamp,
     /// `pedal`, `socket`, `replay` or another word.
     pub source: String,
+    /// The client's own name of the press, where it gave one.
+    pub press_id: Option<String>,
     /// The object's number, where one was given.
     pub subject: Option<String>,
 }

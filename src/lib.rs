@@ -8,6 +8,7 @@
 pub mod calibration;
 pub mod commands;
 pub mod config;
+pub mod daemon;
 pub mod drivers;
 pub mod evaluate;
 pub mod frame;

@@ -42,6 +42,7 @@ fn record(pictures: &Path, cameras: &[&str], path: &Path) {
                 id,
                 time,
                 source: "test".into(),
+                press_id: None,
                 subject: None,
             })
             .unwrap();
@@ -259,6 +260,7 @@ fn what_cannot_be_calibrated_says_why() {
             id,
             time,
             source: "test".into(),
+            press_id: None,
             subject: None,
         })
         .unwrap();

@@ -53,7 +53,18 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("queue", &[]),
-    ("config", &["output", "reconstruct", "report", "sync"]),
+    (
+        "config",
+        &[
+            "daemon",
+            "drivers",
+            "frame",
+            "output",
+            "reconstruct",
+            "report",
+            "sync",
+        ],
+    ),
 ];
 
 /// A scene and what it is made of.
@@ -86,7 +97,7 @@ const STAGES: &[(&str, &[&str])] = &[
 ];
 
 /// The rooms that join all others.
-const JOINERS: [&str; 3] = ["commands", "main", "lib"];
+const JOINERS: [&str; 4] = ["commands", "daemon", "main", "lib"];
 
 fn sources() -> Vec<PathBuf> {
     let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];

@@ -147,6 +147,7 @@ fn trigger_of(recorded: Timestamp, record: &CaptureRecord) -> Option<Trigger> {
         id: CaptureId::new(&record.id).ok()?,
         time: (*first).min(recorded),
         source: "unknown".into(),
+        press_id: None,
         subject: None,
     })
 }

@@ -129,6 +129,8 @@ struct TriggerMessage {
     #[serde(default = "unknown")]
     source: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    press_id: Option<Label>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     subject: Option<Label>,
 }
 
@@ -226,10 +228,8 @@ pub(super) fn read_trigger(data: &[u8], time: Timestamp) -> Result<Trigger, Mess
         id: CaptureId::new(&message.id)?,
         time,
         source: message.source,
-        subject: message.subject.map(|label| match label {
-            Label::Text(text) => text,
-            Label::Number(number) => number.to_string(),
-        }),
+        press_id: message.press_id.map(Label::text),
+        subject: message.subject.map(Label::text),
     })
 }
 
@@ -237,8 +237,18 @@ pub(super) fn write_trigger(trigger: &Trigger) -> Vec<u8> {
     write(&TriggerMessage {
         id: trigger.id.to_string(),
         source: trigger.source.clone(),
+        press_id: trigger.press_id.clone().map(Label::Text),
         subject: trigger.subject.clone().map(Label::Text),
     })
+}
+
+impl Label {
+    fn text(self) -> String {
+        match self {
+            Self::Text(text) => text,
+            Self::Number(number) => number.to_string(),
+        }
+    }
 }
 
 /// Nanoseconds as a string, or as a number where a writer was careless.

@@ -10,6 +10,7 @@ mod reader;
 mod records;
 mod recovery;
 mod schemas;
+mod session;
 mod source;
 mod topic;
 mod typed;
@@ -22,6 +23,7 @@ pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Tr
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
 pub use recovery::{Recovered, recover, unfinished};
+pub use session::{Kept, Preamble, Session};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::{Compression, Writer};
 
@@ -29,6 +31,8 @@ pub use writer::{Compression, Writer};
 mod damage_tests;
 #[cfg(test)]
 mod recovery_tests;
+#[cfg(test)]
+mod session_tests;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]

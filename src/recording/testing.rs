@@ -109,6 +109,7 @@ pub(crate) fn trigger(id: &str, ms: u64) -> Trigger {
         id: CaptureId::new(id).unwrap(),
         time: at(ms),
         source: "pedal".into(),
+        press_id: Some("press-4".into()),
         subject: Some("17".into()),
     }
 }

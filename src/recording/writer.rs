@@ -63,8 +63,6 @@ impl Writer {
     /// If there is something at `path` already, or its `.part` that an earlier run left, or the folder
     /// cannot be written to.
     pub fn create(path: &Path, program: &str, compression: Compression) -> Result<Self, Error> {
-        let mut part = path.as_os_str().to_owned();
-        part.push(PART);
         let there = |cause| Error::Io {
             path: path.into(),
             cause,
@@ -72,7 +70,7 @@ impl Writer {
         if path.try_exists().map_err(there)? {
             return Err(there(std::io::ErrorKind::AlreadyExists.into()));
         }
-        Self::create_at(path, Path::new(&part), program, compression)
+        Self::create_at(path, &part_of(path), program, compression)
     }
 
     /// Starts a recording that is written at `part`, and locked there, until it gets its name.
@@ -453,6 +451,13 @@ impl Writer {
             problem: problem.into(),
         }
     }
+}
+
+/// The name of a recording while it is written.
+pub(super) fn part_of(path: &Path) -> PathBuf {
+    let mut part = path.as_os_str().to_owned();
+    part.push(PART);
+    part.into()
 }
 
 /// Brings a folder's entries to the disk: those of the folder that `path` is in.

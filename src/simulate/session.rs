@@ -164,6 +164,7 @@ impl Simulation {
             id: CaptureId::new(&format!("{name}-{index:03}"))?,
             time: trigger_time(index),
             source: "simulation".to_owned(),
+            press_id: None,
             subject: None,
         };
         let sensors = (&self.options.color, &depth_color(&self.options));

@@ -19,6 +19,7 @@ fn trigger(name: &str, ms: i64) -> Trigger {
         id: CaptureId::new(name).unwrap(),
         time: at(ms),
         source: "test".into(),
+        press_id: None,
         subject: None,
     }
 }

@@ -66,6 +66,7 @@ fn write(path: &Path) {
         id: CaptureId::new("ball").unwrap(),
         time: at(10),
         source: "test".into(),
+        press_id: None,
         subject: None,
     };
     writer.trigger(&trigger).unwrap();

@@ -50,6 +50,13 @@ impl Pool {
         })
     }
 
+    /// Bytes of buffers that are in use.
+    pub fn in_use(&self) -> usize {
+        let state = self.shared.lock();
+        let free: usize = state.free.iter().map(Vec::capacity).sum();
+        state.allocated - free
+    }
+
     /// Bytes of buffers that exist.
     pub fn allocated(&self) -> usize {
         self.shared.lock().allocated
@@ -135,6 +142,7 @@ mod tests {
         assert!(held.iter().all(|b| b[..] == [7; 3_000]));
         let clone = held[0].clone();
         held.clear();
+        assert_eq!(pool.in_use(), 3_000);
         assert!(pool.take(3_000).is_some());
         drop(clone);
         assert_eq!(pool.allocated(), 9_000);

@@ -128,6 +128,7 @@ impl BoardSession {
             id: CaptureId::new(&format!("placement-{index:03}"))?,
             time: trigger_time(index),
             source: "simulation".to_owned(),
+            press_id: None,
             subject: None,
         };
         let colors = self.rig.colors.par_iter().enumerate();

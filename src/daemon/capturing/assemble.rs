@@ -1,0 +1,129 @@
+//! From what a shot gave to what is kept: which frames, which record, and in words why a capture failed. No thread, no
+//! clock, no file.
+
+use super::super::rig::Shooting;
+use crate::drivers::live::{Fault, Tally};
+use crate::frame::{CameraId, Frame, Timestamp};
+use crate::recording::{CameraInCapture, CaptureRecord, Kept, Outcome};
+use crate::sync::{Capture, Shortfall};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Makes of a shot and of what `sync` took from it the capture that is kept. A failed one keeps every frame that came.
+pub(super) fn assemble(
+    capture: Capture<Frame>,
+    shooting: Shooting,
+    largest_skew_ms: f64,
+    time: Timestamp,
+) -> Kept {
+    let reasons = reasons(&capture, &shooting.answers, largest_skew_ms);
+    let failed = !capture.complete || too_skewed(&capture, largest_skew_ms);
+    let skew_ns = capture.skew_ns();
+    let trigger = capture.trigger.clone();
+    let frames = if failed {
+        shooting.frames
+    } else {
+        frames_of(capture)
+    };
+    let record = CaptureRecord {
+        id: trigger.id.to_string(),
+        outcome: if failed {
+            Outcome::Failed
+        } else {
+            Outcome::Complete
+        },
+        reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
+        skew_ns: Some(skew_ns),
+        cameras: cameras(&frames, &shooting.answers),
+    };
+    Kept {
+        trigger,
+        frames,
+        record,
+        time,
+    }
+}
+
+fn too_skewed(capture: &Capture<Frame>, largest_skew_ms: f64) -> bool {
+    capture.skew_ns() as f64 / 1e6 > largest_skew_ms
+}
+
+/// The frames that `sync` took, each once.
+fn frames_of(capture: Capture<Frame>) -> Vec<Frame> {
+    let mut frames: Vec<Frame> = capture.colors.into_values().map(|c| c.handle).collect();
+    for takes in capture.depths.into_values() {
+        let mut seen = BTreeSet::new();
+        for take in takes {
+            frames.push(take.depth.handle);
+            let color = take.color.filter(|c| seen.insert(c.timestamp));
+            frames.extend(color.map(|c| c.handle));
+        }
+    }
+    frames
+}
+
+/// Of each camera its frames' timestamps and what it lost. A depth camera is known by its depth frames.
+fn cameras(
+    frames: &[Frame],
+    answers: &BTreeMap<CameraId, Result<Tally, Fault>>,
+) -> BTreeMap<String, CameraInCapture> {
+    let mut cameras: BTreeMap<String, CameraInCapture> = BTreeMap::new();
+    for (id, answer) in answers {
+        let camera = cameras.entry(id.to_string()).or_default();
+        camera.timestamps = Some(Vec::new());
+        camera.lost = lost(answer);
+    }
+    for frame in frames {
+        let camera = cameras.entry(frame.camera.to_string()).or_default();
+        if frame.stream != crate::frame::Stream::DepthColor {
+            camera
+                .timestamps
+                .get_or_insert_default()
+                .push(frame.timestamp);
+        }
+    }
+    for camera in cameras.values_mut() {
+        camera.timestamps.iter_mut().for_each(|t| t.sort_unstable());
+    }
+    cameras
+}
+
+/// What a camera lost, for the record; nothing where it lost nothing.
+fn lost(answer: &Result<Tally, Fault>) -> Option<serde_json::Value> {
+    match answer {
+        Err(fault) => Some(serde_json::json!({ "fault": fault.to_string() })),
+        Ok(tally) if *tally == Tally::default() => None,
+        Ok(tally) => Some(serde_json::json!({
+            "frames": tally.lost,
+            "resent_packets": tally.resent_packets,
+            "missing_packets": tally.missing_packets,
+            "unused_frames": tally.unused,
+        })),
+    }
+}
+
+/// What was short, each with what its camera had to say.
+fn reasons(
+    capture: &Capture<Frame>,
+    answers: &BTreeMap<CameraId, Result<Tally, Fault>>,
+    largest_skew_ms: f64,
+) -> Vec<String> {
+    let short = |shortfall: &Shortfall| match answers.get(&shortfall.camera) {
+        Some(Err(fault)) => format!("camera {}: {fault}", shortfall.camera),
+        Some(Ok(tally)) if !tally.lost.is_empty() => {
+            format!("{shortfall}; it lost: {}", tally.lost.join(", "))
+        }
+        _ => shortfall.to_string(),
+    };
+    let mut reasons: Vec<String> = capture.shortfalls.iter().map(short).collect();
+    if too_skewed(capture, largest_skew_ms) {
+        let by_time = || capture.colors.iter().map(|(id, c)| (c.timestamp, id));
+        let (first, last) = (by_time().min(), by_time().max());
+        if let (Some((_, first)), Some((_, last))) = (first, last) {
+            reasons.push(format!(
+                "the colour frames spread over {:.1} ms, from {first} to {last}, expected at most {largest_skew_ms} ms",
+                capture.skew_ns() as f64 / 1e6
+            ));
+        }
+    }
+    reasons
+}

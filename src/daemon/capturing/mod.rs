@@ -1,0 +1,196 @@
+//! The thread that turns orders into captures: a press becomes a shot, its frames go through `sync`, and what comes out
+//! is handed to the recorder. It holds the cameras and nothing else waits for it; while it takes a capture, others who
+//! press are told so.
+
+mod assemble;
+mod worker;
+
+use super::recorder::Recorder;
+use super::rig::Rig;
+use super::status::Status;
+use super::{CaptureParameters, RecordingParameters};
+use crate::drivers::live::Pool;
+use crate::frame::CameraId;
+use crate::recording::{Error, Note, Preamble, recover, unfinished};
+use crate::sync;
+use crossbeam_channel::{Sender, bounded};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use worker::Worker;
+
+/// What became of a press, as it goes on. The last one of `Durable`, `Failed`, `Busy` and `Refused` is the end of it.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case", tag = "type")]
+pub enum Progress {
+    /// The capture is being taken.
+    Accepted {
+        /// Its id.
+        capture: String,
+    },
+    /// All frames are in: hands may move.
+    Captured {
+        /// Its id.
+        capture: String,
+        /// Spread of the colour frames' timestamps.
+        skew_ns: u64,
+    },
+    /// It failed, and is taken once more by itself.
+    Retried {
+        /// The id of the one that failed.
+        capture: String,
+        /// Why.
+        reason: String,
+    },
+    /// It is on the disk.
+    Durable {
+        /// Its id.
+        capture: String,
+        /// The recording it is in, under the name that it has when it is complete.
+        recording: PathBuf,
+    },
+    /// It was taken and is not whole. The frames that came are kept.
+    Failed {
+        /// Its id.
+        capture: String,
+        /// Why, naming the cameras.
+        reason: String,
+    },
+    /// Another capture is being taken.
+    Busy,
+    /// It was not begun.
+    Refused {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Someone asks for a capture.
+pub struct Press {
+    /// `pedal`, `socket` or another word.
+    pub source: String,
+    /// The client's own name of it.
+    pub press_id: Option<String>,
+    /// The object's number.
+    pub subject: Option<String>,
+    /// Hears how it goes on.
+    pub progress: Box<dyn Fn(Progress) + Send + Sync>,
+}
+
+/// Answers an order: words, or why not.
+pub type Answer = Box<dyn FnOnce(Result<String, String>) + Send>;
+
+/// What this thread is asked.
+pub enum Order {
+    /// A capture.
+    Press(Press),
+    /// The empty rig's plates.
+    Background(Answer),
+    /// Begin a session of this name, with pairs about it.
+    Begin(String, BTreeMap<String, String>, Answer),
+    /// Note something about a capture.
+    Note(Note, Answer),
+    /// Complete the session.
+    Close(Answer),
+}
+
+/// What the thread works with, fixed at the start.
+pub struct Plan {
+    /// Which frames make a capture.
+    pub sync: sync::Parameters,
+    /// How captures are taken.
+    pub capture: CaptureParameters,
+    /// Where they are kept.
+    pub recording: RecordingParameters,
+    /// What every recording begins with; settings and backgrounds are added here.
+    pub preamble: Preamble,
+    /// Where drivers take memory from.
+    pub pool: Pool,
+    /// Name and version of the program.
+    pub program: String,
+}
+
+/// The thread, from outside.
+pub struct Capturing {
+    orders: Sender<Order>,
+    busy: Arc<AtomicBool>,
+    status: Arc<Mutex<Status>>,
+    thread: JoinHandle<Vec<CameraId>>,
+}
+
+impl Capturing {
+    /// Completes what an earlier run left, finds its plates and starts the thread. What could not be completed is said
+    /// and stays as it is.
+    ///
+    /// # Errors
+    /// If the folder of recordings cannot be made or read, or the system has no thread left.
+    pub fn start(rig: Rig, plan: Plan) -> Result<Self, Error> {
+        let folder = plan.recording.folder.clone();
+        let io = |cause| Error::Io {
+            path: folder.clone(),
+            cause,
+        };
+        std::fs::create_dir_all(&folder).map_err(io)?;
+        recover_all(&folder)?;
+        let (orders, queue) = bounded(1);
+        let (busy, status) = (Arc::default(), Arc::default());
+        let recorder = Recorder::start(plan.capture.waiting).map_err(io)?;
+        let worker = Worker::new(rig, plan, recorder, Arc::clone(&busy), Arc::clone(&status));
+        let thread = std::thread::Builder::new().name("capturing".into());
+        let thread = thread.spawn(move || worker.run(&queue));
+        Ok(Self {
+            orders,
+            busy,
+            status,
+            thread: thread.map_err(io)?,
+        })
+    }
+
+    /// Gives an order, unless one is being carried out: then a press hears `Busy`, and others that they may try again.
+    pub fn order(&self, order: Order) {
+        if self.busy.swap(true, Ordering::AcqRel) {
+            return decline(order);
+        }
+        if let Err(refused) = self.orders.try_send(order) {
+            self.busy.store(false, Ordering::Release);
+            decline(refused.into_inner());
+        }
+    }
+
+    /// What is known now.
+    pub fn status(&self) -> Status {
+        let status = self.status.lock().unwrap_or_else(PoisonError::into_inner);
+        status.clone()
+    }
+
+    /// Finishes the order that is being carried out, completes the session and ends all threads; the cameras whose
+    /// threads hang.
+    pub fn stop(self) -> Vec<CameraId> {
+        drop(self.orders);
+        self.thread.join().unwrap_or_default()
+    }
+}
+
+fn decline(order: Order) {
+    let words = || Err("a capture is being taken".to_owned());
+    match order {
+        Order::Press(press) => (press.progress)(Progress::Busy),
+        Order::Background(answer)
+        | Order::Begin(_, _, answer)
+        | Order::Note(_, answer)
+        | Order::Close(answer) => answer(words()),
+    }
+}
+
+/// Completes what an earlier run left.
+fn recover_all(folder: &Path) -> Result<(), Error> {
+    for part in unfinished(folder)? {
+        match recover(&part) {
+            Ok(recovered) => eprintln!("scand: recovered {}", recovered.path.display()),
+            Err(error) => eprintln!("scand: error: {error}; {} stays as it is", part.display()),
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,502 @@
+//! What the capturing thread does with its orders, one after the other.
+
+use super::super::plates::{self, Plates};
+use super::super::recorder::{Done, Recorder, Work};
+use super::super::rig::{Kind, Rig, Shooting, State};
+use super::super::status::{self, Status};
+use super::super::{free_bytes, names};
+use super::assemble::assemble;
+use super::{Answer, Order, Plan, Press, Progress};
+use crate::drivers::live::Message;
+use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
+use crate::recording::{Kept, Outcome, Session};
+use crate::sync::{self, Capture, Listed, Synchronizer};
+use crossbeam_channel::{Receiver, select};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+pub(super) struct Worker {
+    rig: Rig,
+    plan: Plan,
+    recorder: Recorder,
+    busy: Arc<AtomicBool>,
+    shared: Arc<Mutex<Status>>,
+    synchronizer: Synchronizer<Frame>,
+    session: Option<Naming>,
+    /// Frames that each camera lost since the start.
+    lost: BTreeMap<String, u64>,
+    refused: u64,
+    ended: Arc<Mutex<Ended>>,
+}
+
+/// A session's name and how many captures it has.
+struct Naming {
+    name: String,
+    captures: u32,
+}
+
+/// Captures since the start, counted when they are on the disk or cannot be.
+#[derive(Default)]
+struct Ended {
+    complete: u64,
+    failed: u64,
+}
+
+impl Worker {
+    pub(super) fn new(
+        rig: Rig,
+        mut plan: Plan,
+        recorder: Recorder,
+        busy: Arc<AtomicBool>,
+        shared: Arc<Mutex<Status>>,
+    ) -> Self {
+        let cameras = cameras(&rig);
+        let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
+        plan.preamble.backgrounds = plates::newest(&plan.recording.folder, &colors);
+        Self {
+            synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
+            rig,
+            plan,
+            recorder,
+            busy,
+            shared,
+            session: None,
+            lost: BTreeMap::new(),
+            refused: 0,
+            ended: Arc::default(),
+        }
+    }
+
+    /// Serves until nobody can give orders any more, then completes the session and ends all threads.
+    pub(super) fn run(mut self, orders: &Receiver<Order>) -> Vec<CameraId> {
+        let events = self.rig.events().clone();
+        let ticks = crossbeam_channel::tick(Duration::from_millis(500));
+        loop {
+            self.publish();
+            select! {
+                recv(orders) -> order => {
+                    let Ok(order) = order else { break };
+                    self.carry_out(order);
+                    self.busy.store(false, Ordering::Release);
+                }
+                recv(events) -> message => if let Ok(message) = message {
+                    self.note(message);
+                },
+                recv(ticks) -> _ => {}
+            }
+        }
+        let Self { rig, recorder, .. } = self;
+        recorder.stop();
+        drop(events);
+        rig.stop(Instant::now() + Duration::from_secs(5))
+    }
+
+    fn carry_out(&mut self, order: Order) {
+        match order {
+            Order::Press(press) => self.press(press),
+            Order::Background(answer) => answer(self.take_plates()),
+            Order::Begin(name, about, answer) => self.begin(&name, about, answer),
+            Order::Note(note, answer) => {
+                let time = self.rig.clock().now();
+                self.pass_on(answer, |done| Work::Note(note, time, done));
+            }
+            Order::Close(answer) => {
+                self.session = None;
+                self.pass_on(answer, Work::Close);
+            }
+        }
+    }
+
+    /// Notes what a camera says, and tells the log when that changes what can be done.
+    fn note(&mut self, message: Message) {
+        let id = message.camera.clone();
+        if !self.rig.note(message) {
+            return;
+        }
+        let states = self.rig.states().find(|(camera, ..)| **camera == id);
+        match states.map(|(.., state)| state.clone()) {
+            Some(State::Ready(confirmed)) => {
+                eprintln!("scand: camera {id}: ready, {}", confirmed.identity);
+                if let Some(settings) = confirmed.settings {
+                    self.plan.preamble.settings.insert(id, settings);
+                    self.preamble_changed();
+                }
+            }
+            Some(State::Away(fault)) => eprintln!("scand: warning: camera {id}: {fault}"),
+            _ => {}
+        }
+    }
+
+    /// Takes a capture, and once more if it fails and is to be retried.
+    fn press(&mut self, press: Press) {
+        let press = Arc::new(press);
+        if let Err(reason) = self.ready_for_a_capture() {
+            self.refused += 1;
+            return (press.progress)(Progress::Refused { reason });
+        }
+        let id = match self.next_id() {
+            Ok(id) => id,
+            Err(reason) => return (press.progress)(Progress::Refused { reason }),
+        };
+        for attempt in 0..=self.plan.capture.retry {
+            let name = match attempt {
+                0 => id.clone(),
+                n => format!("{id}.r{n}"),
+            };
+            let Ok(capture) = CaptureId::new(&name) else {
+                let reason = format!("{name:?} is too long for a capture's id");
+                return (press.progress)(Progress::Refused { reason });
+            };
+            (press.progress)(Progress::Accepted {
+                capture: name.clone(),
+            });
+            let kept = self.take(capture, &press);
+            let last = attempt == self.plan.capture.retry;
+            if self.hand_over(kept, &press, last) {
+                return;
+            }
+        }
+    }
+
+    /// Whether a capture can be begun; if not, why.
+    fn ready_for_a_capture(&self) -> Result<(), String> {
+        if !self.recorder.has_room() {
+            return Err(format!(
+                "the disk is behind: {} captures wait for it",
+                self.recorder.waiting()
+            ));
+        }
+        let bytes = self.capture_bytes();
+        let pool = &self.plan.pool;
+        if pool.in_use() as u64 + bytes > pool.limit() as u64 {
+            return Err(format!(
+                "a capture takes {} MB of memory, {} of {} MB are in use (capture.memory_mb)",
+                bytes / 1_000_000,
+                pool.in_use() / 1_000_000,
+                pool.limit() / 1_000_000
+            ));
+        }
+        let folder = &self.plan.recording.folder;
+        let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
+        // Room for what the recording has beside the pictures, and for the plates of a file that begins.
+        if free < kept_free + bytes + bytes / 10 + 1_000_000 {
+            return Err(format!(
+                "{} has {} MB left, a capture takes {} MB and {} MB stay free (recording.keep_free_mb)",
+                folder.display(),
+                free / 1_000_000,
+                bytes / 1_000_000,
+                self.plan.recording.keep_free_mb
+            ));
+        }
+        Ok(())
+    }
+
+    /// Bytes of a capture, as the cameras are set.
+    fn capture_bytes(&self) -> u64 {
+        let frames = |kind| match kind {
+            Kind::Color => 1,
+            Kind::Depth | Kind::DepthInTurn => self.plan.sync.depth_frames as u64,
+        };
+        let bytes = self.rig.states().map(|(_, kind, state)| match state {
+            State::Ready(confirmed) => confirmed.frame_bytes * frames(kind),
+            State::Opening | State::Away(_) => 0,
+        });
+        bytes.sum()
+    }
+
+    /// The next capture's id; begins a session, named by the time, where there is none.
+    fn next_id(&mut self) -> Result<String, String> {
+        if self.session.is_none() {
+            let name = names::of_time(self.rig.clock().now());
+            self.begin_session(&name, BTreeMap::new(), Box::new(log_error))?;
+        }
+        let session = self.session.as_mut().ok_or("there is no session")?;
+        session.captures += 1;
+        Ok(format!("{}-{:04}", session.name, session.captures))
+    }
+
+    fn take(&mut self, id: CaptureId, press: &Press) -> Kept {
+        let trigger = Trigger {
+            id,
+            time: self.rig.clock().now(),
+            source: press.source.clone(),
+            press_id: press.press_id.clone(),
+            subject: press.subject.clone(),
+        };
+        let (capture, shooting) = shoot(
+            &mut self.rig,
+            &self.plan,
+            &mut self.synchronizer,
+            |_| true,
+            trigger,
+        );
+        self.count_lost(&shooting);
+        let now = self.rig.clock().now();
+        assemble(capture, shooting, self.plan.capture.largest_skew_ms, now)
+    }
+
+    fn count_lost(&mut self, shooting: &Shooting) {
+        for (id, answer) in &shooting.answers {
+            let lost = answer.as_ref().map_or(0, |tally| tally.lost.len() as u64);
+            *self.lost.entry(id.to_string()).or_default() += lost;
+        }
+    }
+
+    /// Gives a capture to the recorder. True if the press has its end: it is complete, or was the last attempt.
+    fn hand_over(&mut self, kept: Kept, press: &Arc<Press>, last: bool) -> bool {
+        let capture = kept.record.id.clone();
+        let reason = kept.record.reason.clone().unwrap_or_default();
+        let complete = kept.record.outcome == Outcome::Complete;
+        if complete {
+            (press.progress)(Progress::Captured {
+                capture: capture.clone(),
+                skew_ns: kept.record.skew_ns.unwrap_or(0),
+            });
+        } else if !last {
+            (press.progress)(Progress::Retried {
+                capture: capture.clone(),
+                reason: reason.clone(),
+            });
+        }
+        let ends = complete || last;
+        let ended = self.ended.clone();
+        let told = press.clone();
+        let name = capture.clone();
+        let done: Done = Box::new(move |written| {
+            let mut ended = ended.lock().unwrap_or_else(PoisonError::into_inner);
+            let whole = complete && written.is_ok();
+            ended.complete += u64::from(whole);
+            ended.failed += u64::from(!whole);
+            drop(ended);
+            let end = end(name, complete, reason, written);
+            if let Progress::Failed { capture, reason } = &end {
+                eprintln!("scand: error: capture {capture} failed: {reason}");
+            }
+            if ends {
+                (told.progress)(end);
+            }
+        });
+        if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
+            let reason = "the disk is behind and the capture is lost".to_owned();
+            eprintln!("scand: error: capture {capture}: {reason}");
+            (press.progress)(Progress::Failed { capture, reason });
+            return true;
+        }
+        ends
+    }
+
+    /// Takes the empty rig's plates and keeps them.
+    fn take_plates(&mut self) -> Result<String, String> {
+        self.ready_for_a_capture()?;
+        let trigger = Trigger {
+            id: CaptureId::new("background").map_err(|e| e.to_string())?,
+            time: self.rig.clock().now(),
+            source: "background".into(),
+            press_id: None,
+            subject: None,
+        };
+        let colors = sync::Cameras {
+            depths: BTreeMap::new(),
+            ..cameras(&self.rig)
+        };
+        let mut synchronizer = Synchronizer::new(colors, self.plan.sync.clone());
+        let only_colors = |kind| kind == Kind::Color;
+        let (capture, shooting) = shoot(
+            &mut self.rig,
+            &self.plan,
+            &mut synchronizer,
+            only_colors,
+            trigger,
+        );
+        self.count_lost(&shooting);
+        let now = self.rig.clock().now();
+        let kept = assemble(capture, shooting, f64::INFINITY, now);
+        if kept.record.outcome == Outcome::Failed {
+            return Err(kept.record.reason.unwrap_or_default());
+        }
+        let plates: Plates = kept
+            .frames
+            .into_iter()
+            .map(|f| (f.camera, (f.timestamp, f.picture)))
+            .collect();
+        let plan = &self.plan;
+        let name = names::of_time(now);
+        let path = plates::save(&plan.recording.folder, &name, &plates, &plan.program)
+            .map_err(|e| e.to_string())?;
+        let words = format!("{} plates in {}", plates.len(), path.display());
+        self.plan.preamble.backgrounds = plates::detached(plates);
+        self.preamble_changed();
+        Ok(words)
+    }
+
+    fn preamble_changed(&mut self) {
+        let preamble = Box::new(self.plan.preamble.clone());
+        let time = self.rig.clock().now();
+        if self.session.is_some() && !self.recorder.hand_over(Work::Change(preamble, time)) {
+            // Rather a session of its own than one whose later captures have old plates.
+            eprintln!("scand: warning: the disk is behind: the next capture begins a session");
+            self.session = None;
+        }
+    }
+
+    fn begin(&mut self, name: &str, about: BTreeMap<String, String>, answer: Answer) {
+        let (told, failed) = split(answer);
+        let words = format!("session {name}");
+        let done: Done = Box::new(move |closed| told(closed.map(|_| words)));
+        if let Err(reason) = self.begin_session(name, about, done) {
+            failed(Err(reason));
+        }
+    }
+
+    fn begin_session(
+        &mut self,
+        name: &str,
+        about: BTreeMap<String, String>,
+        done: Done,
+    ) -> Result<(), String> {
+        names::check_session(name)?;
+        let mut preamble = self.plan.preamble.clone();
+        preamble.about.extend(about);
+        let session = Session::begin(
+            &self.plan.recording.folder,
+            name,
+            &self.plan.program,
+            self.rig.clock().now(),
+            self.plan.recording.largest_file_mb * 1_000_000,
+            preamble,
+        );
+        let session = Box::new(session.map_err(|e| e.to_string())?);
+        if !self.recorder.hand_over(Work::Begin(session, done)) {
+            return Err("the disk is behind".into());
+        }
+        self.session = Some(Naming {
+            name: name.into(),
+            captures: 0,
+        });
+        Ok(())
+    }
+
+    /// Gives the recorder a piece of work whose end is the answer.
+    fn pass_on(&mut self, answer: Answer, work: impl FnOnce(Done) -> Work) {
+        let (told, failed) = split(answer);
+        let done: Done = Box::new(move |written| told(written.map(|_| "done".into())));
+        if !self.recorder.hand_over(work(done)) {
+            failed(Err("the disk is behind".into()));
+        }
+    }
+
+    fn publish(&self) {
+        let bytes = self.capture_bytes();
+        let free = free_bytes(&self.plan.recording.folder).unwrap_or(0);
+        let usable = free.saturating_sub(self.plan.recording.keep_free_mb * 1_000_000);
+        let ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
+        let status = Status {
+            cameras: status::cameras(&self.rig, &self.lost),
+            session: self.session.as_ref().map(|s| s.name.clone()),
+            complete: ended.complete,
+            failed: ended.failed,
+            refused: self.refused,
+            late_frames: self.rig.late_frames(),
+            capture_bytes: bytes,
+            captures_left: usable.checked_div(bytes).unwrap_or(0),
+            waiting: self.recorder.waiting(),
+            memory: [self.plan.pool.allocated(), self.plan.pool.limit()],
+            plates_age_h: self.plates_age_h(),
+        };
+        *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = status;
+    }
+
+    /// Hours since the oldest plate; `None` where a camera has none.
+    fn plates_age_h(&self) -> Option<f64> {
+        let plates = &self.plan.preamble.backgrounds;
+        let colors = self.rig.states().filter(|(_, k, _)| *k == Kind::Color);
+        let times: Option<Vec<Timestamp>> = colors
+            .map(|(id, ..)| plates.get(id).map(|(time, _)| *time))
+            .collect();
+        let oldest = times?.into_iter().min()?;
+        let age_ns = self.rig.clock().now().nanoseconds_since(oldest);
+        Some(age_ns as f64 / 3.6e12)
+    }
+}
+
+/// The cameras whose frames make a capture.
+fn cameras(rig: &Rig) -> sync::Cameras {
+    let mut cameras = sync::Cameras::default();
+    for (id, kind, _) in rig.states() {
+        match kind {
+            Kind::Color => drop(cameras.colors.insert(id.clone())),
+            Kind::Depth | Kind::DepthInTurn => drop(cameras.depths.insert(id.clone(), true)),
+        }
+    }
+    cameras
+}
+
+/// Takes a shot and lets `sync` choose from its frames.
+fn shoot(
+    rig: &mut Rig,
+    plan: &Plan,
+    synchronizer: &mut Synchronizer<Frame>,
+    wanted: impl Fn(Kind) -> bool,
+    trigger: Trigger,
+) -> (Capture<Frame>, Shooting) {
+    let patience = plan.sync.window_ms + plan.capture.patience_ms as f64;
+    let at_most = Duration::from_secs_f64(patience / 1e3);
+    let shooting = rig.shoot(wanted, trigger.time, at_most);
+    synchronizer.push_trigger(trigger.clone(), Listed::new());
+    for frame in &shooting.frames {
+        synchronizer.push_frame(&frame.camera, frame.stream, frame.timestamp, frame.clone());
+    }
+    // All cameras have answered, or nobody waits for them any more.
+    let mut captures = synchronizer.finish();
+    // What they gave beyond the capture is of no use to a later one: its memory is.
+    synchronizer.advance(Timestamp(u64::MAX));
+    let capture = captures.pop().unwrap_or_else(|| Capture {
+        trigger,
+        colors: BTreeMap::new(),
+        depths: BTreeMap::new(),
+        shortfalls: Vec::new(),
+        complete: false,
+    });
+    (capture, shooting)
+}
+
+/// The end of a press.
+fn end(
+    capture: String,
+    complete: bool,
+    reason: String,
+    written: Result<PathBuf, String>,
+) -> Progress {
+    match written {
+        Ok(recording) if complete => Progress::Durable { capture, recording },
+        Ok(_) => Progress::Failed { capture, reason },
+        Err(problem) => Progress::Failed {
+            capture,
+            reason: format!("it is not on the disk: {problem}"),
+        },
+    }
+}
+
+/// An answer that one of two may give.
+fn split(answer: Answer) -> (Answer, Answer) {
+    let shared = Arc::new(Mutex::new(Some(answer)));
+    let half = |shared: Arc<Mutex<Option<Answer>>>| -> Answer {
+        Box::new(move |result| {
+            let answer = shared.lock().unwrap_or_else(PoisonError::into_inner).take();
+            if let Some(answer) = answer {
+                answer(result);
+            }
+        })
+    };
+    (half(shared.clone()), half(shared))
+}
+
+fn log_error(done: Result<PathBuf, String>) {
+    if let Err(error) = done {
+        eprintln!("scand: error: {error}");
+    }
+}

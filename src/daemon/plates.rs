@@ -1,0 +1,95 @@
+//! The background plates: the newest of them is found again after a restart. Each set is a recording of its own, and
+//! none is ever deleted.
+
+use crate::frame::{CameraId, Picture, Timestamp};
+use crate::recording::{ColorPart, Compression, Error, Recording, Topic, Writer};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Each colour camera's view of the rig with no object in it, and when it was taken.
+pub(super) type Plates = BTreeMap<CameraId, (Timestamp, Picture)>;
+
+/// The folder of plates beside the recordings.
+fn folder(recordings: &Path) -> PathBuf {
+    recordings.join("plates")
+}
+
+/// Keeps plates durably.
+///
+/// # Errors
+/// If they cannot be written.
+pub(super) fn save(
+    recordings: &Path,
+    name: &str,
+    plates: &Plates,
+    program: &str,
+) -> Result<PathBuf, Error> {
+    let folder = folder(recordings);
+    std::fs::create_dir_all(&folder).map_err(|cause| Error::Io {
+        path: folder.clone(),
+        cause,
+    })?;
+    let path = folder.join(format!("{name}.mcap"));
+    let mut writer = Writer::create(&path, program, Compression::None)?;
+    for (id, (time, picture)) in plates {
+        writer.background(id, picture, *time)?;
+    }
+    writer.finish()?;
+    Ok(path)
+}
+
+/// The same plates in memory of their own: frames' memory is for captures.
+pub(super) fn detached(plates: Plates) -> Plates {
+    let own = |picture: Picture| match picture {
+        Picture::Raw {
+            width,
+            height,
+            encoding,
+            step,
+            data,
+        } => Picture::Raw {
+            width,
+            height,
+            encoding,
+            step,
+            data: data.to_vec().into(),
+        },
+        Picture::Compressed { format, data } => Picture::Compressed {
+            format,
+            data: data.to_vec().into(),
+        },
+    };
+    let each = |(id, (time, picture))| (id, (time, own(picture)));
+    plates.into_iter().map(each).collect()
+}
+
+/// The newest plate of each of these cameras; none where there are none, or the file is unreadable, which is said.
+pub(super) fn newest(recordings: &Path, cameras: &[CameraId]) -> Plates {
+    let mut plates = Plates::new();
+    let files = std::fs::read_dir(folder(recordings)).into_iter().flatten();
+    let mut files: Vec<PathBuf> = files.flatten().map(|f| f.path()).collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "mcap"));
+    files.sort();
+    for file in files.iter().rev() {
+        if cameras.iter().all(|id| plates.contains_key(id)) {
+            break;
+        }
+        if let Err(error) = add(file, cameras, &mut plates) {
+            eprintln!("scand: warning: {error}");
+        }
+    }
+    plates
+}
+
+fn add(file: &Path, cameras: &[CameraId], plates: &mut Plates) -> Result<(), Error> {
+    let recording = Recording::open(file)?;
+    for id in cameras {
+        let topic = Topic::Color(id.clone(), ColorPart::Background);
+        if let (false, Some(message)) = (plates.contains_key(id), recording.messages(&topic).last())
+        {
+            let picture = recording.picture(&topic, message)?;
+            plates.insert(id.clone(), (message.log_time(), picture));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! The thread that brings captures to the disk, one after the other, and says of each when it is safe.
+
+use crate::frame::Timestamp;
+use crate::recording::{Error, Kept, Note, Preamble, Session};
+use crossbeam_channel::{Receiver, Sender, bounded};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread::JoinHandle;
+
+/// Called once with what became of a piece of work: where it is, or why it is not.
+pub(super) type Done = Box<dyn FnOnce(Result<PathBuf, String>) + Send>;
+
+/// What is to be brought to the disk.
+pub(super) enum Work {
+    /// A session begins; the one before is completed.
+    Begin(Box<Session>, Done),
+    /// What each file begins with has changed.
+    Change(Box<Preamble>, Timestamp),
+    /// A capture.
+    Keep(Box<Kept>, Done),
+    /// What a person said.
+    Note(Note, Timestamp, Done),
+    /// The session is completed.
+    Close(Done),
+}
+
+/// The recorder's thread.
+pub(super) struct Recorder {
+    work: Sender<Work>,
+    /// Captures that were handed over and are not on the disk.
+    waiting: Arc<AtomicUsize>,
+    most: usize,
+    thread: JoinHandle<()>,
+}
+
+impl Recorder {
+    /// Starts the thread; at most `most` captures wait.
+    pub(super) fn start(most: usize) -> std::io::Result<Self> {
+        // Small pieces of work go beside the captures.
+        let (work, queue) = bounded(4 * (most + 1));
+        let waiting = Arc::new(AtomicUsize::new(0));
+        let mut writing = Writing {
+            session: None,
+            waiting: waiting.clone(),
+        };
+        let thread = std::thread::Builder::new()
+            .name("recorder".into())
+            .spawn(move || writing.run(&queue))?;
+        Ok(Self {
+            work,
+            waiting,
+            most,
+            thread,
+        })
+    }
+
+    /// Captures that wait for the disk, the one that is being written among them.
+    pub(super) fn waiting(&self) -> usize {
+        self.waiting.load(Ordering::Acquire)
+    }
+
+    /// Whether another capture would find room.
+    pub(super) fn has_room(&self) -> bool {
+        self.waiting() < self.most
+            && self
+                .work
+                .capacity()
+                .is_some_and(|c| self.work.len() + 4 <= c)
+    }
+
+    /// Hands work over; false where there is no room for it, and then it was not done.
+    pub(super) fn hand_over(&self, work: Work) -> bool {
+        let capture = matches!(work, Work::Keep(..));
+        if capture {
+            self.waiting.fetch_add(1, Ordering::AcqRel);
+        }
+        let handed = self.work.try_send(work).is_ok();
+        if capture && !handed {
+            self.waiting.fetch_sub(1, Ordering::AcqRel);
+        }
+        handed
+    }
+
+    /// Finishes all work and completes the session.
+    pub(super) fn stop(self) {
+        drop(self.work);
+        let _ = self.thread.join();
+    }
+}
+
+struct Writing {
+    session: Option<Session>,
+    waiting: Arc<AtomicUsize>,
+}
+
+impl Writing {
+    fn run(&mut self, queue: &Receiver<Work>) {
+        for work in queue {
+            match work {
+                Work::Begin(session, done) => {
+                    let closed = self.close();
+                    self.session = Some(*session);
+                    done(closed);
+                }
+                Work::Change(preamble, time) => {
+                    if let Some(session) = &mut self.session
+                        && let Err(error) = session.change(*preamble, time)
+                    {
+                        eprintln!("scand: error: {error}");
+                    }
+                }
+                Work::Keep(kept, done) => {
+                    let written = self.with(|session| session.keep(&kept));
+                    // The frames' memory is free again before anybody hears of it.
+                    drop(kept);
+                    self.waiting.fetch_sub(1, Ordering::AcqRel);
+                    done(written);
+                }
+                Work::Note(note, time, done) => {
+                    done(self.with(|session| session.note(&note, time).map(|()| PathBuf::new())));
+                }
+                Work::Close(done) => done(self.close()),
+            }
+        }
+        if let Err(error) = self.close() {
+            eprintln!("scand: error: {error}");
+        }
+    }
+
+    fn with(
+        &mut self,
+        write: impl FnOnce(&mut Session) -> Result<PathBuf, Error>,
+    ) -> Result<PathBuf, String> {
+        let session = self.session.as_mut().ok_or("there is no session")?;
+        write(session).map_err(|error| error.to_string())
+    }
+
+    fn close(&mut self) -> Result<PathBuf, String> {
+        let closed = self.session.take().map_or(Ok(()), Session::close);
+        closed
+            .map(|()| PathBuf::new())
+            .map_err(|error| error.to_string())
+    }
+}

@@ -1,0 +1,579 @@
+//! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
+
+use super::*;
+use crate::drivers::live::{
+    Backoff, Confirmed, Device, Driver, Fault, HostClock, Pool, Shot, Tally,
+};
+use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
+use crate::recording::{ColorPart, Outcome, Preamble, Recording, Topic};
+use crate::sync;
+use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// How a camera behaves at its shots from now on.
+#[derive(Clone, Copy, PartialEq)]
+#[repr(u32)]
+enum Mood {
+    Sound,
+    /// Unplugged at the next shot, and away for one attempt to open it.
+    Unplugged,
+    /// Never answers before the shot's end.
+    Silent,
+    /// A frame comes damaged.
+    Loses,
+    /// Exposes 200 ms late.
+    Late,
+}
+
+const MOODS: [Mood; 5] = [
+    Mood::Sound,
+    Mood::Unplugged,
+    Mood::Silent,
+    Mood::Loses,
+    Mood::Late,
+];
+
+#[derive(Clone)]
+struct Played {
+    id: CameraId,
+    depth: bool,
+    clock: HostClock,
+    pool: Pool,
+    mood: Arc<AtomicU32>,
+    shots: Arc<AtomicU32>,
+    confirmed: Confirmed,
+}
+
+impl Driver for Played {
+    fn open(&mut self) -> Result<Box<dyn Device>, Fault> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+const PIXELS: usize = 64 * 48;
+
+impl Played {
+    fn frame(&self, stream: Stream, timestamp: Timestamp, fill: u8) -> Option<Frame> {
+        let (encoding, bytes) = match stream {
+            Stream::Color => ("bayer_rggb8", 1),
+            Stream::Depth => ("16UC1", 2),
+            Stream::DepthColor => ("rgb8", 3),
+        };
+        let mut buffer = self.pool.take(PIXELS * bytes)?;
+        buffer.write(&vec![fill; PIXELS * bytes]);
+        Some(Frame {
+            camera: self.id.clone(),
+            stream,
+            timestamp,
+            picture: Picture::Raw {
+                width: 64,
+                height: 48,
+                encoding: encoding.into(),
+                step: 64 * bytes as u32,
+                data: buffer.freeze(),
+            },
+        })
+    }
+}
+
+impl Device for Played {
+    fn confirmed(&self) -> &Confirmed {
+        &self.confirmed
+    }
+
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+        let mood = MOODS[self.mood.load(Ordering::Relaxed) as usize];
+        let number = self.shots.fetch_add(1, Ordering::Relaxed) + 1;
+        let mut tally = Tally::default();
+        match mood {
+            Mood::Unplugged => {
+                self.mood.store(Mood::Sound as u32, Ordering::Relaxed);
+                return Err(Fault::Away("unplugged".into()));
+            }
+            Mood::Silent => {
+                while !shot.remaining().is_zero() {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                return Ok(tally);
+            }
+            Mood::Loses => {
+                tally.lost.push("a damaged frame".into());
+                return Ok(tally);
+            }
+            Mood::Sound | Mood::Late => {}
+        }
+        let late = if mood == Mood::Late { 200_000_000 } else { 0 };
+        let now = self.clock.now().0 + late;
+        let streams: &[Stream] = if self.depth {
+            &[Stream::Depth, Stream::DepthColor]
+        } else {
+            &[Stream::Color]
+        };
+        for i in 0..if self.depth { 14 } else { 1 } {
+            for &stream in streams {
+                let time = Timestamp(now + i * 1_000_000);
+                match self.frame(stream, time, number as u8) {
+                    Some(frame) => take(frame),
+                    None => tally.lost.push("no memory".into()),
+                }
+            }
+        }
+        Ok(tally)
+    }
+
+    fn idle(&mut self) -> Result<(), Fault> {
+        Ok(())
+    }
+}
+
+struct Stand {
+    folder: tempfile::TempDir,
+    capturing: Capturing,
+    moods: BTreeMap<String, Arc<AtomicU32>>,
+    pool: Pool,
+}
+
+fn plan(folder: &Path, pool: &Pool) -> Plan {
+    Plan {
+        sync: sync::Parameters {
+            window_ms: 400.0,
+            depth_frames: 12,
+            ..sync::Parameters::default()
+        },
+        capture: CaptureParameters {
+            patience_ms: 100,
+            largest_skew_ms: 100.0,
+            ..CaptureParameters::default()
+        },
+        recording: RecordingParameters {
+            folder: folder.into(),
+            keep_free_mb: 1,
+            ..RecordingParameters::default()
+        },
+        preamble: Preamble {
+            configuration: "# a test".into(),
+            ..Preamble::default()
+        },
+        pool: pool.clone(),
+        program: "scand test".into(),
+    }
+}
+
+fn start_in(folder: tempfile::TempDir, memory: usize, change: impl FnOnce(&mut Plan)) -> Stand {
+    let (clock, pool) = (HostClock::start(), Pool::new(memory));
+    let mut moods = BTreeMap::new();
+    let mut stations = Vec::new();
+    for name in ["c00", "c01", "c02", "k0"] {
+        let depth = name == "k0";
+        let mood: Arc<AtomicU32> = Arc::default();
+        moods.insert(name.to_owned(), mood.clone());
+        let id = CameraId::new(name).unwrap();
+        let driver = Played {
+            id: id.clone(),
+            depth,
+            clock,
+            pool: pool.clone(),
+            mood,
+            shots: Arc::default(),
+            confirmed: Confirmed {
+                identity: "played".into(),
+                frame_bytes: (PIXELS * if depth { 5 } else { 1 }) as u64,
+                ..Confirmed::default()
+            },
+        };
+        stations.push(Station {
+            id,
+            kind: if depth { Kind::Depth } else { Kind::Color },
+            driver: Box::new(driver),
+        });
+    }
+    let backoff = Backoff {
+        first: Duration::from_millis(20),
+        longest: Duration::from_millis(40),
+    };
+    let rig = Rig::start(stations, clock, 64, backoff).unwrap();
+    let mut plan = plan(folder.path(), &pool);
+    change(&mut plan);
+    let capturing = Capturing::start(rig, plan).unwrap();
+    let stand = Stand {
+        folder,
+        capturing,
+        moods,
+        pool,
+    };
+    stand.until(|status| {
+        let ready = status.cameras.values().filter(|c| c.state == "ready");
+        ready.count() == 4
+    });
+    stand
+}
+
+fn start(change: impl FnOnce(&mut Plan)) -> Stand {
+    start_in(tempfile::tempdir().unwrap(), 4_000_000, change)
+}
+
+/// A press whose progress is heard.
+fn press(sender: Sender<Progress>) -> Press {
+    Press {
+        source: "test".into(),
+        press_id: Some("p1".into()),
+        subject: Some("17".into()),
+        progress: Box::new(move |progress| {
+            let _ = sender.send(progress);
+        }),
+    }
+}
+
+fn is_end(progress: &Progress) -> bool {
+    use Progress::{Busy, Durable, Failed, Refused};
+    matches!(
+        progress,
+        Durable { .. } | Failed { .. } | Busy | Refused { .. }
+    )
+}
+
+impl Stand {
+    fn until(&self, reached: impl Fn(&Status) -> bool) {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while !reached(&self.capturing.status()) {
+            assert!(Instant::now() < deadline, "{:?}", self.capturing.status());
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    fn mood(&self, camera: &str, mood: Mood) {
+        self.moods[camera].store(mood as u32, Ordering::Relaxed);
+    }
+
+    fn begin_press(&self) -> Receiver<Progress> {
+        let (sender, progress) = unbounded();
+        self.capturing.order(Order::Press(press(sender)));
+        progress
+    }
+
+    /// Presses, and again while another order is being carried out; all that is heard.
+    fn press(&self) -> Vec<Progress> {
+        loop {
+            let mut heard = Vec::new();
+            for progress in self.begin_press() {
+                let end = is_end(&progress);
+                heard.push(progress);
+                if end {
+                    break;
+                }
+            }
+            if heard != [Progress::Busy] {
+                return heard;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn ask(&self, order: impl Fn(Answer) -> Order) -> Result<String, String> {
+        loop {
+            let (sender, answer) = bounded(1);
+            let tell = move |result| drop(sender.send(result));
+            self.capturing.order(order(Box::new(tell)));
+            match answer.recv().unwrap() {
+                Err(words) if words.contains("is being taken") => std::thread::yield_now(),
+                other => return other,
+            }
+        }
+    }
+
+    fn stop(self) -> (tempfile::TempDir, Vec<CameraId>) {
+        let stuck = self.capturing.stop();
+        (self.folder, stuck)
+    }
+}
+
+fn recordings(folder: &Path) -> Vec<Recording> {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|f| f.unwrap().path())
+        .filter(|f| f.is_file())
+        .collect();
+    files.sort();
+    files.iter().map(|f| Recording::open(f).unwrap()).collect()
+}
+
+/// Id, outcome and number of listed frames of each capture.
+fn captures(recording: &Recording) -> Vec<(String, Outcome, usize, Option<String>)> {
+    let records = recording.messages(&Topic::Capture).iter();
+    records
+        .map(|m| {
+            let record = recording.capture_record(m).unwrap();
+            let listed = record
+                .cameras
+                .values()
+                .filter_map(|c| c.timestamps.as_ref());
+            let frames = listed.map(Vec::len).sum();
+            (record.id, record.outcome, frames, record.reason)
+        })
+        .collect()
+}
+
+#[test]
+fn one_press_is_one_durable_capture() {
+    let stand = start(|_| ());
+    let heard = stand.press();
+    assert!(matches!(&heard[0], Progress::Accepted { .. }), "{heard:?}");
+    assert!(matches!(&heard[1], Progress::Captured { .. }), "{heard:?}");
+    let Progress::Durable { capture, recording } = &heard[2] else {
+        panic!("{heard:?}");
+    };
+    assert!(recording.with_extension("mcap.part").exists());
+    let (folder, stuck) = stand.stop();
+    assert_eq!(stuck, []);
+    let found = &recordings(folder.path())[0];
+    assert_eq!(found.path(), recording);
+    assert_eq!(found.verify().unwrap(), []);
+    let all = captures(found);
+    assert_eq!(all, [(capture.clone(), Outcome::Complete, 3 + 12, None)]);
+    let depth = Topic::Depth(
+        CameraId::new("k0").unwrap(),
+        crate::recording::DepthPart::Image,
+    );
+    // Two of the burst's fourteen frames were not the capture's.
+    assert_eq!(found.messages(&depth).len(), 12);
+    let trigger = found.messages(&Topic::Trigger)[0];
+    let trigger = found.trigger(&trigger).unwrap();
+    assert_eq!(trigger.press_id.as_deref(), Some("p1"));
+}
+
+#[test]
+fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
+    let stand = start(|_| ());
+    stand.mood("c01", Mood::Loses);
+    let heard = stand.press();
+    let Some(Progress::Failed { capture, reason }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    assert!(capture.ends_with(".r1"), "{capture}");
+    assert!(
+        reason.contains("c01") && reason.contains("a damaged frame"),
+        "{reason}"
+    );
+    assert!(matches!(&heard[1], Progress::Retried { .. }), "{heard:?}");
+    stand.mood("c01", Mood::Sound);
+    assert!(matches!(
+        stand.press().last(),
+        Some(Progress::Durable { .. })
+    ));
+    stand.until(|s| s.failed == 2 && s.complete == 1);
+    assert_eq!(stand.capturing.status().cameras["c01"].lost_frames, 2);
+    let (folder, _) = stand.stop();
+    let all = captures(&recordings(folder.path())[0]);
+    let outcomes: Vec<_> = all.iter().map(|(_, outcome, ..)| *outcome).collect();
+    assert_eq!(
+        outcomes,
+        [Outcome::Failed, Outcome::Failed, Outcome::Complete]
+    );
+    // What the other cameras gave is kept: two pictures and the whole burst.
+    assert_eq!(all[0].2, 2 + 14);
+}
+
+#[test]
+fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
+    let stand = start(|plan| plan.capture.retry = 3);
+    stand.mood("c02", Mood::Unplugged);
+    let heard = stand.press();
+    let Progress::Retried { reason, .. } = &heard[1] else {
+        panic!("{heard:?}");
+    };
+    assert!(reason.contains("camera c02: unplugged"), "{reason}");
+    stand.until(|s| s.cameras["c02"].state == "ready");
+    assert!(matches!(
+        stand.press().last(),
+        Some(Progress::Durable { .. })
+    ));
+}
+
+#[test]
+fn a_silent_camera_holds_nobody_up_for_longer_than_a_shot() {
+    let stand = start(|plan| plan.capture.retry = 0);
+    stand.mood("c00", Mood::Silent);
+    let heard = stand.press();
+    let Some(Progress::Failed { reason, .. }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    assert!(reason.contains("c00"), "{reason}");
+    stand.mood("c00", Mood::Sound);
+    stand.until(|_| matches!(stand.press().last(), Some(Progress::Durable { .. })));
+}
+
+#[test]
+fn frames_too_far_apart_are_no_capture() {
+    let stand = start(|plan| plan.capture.retry = 0);
+    stand.mood("c01", Mood::Late);
+    let heard = stand.press();
+    let Some(Progress::Failed { reason, .. }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    assert!(
+        reason.contains("to c01") && reason.contains("at most 100 ms"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn a_press_during_a_capture_is_told_so() {
+    let stand = start(|plan| plan.capture.retry = 0);
+    stand.mood("c00", Mood::Silent);
+    let first = stand.begin_press();
+    assert!(matches!(first.recv().unwrap(), Progress::Accepted { .. }));
+    let second: Vec<_> = stand.begin_press().iter().collect();
+    assert_eq!(second, [Progress::Busy]);
+    assert!(matches!(first.iter().last(), Some(Progress::Failed { .. })));
+}
+
+#[test]
+fn a_hundred_presses_are_a_hundred_captures_and_memory_stays() {
+    let stand = start(|plan| plan.recording.largest_file_mb = 1);
+    let mut ids = BTreeSet::new();
+    let mut allocated = 0;
+    for i in 0..100 {
+        match stand.press().last() {
+            Some(Progress::Durable { capture, .. }) => assert!(ids.insert(capture.clone())),
+            other => panic!("{other:?}"),
+        }
+        if i == 10 {
+            allocated = stand.pool.allocated();
+        }
+    }
+    assert!(stand.pool.allocated() <= 3 * allocated, "{allocated}");
+    assert_eq!(stand.pool.in_use(), 0);
+    let (folder, _) = stand.stop();
+    let files = recordings(folder.path());
+    assert!(files.len() > 10, "{}", files.len());
+    let mut times = BTreeSet::new();
+    let mut recorded = BTreeSet::new();
+    for file in &files {
+        recorded.extend(captures(file).into_iter().map(|(id, ..)| id));
+        let topic = Topic::Color(CameraId::new("c00").unwrap(), ColorPart::Image);
+        for message in file.messages(&topic) {
+            assert!(times.insert(message.log_time()), "a frame twice");
+        }
+    }
+    assert_eq!((recorded, times.len()), (ids, 100));
+}
+
+#[test]
+fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
+    let stand = start(|_| ());
+    // Who hears of the first capture's end does not listen for a while: the recorder stands still.
+    let (heard, hearing) = bounded(0);
+    stand.capturing.order(Order::Press(Press {
+        source: "test".into(),
+        press_id: None,
+        subject: None,
+        progress: Box::new(move |progress| {
+            if is_end(&progress) {
+                let _ = heard.send(progress);
+            }
+        }),
+    }));
+    stand.until(|s| s.complete == 1);
+    let mut accepted = Vec::new();
+    let refused = loop {
+        let progress = stand.begin_press();
+        match progress.recv().unwrap() {
+            Progress::Refused { reason } => break reason,
+            Progress::Accepted { .. } => accepted.push(progress),
+            _ => {}
+        }
+        assert!(accepted.len() < 10);
+    };
+    assert!(refused.contains("2 captures wait"), "{refused}");
+    assert_eq!(accepted.len(), 2);
+    hearing.recv().unwrap();
+    for progress in accepted {
+        assert!(matches!(
+            progress.iter().last(),
+            Some(Progress::Durable { .. })
+        ));
+    }
+    assert!(stand.capturing.status().refused >= 1);
+}
+
+#[test]
+fn a_capture_that_finds_no_room_is_not_begun() {
+    let stand = start(|plan| plan.recording.keep_free_mb = 1 << 40);
+    let [Progress::Refused { reason }] = &stand.press()[..] else {
+        panic!();
+    };
+    assert!(reason.contains("recording.keep_free_mb"), "{reason}");
+    assert_eq!(stand.capturing.status().captures_left, 0);
+    drop(stand.stop());
+    let folder = tempfile::tempdir().unwrap();
+    let stand = start_in(folder, 10_000, |_| ());
+    let [Progress::Refused { reason }] = &stand.press()[..] else {
+        panic!();
+    };
+    assert!(reason.contains("capture.memory_mb"), "{reason}");
+}
+
+#[test]
+fn plates_are_kept_known_after_a_restart_and_in_every_recording() {
+    let stand = start(|_| ());
+    assert_eq!(stand.capturing.status().plates_age_h, None);
+    let words = stand.ask(Order::Background).unwrap();
+    assert!(words.contains("3 plates"), "{words}");
+    stand.mood("c00", Mood::Loses);
+    let refused = stand.ask(Order::Background).unwrap_err();
+    assert!(refused.contains("c00"), "{refused}");
+    let (folder, _) = stand.stop();
+    let stand = start_in(folder, 4_000_000, |_| ());
+    stand.until(|s| s.plates_age_h.is_some_and(|age| (0.0..0.1).contains(&age)));
+    assert!(matches!(
+        stand.press().last(),
+        Some(Progress::Durable { .. })
+    ));
+    let (folder, _) = stand.stop();
+    let found = &recordings(folder.path())[0];
+    for name in ["c00", "c01", "c02"] {
+        let topic = Topic::Color(CameraId::new(name).unwrap(), ColorPart::Background);
+        let message = found.messages(&topic)[0];
+        assert!(message.log_time() < found.messages(&Topic::Trigger)[0].log_time());
+        found.picture(&topic, &message).unwrap();
+    }
+}
+
+#[test]
+fn sessions_begin_are_noted_and_close() {
+    let stand = start(|_| ());
+    let begin = |name: &'static str| {
+        let about = BTreeMap::from([("operator".to_owned(), "Ann".to_owned())]);
+        stand.ask(move |answer| Order::Begin(name.into(), about.clone(), answer))
+    };
+    begin("amphora").unwrap();
+    let heard = stand.press();
+    let Some(Progress::Durable { capture, .. }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    assert_eq!(capture, "amphora-0001");
+    let note = crate::recording::Note {
+        capture: capture.clone(),
+        kind: "reject".into(),
+        text: "a hand".into(),
+    };
+    stand
+        .ask(|answer| Order::Note(note.clone(), answer))
+        .unwrap();
+    let refused = begin("amphora").unwrap_err();
+    assert!(refused.contains("amphora.mcap"), "{refused}");
+    assert!(begin("a/b").unwrap_err().contains("a/b"));
+    stand.ask(Order::Close).unwrap();
+    let path = stand.folder.path().join("amphora.mcap");
+    let recording = Recording::open(&path).unwrap();
+    let message = recording.messages(&Topic::Note)[0];
+    assert_eq!(recording.note(&message).unwrap(), note);
+    begin("krater").unwrap();
+    assert!(
+        matches!(stand.press().last(), Some(Progress::Durable { capture, .. }) if capture == "krater-0001")
+    );
+}

@@ -1,0 +1,275 @@
+//! A session at the rig: captures one after the other, in files of a bounded size that each stand alone. What a
+//! capture is made of comes from elsewhere; here it is made durable. The order is that of [`Writer`]: `.part`, chunks,
+//! flush, fdatasync, and only then is a capture said to be kept.
+
+use super::{CameraSettings, CaptureRecord, Compression, Error, Note, Writer};
+use crate::calibration::{Camera, DepthCamera, Volume};
+use crate::frame::{CameraId, Frame, Picture, Timestamp, Trigger};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What every file of a session begins with, so that it stands alone.
+#[derive(Clone, Debug, Default)]
+pub struct Preamble {
+    /// Colour cameras.
+    pub colors: Vec<Camera>,
+    /// Depth cameras.
+    pub depths: Vec<DepthCamera>,
+    /// The box that is reconstructed.
+    pub volume: Option<Volume>,
+    /// How each colour camera is set.
+    pub settings: BTreeMap<CameraId, CameraSettings>,
+    /// Each colour camera's view of the rig with no object in it, and when it was taken.
+    pub backgrounds: BTreeMap<CameraId, (Timestamp, Picture)>,
+    /// The text of the configuration that the rig runs with.
+    pub configuration: String,
+    /// Pairs about the session: subject, operator, note.
+    pub about: BTreeMap<String, String>,
+}
+
+/// A capture, ready to be kept.
+#[derive(Clone, Debug)]
+pub struct Kept {
+    /// What asked for it.
+    pub trigger: Trigger,
+    /// Its frames; of a failed one those that came.
+    pub frames: Vec<Frame>,
+    /// What became of it.
+    pub record: CaptureRecord,
+    /// When that was known.
+    pub time: Timestamp,
+}
+
+impl Kept {
+    /// Bytes of its pictures.
+    pub fn bytes(&self) -> u64 {
+        let bytes = self.frames.iter().map(|f| picture_bytes(&f.picture));
+        bytes.sum()
+    }
+}
+
+fn picture_bytes(picture: &Picture) -> u64 {
+    match picture {
+        Picture::Raw { data, .. } | Picture::Compressed { data, .. } => data.len() as u64,
+    }
+}
+
+/// A session that is being recorded.
+pub struct Session {
+    folder: PathBuf,
+    name: String,
+    program: String,
+    begin: Timestamp,
+    /// Bytes after which a file is completed and the next one begun.
+    largest_file: u64,
+    preamble: Preamble,
+    files: usize,
+    open: Option<Open>,
+}
+
+/// The file that is being written.
+struct Open {
+    path: PathBuf,
+    writer: Writer,
+    bytes: u64,
+}
+
+impl Session {
+    /// Begins a session whose files will be `folder/NAME.mcap`, `folder/NAME-002.mcap` and so on. The first one is made
+    /// with the first capture. `begin` is before every capture.
+    ///
+    /// # Errors
+    /// If there is a session of this name already.
+    pub fn begin(
+        folder: &Path,
+        name: &str,
+        program: &str,
+        begin: Timestamp,
+        largest_file: u64,
+        preamble: Preamble,
+    ) -> Result<Self, Error> {
+        let session = Self {
+            folder: folder.into(),
+            name: name.into(),
+            program: program.into(),
+            begin,
+            largest_file,
+            preamble,
+            files: 0,
+            open: None,
+        };
+        let path = session.path(0);
+        let part = super::writer::part_of(&path);
+        let exists = |path: &Path| {
+            path.try_exists().map_err(|cause| Error::Io {
+                path: path.into(),
+                cause,
+            })
+        };
+        if exists(&path)? || exists(&part)? {
+            return Err(Error::Io {
+                path,
+                cause: std::io::ErrorKind::AlreadyExists.into(),
+            });
+        }
+        Ok(session)
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Writes a capture and brings it to the disk: when this returns, it survives a power cut. The path is the one that
+    /// the file has when it is complete.
+    ///
+    /// # Errors
+    /// If it cannot be written. What was kept before stays: the file that broke is left as `.part`, which a recovery
+    /// completes, and the next capture begins another one.
+    pub fn keep(&mut self, capture: &Kept) -> Result<PathBuf, Error> {
+        let kept = self.try_keep(capture);
+        if kept.is_err() {
+            self.open = None;
+        }
+        kept
+    }
+
+    fn try_keep(&mut self, capture: &Kept) -> Result<PathBuf, Error> {
+        let bytes = capture.bytes();
+        let full = |open: &Open| open.bytes > 0 && open.bytes + bytes > self.largest_file;
+        if self.open.as_ref().is_some_and(full) {
+            self.finish_file()?;
+        }
+        let open = self.open_file()?;
+        open.bytes += bytes;
+        let path = open.path.clone();
+        let writer = &mut open.writer;
+        writer.trigger(&capture.trigger)?;
+        for frame in &capture.frames {
+            writer.frame(frame)?;
+        }
+        writer.capture(&capture.record, capture.time)?;
+        writer.sync()?;
+        Ok(path)
+    }
+
+    /// Writes what a person said of a capture, and brings it to the disk.
+    ///
+    /// # Errors
+    /// As for [`Self::keep`].
+    pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
+        let mut noted = || {
+            let writer = &mut self.open_file()?.writer;
+            writer.note(note, time)?;
+            writer.sync()
+        };
+        let done = noted();
+        if done.is_err() {
+            self.open = None;
+        }
+        done
+    }
+
+    /// Changes what is repeated in each file, from `time` on: plates that were taken anew, a camera that came back with
+    /// other settings.
+    ///
+    /// # Errors
+    /// As for [`Self::keep`].
+    pub fn change(&mut self, preamble: Preamble, time: Timestamp) -> Result<(), Error> {
+        if let Some(open) = &mut self.open {
+            let written = changed(&mut open.writer, &self.preamble, &preamble, time);
+            if written.is_err() {
+                self.open = None;
+            }
+            written?;
+        }
+        self.preamble = preamble;
+        Ok(())
+    }
+
+    /// Completes the last file.
+    ///
+    /// # Errors
+    /// If it cannot be: it is left as `.part`.
+    pub fn close(mut self) -> Result<(), Error> {
+        self.finish_file()
+    }
+
+    fn finish_file(&mut self) -> Result<(), Error> {
+        self.open.take().map_or(Ok(()), |open| open.writer.finish())
+    }
+
+    fn path(&self, file: usize) -> PathBuf {
+        let name = match file {
+            0 => format!("{}.mcap", self.name),
+            more => format!("{}-{:03}.mcap", self.name, more + 1),
+        };
+        self.folder.join(name)
+    }
+
+    /// The file that is written to, begun if there is none.
+    fn open_file(&mut self) -> Result<&mut Open, Error> {
+        let open = match self.open.take() {
+            Some(open) => open,
+            None => {
+                let path = self.path(self.files);
+                // Also of a file that cannot be begun: its name is not tried again.
+                self.files += 1;
+                let mut writer = Writer::create(&path, &self.program, Compression::None)?;
+                begin_file(&mut writer, &self.preamble, &self.name, self.begin)?;
+                Open {
+                    path,
+                    writer,
+                    bytes: 0,
+                }
+            }
+        };
+        Ok(self.open.insert(open))
+    }
+}
+
+/// Writes what every file begins with.
+fn begin_file(
+    writer: &mut Writer,
+    preamble: &Preamble,
+    name: &str,
+    time: Timestamp,
+) -> Result<(), Error> {
+    let mut about = preamble.about.clone();
+    about.insert("name".into(), name.into());
+    writer.metadata("session", &about)?;
+    let text = preamble.configuration.as_bytes();
+    writer.attach("rig.toml", "application/toml", time, text)?;
+    for camera in &preamble.colors {
+        writer.color_camera(camera, time)?;
+    }
+    for camera in &preamble.depths {
+        writer.depth_camera(camera, time)?;
+    }
+    if let Some(volume) = &preamble.volume {
+        writer.volume(volume, time)?;
+    }
+    changed(writer, &Preamble::default(), preamble, time)
+}
+
+/// Writes settings and backgrounds that are not what they were. A background keeps the time at which it was taken, so
+/// that its age can be told.
+fn changed(
+    writer: &mut Writer,
+    before: &Preamble,
+    now: &Preamble,
+    time: Timestamp,
+) -> Result<(), Error> {
+    for (id, settings) in &now.settings {
+        if before.settings.get(id) != Some(settings) {
+            writer.settings(id, settings, time)?;
+        }
+    }
+    for (id, (taken, picture)) in &now.backgrounds {
+        let same = |(earlier, _): &(Timestamp, Picture)| earlier == taken;
+        if !before.backgrounds.get(id).is_some_and(same) {
+            writer.background(id, picture, *taken)?;
+        }
+    }
+    Ok(())
+}

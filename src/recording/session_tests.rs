@@ -1,0 +1,147 @@
+//! Sessions cut into files, and sessions whose disk fails.
+
+use super::testing::{Rig, at, frame, trigger};
+use super::*;
+use crate::frame::{Stream, Timestamp};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+fn preamble(rig: &Rig) -> Preamble {
+    let plate = |ms| frame(rig.colors[0].id.clone(), Stream::Color, ms).picture;
+    let colors = rig.colors.iter();
+    Preamble {
+        colors: rig.colors.clone(),
+        depths: vec![rig.depth.clone()],
+        volume: Some(rig.volume),
+        settings: BTreeMap::new(),
+        backgrounds: colors.map(|c| (c.id.clone(), (at(1), plate(1)))).collect(),
+        configuration: "[rig]\nname = \"test\"\n".into(),
+        about: BTreeMap::from([("operator".into(), "Ann".into())]),
+    }
+}
+
+fn kept(rig: &Rig, id: &str, ms: u64) -> Kept {
+    let colors = rig.colors.iter();
+    let mut frames: Vec<_> = colors
+        .map(|c| frame(c.id.clone(), Stream::Color, ms + 1))
+        .collect();
+    let depth = &rig.depth.camera.id;
+    frames.extend((0..12).map(|i| frame(depth.clone(), Stream::Depth, ms + 33 * i)));
+    Kept {
+        trigger: trigger(id, ms),
+        frames,
+        record: CaptureRecord {
+            id: id.into(),
+            outcome: Outcome::Complete,
+            reason: None,
+            skew_ns: Some(0),
+            cameras: BTreeMap::new(),
+        },
+        time: at(ms + 500),
+    }
+}
+
+fn begin(folder: &Path, rig: &Rig, largest_file: u64) -> Session {
+    Session::begin(
+        folder,
+        "s",
+        "scand test",
+        at(2),
+        largest_file,
+        preamble(rig),
+    )
+    .unwrap()
+}
+
+fn count(recording: &Recording, topic: &Topic) -> usize {
+    recording.messages(topic).len()
+}
+
+#[test]
+fn each_file_of_a_session_stands_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let one = kept(&rig, "a", 10_000).bytes();
+    let mut session = begin(folder.path(), &rig, 2 * one);
+    for (i, id) in ["a", "b", "c", "d", "e"].into_iter().enumerate() {
+        let path = session.keep(&kept(&rig, id, 10_000 * (i as u64 + 1)));
+        let name = ["s.mcap", "s.mcap", "s-002.mcap", "s-002.mcap", "s-003.mcap"][i];
+        assert_eq!(path.unwrap(), folder.path().join(name));
+    }
+    session.close().unwrap();
+    for (name, captures) in [("s.mcap", 2), ("s-002.mcap", 2), ("s-003.mcap", 1)] {
+        let recording = Recording::open(&folder.path().join(name)).unwrap();
+        assert_eq!(recording.verify().unwrap(), []);
+        assert_eq!(count(&recording, &Topic::Trigger), captures, "{name}");
+        assert_eq!(count(&recording, &Topic::Capture), captures, "{name}");
+        for part in [ColorPart::Calibration, ColorPart::Background] {
+            let topic = Topic::Color(rig.colors[0].id.clone(), part);
+            assert_eq!(count(&recording, &topic), 1, "{name}");
+        }
+        assert_eq!(count(&recording, &Topic::Volume), 1);
+        assert_eq!(recording.attachments()[0].name, "rig.toml");
+        let session = recording.metadata().iter().find(|(n, _)| n == "session");
+        let about = &session.unwrap().1;
+        assert_eq!((&*about["operator"], &*about["name"]), ("Ann", "s"));
+    }
+}
+
+#[test]
+fn what_is_kept_is_on_the_disk_before_the_file_is_complete() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut session = begin(folder.path(), &rig, u64::MAX);
+    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    let part = folder.path().join("s.mcap.part");
+    // As after a crash: a copy, for the file itself is locked by who writes it.
+    let copy = folder.path().join("copy.mcap.part");
+    std::fs::copy(&part, &copy).unwrap();
+    assert!(matches!(recover(&part), Err(Error::BeingWritten { .. })));
+    let recovered = recover(&copy).unwrap();
+    let recording = Recording::open(&recovered.path).unwrap();
+    assert_eq!(count(&recording, &Topic::Capture), 1);
+    assert_eq!(recovered.tail, None);
+}
+
+#[test]
+fn new_plates_count_from_the_next_capture_on_and_in_every_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let one = kept(&rig, "a", 10_000).bytes();
+    let mut session = begin(folder.path(), &rig, 2 * one);
+    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    let mut changed = preamble(&rig);
+    for (time, _) in changed.backgrounds.values_mut() {
+        *time = at(15_000);
+    }
+    session.change(changed, at(15_500)).unwrap();
+    for (id, ms) in [("b", 20_000), ("c", 30_000)] {
+        session.keep(&kept(&rig, id, ms)).unwrap();
+    }
+    session.close().unwrap();
+    let plates = Topic::Color(rig.colors[0].id.clone(), ColorPart::Background);
+    let times = |name: &str| -> Vec<Timestamp> {
+        let recording = Recording::open(&folder.path().join(name)).unwrap();
+        let messages = recording.messages(&plates).iter();
+        messages.map(MessageRef::log_time).collect()
+    };
+    assert_eq!(times("s.mcap"), [at(1), at(15_000)]);
+    assert_eq!(times("s-002.mcap"), [at(15_000)]);
+}
+
+#[test]
+fn a_session_of_the_same_name_is_refused_and_one_that_broke_goes_on_in_another_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    std::fs::write(folder.path().join("s-002.mcap"), "in the way").unwrap();
+    let one = kept(&rig, "a", 10_000).bytes();
+    let mut session = begin(folder.path(), &rig, one);
+    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    let error = session.keep(&kept(&rig, "b", 20_000)).unwrap_err();
+    assert!(error.to_string().contains("s-002.mcap"), "{error}");
+    let path = session.keep(&kept(&rig, "c", 30_000)).unwrap();
+    assert_eq!(path, folder.path().join("s-003.mcap"));
+    session.close().unwrap();
+    let again = Session::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
+    assert!(again.err().unwrap().to_string().contains("s.mcap"));
+}
