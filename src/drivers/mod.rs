@@ -2,4 +2,6 @@
 
 #[cfg(feature = "live")]
 pub mod live;
+pub mod number;
+pub mod openni2;
 pub mod replay;

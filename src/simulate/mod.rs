@@ -15,6 +15,8 @@ mod random;
 mod record;
 mod render;
 mod rig;
+#[cfg(feature = "live")]
+pub mod serve;
 mod session;
 mod shape;
 

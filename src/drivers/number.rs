@@ -1,0 +1,49 @@
+//! Numbers of configurations that are refused while they are read, so that the message has their line and field.
+
+use serde::de::{Deserialize, Deserializer, Error};
+
+/// A count from `LEAST` to `MOST`.
+///
+/// # Errors
+/// If it is none.
+pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
+    from: D,
+) -> Result<Option<u32>, D::Error> {
+    let found = i64::deserialize(from)?;
+    let within = (i64::from(LEAST)..=i64::from(MOST)).contains(&found);
+    if !within {
+        return Err(D::Error::custom(format!(
+            "{found}, expected {LEAST} to {MOST}"
+        )));
+    }
+    Ok(Some(found as u32))
+}
+
+/// Width and height in pixels, each from 1 to 16384.
+///
+/// # Errors
+/// If they are not.
+pub fn optional_size<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 2]>, D::Error> {
+    let found = <[i64; 2]>::deserialize(from)?;
+    if !found.iter().all(|n| (1..=16384).contains(n)) {
+        return Err(D::Error::custom(format!(
+            "{found:?}, expected a width and a height from 1 to 16384"
+        )));
+    }
+    Ok(Some(found.map(|n| n as u32)))
+}
+
+/// Milliseconds from 0 to an hour's.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let found = f64::deserialize(from)?;
+    // Not a number is in no range.
+    if !(0.0..=3.6e6).contains(&found) {
+        return Err(D::Error::custom(format!(
+            "{found}, expected milliseconds from 0 to 3600000"
+        )));
+    }
+    Ok(Some(found))
+}

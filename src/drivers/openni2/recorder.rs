@@ -1,0 +1,64 @@
+//! OpenNI's own recordings (`.oni`), made safe: a file that is written while its recorder lives.
+#![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
+
+use super::device::Device;
+use super::ffi;
+use super::library::{Failed, LIBRARY, checked, lock};
+use super::stream::Stream;
+use std::ffi::CString;
+use std::rc::Rc;
+
+/// Writes what streams give into an `.oni` file until it goes.
+#[derive(Debug)]
+pub struct Recorder {
+    handle: ffi::RecorderHandle,
+    _device: Rc<Device>,
+}
+
+impl Recorder {
+    /// Starts to write streams of one device, depth and colour without loss.
+    ///
+    /// # Errors
+    /// If the file cannot be made.
+    pub fn start(path: &std::path::Path, streams: &[&Stream]) -> Result<Option<Self>, Failed> {
+        let Some(first) = streams.first() else {
+            return Ok(None);
+        };
+        let shown = path.display();
+        let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| Failed {
+            doing: format!("recording to {shown}"),
+            words: "a zero byte in its name".into(),
+        })?;
+        let _held = lock(&LIBRARY);
+        let mut handle = std::ptr::null_mut();
+        // SAFETY: the name ends in zero; the handle is written to.
+        let status = unsafe { ffi::oniCreateRecorder(name.as_ptr(), &raw mut handle) };
+        checked(status, format!("recording to {shown}"))?;
+        let recorder = Self {
+            handle,
+            _device: first.device.clone(),
+        };
+        for stream in streams {
+            // SAFETY: recorder and stream are there.
+            let status = unsafe { ffi::oniRecorderAttachStream(handle, stream.handle, 0) };
+            checked(status, format!("recording a stream to {shown}"))?;
+        }
+        // SAFETY: the recorder is there.
+        checked(
+            unsafe { ffi::oniRecorderStart(handle) },
+            format!("recording to {shown}"),
+        )?;
+        Ok(Some(recorder))
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // Not under the lock: it waits for its writer. Made once, destroyed once.
+        // SAFETY: the recorder is there; its handle is not used after.
+        unsafe {
+            ffi::oniRecorderStop(self.handle);
+            ffi::oniRecorderDestroy(&raw mut self.handle);
+        }
+    }
+}

@@ -1,0 +1,510 @@
+//! The depth camera's driver on Debian's libOpenNI2 and a sensor of the tests' own: each test runs in a process that
+//! was started with the library's folder in its environment.
+
+#[path = "openni2-sensor/stage.rs"]
+mod stage;
+
+use scand::drivers::live::{
+    Backoff, Device, Driver, Event, Fault, HostClock, Message, Pool, Shot, Tally, supervise,
+};
+use scand::drivers::openni2::{OpenNi2, Parameters};
+use scand::frame::{CameraId, Frame, Picture, Stream, Timestamp};
+use scand::simulate::serve::{SensorFile, SensorFrames};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const SIZE: [u32; 2] = [64, 48];
+const PIXELS: usize = 64 * 48;
+
+/// A reading that is another one at each pixel of each frame.
+fn reading(frame: usize, pixel: usize) -> u16 {
+    (400 + (frame * 131 + pixel * 7) % 9000) as u16
+}
+
+fn color(frame: usize, pixel: usize) -> [u8; 3] {
+    [frame as u8, pixel as u8, (pixel / 256 + frame * 3) as u8]
+}
+
+fn depth_bytes(frame: usize) -> Vec<u8> {
+    (0..PIXELS)
+        .flat_map(|p| reading(frame, p).to_le_bytes())
+        .collect()
+}
+
+fn color_bytes(frame: usize) -> Vec<u8> {
+    (0..PIXELS).flat_map(|p| color(frame, p)).collect()
+}
+
+/// What a test's process works with.
+struct Stand {
+    folder: PathBuf,
+    clock: HostClock,
+    pool: Pool,
+}
+
+/// Runs a test's body in a process of its own, which sees so many sensors `d0`, `d1`, … with this rate.
+fn staged(name: &str, sensors: usize, rate: u32, body: fn(&Stand)) {
+    if let Some(folder) = std::env::var_os("SCAND_TEST_STAGED") {
+        return body(&Stand {
+            folder: folder.into(),
+            clock: HostClock::start(),
+            pool: Pool::new(64 << 20),
+        });
+    }
+    let libraries = stage::folder();
+    let folder = tempfile::tempdir().unwrap();
+    let files = (0..sensors).map(|n| write_sensor(folder.path(), n, rate));
+    let files: Vec<String> = files.collect();
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args([name, "--exact", "--nocapture", "--test-threads=1"])
+        .env("SCAND_TEST_STAGED", folder.path())
+        .env("SCAND_OPENNI2_FRAMES", files.join(":"))
+        .env("SCAND_OPENNI2_CONTROL", folder.path().join("control"))
+        .env("LD_LIBRARY_PATH", libraries)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned()
+        + &String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("1 passed"), "it did not run: {said}");
+}
+
+/// A sensor of two captures: 30 frames each, the second's colour half as often.
+fn write_sensor(folder: &Path, number: usize, rate: u32) -> String {
+    let sensor = SensorFile {
+        serial: format!("d{number}"),
+        size: SIZE,
+        rate,
+        tenths_of_millimetres: false,
+    };
+    let path = folder.join(format!("{}.frames", sensor.serial));
+    let mut file = SensorFrames::create(&path, &sensor, &[[30, 30], [30, 15]]).unwrap();
+    for (frames, every) in [(0..30, 1), (100..130, 2)] {
+        for frame in frames.clone() {
+            let readings: Vec<u16> = (0..PIXELS).map(|p| reading(frame, p)).collect();
+            file.depth(&readings).unwrap();
+        }
+        for frame in frames.step_by(every) {
+            let pixels: Vec<[u8; 3]> = (0..PIXELS).map(|p| color(frame, p)).collect();
+            file.color(&pixels).unwrap();
+        }
+    }
+    file.finish().unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+impl Stand {
+    /// A camera that is set so, in TOML, beside its size.
+    fn driver(&self, rate: u32, settings: &str) -> OpenNi2 {
+        let text = format!("size = [64, 48]\nrate = {rate}\n{settings}");
+        let parameters: Parameters = toml::from_str(&text).unwrap();
+        parameters.checked().unwrap();
+        let id = CameraId::new("d0").unwrap();
+        OpenNi2::new(id, parameters, self.pool.clone(), self.clock)
+    }
+
+    fn open(&self, rate: u32, settings: &str) -> Result<Box<dyn Device>, Fault> {
+        self.driver(rate, settings).open()
+    }
+
+    /// Tells the sensors something, and waits until they have heard.
+    fn tell(&self, what: &str) {
+        let path = self.folder.join("control");
+        let new = self.folder.join("control.new");
+        std::fs::write(&new, what).unwrap();
+        std::fs::rename(&new, &path).unwrap();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+
+    fn shot(&self, number: u64, seconds: f64) -> Shot {
+        Shot {
+            number,
+            trigger: self.clock.now(),
+            deadline: Instant::now() + Duration::from_secs_f64(seconds),
+            abandoned: Arc::default(),
+        }
+    }
+
+    fn shoot(&self, device: &mut dyn Device) -> (Vec<Frame>, Result<Tally, Fault>, Timestamp) {
+        let shot = self.shot(1, 5.0);
+        let mut frames = Vec::new();
+        let outcome = device.shoot(&shot, &mut |frame| frames.push(frame));
+        (frames, outcome, shot.trigger)
+    }
+}
+
+fn data(frame: &Frame) -> &[u8] {
+    match &frame.picture {
+        Picture::Raw { data, .. } => data,
+        Picture::Compressed { .. } => panic!("{frame:?}"),
+    }
+}
+
+fn of(frames: &[Frame], stream: Stream) -> Vec<&Frame> {
+    frames.iter().filter(|f| f.stream == stream).collect()
+}
+
+/// Asserts that frames are so many served ones in a row, whichever was first.
+fn served(frames: &[&Frame], first: usize, bytes: fn(usize) -> Vec<u8>) {
+    let numbers: Vec<usize> = frames
+        .iter()
+        .map(|f| {
+            let number = (first..first + 30).find(|&n| data(f) == bytes(n));
+            number.expect("a frame that was not served")
+        })
+        .collect();
+    for pair in numbers.windows(2) {
+        assert_eq!((pair[0] + 1 - first) % 30, pair[1] - first, "{numbers:?}");
+    }
+}
+
+#[test]
+fn a_burst_is_what_was_served_byte_for_byte() {
+    staged("a_burst_is_what_was_served_byte_for_byte", 1, 60, |stand| {
+        let mut device = stand.open(60, "").unwrap();
+        let confirmed = device.confirmed().clone();
+        assert!(
+            confirmed.identity.contains("scand-sensor://d0"),
+            "{confirmed:?}"
+        );
+        assert_eq!(
+            (confirmed.size, confirmed.encoding.as_str()),
+            (SIZE, "16UC1")
+        );
+        assert!(confirmed.remarks.iter().any(|r| r.contains("millimetres")));
+        let rows: Vec<&str> = confirmed.table.iter().map(|r| r[0].as_str()).collect();
+        for name in [
+            "depth mode",
+            "color mode",
+            "depth mirroring",
+            "registration of depth to color",
+        ] {
+            assert!(rows.contains(&name), "{rows:?}");
+        }
+        for capture in [0, 1] {
+            stand.tell(&format!("d0 capture {capture}"));
+            device.idle().unwrap();
+            let (frames, outcome, trigger) = stand.shoot(device.as_mut());
+            assert_eq!(outcome.unwrap().lost, Vec::<String>::new());
+            let (depth, color) = (of(&frames, Stream::Depth), of(&frames, Stream::DepthColor));
+            assert_eq!((depth.len(), color.len()), (30, 30));
+            served(&depth, capture * 100, depth_bytes);
+            if capture == 0 {
+                served(&color, 0, color_bytes);
+            }
+            for (d, c) in depth.iter().zip(&color) {
+                assert_eq!(d.timestamp, c.timestamp, "synchronised");
+            }
+            assert!(depth[0].timestamp >= trigger);
+            let since = depth[0].timestamp.nanoseconds_since(trigger);
+            assert!(since < 300_000_000, "{since} ns after the trigger");
+            for pair in depth.windows(2) {
+                let apart = pair[1].timestamp.nanoseconds_since(pair[0].timestamp);
+                assert!((apart - 16_666_667).abs() < 2_000, "{apart} ns apart");
+            }
+        }
+    });
+}
+
+#[test]
+fn registration_that_does_not_take_is_refused_by_name() {
+    staged(
+        "registration_that_does_not_take_is_refused_by_name",
+        1,
+        60,
+        |stand| {
+            stand.tell("d0 unregistered");
+            match stand.open(60, "") {
+                Err(Fault::Refused {
+                    field,
+                    asked,
+                    found,
+                }) => {
+                    assert_eq!((asked.as_str(), found.as_str()), ("on", "off"));
+                    assert!(field.contains("registration"), "{field}");
+                }
+                other => panic!("{:?}", other.map(|d| d.confirmed().clone())),
+            }
+            assert!(stand.open(60, "registration = false").is_ok());
+            stand.tell("");
+            let mut device = stand.open(60, "").unwrap();
+            device.idle().unwrap();
+            stand.tell("d0 unregistered");
+            let lost = device.idle().unwrap_err();
+            assert!(lost.to_string().contains("registration"), "{lost}");
+            drop(device);
+            // A mode that it has not is refused with those that it has.
+            stand.tell("");
+            let refused = stand.open(30, "").err().unwrap().to_string();
+            assert!(
+                refused.contains("depth mode: asked for 64 x 48 at 30/s"),
+                "{refused}"
+            );
+            assert!(
+                refused.contains("its modes are: 64 x 48 at 60/s"),
+                "{refused}"
+            );
+        },
+    );
+}
+
+#[test]
+fn synchronisation_is_demanded_or_taken_where_there_is_one() {
+    staged(
+        "synchronisation_is_demanded_or_taken_where_there_is_one",
+        1,
+        60,
+        |stand| {
+            let row = |device: &dyn Device| {
+                let table = &device.confirmed().table;
+                let row = table.iter().find(|r| r[0].contains("synchronisation"));
+                row.unwrap()[2].clone()
+            };
+            assert_eq!(row(stand.open(60, "").unwrap().as_ref()), "on");
+            assert_eq!(
+                row(stand.open(60, "synchronise = false").unwrap().as_ref()),
+                "off"
+            );
+            stand.tell("d0 unsynchronised");
+            let mut device = stand.open(60, "").unwrap();
+            assert!(row(device.as_ref()).contains("cannot"));
+            let (frames, outcome, _) = stand.shoot(device.as_mut());
+            assert_eq!((frames.len(), outcome.unwrap().lost.len()), (60, 0));
+            drop(device);
+            let refused = stand.open(60, "synchronise = true").err().unwrap();
+            assert!(refused.to_string().contains("synchronisation"), "{refused}");
+        },
+    );
+}
+
+#[test]
+fn a_damaged_frame_never_looks_whole() {
+    staged("a_damaged_frame_never_looks_whole", 1, 60, |stand| {
+        let mut device = stand.open(60, "").unwrap();
+        stand.tell("d0 damaged 5");
+        let (frames, outcome, _) = stand.shoot(device.as_mut());
+        let lost = outcome.unwrap().lost;
+        assert!(
+            lost.iter()
+                .any(|l| l.contains("3072 of its 6144 bytes came")),
+            "{lost:?}"
+        );
+        assert_eq!(of(&frames, Stream::Depth).len(), 30);
+        for frame in of(&frames, Stream::Depth) {
+            assert_eq!(data(frame).len(), PIXELS * 2);
+        }
+    });
+}
+
+#[test]
+fn a_silent_camera_and_a_frozen_clock_are_named() {
+    staged(
+        "a_silent_camera_and_a_frozen_clock_are_named",
+        1,
+        60,
+        |stand| {
+            let mut device = stand.open(60, "").unwrap();
+            stand.tell("d0 silent");
+            let begin = Instant::now();
+            let silent = device.idle().unwrap_err().to_string();
+            assert!(silent.contains("no frame for 1.0 s"), "{silent}");
+            let (frames, outcome, _) = stand.shoot(device.as_mut());
+            assert!(frames.is_empty() && outcome.is_err());
+            assert!(begin.elapsed() < Duration::from_secs(5));
+            stand.tell("d0 frozen");
+            device.drop_and_expect("stands still", stand);
+            let refused = stand.open(60, "").err().unwrap().to_string();
+            assert!(refused.contains("stands still"), "{refused}");
+            stand.tell("");
+            assert!(stand.open(60, "").is_ok());
+        },
+    );
+}
+
+trait Expect {
+    fn drop_and_expect(self, word: &str, stand: &Stand);
+}
+
+impl Expect for Box<dyn Device> {
+    /// In a shot each frame is lost for that reason; when idle the camera is away for it.
+    fn drop_and_expect(mut self, word: &str, stand: &Stand) {
+        let _ = self.idle();
+        let shot = stand.shot(2, 0.5);
+        let mut frames = 0;
+        let tally = self.shoot(&shot, &mut |_| frames += 1).unwrap();
+        assert_eq!(frames, 0);
+        assert!(tally.lost.len() > 5, "{tally:?}");
+        assert!(tally.lost.iter().all(|l| l.contains(word)), "{tally:?}");
+        let idle = self.idle().unwrap_err().to_string();
+        assert!(idle.contains(word), "{idle}");
+    }
+}
+
+#[test]
+fn an_unplugged_camera_is_named_and_comes_back() {
+    staged(
+        "an_unplugged_camera_is_named_and_comes_back",
+        1,
+        60,
+        |stand| {
+            let (sender, events) = crossbeam_channel::bounded::<Message>(500);
+            let driver = Box::new(stand.driver(60, "device = 'd0'"));
+            let id = CameraId::new("d0").unwrap();
+            let camera = supervise(id, driver, sender, Backoff::default()).unwrap();
+            let next = || events.recv_timeout(Duration::from_secs(20)).unwrap().event;
+            assert!(matches!(next(), Event::Ready(_)));
+            stand.tell("d0 gone");
+            let begin = Instant::now();
+            match next() {
+                Event::Away { fault, .. } => {
+                    assert!(fault.to_string().contains("unplugged"), "{fault}")
+                }
+                other => panic!("{other:?}"),
+            }
+            assert!(begin.elapsed() < Duration::from_secs(10));
+            let asked = camera.shoot(stand.shot(7, 1.0));
+            let answer = std::iter::repeat_with(next).find(|e| matches!(e, Event::Answered { .. }));
+            assert!(
+                asked
+                    && matches!(
+                        answer,
+                        Some(Event::Answered {
+                            outcome: Err(_),
+                            ..
+                        })
+                    )
+            );
+            stand.tell("");
+            while !matches!(next(), Event::Ready(_)) {}
+            assert!(camera.shoot(stand.shot(8, 5.0)));
+            let mut frames = 0;
+            let outcome = loop {
+                match next() {
+                    Event::Frame { shot: 8, .. } => frames += 1,
+                    Event::Answered { shot: 8, outcome } => break outcome,
+                    other => panic!("{other:?}"),
+                }
+            };
+            assert_eq!((frames, outcome.unwrap().lost), (60, Vec::new()));
+            assert!(camera.stop(Instant::now() + Duration::from_secs(20)));
+        },
+    );
+}
+
+#[test]
+fn sensors_are_told_apart_and_take_turns() {
+    staged("sensors_are_told_apart_and_take_turns", 2, 60, |stand| {
+        let mut second = stand
+            .open(60, "device = 'd1'\ntake_turns = true\nburst = 12")
+            .unwrap();
+        assert!(second.confirmed().identity.contains("d1"));
+        let mut first = stand.open(60, "take_turns = true\nburst = 12").unwrap();
+        assert!(first.confirmed().identity.contains("d0"), "the free one");
+        for wanted in [
+            "",
+            "device = 'd0'",
+            "device = 'scand-sensor://d1'",
+            "device = 'x9'",
+        ] {
+            let fault = stand.open(60, wanted).err().unwrap().to_string();
+            assert!(!fault.is_empty());
+            if wanted.contains("x9") {
+                assert!(
+                    fault.contains("x9") && fault.contains("scand-sensor://d0"),
+                    "{fault}"
+                );
+            }
+        }
+        for _ in 0..3 {
+            for device in [&mut first, &mut second] {
+                let (frames, outcome, trigger) = stand.shoot(device.as_mut());
+                assert_eq!((frames.len(), outcome.unwrap().lost.len()), (24, 0));
+                assert!(frames.iter().all(|f| f.timestamp >= trigger));
+                device.idle().unwrap();
+            }
+        }
+    });
+}
+
+#[test]
+fn an_oni_file_is_a_device_that_gives_every_frame_once() {
+    staged(
+        "an_oni_file_is_a_device_that_gives_every_frame_once",
+        1,
+        60,
+        |stand| {
+            let path = stand.folder.join("recorded.oni");
+            let live = stand.driver(60, "burst = 40").open_camera();
+            let mut live = live.unwrap();
+            let recorder = live.record(&path).unwrap();
+            let (frames, outcome, _) = stand.shoot(&mut live);
+            assert_eq!((frames.len(), outcome.unwrap().lost.len()), (80, 0));
+            drop((recorder, live));
+            let wanted = format!("device = '{}'\nrepeat = false\nburst = 10", path.display());
+            let mut file = stand.open(60, &wanted).unwrap();
+            let mut played = Vec::new();
+            let end = loop {
+                file.idle().unwrap();
+                let shot = stand.shot(1, 3.0);
+                match file.shoot(&shot, &mut |frame| played.push(frame)) {
+                    Ok(tally) => assert_eq!(tally.lost, Vec::<String>::new()),
+                    Err(end) => break end.to_string(),
+                }
+            };
+            assert!(end.contains("end") || end.contains("no frame"), "{end}");
+            let depth = of(&played, Stream::Depth);
+            assert!(depth.len() >= 40, "{} frames", depth.len());
+            served(&depth, 0, depth_bytes);
+            served(&of(&played, Stream::DepthColor), 0, color_bytes);
+            for pair in depth.windows(2) {
+                assert!(pair[0].timestamp < pair[1].timestamp);
+            }
+            let missing = stand.open(60, "device = '/nowhere/cup.oni'").err().unwrap();
+            assert!(
+                missing.to_string().contains("/nowhere/cup.oni"),
+                "{missing}"
+            );
+        },
+    );
+}
+
+#[test]
+fn two_hundred_reopenings_leave_nothing_behind() {
+    staged(
+        "two_hundred_reopenings_leave_nothing_behind",
+        1,
+        240,
+        |stand| {
+            let mut at_first = None;
+            for count in 0..200 {
+                let mut device = stand.open(240, "burst = 2").unwrap();
+                let (frames, outcome, _) = stand.shoot(device.as_mut());
+                assert_eq!((frames.len(), outcome.unwrap().lost.len()), (4, 0));
+                drop(device);
+                if count == 40 {
+                    at_first = Some(held());
+                }
+            }
+            let (first, last) = (at_first.unwrap(), held());
+            println!("memory in KiB, descriptors, threads: {first:?} after 40, {last:?} after 200");
+            assert_eq!((first.1, first.2), (last.1, last.2));
+            assert!(
+                last.0 < first.0 + 2048,
+                "memory grew from {} to {} KiB",
+                first.0,
+                last.0
+            );
+        },
+    );
+}
+
+/// Resident memory in KiB, file descriptors, threads.
+fn held() -> (u64, usize, usize) {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|l| l.starts_with("VmRSS:")).unwrap();
+    let memory = line.split_whitespace().nth(1).unwrap().parse().unwrap();
+    let count = |folder: &str| std::fs::read_dir(folder).unwrap().count();
+    (memory, count("/proc/self/fd"), count("/proc/self/task"))
+}
