@@ -47,3 +47,46 @@ pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
     }
     Ok(Some(found))
 }
+
+/// Any number but NaN and the infinities.
+///
+/// # Errors
+/// If it is not.
+pub fn optional_finite<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let value = f64::deserialize(from)?;
+    checked(value, value.is_finite(), "a finite number").map(Some)
+}
+
+/// A finite number above 0.
+///
+/// # Errors
+/// If it is not.
+pub fn optional_positive<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let value = f64::deserialize(from)?;
+    checked(value, is_positive(value), "a number above 0").map(Some)
+}
+
+/// Three finite numbers above 0.
+///
+/// # Errors
+/// If they are not.
+pub fn optional_three_positive<'de, D: Deserializer<'de>>(
+    from: D,
+) -> Result<Option<[f64; 3]>, D::Error> {
+    let values = <[f64; 3]>::deserialize(from)?;
+    for value in values {
+        checked(value, is_positive(value), "three numbers above 0")?;
+    }
+    Ok(Some(values))
+}
+
+fn is_positive(value: f64) -> bool {
+    value.is_finite() && value > 0.0
+}
+
+fn checked<E: Error>(value: f64, holds: bool, expected: &str) -> Result<f64, E> {
+    if holds {
+        return Ok(value);
+    }
+    Err(E::custom(format!("{value} found, expected {expected}")))
+}

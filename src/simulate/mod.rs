@@ -52,7 +52,10 @@ pub enum Error {
     /// A camera's id that is none.
     #[error(transparent)]
     Name(#[from] BadName),
-    /// A recording that cannot be written.
+    /// What cannot be played as a live rig, in words.
+    #[error("{0}")]
+    Unservable(String),
+    /// A recording that cannot be read or written.
     #[error(transparent)]
     Recording(#[from] recording::Error),
 }

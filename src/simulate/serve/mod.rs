@@ -1,5 +1,15 @@
 //! A rig that is played to the live drivers: their own libraries see cameras, and the cameras show a recording.
 
+#[cfg(feature = "aravis")]
+mod color;
 mod depth;
+#[cfg(feature = "aravis")]
+mod gige;
+#[cfg(feature = "aravis")]
+mod pictures;
 
+#[cfg(feature = "aravis")]
+pub use color::{ColorOptions, ColorRig};
 pub use depth::{SensorFile, SensorFrames, write_sensor_frames};
+#[cfg(feature = "aravis")]
+pub use pictures::Shown;

@@ -1,0 +1,202 @@
+//! A camera's clock on the host's timeline: read by a latch where the camera has one, or else bounded by when its frames
+//! came. No frame is taken here.
+
+use crate::drivers::live::{DeviceClock, HostClock, Reading};
+use crate::frame::Timestamp;
+use aravis::prelude::*;
+use aravis::{Camera, GvDevice};
+use std::time::{Duration, Instant};
+
+/// How a camera's clock can be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Latch {
+    /// `TimestampLatch` (SFNC 2), in nanoseconds.
+    Standard,
+    /// `GevTimestampControlLatch` (SFNC 1), in ticks.
+    Older,
+    /// The registers that every GigE Vision camera with a clock has (GigE Vision 2.0, 27.1), in ticks.
+    Registers,
+}
+
+/// Timestamp Control and what it latches.
+const CONTROL: u64 = 0x0944;
+const VALUE_HIGH: u64 = 0x0948;
+const VALUE_LOW: u64 = 0x094c;
+const LATCH_BIT: u32 = 2;
+/// How long a camera may take to do it.
+const LATCH_TIME: Duration = Duration::from_millis(20);
+/// How old a reading may become.
+const STALE: Duration = Duration::from_secs(2);
+/// How far a frame's stamp may contradict what is known, beyond the uncertainty.
+const SLACK_NS: i128 = 5_000_000;
+
+/// A camera's clock.
+pub(super) struct CameraClock {
+    host: HostClock,
+    clock: DeviceClock,
+    latch: Option<Latch>,
+    ticks_per_second: u64,
+    newest_ns: u64,
+    read_at: Option<Instant>,
+    /// What was wrong with it at the last reading.
+    problem: Option<String>,
+}
+
+impl CameraClock {
+    /// Finds out how the clock can be read, and reads it some times.
+    pub fn find(camera: &Camera, device: &GvDevice, host: HostClock) -> Self {
+        let mut clock = Self {
+            host,
+            clock: DeviceClock::default(),
+            latch: None,
+            ticks_per_second: device.timestamp_tick_frequency().unwrap_or(0),
+            newest_ns: 0,
+            read_at: None,
+            problem: None,
+        };
+        let candidates = [Latch::Standard, Latch::Older, Latch::Registers];
+        clock.latch = candidates
+            .into_iter()
+            .find(|latch| clock.runs(*latch, camera, device));
+        for _ in 0..4 {
+            clock.read(camera, device);
+        }
+        clock
+    }
+
+    /// Whether the clock can be latched: that is, shows two times, one after the other.
+    fn runs(&self, latch: Latch, camera: &Camera, device: &GvDevice) -> bool {
+        let value = || self.latched(latch, camera, device).map(|r| r.device_ns);
+        let first = value();
+        std::thread::sleep(Duration::from_millis(1));
+        matches!((first, value()), (Some(a), Some(b)) if b > a)
+    }
+
+    /// Whether it can be read at all.
+    pub fn can_be_read(&self) -> bool {
+        self.latch.is_some()
+    }
+
+    /// Reads the clock if the last reading is old, or was doubtful.
+    pub fn keep_known(&mut self, camera: &Camera, device: &GvDevice) {
+        let fresh = self.read_at.is_some_and(|at| at.elapsed() < STALE);
+        if fresh && self.problem.is_none() {
+            return;
+        }
+        self.read(camera, device);
+        if self.problem.is_some() {
+            // A clock that jumped goes on from there; one that stands still shows it now.
+            std::thread::sleep(Duration::from_millis(7));
+            self.read(camera, device);
+        }
+    }
+
+    fn read(&mut self, camera: &Camera, device: &GvDevice) {
+        self.read_at = Some(Instant::now());
+        let reading = self
+            .latch
+            .and_then(|latch| self.latched(latch, camera, device));
+        self.problem = reading.and_then(|reading| self.add(reading).err());
+    }
+
+    fn add(&mut self, reading: Reading) -> Result<(), String> {
+        self.newest_ns = reading.device_ns;
+        self.clock.add(reading)
+    }
+
+    fn latched(&self, latch: Latch, camera: &Camera, device: &GvDevice) -> Option<Reading> {
+        let feature = |command: &str, value: &str| {
+            camera.execute_command(command).ok()?;
+            let after = self.host.now();
+            Some((after, camera.integer(value).ok()?.max(0) as u64))
+        };
+        let before = self.host.now();
+        let (after, value) = match latch {
+            Latch::Standard => feature("TimestampLatch", "TimestampLatchValue")?,
+            Latch::Older => feature("GevTimestampControlLatch", "GevTimestampValue")?,
+            Latch::Registers => self.latch_registers(device)?,
+        };
+        let device_ns = match latch {
+            Latch::Standard => value,
+            Latch::Older | Latch::Registers => self.nanoseconds(value)?,
+        };
+        Some(Reading {
+            device_ns,
+            not_before: Some(before),
+            not_after: after,
+        })
+    }
+
+    fn latch_registers(&self, device: &GvDevice) -> Option<(Timestamp, u64)> {
+        let read = |register| device.read_register(register).ok().map(|(_, value)| value);
+        device.write_register(CONTROL, LATCH_BIT).ok()?;
+        let until = Instant::now() + LATCH_TIME;
+        // The bit falls back when the value is there.
+        while read(CONTROL)? & LATCH_BIT != 0 && Instant::now() < until {
+            std::thread::sleep(Duration::from_micros(100));
+        }
+        let after = self.host.now();
+        let value = u64::from(read(VALUE_HIGH)?) << 32 | u64::from(read(VALUE_LOW)?);
+        Some((after, value))
+    }
+
+    fn nanoseconds(&self, ticks: u64) -> Option<u64> {
+        let ns = u128::from(ticks) * 1_000_000_000;
+        let ns = ns.checked_div(u128::from(self.ticks_per_second))?;
+        u64::try_from(ns).ok()
+    }
+
+    /// The host's time of a frame's stamp. `not_before` is what is known otherwise, such as when it was triggered.
+    ///
+    /// # Errors
+    /// In words, if the stamp contradicts what is known: the clock stands still, ran back or jumped.
+    pub fn host_time(
+        &mut self,
+        stamp_ns: u64,
+        not_before: Option<Timestamp>,
+    ) -> Result<Timestamp, String> {
+        let not_after = self.host.now();
+        if self.latch.is_none() {
+            self.add(Reading {
+                device_ns: stamp_ns,
+                not_before,
+                not_after,
+            })?;
+        }
+        if let Some(problem) = &self.problem {
+            return Err(problem.clone());
+        }
+        let (time, uncertainty) = self
+            .clock
+            .host_time(stamp_ns)
+            .ok_or("its clock was never read")?;
+        let slack = SLACK_NS + i128::from(uncertainty.unwrap_or(0));
+        let late = time.nanoseconds_since(not_after);
+        let early = not_before.map_or(0, |t| t.nanoseconds_since(time));
+        let (ns, what) = if late > slack {
+            (late, "after it came")
+        } else if early > slack {
+            (early, "before its trigger")
+        } else {
+            return Ok(time);
+        };
+        // What is known of the clock may be what is wrong.
+        self.read_at = None;
+        Err(format!(
+            "a frame is stamped {:.1} ms {what}: its clock stands still or jumped",
+            ns as f64 / 1e6
+        ))
+    }
+
+    /// The camera's time at a moment of the host's, in nanoseconds; `None` before it was ever read.
+    pub fn device_time(&self, host: Timestamp) -> Option<u64> {
+        let (known, _) = self.clock.host_time(self.newest_ns)?;
+        let time = i128::from(self.newest_ns) + host.nanoseconds_since(known);
+        u64::try_from(time).ok()
+    }
+
+    /// The host's time at a moment of the camera's, unchecked; `None` before it was ever read.
+    pub fn host_of(&self, device_ns: u64) -> Option<Timestamp> {
+        self.clock.host_time(device_ns).map(|(time, _)| time)
+    }
+}

@@ -1,0 +1,206 @@
+//! A camera's frames as they come off the network: memory kept ready, each frame judged before it is believed, and
+//! copied once. Which frames are wanted is not known here.
+#![allow(unsafe_code)] // A frame is read where the library put it; the wrapper has that as a pointer only.
+
+use super::parameters::{Parameters, PixelFormat};
+use crate::drivers::live::{Fault, Pool, Tally};
+use crate::frame::Picture;
+use aravis::glib::prelude::Cast;
+use aravis::prelude::*;
+use aravis::{Buffer, BufferPayloadType, BufferStatus, Camera, GvStream, GvStreamPacketResend};
+use std::time::Duration;
+
+/// What every whole frame of a camera is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Layout {
+    /// Of its pixels.
+    pub format: PixelFormat,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Bytes as the camera counts them, with whatever it adds.
+    pub payload: usize,
+}
+
+/// A frame that came off the network.
+pub(super) enum Arrival {
+    /// Whole.
+    Whole(Buffer),
+    /// Damaged: why, and its stamp if that came through.
+    Damaged(String, Option<u64>),
+    /// No frame: memory that was handed back when a stream began or ended.
+    Nothing,
+}
+
+/// A camera's stream.
+pub(super) struct Frames {
+    stream: GvStream,
+    layout: Layout,
+    counted: Counts,
+}
+
+/// What the library has counted.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    resent: u64,
+    missing: u64,
+    underruns: u64,
+}
+
+/// How long a packet may be late before it is asked for again, and a frame before it is given up.
+const PACKET_TIMEOUT: Duration = Duration::from_millis(20);
+const FRAME_RETENTION: Duration = Duration::from_millis(200);
+
+impl Frames {
+    /// Opens the stream with memory for `parameters.buffers` frames.
+    ///
+    /// # Errors
+    /// If the library cannot.
+    pub fn open(camera: &Camera, parameters: &Parameters, layout: Layout) -> Result<Self, Fault> {
+        let away = |why: String| Fault::Away(format!("no stream: {why}"));
+        let stream = camera
+            .create_stream()
+            .map_err(|e| away(e.message().into()))?;
+        let stream = stream.downcast::<GvStream>();
+        let stream = stream.map_err(|_| away("not a GigE Vision camera".into()))?;
+        stream.set_packet_resend(match parameters.packet_resend {
+            Some(false) => GvStreamPacketResend::Never,
+            _ => GvStreamPacketResend::Always,
+        });
+        stream.set_packet_timeout(PACKET_TIMEOUT.as_micros() as u32);
+        stream.set_frame_retention(FRAME_RETENTION.as_micros() as u32);
+        for _ in 0..parameters.buffers.unwrap_or(6) {
+            stream.push_buffer(Buffer::new_allocate(layout.payload));
+        }
+        Ok(Self {
+            stream,
+            layout,
+            counted: Counts::default(),
+        })
+    }
+
+    /// What has come already; `None` if nothing has.
+    pub fn next(&self) -> Option<Arrival> {
+        self.stream
+            .try_pop_buffer()
+            .map(|buffer| self.judge(buffer))
+    }
+
+    /// What comes within `patience`.
+    pub fn wait(&self, patience: Duration) -> Option<Arrival> {
+        let patience = patience.as_micros().max(1) as u64;
+        let popped = self.stream.timeout_pop_buffer(patience);
+        popped.map(|buffer| self.judge(buffer))
+    }
+
+    /// Hands a frame's memory back, to be filled again.
+    pub fn give_back(&self, buffer: Buffer) {
+        self.stream.push_buffer(buffer);
+    }
+
+    /// Adds to `tally` what was lost since the last call.
+    pub fn count(&mut self, tally: &mut Tally) {
+        let (resent, missing) = self.stream.statistics();
+        let (_, _, underruns) = StreamExt::statistics(&self.stream);
+        let now = Counts {
+            resent,
+            missing,
+            underruns,
+        };
+        let last = std::mem::replace(&mut self.counted, now);
+        tally.resent_packets += now.resent.saturating_sub(last.resent);
+        tally.missing_packets += now.missing.saturating_sub(last.missing);
+        let dropped = now.underruns.saturating_sub(last.underruns);
+        if dropped > 0 {
+            tally
+                .lost
+                .push(format!("{dropped} frames came while no memory was ready"));
+        }
+    }
+
+    fn judge(&self, buffer: Buffer) -> Arrival {
+        let status = buffer.status();
+        match status {
+            BufferStatus::Success => {}
+            BufferStatus::Cleared | BufferStatus::Aborted | BufferStatus::Unknown => {
+                self.give_back(buffer);
+                return Arrival::Nothing;
+            }
+            _ => {
+                let stamp = Some(buffer.timestamp()).filter(|&ns| ns != 0);
+                self.give_back(buffer);
+                return Arrival::Damaged(damage(status), stamp);
+            }
+        }
+        // A packet that came twice has made damaged frames look whole (Aravis, bug 311): believe the numbers.
+        match self.contradiction(&buffer) {
+            None => Arrival::Whole(buffer),
+            Some(why) => {
+                let stamp = buffer.timestamp();
+                self.give_back(buffer);
+                Arrival::Damaged(why, Some(stamp))
+            }
+        }
+    }
+
+    /// What is not as it was set, in a frame that claims to be whole.
+    fn contradiction(&self, buffer: &Buffer) -> Option<String> {
+        let kind = buffer.payload_type();
+        if kind != BufferPayloadType::Image || buffer.n_parts() != 1 {
+            return Some(format!("a frame is no single picture but {kind:?}"));
+        }
+        let Layout { format, size, .. } = self.layout;
+        let found = (buffer.image_width(), buffer.image_height());
+        let code = buffer.image_pixel_format().raw();
+        if (found.0 as u32, found.1 as u32) != (size[0], size[1]) || code != format.code() {
+            return Some(format!(
+                "a frame is {}x{} of format 0x{code:08x}, expected {}x{} of 0x{:08x}",
+                found.0,
+                found.1,
+                size[0],
+                size[1],
+                format.code()
+            ));
+        }
+        let (bytes, expected) = (buffer.data().1, self.step(buffer) * size[1] as usize);
+        (bytes != expected).then(|| format!("a frame has {bytes} bytes, expected {expected}"))
+    }
+
+    /// Bytes from row to row: some cameras pad their rows.
+    fn step(&self, buffer: &Buffer) -> usize {
+        let padding = usize::try_from(buffer.image_padding().0).unwrap_or(0);
+        self.layout.size[0] as usize * self.layout.format.bytes() + padding
+    }
+
+    /// Copies a whole frame out and hands its memory back; `None` when the pool is used up.
+    pub fn copy(&self, buffer: Buffer, pool: &Pool) -> Option<Picture> {
+        let step = self.step(&buffer);
+        let (start, length) = buffer.data();
+        let copied = pool.take(length).map(|mut memory| {
+            // SAFETY: the library's contract (arv_buffer_get_data): `length` bytes at `start` are the frame, and live
+            // as long as the buffer, which is ours alone until it is handed back below.
+            let bytes = unsafe { std::slice::from_raw_parts(start, length) };
+            memory.write(bytes);
+            memory.freeze()
+        });
+        self.give_back(buffer);
+        Some(Picture::Raw {
+            width: self.layout.size[0],
+            height: self.layout.size[1],
+            encoding: self.layout.format.encoding().into(),
+            step: step as u32,
+            data: copied?,
+        })
+    }
+}
+
+/// What befell a frame.
+fn damage(status: BufferStatus) -> String {
+    match status {
+        BufferStatus::Timeout => "a frame did not come to its end".into(),
+        BufferStatus::MissingPackets => "a frame came with packets missing".into(),
+        BufferStatus::WrongPacketId => "a frame came with a packet of another".into(),
+        BufferStatus::SizeMismatch => "a frame was larger than its memory".into(),
+        BufferStatus::PayloadNotSupported => "a frame came in a form that is not read".into(),
+        other => format!("a frame came with status {other:?}"),
+    }
+}

@@ -1,0 +1,324 @@
+//! One GigE Vision camera of the library's own simulator, on an address of this machine: what it shows, its clock and
+//! its faults. Which camera shows what is not decided here.
+#![allow(unsafe_code)] // The simulator asks for its pictures through a C callback.
+
+use super::pictures::{Album, Pixels, Shown};
+use aravis::glib::translate::{FromGlibPtrNone, ToGlibPtr};
+use aravis::{Buffer, FakeCamera, GvFakeCamera};
+use std::ffi::c_void;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Registers of the simulator (`arvfakecamera.h`) and of every GigE Vision camera (GigE Vision 2.0, chapter 28).
+mod register {
+    pub const WIDTH: u32 = 0x100;
+    pub const HEIGHT: u32 = 0x104;
+    pub const SENSOR_HEIGHT: u32 = 0x118;
+    pub const SENSOR_WIDTH: u32 = 0x11c;
+    pub const PIXEL_FORMAT: u32 = 0x128;
+    pub const TRIGGER_MODE: u32 = 0x300;
+    pub const TRIGGER_SOURCE: u32 = 0x304;
+    pub const TRIGGER_SOFTWARE: u32 = 0x30c;
+    pub const TIMESTAMP_CONTROL: u32 = 0x944;
+    pub const TIMESTAMP_HIGH: u32 = 0x948;
+    pub const TIMESTAMP_LOW: u32 = 0x94c;
+}
+
+/// What a served camera shows and how it fails; outlives its stops.
+pub(super) struct Scene {
+    /// Its pictures.
+    pub album: Album,
+    /// The first of them, which says size and format.
+    pub first: Arc<Pixels>,
+    shown: Mutex<Shown>,
+    served: AtomicU64,
+    next: AtomicUsize,
+    delay_ns: AtomicU64,
+    frozen: Mutex<Option<u64>>,
+    broken: AtomicBool,
+}
+
+impl Scene {
+    /// Shows an album from its first capture on.
+    pub fn new(album: Album, first: Arc<Pixels>) -> Self {
+        Self {
+            album,
+            first,
+            shown: Mutex::new(Shown::CapturesFrom(0)),
+            served: AtomicU64::new(0),
+            next: AtomicUsize::new(0),
+            delay_ns: AtomicU64::new(0),
+            frozen: Mutex::new(None),
+            broken: AtomicBool::new(false),
+        }
+    }
+
+    /// Shows something else from the next picture on.
+    pub fn show(&self, shown: Shown) {
+        if let Shown::CapturesFrom(capture) = shown {
+            self.next.store(capture, Ordering::Relaxed);
+        }
+        *lock(&self.shown) = shown;
+    }
+
+    /// Pictures sent since the start.
+    pub fn served(&self) -> u64 {
+        self.served.load(Ordering::Acquire)
+    }
+
+    /// Whether a picture could not be read.
+    pub fn broken(&self) -> bool {
+        self.broken.load(Ordering::Relaxed)
+    }
+
+    /// How long each picture is held back after its exposure.
+    pub fn set_delay(&self, delay: Duration) {
+        self.delay_ns
+            .store(delay.as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    fn picture(&self) -> Option<Arc<Pixels>> {
+        let which = match *lock(&self.shown) {
+            Shown::Background => None,
+            Shown::CapturesFrom(_) => {
+                Some(self.next.fetch_add(1, Ordering::Relaxed) % self.album.len())
+            }
+        };
+        let picture = self.album.picture(which).ok();
+        self.broken.fetch_or(picture.is_none(), Ordering::Relaxed);
+        picture
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The clock of a camera: runs from when it was switched on, and may stand still.
+#[derive(Clone)]
+struct Clock {
+    begin: Instant,
+    scene: Arc<Scene>,
+}
+
+/// What a camera's clock shows when it is switched on, so that nobody takes it for the host's.
+const AT_BEGIN_NS: u64 = 3_600_000_000_000;
+
+impl Clock {
+    fn now_ns(&self) -> u64 {
+        let frozen = *lock(&self.scene.frozen);
+        frozen.unwrap_or(AT_BEGIN_NS + self.begin.elapsed().as_nanos() as u64)
+    }
+}
+
+/// A camera that is switched on.
+pub(super) struct Player {
+    // Goes first: its thread uses what follows.
+    simulator: GvFakeCamera,
+    registers: FakeCamera,
+    clock: Clock,
+    _context: Box<Context>,
+}
+
+/// What the callback is given.
+struct Context {
+    clock: Clock,
+}
+
+impl Player {
+    /// Switches a camera on; `None` if the simulator does not start.
+    pub fn start(
+        address: &str,
+        serial: &str,
+        features: Option<&str>,
+        polls_per_second: f64,
+        scene: Arc<Scene>,
+    ) -> Option<Self> {
+        let simulator = GvFakeCamera::new_full(Some(address), Some(serial), features);
+        let registers = simulator.fake_camera().filter(|_| simulator.is_running())?;
+        let clock = Clock {
+            begin: Instant::now(),
+            scene,
+        };
+        let context = Box::new(Context {
+            clock: clock.clone(),
+        });
+        // SAFETY: the callback's signature is the library's; the context lives as long as the simulator, whose thread is
+        // joined when it is dropped, before the context is.
+        unsafe {
+            aravis_sys::arv_fake_camera_set_fill_pattern(
+                registers.to_glib_none().0,
+                Some(fill),
+                (&raw const *context).cast_mut().cast(),
+            );
+        }
+        let first = clock.scene.first.clone();
+        for (register, value) in [
+            (register::SENSOR_WIDTH, first.width),
+            (register::SENSOR_HEIGHT, first.height),
+            (register::WIDTH, first.width),
+            (register::HEIGHT, first.height),
+            (register::PIXEL_FORMAT, first.code),
+        ] {
+            registers.write_register(register, value);
+        }
+        registers.set_trigger_frequency(polls_per_second);
+        Some(Self {
+            simulator,
+            registers,
+            clock,
+            _context: context,
+        })
+    }
+
+    /// Loses this part of its packets.
+    pub fn set_loss(&self, ratio: f64) {
+        self.simulator.set_gvsp_lost_ratio(ratio);
+    }
+
+    /// Stops its clock, or lets it go on.
+    pub fn freeze_clock(&self, frozen: bool) {
+        let now = frozen.then(|| self.clock.now_ns());
+        *lock(&self.clock.scene.frozen) = now;
+    }
+
+    /// Latches the clock where that was asked for, as a camera's hardware does.
+    pub fn latch(&self) {
+        if self
+            .registers
+            .read_register(register::TIMESTAMP_CONTROL)
+            .unwrap_or(0)
+            & 2
+            != 0
+        {
+            let now = self.clock.now_ns();
+            self.registers
+                .write_register(register::TIMESTAMP_HIGH, (now >> 32) as u32);
+            self.registers
+                .write_register(register::TIMESTAMP_LOW, now as u32);
+            self.registers
+                .write_register(register::TIMESTAMP_CONTROL, 0);
+        }
+    }
+
+    /// Its line, which can be pulsed while the camera goes on.
+    pub fn line(&self) -> Line {
+        Line {
+            registers: self.registers.clone(),
+            scene: self.clock.scene.clone(),
+        }
+    }
+
+    /// A register's value.
+    pub fn read_register(&self, address: u32) -> Option<u32> {
+        self.registers.read_register(address)
+    }
+
+    /// Writes a register, as if the camera did.
+    pub fn write_register(&self, address: u32, value: u32) {
+        self.registers.write_register(address, value);
+    }
+}
+
+/// The line of a camera.
+pub(super) struct Line {
+    registers: FakeCamera,
+    scene: Arc<Scene>,
+}
+
+impl Line {
+    /// Gives a pulse; whether it took a picture. The simulator has no lines, so the pulse is a software trigger that the
+    /// client knows nothing of.
+    pub fn pulse(&self) -> bool {
+        let read = |register| self.registers.read_register(register).unwrap_or(0);
+        if read(register::TRIGGER_MODE) != 1 || read(register::TRIGGER_SOURCE) != 0 {
+            return false;
+        }
+        let before = self.scene.served();
+        self.registers.write_register(register::TRIGGER_SOFTWARE, 1);
+        self.registers.write_register(register::TRIGGER_SOURCE, 1);
+        let until = Instant::now() + Duration::from_secs(1);
+        while self.scene.served() == before && Instant::now() < until {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        self.registers.write_register(register::TRIGGER_SOURCE, 0);
+        self.scene.served() > before
+    }
+}
+
+/// Fills a picture, on the simulator's thread.
+unsafe extern "C" fn fill(
+    buffer: *mut aravis_sys::ArvBuffer,
+    context: *mut c_void,
+    _exposure: u32,
+    _gain: u32,
+    format: u32,
+) {
+    let _ = catch_unwind(AssertUnwindSafe(|| {
+        // SAFETY: the context that was registered with this callback; see `Player::start`.
+        let context = unsafe { &*context.cast::<Context>() };
+        // SAFETY: the library lends its buffer for the time of this call.
+        let buffer = unsafe { Buffer::from_glib_none(buffer) };
+        buffer.set_timestamp(context.clock.now_ns());
+        let (width, height) = (buffer.image_width(), buffer.image_height());
+        let bits = (format >> 16 & 0xff) as usize;
+        let length = width.max(0) as usize * height.max(0) as usize * bits / 8;
+        // SAFETY: before it calls, the library checks that the buffer has room for width x height pixels of the format
+        // in its registers (arv_fake_camera_fill_buffer), which are what is read here, on the same thread.
+        let pixels = unsafe { std::slice::from_raw_parts_mut(buffer.data().0, length) };
+        let scene = &context.clock.scene;
+        match scene.picture().filter(|picture| picture.code == format) {
+            Some(picture) => crop(
+                &picture,
+                (buffer.image_x(), buffer.image_y()),
+                width,
+                pixels,
+            ),
+            None => pixels.fill(0),
+        }
+        std::thread::sleep(Duration::from_nanos(scene.delay_ns.load(Ordering::Relaxed)));
+        scene.served.fetch_add(1, Ordering::Release);
+    }));
+}
+
+/// Copies the part of a picture that a client asked for; beyond its edges it is black.
+fn crop(picture: &Pixels, offset: (i32, i32), width: i32, out: &mut [u8]) {
+    let bytes = picture.pixel_bytes();
+    let row = picture.width as usize * bytes;
+    let begin = (offset.0.max(0) as usize * bytes).min(row);
+    let rows = picture
+        .data
+        .chunks_exact(row)
+        .skip(offset.1.max(0) as usize);
+    let mut rows = rows.map(|row| &row[begin..]);
+    for out in out.chunks_exact_mut((width.max(1) as usize) * bytes) {
+        let from = rows.next().unwrap_or_default();
+        let shown = from.len().min(out.len());
+        out[..shown].copy_from_slice(&from[..shown]);
+        out[shown..].fill(0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_region_is_cut_out_and_black_beyond_the_picture() {
+        let picture = Pixels {
+            width: 3,
+            height: 2,
+            code: 0x0108_0001,
+            data: vec![1, 2, 3, 4, 5, 6].into(),
+        };
+        let mut out = [9; 4];
+        crop(&picture, (1, 1), 2, &mut out);
+        assert_eq!(out, [5, 6, 0, 0]);
+        crop(&picture, (2, 0), 2, &mut out);
+        assert_eq!(out, [3, 0, 6, 0]);
+        crop(&picture, (7, 7), 2, &mut out);
+        assert_eq!(out, [0; 4]);
+    }
+}

@@ -1,0 +1,225 @@
+//! What is served is what is received, whatever starts an exposure.
+
+use crate::network::alone;
+use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};
+use scand::drivers::aravis::{Parameters, TriggerMode};
+use scand::drivers::live::Fault;
+use scand::simulate::serve::Shown;
+use std::time::{Duration, Instant};
+
+#[test]
+fn each_trigger_gives_the_picture_that_is_served_byte_for_byte() {
+    alone(
+        "frames::each_trigger_gives_the_picture_that_is_served_byte_for_byte",
+        || {
+            let stand = Stand::new([64, 48]);
+            for (camera, (name, encoding, bytes)) in CAMERAS.iter().enumerate() {
+                let mut device = stand.open(name, stand.parameters(name)).unwrap();
+                let confirmed = device.confirmed();
+                assert_eq!(
+                    (confirmed.size, confirmed.encoding.as_str()),
+                    ([64, 48], *encoding)
+                );
+                assert_eq!(confirmed.frame_bytes, u64::from(64 * 48 * bytes));
+                assert!(confirmed.identity.contains(name), "{}", confirmed.identity);
+                assert!(confirmed.remarks.is_empty(), "{:?}", confirmed.remarks);
+                for number in 0..2 * CAPTURES {
+                    let (shot, frames, tally) = stand.shoot(device.as_mut(), number as u64);
+                    let tally = tally.unwrap();
+                    assert_eq!(tally, Default::default());
+                    assert_eq!(frames.len(), 1);
+                    assert!(
+                        stand.is_picture(&frames[0], camera, number % CAPTURES),
+                        "{name} {number}"
+                    );
+                    let after = milliseconds_after(&shot, &frames[0]);
+                    assert!(
+                        (-6.0..150.0).contains(&after),
+                        "stamped {after} ms after the trigger"
+                    );
+                }
+                assert_eq!(stand.rig.served(&id(name)).unwrap(), 2 * CAPTURES as u64);
+                stand.rig.show(Shown::Background);
+                let (_, frames, _) = stand.shoot(device.as_mut(), 99);
+                assert!(stand.is_picture(&frames[0], camera, 99));
+                stand.rig.show(Shown::CapturesFrom(0));
+            }
+            let memory = stand.pool.allocated();
+            assert!(
+                memory <= 2 * 64 * 48 * 3,
+                "{memory} bytes of the pool for one frame at a time"
+            );
+        },
+    );
+}
+
+#[test]
+fn a_camera_is_found_by_its_serial_number_and_no_other_is_taken_for_it() {
+    alone(
+        "frames::a_camera_is_found_by_its_serial_number_and_no_other_is_taken_for_it",
+        || {
+            let stand = Stand::new([64, 48]);
+            let by_serial = |serial: &str| Parameters {
+                serial: Some(serial.into()),
+                packet_size: Some(8000),
+                ..Parameters::default()
+            };
+            let mut device = stand.open("c01", by_serial("c01")).unwrap();
+            let (_, frames, _) = stand.shoot(device.as_mut(), 1);
+            assert!(stand.is_picture(&frames[0], 1, 0));
+            let second = stand.open("c01", stand.parameters("c01")).err().unwrap();
+            assert!(
+                matches!(&second, Fault::Away(why) if why.contains("another program")),
+                "{second}"
+            );
+            let nobody = stand.open("c09", by_serial("c09")).err().unwrap();
+            assert!(
+                matches!(&nobody, Fault::Away(why) if why.contains("c00, c01, c02")),
+                "{nobody}"
+            );
+            let wrong = Parameters {
+                serial: Some("c02".into()),
+                ..stand.parameters("c00")
+            };
+            let wrong = stand.open("c02", wrong).err().unwrap();
+            assert!(matches!(wrong, Fault::Refused { .. }), "{wrong}");
+            let begin = Instant::now();
+            let absent = Parameters {
+                address: Some([127, 0, 1, 9].into()),
+                ..Parameters::default()
+            };
+            let absent = stand.open("c09", absent).err().unwrap();
+            assert!(
+                matches!(&absent, Fault::Away(why) if why.contains("127.0.1.9")),
+                "{absent}"
+            );
+            assert!(
+                begin.elapsed() < Duration::from_secs(2),
+                "{:?}",
+                begin.elapsed()
+            );
+        },
+    );
+}
+
+#[test]
+fn a_line_exposes_without_the_daemon() {
+    alone("frames::a_line_exposes_without_the_daemon", || {
+        let stand = Stand::new([64, 48]);
+        let parameters = Parameters {
+            trigger: Some(TriggerMode::Line),
+            trigger_source: Some("Line0".into()),
+            ..stand.parameters("c00")
+        };
+        let mut device = stand.open("c00", parameters).unwrap();
+        // A pulse that nobody asked for, long before.
+        assert!(stand.rig.pulse_line(&id("c00")));
+        device.idle().unwrap();
+        std::thread::sleep(Duration::from_millis(120));
+        // The pulse comes shortly before the daemon hears of it.
+        assert!(stand.rig.pulse_line(&id("c00")));
+        let (shot, frames, tally) = stand.shoot(device.as_mut(), 1);
+        assert_eq!(frames.len(), 1, "{tally:?}");
+        assert!(stand.is_picture(&frames[0], 0, 1));
+        assert!((-50.0..1.0).contains(&milliseconds_after(&shot, &frames[0])));
+        // And after it.
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(Duration::from_millis(100));
+                assert!(stand.rig.pulse_line(&id("c00")));
+            });
+            let (shot, frames, tally) = stand.shoot(device.as_mut(), 2);
+            assert_eq!(frames.len(), 1, "{tally:?}");
+            assert!(stand.is_picture(&frames[0], 0, 2));
+            assert!(milliseconds_after(&shot, &frames[0]) > 80.0);
+        });
+        let (_, frames, tally) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));
+        assert!(frames.is_empty());
+        assert!(tally.unwrap().lost[0].contains("no frame came"));
+    });
+}
+
+#[test]
+fn a_free_running_camera_gives_the_frames_around_a_trigger() {
+    alone(
+        "frames::a_free_running_camera_gives_the_frames_around_a_trigger",
+        || {
+            let stand = Stand::new([64, 48]);
+            let parameters = Parameters {
+                trigger: Some(TriggerMode::FreeRun),
+                frame_rate: Some(25.0),
+                ..stand.parameters("c00")
+            };
+            let mut device = stand.open("c00", parameters).unwrap();
+            for number in 0..5 {
+                let until = Instant::now() + Duration::from_millis(300);
+                while Instant::now() < until {
+                    std::thread::sleep(device.idle_period());
+                    device.idle().unwrap();
+                }
+                let (shot, frames, tally) = stand.shoot(device.as_mut(), number);
+                assert_eq!(frames.len(), 2, "{tally:?}");
+                let times: Vec<f64> = frames
+                    .iter()
+                    .map(|f| milliseconds_after(&shot, f))
+                    .collect();
+                assert!(times[0] < 0.0 && times[0] > -60.0, "{times:?}");
+                assert!(times[1] >= 0.0 && times[1] < 60.0, "{times:?}");
+                let first = (0..CAPTURES)
+                    .find(|&k| stand.is_picture(&frames[0], 0, k))
+                    .unwrap();
+                assert!(stand.is_picture(&frames[1], 0, (first + 1) % CAPTURES));
+            }
+        },
+    );
+}
+
+#[test]
+fn a_part_of_the_sensor_is_read_where_that_is_asked_for() {
+    alone(
+        "frames::a_part_of_the_sensor_is_read_where_that_is_asked_for",
+        || {
+            use scand::drivers::aravis::Region;
+            use scand::frame::Picture;
+            let stand = Stand::new([64, 48]);
+            let region = Region {
+                x: 8,
+                y: 4,
+                width: 16,
+                height: 12,
+            };
+            let parameters = Parameters {
+                region: Some(region),
+                ..stand.parameters("c02")
+            };
+            let mut device = stand.open("c02", parameters).unwrap();
+            assert_eq!(device.confirmed().size, [16, 12]);
+            let (_, frames, _) = stand.shoot(device.as_mut(), 1);
+            let whole = crate::stand::pixels(2, 0, [64, 48], 1);
+            let expected: Vec<u8> = (4..16)
+                .flat_map(|y| whole[y * 64 + 8..y * 64 + 24].to_vec())
+                .collect();
+            let Picture::Raw { data, .. } = &frames[0].picture else {
+                panic!("not raw")
+            };
+            assert_eq!(data[..], expected[..]);
+        },
+    );
+}
+
+#[test]
+fn triggers_may_be_rare() {
+    alone("frames::triggers_may_be_rare", || {
+        let stand = Stand::new([64, 48]);
+        let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
+        for number in 0..2 {
+            let until = Instant::now() + Duration::from_secs(10);
+            while Instant::now() < until {
+                std::thread::sleep(device.idle_period());
+                device.idle().unwrap();
+            }
+            let (_, frames, tally) = stand.shoot(device.as_mut(), number);
+            assert_eq!((frames.len(), tally), (1, Ok(Default::default())));
+        }
+    });
+}
