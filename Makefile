@@ -3,10 +3,10 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo deps test bench lint
+.PHONY: help demo deps test bench lint kinect-driver
 
 help: ## what there is to make
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
 
 demo: ## reconstruct a recording and say where the model lies
 	$(CARGO) run --release -- --replay $(RECORDING)
@@ -24,3 +24,6 @@ lint: ## format, clippy and documentation without warnings
 	$(CARGO) fmt --all -- --check
 	$(CARGO) clippy --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+
+kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
+	scripts/kinect-driver.sh
