@@ -6,3 +6,4 @@ pub mod live;
 pub mod number;
 pub mod openni2;
 pub mod replay;
+pub mod v4l2;

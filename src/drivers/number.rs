@@ -24,13 +24,42 @@ pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u
 /// # Errors
 /// If they are not.
 pub fn optional_size<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 2]>, D::Error> {
-    let found = <[i64; 2]>::deserialize(from)?;
-    if !found.iter().all(|n| (1..=16384).contains(n)) {
-        return Err(D::Error::custom(format!(
+    // A fixed array would leave out what is too many.
+    let found = Vec::<i64>::deserialize(from)?;
+    match found[..] {
+        [width @ 1..=16384, height @ 1..=16384] => Ok(Some([width as u32, height as u32])),
+        _ => Err(D::Error::custom(format!(
             "{found:?}, expected a width and a height from 1 to 16384"
+        ))),
+    }
+}
+
+/// Seconds above 0, an hour's at most.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn optional_seconds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let found = f64::deserialize(from)?;
+    if !(found > 0.0 && found <= 3600.0) {
+        return Err(D::Error::custom(format!(
+            "{found}, expected seconds above 0 and up to 3600"
         )));
     }
-    Ok(Some(found.map(|n| n as u32)))
+    Ok(Some(found))
+}
+
+/// Frames in a second, above 0 and up to 1000.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let found = f64::deserialize(from)?;
+    if !(found > 0.0 && found <= 1000.0) {
+        return Err(D::Error::custom(format!(
+            "{found}, expected frames in a second above 0 and up to 1000"
+        )));
+    }
+    Ok(Some(found))
 }
 
 /// Milliseconds from 0 to an hour's.
