@@ -21,7 +21,8 @@ fi
 export DEBIAN_FRONTEND=noninteractive
 # libfreenect0.5 brings the rules by which the group plugdev may use the camera.
 packages=(cmake g++ make libusb-1.0-0-dev libopenni2-0 libfreenect0.5)
-if ! dpkg-query -W "${packages[@]}" >/dev/null 2>&1; then
+installed=$(dpkg-query -W -f '${Status}\n' "${packages[@]}" 2>/dev/null | grep -c 'ok installed' || true)
+if [ "$installed" -ne ${#packages[@]} ]; then
 	say "installing ${packages[*]}"
 	apt-get update -qq
 	apt-get install -y -qq --no-install-recommends "${packages[@]}" >/dev/null
