@@ -1,16 +1,50 @@
 #!/usr/bin/env bash
-# Installs what the tests need beyond Rust and a C compiler, once: a C compiler itself where there is none,
-# and the Khronos validator for the models. What cannot be installed without root is named, not hidden.
+# Installs what the tests need beyond Rust and a C compiler, once: a C compiler itself where there is none, Debian's
+# libraries of the live cameras, a camera simulator, and the Khronos validator for the models. What cannot be installed
+# without root is named, not hidden.
 set -euo pipefail
 cd "$(dirname "$0")"
 
-if ! command -v cc >/dev/null; then
+# Installs the Debian packages that are not there yet.
+need() {
+	local missing=() package
+	for package in "$@"; do
+		if ! dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed'; then
+			missing+=("$package")
+		fi
+	done
+	if [ ${#missing[@]} -eq 0 ]; then
+		return
+	fi
 	if [ "$(id -u)" -ne 0 ]; then
-		echo "deps: no C compiler: run 'apt-get install gcc libc6-dev' as root" >&2
+		echo "deps: run 'apt-get install ${missing[*]}' as root" >&2
 		exit 1
 	fi
 	apt-get update -qq
-	apt-get install -y -qq gcc libc6-dev
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}"
+}
+
+if ! command -v cc >/dev/null; then
+	need gcc libc6-dev
+fi
+
+# GigE Vision cameras. Debian's libaravis-dev forgets that its pkg-config file needs libusb's.
+need pkg-config libaravis-dev libusb-1.0-0-dev
+# Tests on networks of their own.
+need iproute2 util-linux
+
+# The stand-alone camera simulator is in a package that would bring a desktop along; the program alone needs none of it.
+simulator=arv-fake-gv-camera-0.8
+if ! command -v $simulator >/dev/null && [ ! -x aravis-tools/usr/bin/$simulator ]; then
+	unpacked=$(mktemp -d)
+	# Without root, too, but for the lists of packages.
+	if ! (cd "$unpacked" && apt-get download -qq aravis-tools); then
+		echo "deps: cannot download the package aravis-tools: run 'apt-get update' as root" >&2
+		exit 1
+	fi
+	dpkg-deb -x "$unpacked"/aravis-tools_*.deb "$unpacked/x"
+	install -D "$unpacked/x/usr/bin/$simulator" aravis-tools/usr/bin/$simulator
+	rm -r "$unpacked"
 fi
 
 if command -v npm >/dev/null; then

@@ -75,7 +75,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             let before = until(&events, Duration::from_secs(10), ready);
             // Nobody triggers: it is named within 10 s all the same.
             let stopped = Instant::now();
-            stand.rig.stop_camera(&id("c00"));
+            stand.rig.stop_camera(&id("c00")).unwrap();
             let fault = until(&events, Duration::from_secs(10), |event| match event {
                 Event::Away { fault, .. } => Some(fault),
                 _ => None,
@@ -92,7 +92,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
                     .any(|[name, ..]| name.starts_with("ExposureTime"))
             );
             // Stopped and triggered at once: the shot says so.
-            stand.rig.stop_camera(&id("c00"));
+            stand.rig.stop_camera(&id("c00")).unwrap();
             assert!(camera.shoot(stand.shot(7, Duration::from_secs(1))));
             let outcome = until(&events, Duration::from_secs(10), |event| match event {
                 Event::Answered { shot: 7, outcome } => Some(outcome),

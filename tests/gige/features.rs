@@ -1,9 +1,11 @@
 //! Settings: taken, or refused with the camera's own answer.
 
+use crate::description;
 use crate::network::alone;
-use crate::stand::Stand;
+use crate::stand::{Stand, id};
 use scand::drivers::aravis::{FeatureValue, Parameters, PixelFormat, Region, TriggerMode};
 use scand::drivers::live::Fault;
+use scand::simulate::serve::ColorOptions;
 
 #[test]
 fn what_a_camera_does_not_take_is_refused_with_its_answer() {
@@ -177,4 +179,72 @@ fn settings_are_read_back_for_the_recording() {
             assert!(!name.is_empty() && !asked.is_empty() && !found.is_empty());
         }
     });
+}
+
+#[test]
+fn a_camera_with_all_features_is_set_as_asked() {
+    alone(
+        "features::a_camera_with_all_features_is_set_as_asked",
+        || {
+            let folder = tempfile::tempdir().unwrap();
+            let options = ColorOptions {
+                features: Some(description::write(folder.path())),
+                ..ColorOptions::default()
+            };
+            let stand = Stand::with([64, 48], options);
+            let camera = id("c00");
+            // As the last user left it.
+            stand
+                .rig
+                .set_register(&camera, description::EXPOSURE_AUTO, 1);
+            stand
+                .rig
+                .set_register(&camera, description::BALANCE_AUTO, 1);
+            let all = Parameters {
+                exposure: Some(0.002),
+                gain_db: Some(6.5),
+                white_balance: Some([1.75, 1.0, 2.5]),
+                transmission_delay_ns: Some(123_000),
+                features: Some([("Coarse".into(), FeatureValue::Integer(8))].into()),
+                ..stand.parameters("c00")
+            };
+            let device = stand.open("c00", all.clone()).unwrap();
+            let settings = device.confirmed().settings.clone().unwrap();
+            assert_eq!(settings.gain_db, Some(6.5));
+            assert_eq!(settings.white_balance, Some([1.75, 1.0, 2.5]));
+            let register = |address| stand.rig.register(&camera, address).unwrap();
+            assert_eq!(register(description::EXPOSURE_AUTO), 0);
+            assert_eq!(register(description::BALANCE_AUTO), 0);
+            assert_eq!(register(description::TRANSMISSION_DELAY), 123_000);
+            drop(device);
+            // Automatic where it is asked for.
+            let automatic = Parameters {
+                auto_exposure: Some(true),
+                ..stand.parameters("c00")
+            };
+            drop(stand.open("c00", automatic).unwrap());
+            assert_eq!(register(description::EXPOSURE_AUTO), 1);
+            // Taken in part only.
+            let coarse = Parameters {
+                features: Some([("Coarse".into(), FeatureValue::Integer(7))].into()),
+                ..all.clone()
+            };
+            match stand.open("c00", coarse).err().unwrap() {
+                Fault::Refused {
+                    field,
+                    asked,
+                    found,
+                } => {
+                    assert_eq!([field, asked, found], ["Coarse", "7", "4"]);
+                }
+                other => panic!("{other}"),
+            }
+            let loud = Parameters {
+                gain_db: Some(30.0),
+                ..all
+            };
+            let loud = stand.open("c00", loud).err().unwrap().to_string();
+            assert!(loud.contains("0 to 24"), "{loud}");
+        },
+    );
 }

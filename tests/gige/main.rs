@@ -1,8 +1,11 @@
 //! The GigE Vision driver against cameras that the library's own simulator plays over the real protocol. Each test has a
 //! network of its own.
 
+mod action;
+mod description;
 mod faults;
 mod features;
 mod frames;
 mod network;
 mod stand;
+mod stranger;

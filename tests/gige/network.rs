@@ -13,6 +13,14 @@ pub fn alone(name: &str, body: impl FnOnce()) {
     inside(name, "exec \"$0\" \"$@\"");
 }
 
+/// The same without the right to raw sockets, as an unprivileged daemon is.
+pub fn alone_without_raw_sockets(name: &str, body: impl FnOnce()) {
+    if std::env::var_os(INSIDE).is_some() {
+        return body();
+    }
+    inside(name, "exec setpriv --bounding-set=-net_raw \"$0\" \"$@\"");
+}
+
 fn inside(name: &str, run: &str) {
     let script = format!(
         "ip link set lo up || exit 1\n\

@@ -488,6 +488,10 @@ impl OpenCamera {
             TriggerMode::FreeRun => self.shoot_free_run(shot, &mut tally, take),
         };
         self.frames.count(&mut tally);
+        if let Some(precision_time) = &self.precision_time {
+            let (Ok(words) | Err(words)) = precision_time.state(&self.camera);
+            tally.remarks.push(words);
+        }
         outcome.map(|()| tally)
     }
 

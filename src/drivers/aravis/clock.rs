@@ -132,12 +132,14 @@ impl CameraClock {
         device.write_register(CONTROL, LATCH_BIT).ok()?;
         let until = Instant::now() + LATCH_TIME;
         // The bit falls back when the value is there.
-        while read(CONTROL)? & LATCH_BIT != 0 && Instant::now() < until {
-            std::thread::sleep(Duration::from_micros(100));
+        let mut done = false;
+        while !done && Instant::now() < until {
+            done = read(CONTROL)? & LATCH_BIT == 0;
         }
         let after = self.host.now();
         let value = u64::from(read(VALUE_HIGH)?) << 32 | u64::from(read(VALUE_LOW)?);
-        Some((after, value))
+        let is_old = !done && self.nanoseconds(value) == Some(self.newest_ns);
+        (!is_old).then_some((after, value))
     }
 
     fn nanoseconds(&self, ticks: u64) -> Option<u64> {

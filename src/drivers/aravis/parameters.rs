@@ -72,7 +72,7 @@ pub struct Parameters {
     pub ptp_within_ns: Option<u64>,
     /// Which moment its timestamps are of; default `start`.
     pub exposure_mark: Option<ExposureMark>,
-    /// Frames that memory is kept ready for, 2 to 64; default 6.
+    /// Frames that memory is kept ready for, 2 to 64; default 3, and 8 with `line` and `free-run`.
     pub buffers: Option<u32>,
     /// Other features by the camera's own names, set before everything else.
     pub features: Option<BTreeMap<String, FeatureValue>>,
@@ -236,6 +236,14 @@ impl Parameters {
     /// What starts an exposure.
     pub fn trigger_mode(&self) -> TriggerMode {
         self.trigger.unwrap_or_default()
+    }
+
+    /// Frames that memory is kept ready for.
+    pub fn buffer_count(&self) -> u32 {
+        self.buffers.unwrap_or(match self.trigger_mode() {
+            TriggerMode::Software | TriggerMode::Action => 3,
+            TriggerMode::Line | TriggerMode::FreeRun => 8,
+        })
     }
 
     /// How the camera is told from others, in words.

@@ -51,7 +51,7 @@ const PACKET_TIMEOUT: Duration = Duration::from_millis(20);
 const FRAME_RETENTION: Duration = Duration::from_millis(200);
 
 impl Frames {
-    /// Opens the stream with memory for `parameters.buffers` frames.
+    /// Opens the stream with memory for some frames.
     ///
     /// # Errors
     /// If the library cannot.
@@ -68,7 +68,7 @@ impl Frames {
         });
         stream.set_packet_timeout(PACKET_TIMEOUT.as_micros() as u32);
         stream.set_frame_retention(FRAME_RETENTION.as_micros() as u32);
-        for _ in 0..parameters.buffers.unwrap_or(6) {
+        for _ in 0..parameters.buffer_count() {
             stream.push_buffer(Buffer::new_allocate(layout.payload));
         }
         Ok(Self {

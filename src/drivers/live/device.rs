@@ -59,6 +59,8 @@ pub struct Tally {
     pub missing_packets: u64,
     /// Frames that came whole and were no part of the shot.
     pub unused: u64,
+    /// What an operator should know although nothing was lost, such as how far a camera's clock is off the network's.
+    pub remarks: Vec<String>,
 }
 
 /// A camera as it is open, everything read back from it.

@@ -48,10 +48,10 @@ pub struct ColorRig {
     captures: Vec<Timestamp>,
     options: ColorOptions,
     ended: Arc<AtomicBool>,
-    clocks: Option<JoinHandle<()>>,
+    hardware: Option<JoinHandle<()>>,
 }
 
-/// The cameras that are switched on; shared with the thread that latches their clocks.
+/// The cameras that are switched on; shared with the thread that plays their hardware.
 type Players = Arc<Mutex<BTreeMap<CameraId, Player>>>;
 
 /// A camera's place, which stays while the camera is off.
@@ -59,6 +59,8 @@ struct Station {
     address: Ipv4Addr,
     serial: String,
     scene: Arc<Scene>,
+    /// Takes what is sent to a camera that is off, and says nothing: an unplugged camera sends no refusal either.
+    silence: Mutex<Option<UdpSocket>>,
 }
 
 const GVCP_PORT: u16 = 3956;
@@ -79,6 +81,7 @@ impl ColorRig {
                 address: address.into(),
                 serial: serial(&id, i),
                 scene: Arc::new(Scene::new(album, first)),
+                silence: Mutex::default(),
             };
             stations.insert(id, station);
         }
@@ -88,13 +91,13 @@ impl ColorRig {
             captures: captures.times,
             options,
             ended: Arc::default(),
-            clocks: None,
+            hardware: None,
         };
         let ids: Vec<CameraId> = rig.stations.keys().cloned().collect();
         for id in &ids {
             rig.start_camera(id)?;
         }
-        rig.clocks = Some(rig.run_clocks()?);
+        rig.hardware = Some(rig.run_hardware()?);
         Ok(rig)
     }
 
@@ -110,10 +113,17 @@ impl ColorRig {
     }
 
     /// Switches a camera off, as if it was unplugged.
-    pub fn stop_camera(&self, id: &CameraId) {
+    ///
+    /// # Errors
+    /// If there is no such camera.
+    pub fn stop_camera(&self, id: &CameraId) -> Result<(), Error> {
+        let station = self.station(id)?;
         let stopped = self.players().remove(id);
-        // Its thread is joined without holding up the others' clocks.
+        // Its thread is joined without holding up the others.
         drop(stopped);
+        let silence = UdpSocket::bind((station.address, GVCP_PORT));
+        *lock(&station.silence) = silence.ok();
+        Ok(())
     }
 
     /// Switches a camera on again; one that is on stays so.
@@ -127,6 +137,7 @@ impl ColorRig {
         let station = self.station(id)?;
         let unservable =
             |why: String| Error::Unservable(format!("camera {id} on {}: {why}", station.address));
+        *lock(&station.silence) = None;
         // The simulator would not tell.
         let free = UdpSocket::bind((station.address, GVCP_PORT));
         drop(free.map_err(|e| unservable(e.to_string()))?);
@@ -166,6 +177,11 @@ impl ColorRig {
         self.with(id, |player| player.freeze_clock(frozen));
     }
 
+    /// What the clock of a camera that is on shows, in nanoseconds.
+    pub fn clock_ns(&self, id: &CameraId) -> Option<u64> {
+        self.with(id, Player::clock_ns)
+    }
+
     /// Shows something else to all cameras from their next picture on.
     pub fn show(&self, shown: Shown) {
         for station in self.stations.values() {
@@ -173,7 +189,7 @@ impl ColorRig {
         }
     }
 
-    /// A pulse on a camera's line; whether the camera waited for one and took a picture.
+    /// A pulse on what triggers a camera; whether it waited for one other than the software's and took a picture.
     pub fn pulse_line(&self, id: &CameraId) -> bool {
         let line = self.with(id, Player::line);
         line.is_some_and(|line| line.pulse())
@@ -203,7 +219,7 @@ impl ColorRig {
     }
 
     fn players(&self) -> MutexGuard<'_, BTreeMap<CameraId, Player>> {
-        self.players.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.players)
     }
 
     fn with<T>(&self, id: &CameraId, f: impl FnOnce(&Player) -> T) -> Option<T> {
@@ -215,30 +231,36 @@ impl ColorRig {
         station.ok_or_else(|| Error::Unservable(format!("there is no colour camera {id}")))
     }
 
-    /// A thread that latches the cameras' clocks.
-    fn run_clocks(&self) -> Result<JoinHandle<()>, Error> {
+    /// A thread that does what cameras' hardware does at once, and the simulator late or not at all.
+    fn run_hardware(&self) -> Result<JoinHandle<()>, Error> {
         let (players, ended) = (self.players.clone(), self.ended.clone());
         let run = move || {
             while !ended.load(Ordering::Relaxed) {
-                let players = players.lock().unwrap_or_else(PoisonError::into_inner);
-                players.values().for_each(Player::latch);
+                let players = lock(&players);
+                players.values().for_each(Player::look);
                 drop(players);
                 std::thread::sleep(Duration::from_micros(500));
             }
         };
-        let thread = std::thread::Builder::new().name("clocks".into()).spawn(run);
-        thread.map_err(|e| Error::Unservable(format!("no thread for the clocks: {e}")))
+        let thread = std::thread::Builder::new()
+            .name("hardware".into())
+            .spawn(run);
+        thread.map_err(|e| Error::Unservable(format!("no thread for the cameras' hardware: {e}")))
     }
 }
 
 impl Drop for ColorRig {
     fn drop(&mut self) {
         self.ended.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.clocks.take() {
+        if let Some(thread) = self.hardware.take() {
             let _ = thread.join();
         }
         self.players().clear();
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A camera's serial number: its id, where there is room for it.

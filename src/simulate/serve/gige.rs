@@ -38,6 +38,9 @@ pub(super) struct Scene {
     delay_ns: AtomicU64,
     frozen: Mutex<Option<u64>>,
     broken: AtomicBool,
+    /// By its clock, when it was last triggered and when it last gave a picture.
+    triggered_ns: AtomicU64,
+    filled_ns: AtomicU64,
 }
 
 impl Scene {
@@ -52,6 +55,8 @@ impl Scene {
             delay_ns: AtomicU64::new(0),
             frozen: Mutex::new(None),
             broken: AtomicBool::new(false),
+            triggered_ns: AtomicU64::new(0),
+            filled_ns: AtomicU64::new(0),
         }
     }
 
@@ -77,6 +82,20 @@ impl Scene {
     pub fn set_delay(&self, delay: Duration) {
         self.delay_ns
             .store(delay.as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    /// It was seen to be triggered. Only the first time since the last picture counts.
+    fn trigger(&self, now_ns: u64) {
+        if self.triggered_ns.load(Ordering::Relaxed) <= self.filled_ns.load(Ordering::Relaxed) {
+            self.triggered_ns.store(now_ns, Ordering::Relaxed);
+        }
+    }
+
+    /// When the picture that is filled now was exposed: when it was triggered, for the simulator comes to it later.
+    fn exposed(&self, now_ns: u64) -> u64 {
+        let triggered = self.triggered_ns.load(Ordering::Relaxed);
+        let last = self.filled_ns.swap(now_ns, Ordering::Relaxed);
+        if triggered > last { triggered } else { now_ns }
     }
 
     fn picture(&self) -> Option<Arc<Pixels>> {
@@ -142,6 +161,9 @@ impl Player {
             begin: Instant::now(),
             scene,
         };
+        // Its clock begins anew.
+        clock.scene.triggered_ns.store(0, Ordering::Relaxed);
+        clock.scene.filled_ns.store(0, Ordering::Relaxed);
         let context = Box::new(Context {
             clock: clock.clone(),
         });
@@ -184,22 +206,25 @@ impl Player {
         *lock(&self.clock.scene.frozen) = now;
     }
 
-    /// Latches the clock where that was asked for, as a camera's hardware does.
-    pub fn latch(&self) {
-        if self
-            .registers
-            .read_register(register::TIMESTAMP_CONTROL)
-            .unwrap_or(0)
-            & 2
-            != 0
-        {
+    /// What its clock shows, in nanoseconds.
+    pub fn clock_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+
+    /// Does what a camera's hardware does at once: latches the clock where that was asked for, and notes a trigger.
+    pub fn look(&self) {
+        let now = self.clock.now_ns();
+        let read = |register| self.registers.read_register(register).unwrap_or(0);
+        let write = |register, value| self.registers.write_register(register, value);
+        if read(register::TRIGGER_SOFTWARE) == 1 {
+            self.clock.scene.trigger(now);
+        }
+        if read(register::TIMESTAMP_CONTROL) & LATCH != 0 {
+            // Not before it was asked for.
             let now = self.clock.now_ns();
-            self.registers
-                .write_register(register::TIMESTAMP_HIGH, (now >> 32) as u32);
-            self.registers
-                .write_register(register::TIMESTAMP_LOW, now as u32);
-            self.registers
-                .write_register(register::TIMESTAMP_CONTROL, 0);
+            write(register::TIMESTAMP_HIGH, (now >> 32) as u32);
+            write(register::TIMESTAMP_LOW, now as u32);
+            write(register::TIMESTAMP_CONTROL, 0);
         }
     }
 
@@ -222,6 +247,11 @@ impl Player {
     }
 }
 
+/// The bit that asks for the clock.
+const LATCH: u32 = 2;
+/// The trigger source that is software.
+const SOFTWARE: u32 = 1;
+
 /// The line of a camera.
 pub(super) struct Line {
     registers: FakeCamera,
@@ -233,17 +263,20 @@ impl Line {
     /// client knows nothing of.
     pub fn pulse(&self) -> bool {
         let read = |register| self.registers.read_register(register).unwrap_or(0);
-        if read(register::TRIGGER_MODE) != 1 || read(register::TRIGGER_SOURCE) != 0 {
+        let source = read(register::TRIGGER_SOURCE);
+        if read(register::TRIGGER_MODE) != 1 || source == SOFTWARE {
             return false;
         }
         let before = self.scene.served();
         self.registers.write_register(register::TRIGGER_SOFTWARE, 1);
-        self.registers.write_register(register::TRIGGER_SOURCE, 1);
+        self.registers
+            .write_register(register::TRIGGER_SOURCE, SOFTWARE);
         let until = Instant::now() + Duration::from_secs(1);
         while self.scene.served() == before && Instant::now() < until {
             std::thread::sleep(Duration::from_micros(200));
         }
-        self.registers.write_register(register::TRIGGER_SOURCE, 0);
+        self.registers
+            .write_register(register::TRIGGER_SOURCE, source);
         self.scene.served() > before
     }
 }
@@ -261,7 +294,8 @@ unsafe extern "C" fn fill(
         let context = unsafe { &*context.cast::<Context>() };
         // SAFETY: the library lends its buffer for the time of this call.
         let buffer = unsafe { Buffer::from_glib_none(buffer) };
-        buffer.set_timestamp(context.clock.now_ns());
+        let now = context.clock.now_ns();
+        buffer.set_timestamp(context.clock.scene.exposed(now));
         let (width, height) = (buffer.image_width(), buffer.image_height());
         let bits = (format >> 16 & 0xff) as usize;
         let length = width.max(0) as usize * height.max(0) as usize * bits / 8;
