@@ -48,8 +48,12 @@ impl Camera {
         pool: Pool,
         host: HostClock,
     ) -> Result<Self, Fault> {
-        let library = Rc::new(Library::start()?);
-        let device = Rc::new(find(&library, parameters.device())?);
+        let library = Library::start()?;
+        let device = match find(library, parameters.device()) {
+            Err(_) if library.renew()? => find(library, parameters.device()),
+            found => found,
+        };
+        let device = Rc::new(device?);
         let mut streams = vec![Stream::create(&device, ffi::SENSOR_DEPTH)?];
         if parameters.color() {
             streams.push(Stream::create(&device, ffi::SENSOR_COLOR)?);
@@ -87,18 +91,17 @@ impl Camera {
         for stream in &mut self.streams {
             stream.start()?;
         }
-        let mut read = Vec::new();
         // Some drivers take it and leave it at that where the streams do not run yet.
-        read.push(settings::register(&self.parameters, &self.device)?);
-        if self.streams.len() == 2 {
-            let (synchronised, said) = settings::synchronise(&self.parameters, &self.device)?;
-            self.synchronised = synchronised;
-            read.push(said);
-        }
+        let mut read = vec![settings::register(&self.parameters, &self.device)?];
         if !self.is_file() {
             let (clock, remark) = self.settle()?;
             self.clock = clock;
             read.extend(remark.map(Read::Remark));
+        }
+        if self.streams.len() == 2 {
+            let (synchronised, said) = settings::synchronise(&self.parameters, &self.device)?;
+            self.synchronised = synchronised;
+            read.push(said);
         }
         Ok(read)
     }
@@ -106,12 +109,31 @@ impl Camera {
     /// Stops the streams.
     pub(super) fn stop(&mut self) {
         if std::mem::take(&mut self.synchronised) {
+            self.await_a_pause();
             self.device.stop_synchronising();
         }
         for stream in &mut self.streams {
             stream.stop();
         }
         self.runs = false;
+    }
+
+    /// OpenNI takes away what holds the frames of streams that it synchronises, whether or not its driver is just
+    /// putting one in. Right behind a frame it is not: the next one comes a frame's period later.
+    fn await_a_pause(&self) {
+        let patience = Instant::now() + Duration::from_millis(100);
+        while let Some(left) = patience.checked_duration_since(Instant::now()) {
+            match self.wait(left) {
+                Ok(Some(which)) => {
+                    let _ = self.streams[which].read();
+                    if which == 0 {
+                        return;
+                    }
+                }
+                Ok(None) => {}
+                Err(_) => return,
+            }
+        }
     }
 
     /// The first depth frames tell how the camera's clock runs; nothing else is wanted of them.
@@ -179,7 +201,7 @@ impl Drop for Camera {
 }
 
 /// Opens the device that is meant: by its URI, its file, its serial number, or the first that is free.
-fn find(library: &Rc<Library>, wanted: &str) -> Result<Device, Fault> {
+fn find(library: Library, wanted: &str) -> Result<Device, Fault> {
     if is_file(wanted) || wanted.contains("://") || wanted.contains('@') {
         return Ok(Device::open(library, wanted)?);
     }

@@ -4,7 +4,6 @@
 use super::ffi;
 use super::library::{Failed, LIBRARY, Library, OPEN, checked, field, lock, model};
 use std::ffi::{CString, c_char, c_int};
-use std::rc::Rc;
 
 /// Whether a camera of this process has it.
 pub fn is_open(uri: &str) -> bool {
@@ -16,8 +15,6 @@ pub fn is_open(uri: &str) -> bool {
 pub struct Device {
     pub(super) handle: ffi::DeviceHandle,
     uri: String,
-    /// Ended after the device was closed.
-    _library: Rc<Library>,
 }
 
 impl Device {
@@ -25,7 +22,7 @@ impl Device {
     ///
     /// # Errors
     /// If it is not there, or a camera of this process has it: the library would share one device among both.
-    pub fn open(library: &Rc<Library>, uri: &str) -> Result<Self, Failed> {
+    pub fn open(_: Library, uri: &str) -> Result<Self, Failed> {
         let doing = || format!("opening {uri}");
         let refused = |words: &str| Failed {
             doing: doing(),
@@ -47,7 +44,6 @@ impl Device {
         Ok(Self {
             handle,
             uri: uri.to_owned(),
-            _library: library.clone(),
         })
     }
 

@@ -161,3 +161,11 @@ unsafe extern "C" {
     pub fn oniRecorderStop(recorder: RecorderHandle);
     pub fn oniRecorderDestroy(recorder: *mut RecorderHandle) -> c_int;
 }
+
+/// The flag by which a thread gets a working directory of its own (`linux/sched.h`).
+pub const CLONE_FS: c_int = 0x200;
+
+unsafe extern "C" {
+    /// The C library's own.
+    pub fn unshare(flags: c_int) -> c_int;
+}

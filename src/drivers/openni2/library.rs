@@ -1,13 +1,14 @@
-//! OpenNI itself, made safe: started once for all cameras of the process, ended with the last, and listened to. What it
-//! holds once per process is held behind one lock here.
+//! OpenNI itself, made safe: started once for all cameras of the process, and listened to. What it holds once per process
+//! is held behind one lock here.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
 use crate::drivers::live::Fault;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char, c_int, c_void};
-use std::marker::PhantomData;
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// What the library refused or could not do, in its own words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -24,13 +25,14 @@ impl From<Failed> for Fault {
 }
 
 /// Opening, closing, starting the library and ending it: its lists are not made for two at once.
-pub(super) static LIBRARY: Mutex<Users> = Mutex::new(Users {
-    count: 0,
+pub(super) static LIBRARY: Mutex<State> = Mutex::new(State {
+    started: None,
     callbacks: None,
 });
 
-pub(super) struct Users {
-    count: usize,
+pub(super) struct State {
+    /// When it was started last.
+    started: Option<Instant>,
     callbacks: Option<Callbacks>,
 }
 
@@ -80,37 +82,54 @@ pub(super) fn field(bytes: &[c_char]) -> String {
     String::from_utf8_lossy(&bytes.collect::<Vec<u8>>()).into_owned()
 }
 
-/// OpenNI, started; it ends with the last one.
-#[derive(Debug)]
-pub struct Library(PhantomData<*const ()>);
+/// OpenNI, started. It stays so until the process ends: each start and end of it loses memory (135 KiB with the drivers
+/// that Debian ships), and a camera that is away is looked for again and again.
+#[derive(Debug, Clone, Copy)]
+pub struct Library(());
 
 impl Library {
-    /// Starts OpenNI, or shares it where it runs. It finds its cameras' drivers then.
+    /// Starts OpenNI, if it does not run.
     ///
     /// # Errors
     /// If it finds no driver.
     pub fn start() -> Result<Self, Failed> {
-        let mut users = lock(&LIBRARY);
-        if users.count == 0 {
-            // SAFETY: under the lock; ended again below, or with the last user.
-            let status = unsafe { ffi::oniInitialize(ffi::API_VERSION) };
-            if let Err(failed) = checked(status, "starting OpenNI") {
-                // It counts starts that failed as well, and would take the next one for a second.
-                // SAFETY: as above.
-                unsafe { ffi::oniShutdown() };
-                return Err(failed);
-            }
-            users.callbacks = register();
+        let mut state = lock(&LIBRARY);
+        if state.started.is_none() {
+            start(&mut state)?;
         }
-        users.count += 1;
-        Ok(Self(PhantomData))
+        Ok(Self(()))
+    }
+
+    /// Starts OpenNI anew, where that can bring back a camera: the Kinect's driver looks for cameras only when it starts,
+    /// and forgets one that was closed. Done only while a Kinect is plugged in, no camera is open, and it was not just
+    /// done: whether it was.
+    ///
+    /// # Errors
+    /// If it finds no driver any more.
+    pub fn renew(self) -> Result<bool, Failed> {
+        let mut state = lock(&LIBRARY);
+        let recent = state
+            .started
+            .is_some_and(|at| at.elapsed() < RENEWED_AT_MOST_EACH);
+        if recent || !lock(&OPEN).is_empty() || !kinect_is_plugged_in(Path::new(USB_DEVICES)) {
+            return Ok(false);
+        }
+        if let Some(Callbacks(handle)) = state.callbacks.take() {
+            // SAFETY: registered once, taken back once.
+            unsafe { ffi::oniUnregisterDeviceCallbacks(handle) };
+        }
+        state.started = None;
+        // SAFETY: no device is open, and none can be opened while the lock is held.
+        unsafe { ffi::oniShutdown() };
+        start(&mut state)?;
+        Ok(true)
     }
 
     /// The devices that are plugged in: each one's URI, and its vendor and name.
     ///
     /// # Errors
     /// If the library has no list.
-    pub fn devices(&self) -> Result<Vec<(String, String)>, Failed> {
+    pub fn devices(self) -> Result<Vec<(String, String)>, Failed> {
         let _held = lock(&LIBRARY);
         let (mut list, mut count) = (std::ptr::null_mut(), 0);
         // SAFETY: both are written to; the list is given back below.
@@ -129,19 +148,41 @@ impl Library {
     }
 }
 
-impl Drop for Library {
-    fn drop(&mut self) {
-        let mut users = lock(&LIBRARY);
-        users.count -= 1;
-        if users.count == 0 {
-            if let Some(Callbacks(handle)) = users.callbacks.take() {
-                // SAFETY: registered once, taken back once.
-                unsafe { ffi::oniUnregisterDeviceCallbacks(handle) };
-            }
-            // SAFETY: every device was closed before, for each holds a `Library`.
-            unsafe { ffi::oniShutdown() };
-        }
+const RENEWED_AT_MOST_EACH: Duration = Duration::from_secs(10);
+const USB_DEVICES: &str = "/sys/bus/usb/devices";
+
+fn start(state: &mut State) -> Result<(), Failed> {
+    keep_directory();
+    // SAFETY: under the lock; ended again below, or when it is renewed.
+    let status = unsafe { ffi::oniInitialize(ffi::API_VERSION) };
+    if let Err(failed) = checked(status, "starting OpenNI") {
+        // It counts starts that failed as well, and would take the next one for a second.
+        // SAFETY: as above.
+        unsafe { ffi::oniShutdown() };
+        return Err(failed);
     }
+    state.callbacks = register();
+    state.started = Some(Instant::now());
+    Ok(())
+}
+
+/// Whether the kernel knows a Kinect v1's camera, by what it tells of USB devices.
+fn kinect_is_plugged_in(devices: &Path) -> bool {
+    let read = |path: &Path, name: &str| std::fs::read_to_string(path.join(name)).ok();
+    let is = |path: &Path| {
+        let vendor = read(path, "idVendor");
+        let product = read(path, "idProduct");
+        vendor.is_some_and(|v| v.trim() == "045e") && product.is_some_and(|p| p.trim() == "02ae")
+    };
+    let entries = std::fs::read_dir(devices).into_iter().flatten().flatten();
+    entries.map(|e| e.path()).any(|path| is(&path))
+}
+
+/// OpenNI changes into its drivers' folder while it starts, and back: for the whole process, in which other threads may
+/// open files just then. So this thread, and those that OpenNI starts from it, get a working directory of their own.
+fn keep_directory() {
+    // SAFETY: it concerns this thread's directory, root and umask alone. Where it is not allowed, nothing has changed.
+    unsafe { ffi::unshare(ffi::CLONE_FS) };
 }
 
 pub(super) fn model(info: &ffi::DeviceInfo) -> String {
@@ -186,5 +227,28 @@ fn note(info: *const ffi::DeviceInfo, why: &'static str) {
     };
     if let Some(heard) = lock(&OPEN).get_mut(&field(&info.uri)) {
         *heard = heard.or(Some(why));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_kinect_is_known_by_its_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(!kinect_is_plugged_in(&folder.path().join("missing")));
+        for (name, vendor, product, plugged) in [
+            ("usb1", "1d6b\n", "0002\n", false),
+            // Its motor alone, which has a plug of its own.
+            ("1-1.1", "045e\n", "02b0\n", false),
+            ("1-1.3", "045e\n", "02ae\n", true),
+        ] {
+            let device = folder.path().join(name);
+            std::fs::create_dir(&device).unwrap();
+            std::fs::write(device.join("idVendor"), vendor).unwrap();
+            std::fs::write(device.join("idProduct"), product).unwrap();
+            assert_eq!(kinect_is_plugged_in(folder.path()), plugged, "{name}");
+        }
     }
 }

@@ -32,6 +32,7 @@ const NUMBERS: [(&str, u32); 7] = [
 ];
 
 /// Values of `auto_exposure`.
+const AUTOMATIC: i64 = 0;
 const MANUAL: i64 = 1;
 const APERTURE_PRIORITY: i64 = 3;
 /// Counts of `exposure_time_absolute` in a second.
@@ -214,12 +215,8 @@ impl Setting<'_> {
         for (name, value) in p.controls.iter().flatten() {
             self.set(name, *value)?;
         }
-        let exposure = match p.auto_exposure {
-            Some(true) => APERTURE_PRIORITY,
-            _ => MANUAL,
-        };
+        self.exposure_mode(p.auto_exposure == Some(true))?;
         for (name, asked, value) in [
-            (AUTO_EXPOSURE, p.auto_exposure, exposure),
             (AUTO_GAIN, p.auto_gain, i64::from(p.auto_gain == Some(true))),
             (
                 AUTO_WHITE_BALANCE,
@@ -248,6 +245,17 @@ impl Setting<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Some cameras choose the exposure alone (their aperture is fixed), some have one mode for all.
+    fn exposure_mode(&mut self, automatic: bool) -> Result<(), Fault> {
+        match (automatic, self.find(AUTO_EXPOSURE)) {
+            (false, None) => Ok(()),
+            (false, Some(_)) => self.set(AUTO_EXPOSURE, MANUAL),
+            (true, _) => self
+                .set(AUTO_EXPOSURE, APERTURE_PRIORITY)
+                .or_else(|_| self.set(AUTO_EXPOSURE, AUTOMATIC)),
+        }
     }
 
     fn find(&self, name: &str) -> Option<&Control> {
