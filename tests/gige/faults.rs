@@ -15,7 +15,7 @@ fn a_frame_with_lost_packets_never_looks_whole() {
             let mut parameters = stand.parameters("c00");
             parameters.packet_size = Some(1400);
             let mut device = stand.open("c00", parameters).unwrap();
-            stand.rig.set_loss(&id("c00"), 0.02);
+            stand.rig.set_loss(&id("c00"), 0.02).unwrap();
             let (mut whole, mut missing) = (0, 0);
             const SHOTS: u64 = 40;
             for number in 0..SHOTS {
@@ -35,7 +35,7 @@ fn a_frame_with_lost_packets_never_looks_whole() {
             // Of 58 packets at 2 % about a third are whole.
             assert!((1..SHOTS).contains(&whole), "{whole} of {SHOTS}");
             assert!(missing > 0);
-            stand.rig.set_loss(&id("c00"), 0.0);
+            stand.rig.set_loss(&id("c00"), 0.0).unwrap();
             let (_, frames, tally) = stand.shoot(device.as_mut(), SHOTS);
             assert_eq!(frames.len(), 1, "{tally:?}");
         },
@@ -126,7 +126,7 @@ fn a_late_frame_has_its_true_time_and_is_not_taken_for_the_next() {
             assert_eq!(frames.len(), 1, "{tally:?}");
             let after = milliseconds_after(&shot, &frames[0]);
             assert!(
-                (-6.0..150.0).contains(&after),
+                (0.0..350.0).contains(&after),
                 "stamped {after} ms after the trigger"
             );
             // Too late for its shot.
@@ -200,9 +200,49 @@ fn nothing_leaks_over_many_reconnects() {
         let after = held();
         println!("{rounds} reconnects: {before:?} kB and files before, {after:?} after");
         assert!(after.1 <= before.1 + 2, "{before:?} {after:?}");
-        assert!(
-            after.0 <= before.0 + 2_000 + 4 * rounds,
-            "{before:?} {after:?}"
-        );
+        assert!(after.0 <= before.0 + 2_000, "{before:?} {after:?}");
     });
+}
+
+fn threads() -> usize {
+    std::fs::read_dir("/proc/self/task").unwrap().count()
+}
+
+#[test]
+fn a_camera_that_is_lost_leaves_nothing_behind() {
+    alone(
+        "faults::a_camera_that_is_lost_leaves_nothing_behind",
+        || {
+            let stand = Stand::new([64, 48]);
+            let lose = || {
+                let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
+                stand.rig.stop_camera(&id("c00")).unwrap();
+                let begin = Instant::now();
+                let (_, frames, outcome) = stand.shoot(device.as_mut(), 1);
+                assert!(frames.is_empty() && matches!(outcome, Err(Fault::Away(_))));
+                drop(device);
+                // Nobody waits for the library's good-byes.
+                assert!(
+                    begin.elapsed() < Duration::from_secs(2),
+                    "{:?}",
+                    begin.elapsed()
+                );
+                stand.rig.start_camera(&id("c00")).unwrap();
+            };
+            lose();
+            settle(threads() - 3);
+            let before = (threads(), held().1);
+            (0..4).for_each(|_| lose());
+            settle(before.0);
+            assert_eq!((threads(), held().1), before);
+        },
+    );
+}
+
+/// Waits until there are no more threads than this, if ever.
+fn settle(count: usize) {
+    let until = Instant::now() + Duration::from_secs(20);
+    while threads() > count && Instant::now() < until {
+        std::thread::sleep(Duration::from_millis(100));
+    }
 }

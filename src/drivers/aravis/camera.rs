@@ -89,15 +89,13 @@ impl OpenCamera {
     fn open(driver: &GigeDriver) -> Result<Self, Fault> {
         let parameters = driver.parameters.clone();
         let found = find(&parameters)?;
-        let device = take_control(&found)?;
+        let (device, camera) = take_control(&found)?;
         let control_lost = Arc::new(AtomicBool::new(false));
         let lost = control_lost.clone();
         device.connect_control_lost(move |_| lost.store(true, Ordering::Relaxed));
         if parameters.packet_size.is_some() {
             device.set_packet_size_adjustment(aravis::GvPacketSizeAdjustment::Never);
         }
-        let camera = Camera::with_device(&device);
-        let camera = camera.map_err(|e| Fault::Away(e.message().into()))?;
         // A feature that cannot be written is to say so.
         camera.set_access_check_policy(aravis::AccessCheckPolicy::Enable);
         let mut features = Features::of(&camera);
@@ -114,8 +112,9 @@ impl OpenCamera {
             size: set.size,
             payload: set.payload,
         };
-        let frames = Frames::open(&camera, &parameters, layout)?;
+        let mut frames = Frames::open(&camera, &parameters, layout)?;
         let camera_clock = CameraClock::find(&camera, &device, driver.clock);
+        frames.begin();
         let confirmed = confirmed(&found, set, table);
         let mut open = Self {
             id: driver.id.clone(),

@@ -5,7 +5,7 @@ use super::gvcp::{Identity, identify};
 use super::parameters::Parameters;
 use crate::drivers::live::Fault;
 use aravis::prelude::*;
-use aravis::{GvDevice, GvInterface};
+use aravis::{Camera, GvDevice, GvInterface};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -39,12 +39,17 @@ pub(super) fn find(parameters: &Parameters) -> Result<Found, Fault> {
     })
 }
 
-/// The library's device of a found camera, which takes control of it. Made without the library's own search, which
-/// would hold up all other cameras while one does not answer.
+/// One camera is opened at a time: the library reads their descriptions into structures that threads spoil for each
+/// other (seen with 0.8.26). Each has answered just before, so that none holds up the others for long.
+static OPENING: Mutex<()> = Mutex::new(());
+
+/// The library's device and camera of a found camera, which take control of it. Made without the library's own search,
+/// which would hold up all other cameras while one does not answer.
 ///
 /// # Errors
 /// If the camera does not answer, or obeys somebody else.
-pub(super) fn take_control(found: &Found) -> Result<GvDevice, Fault> {
+pub(super) fn take_control(found: &Found) -> Result<(GvDevice, Camera), Fault> {
+    let _alone = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     let away = |why: &str| Fault::Away(format!("{}: {why}", found.address));
     let interface = local_address(found.address).map_err(|e| away(&e.to_string()))?;
     let device = GvDevice::new(
@@ -55,7 +60,8 @@ pub(super) fn take_control(found: &Found) -> Result<GvDevice, Fault> {
     if !device.is_controller() {
         return Err(away("another program controls the camera"));
     }
-    Ok(device)
+    let camera = Camera::with_device(&device).map_err(|e| away(e.message()))?;
+    Ok((device, camera))
 }
 
 /// The address of ours from which a camera is reached.

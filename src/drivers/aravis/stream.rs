@@ -8,7 +8,7 @@ use crate::frame::Picture;
 use aravis::glib::prelude::Cast;
 use aravis::prelude::*;
 use aravis::{Buffer, BufferPayloadType, BufferStatus, Camera, GvStream, GvStreamPacketResend};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// What every whole frame of a camera is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +36,8 @@ pub(super) struct Frames {
     stream: GvStream,
     layout: Layout,
     counted: Counts,
+    buffers: u32,
+    opened: Instant,
 }
 
 /// What the library has counted.
@@ -46,12 +48,14 @@ struct Counts {
     underruns: u64,
 }
 
+/// How long packets of others may be taken for a new stream's.
+const UNFILTERED: Duration = Duration::from_millis(50);
 /// How long a packet may be late before it is asked for again, and a frame before it is given up.
 const PACKET_TIMEOUT: Duration = Duration::from_millis(20);
 const FRAME_RETENTION: Duration = Duration::from_millis(200);
 
 impl Frames {
-    /// Opens the stream with memory for some frames.
+    /// Opens the stream, which gets no frames yet.
     ///
     /// # Errors
     /// If the library cannot.
@@ -68,14 +72,25 @@ impl Frames {
         });
         stream.set_packet_timeout(PACKET_TIMEOUT.as_micros() as u32);
         stream.set_frame_retention(FRAME_RETENTION.as_micros() as u32);
-        for _ in 0..parameters.buffer_count() {
-            stream.push_buffer(Buffer::new_allocate(layout.payload));
-        }
         Ok(Self {
             stream,
             layout,
             counted: Counts::default(),
+            buffers: parameters.buffer_count(),
+            opened: Instant::now(),
         })
+    }
+
+    /// Gives the stream its memory. From now on frames can come.
+    ///
+    /// With raw sockets the library listens before it sets its filter, and takes what other cameras send meanwhile for
+    /// packets of this one (seen with 0.8.26). As long as there is no memory, nothing can become of them.
+    pub fn begin(&mut self) {
+        std::thread::sleep(UNFILTERED.saturating_sub(self.opened.elapsed()));
+        for _ in 0..self.buffers {
+            self.give_back(Buffer::new_allocate(self.layout.payload));
+        }
+        self.count(&mut Tally::default());
     }
 
     /// What has come already; `None` if nothing has.
@@ -111,9 +126,9 @@ impl Frames {
         tally.missing_packets += now.missing.saturating_sub(last.missing);
         let dropped = now.underruns.saturating_sub(last.underruns);
         if dropped > 0 {
-            tally
-                .lost
-                .push(format!("{dropped} frames came while no memory was ready"));
+            tally.lost.push(format!(
+                "{dropped} packets came while no memory was ready for their frame"
+            ));
         }
     }
 

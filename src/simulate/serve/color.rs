@@ -154,19 +154,23 @@ impl ColorRig {
             station.scene.clone(),
         );
         let player = player.ok_or_else(|| unservable("no interface has this address".into()))?;
+        player.follow_loss();
         self.players().insert(id.clone(), player);
         Ok(())
     }
 
-    /// Loses a part of a camera's packets, 0 to 1.
-    pub fn set_loss(&self, id: &CameraId, ratio: f64) {
-        self.with(id, |player| player.set_loss(ratio));
-    }
-
-    /// Sends a camera's pictures this long after their exposure.
+    /// Loses a part of a camera's packets, 0 to 1, also after it was off.
     ///
     /// # Errors
     /// If there is no such camera; so for all that follow.
+    pub fn set_loss(&self, id: &CameraId, ratio: f64) -> Result<(), Error> {
+        self.station(id)?.scene.set_loss(ratio.clamp(0.0, 1.0));
+        self.with(id, Player::follow_loss);
+        Ok(())
+    }
+
+    /// Sends a camera's pictures this long after their exposure.
+    #[allow(clippy::missing_errors_doc)]
     pub fn set_delay(&self, id: &CameraId, delay: Duration) -> Result<(), Error> {
         self.station(id)?.scene.set_delay(delay);
         Ok(())

@@ -36,6 +36,7 @@ pub(super) struct Scene {
     served: AtomicU64,
     next: AtomicUsize,
     delay_ns: AtomicU64,
+    loss: Mutex<f64>,
     frozen: Mutex<Option<u64>>,
     broken: AtomicBool,
     /// By its clock, when it was last triggered and when it last gave a picture.
@@ -53,6 +54,7 @@ impl Scene {
             served: AtomicU64::new(0),
             next: AtomicUsize::new(0),
             delay_ns: AtomicU64::new(0),
+            loss: Mutex::new(0.0),
             frozen: Mutex::new(None),
             broken: AtomicBool::new(false),
             triggered_ns: AtomicU64::new(0),
@@ -96,6 +98,11 @@ impl Scene {
         let triggered = self.triggered_ns.load(Ordering::Relaxed);
         let last = self.filled_ns.swap(now_ns, Ordering::Relaxed);
         if triggered > last { triggered } else { now_ns }
+    }
+
+    /// Which part of its packets is lost.
+    pub fn set_loss(&self, ratio: f64) {
+        *lock(&self.loss) = ratio;
     }
 
     fn picture(&self) -> Option<Arc<Pixels>> {
@@ -195,8 +202,9 @@ impl Player {
         })
     }
 
-    /// Loses this part of its packets.
-    pub fn set_loss(&self, ratio: f64) {
+    /// Loses as many of its packets as its scene says.
+    pub fn follow_loss(&self) {
+        let ratio = *lock(&self.clock.scene.loss);
         self.simulator.set_gvsp_lost_ratio(ratio);
     }
 
