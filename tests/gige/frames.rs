@@ -115,21 +115,34 @@ fn a_line_exposes_without_the_daemon() {
         assert!(stand.rig.pulse_line(&id("c00")));
         device.idle().unwrap();
         std::thread::sleep(Duration::from_millis(120));
-        // The pulse comes shortly before the daemon hears of it.
-        assert!(stand.rig.pulse_line(&id("c00")));
-        let (shot, frames, tally) = stand.shoot(device.as_mut(), 1);
-        assert_eq!(frames.len(), 1, "{tally:?}");
-        assert!(stand.is_picture(&frames[0], 0, 1));
-        assert!((-50.0..1.0).contains(&milliseconds_after(&shot, &frames[0])));
+        // The pulse comes shortly before the daemon hears of it; on a busy machine perhaps not so shortly.
+        let sent = |stand: &Stand| stand.rig.served(&id("c00")).unwrap() as usize;
+        let mut number = 0;
+        loop {
+            number += 1;
+            assert!(number < 20, "no two lines of this test within 40 ms");
+            let begin = Instant::now();
+            assert!(stand.rig.pulse_line(&id("c00")));
+            let picture = (sent(&stand) - 1) % CAPTURES;
+            let is_quick = begin.elapsed() < Duration::from_millis(40);
+            let (shot, frames, tally) =
+                stand.shoot_within(device.as_mut(), number, Duration::from_millis(500));
+            if is_quick {
+                assert_eq!(frames.len(), 1, "{tally:?}");
+                assert!(stand.is_picture(&frames[0], 0, picture));
+                assert!((-50.0..1.0).contains(&milliseconds_after(&shot, &frames[0])));
+                break;
+            }
+        }
         // And after it.
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 std::thread::sleep(Duration::from_millis(100));
                 assert!(stand.rig.pulse_line(&id("c00")));
             });
-            let (shot, frames, tally) = stand.shoot(device.as_mut(), 2);
+            let (shot, frames, tally) = stand.shoot(device.as_mut(), 30);
             assert_eq!(frames.len(), 1, "{tally:?}");
-            assert!(stand.is_picture(&frames[0], 0, 2));
+            assert!(stand.is_picture(&frames[0], 0, (sent(&stand) - 1) % CAPTURES));
             assert!(milliseconds_after(&shot, &frames[0]) > 80.0);
         });
         let (_, frames, tally) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));

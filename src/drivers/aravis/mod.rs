@@ -19,6 +19,8 @@ mod precision_time;
 #[cfg(feature = "aravis")]
 mod settings;
 #[cfg(feature = "aravis")]
+mod shoot;
+#[cfg(feature = "aravis")]
 mod stream;
 
 #[cfg(feature = "live")]

@@ -1,0 +1,311 @@
+//! How a shot is taken of an open camera: by command, line, action or among the frames of one that runs free; which frames
+//! are the shot's, and which are old, damaged or stamped wrongly. How the camera was opened stands in `camera`.
+
+use super::action::{ActionCommand, send_action};
+use super::camera::OpenCamera;
+use super::features::no_answer;
+use super::gvcp;
+use super::parameters::ExposureMark;
+use super::stream::Arrival;
+use crate::drivers::live::{Fault, Shot, Tally};
+use crate::frame::{Frame, Stream, Timestamp};
+use aravis::Buffer;
+use aravis::prelude::*;
+use std::net::SocketAddrV4;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// Frames that are kept of a camera that nobody triggers.
+const KEPT: usize = 3;
+/// How much earlier than the daemon's trigger a line may have started the exposure: what a signal takes through a
+/// switch, USB and a socket.
+const LINE_LEAD: Duration = Duration::from_millis(50);
+/// How long a frame may still come after a damaged one whose stamp was lost.
+const AFTER_DAMAGE: Duration = Duration::from_millis(250);
+/// How much older than its trigger a damaged frame is that belongs to another one.
+const STALE_NS: i128 = 50_000_000;
+
+impl OpenCamera {
+    /// When the exposure of a frame began, on the host's timeline.
+    fn begin_of(
+        &mut self,
+        stamp_ns: u64,
+        not_before: Option<Timestamp>,
+    ) -> Result<Timestamp, String> {
+        let time = self.camera_clock.host_time(stamp_ns, not_before)?;
+        match self.parameters.exposure_mark.unwrap_or_default() {
+            ExposureMark::Start => Ok(time),
+            ExposureMark::End => {
+                let settings = self.confirmed.settings.as_ref();
+                let exposure = settings.and_then(|s| s.exposure).unwrap_or(0.0);
+                Ok(Timestamp(time.0.saturating_sub((exposure * 1e9) as u64)))
+            }
+        }
+    }
+
+    /// Drops every frame that has come.
+    pub(super) fn drain(&mut self, tally: &mut Tally) {
+        while let Some(arrival) = self.frames.next() {
+            if let Arrival::Whole(buffer) = arrival {
+                self.frames.give_back(buffer);
+                tally.unused += 1;
+            }
+        }
+    }
+
+    /// Keeps the newest of the frames that have come.
+    pub(super) fn keep_newest(&mut self, tally: &mut Tally) {
+        while let Some(arrival) = self.frames.next() {
+            match arrival {
+                Arrival::Whole(buffer) => self.keep(buffer, tally),
+                // Nobody has asked for it.
+                Arrival::Damaged(..) | Arrival::Nothing => {}
+            }
+        }
+    }
+
+    fn keep(&mut self, buffer: Buffer, tally: &mut Tally) {
+        match self.begin_of(buffer.timestamp(), None) {
+            Ok(time) => self.kept.push_back((time, buffer)),
+            Err(why) => {
+                self.frames.give_back(buffer);
+                tally.lost.push(why);
+            }
+        }
+        while self.kept.len() > KEPT {
+            if let Some((_, oldest)) = self.kept.pop_front() {
+                self.frames.give_back(oldest);
+                tally.unused += 1;
+            }
+        }
+    }
+
+    /// Hands a frame over.
+    fn deliver(
+        &self,
+        time: Timestamp,
+        buffer: Buffer,
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) {
+        match self.frames.copy(buffer, &self.pool) {
+            Some(picture) => take(Frame {
+                camera: self.id.clone(),
+                stream: Stream::Color,
+                timestamp: time,
+                picture,
+            }),
+            None => tally.lost.push(format!(
+                "no room for a frame: {} of the {} bytes for frames are in use",
+                self.pool.allocated(),
+                self.pool.limit()
+            )),
+        }
+    }
+
+    /// Waits for the first frame that was exposed at `earliest` or later, and hands it over; false if none came.
+    /// `certain` is when it cannot have been exposed before, whatever its stamp says.
+    fn await_triggered(
+        &mut self,
+        shot: &Shot,
+        (earliest, certain): (Timestamp, Option<Timestamp>),
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<bool, Fault> {
+        let mut until = shot.deadline;
+        // Stamped wrongly, or of a trigger before: which of both is seen when the right one comes.
+        let mut doubtful = Vec::new();
+        while let Some(arrival) = self.next_arrival(shot, until)? {
+            match arrival {
+                Arrival::Nothing => {}
+                Arrival::Damaged(why, stamp) => {
+                    let time = stamp.and_then(|ns| self.camera_clock.host_of(ns));
+                    if time.is_some_and(|t| earliest.nanoseconds_since(t) > STALE_NS) {
+                        // Of a trigger before.
+                        continue;
+                    }
+                    tally.lost.push(why);
+                    until = until.min(Instant::now() + AFTER_DAMAGE);
+                }
+                Arrival::Whole(buffer) => match self.begin_of(buffer.timestamp(), certain) {
+                    Ok(time) if time >= earliest => {
+                        self.deliver(time, buffer, tally, take);
+                        tally.unused += doubtful.len() as u64;
+                        return Ok(true);
+                    }
+                    Ok(_) => {
+                        self.frames.give_back(buffer);
+                        tally.unused += 1;
+                    }
+                    Err(why) => {
+                        self.frames.give_back(buffer);
+                        doubtful.push(why);
+                    }
+                },
+            }
+        }
+        tally.lost.append(&mut doubtful);
+        Ok(false)
+    }
+
+    /// Waits for the next frame; `None` when the time is over.
+    fn next_arrival(&self, shot: &Shot, until: Instant) -> Result<Option<Arrival>, Fault> {
+        const SLICE: Duration = Duration::from_millis(50);
+        loop {
+            let left = shot
+                .remaining()
+                .min(until.saturating_duration_since(Instant::now()));
+            let arrival = match left.is_zero() {
+                true => self.frames.next(),
+                false => self.frames.wait(left.min(SLICE)),
+            };
+            if arrival.is_some() || left.is_zero() {
+                return Ok(arrival);
+            }
+            self.in_control()?;
+        }
+    }
+
+    pub(super) fn shoot_software(
+        &mut self,
+        shot: &Shot,
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<(), Fault> {
+        self.drain(tally);
+        let triggered = self.clock.now();
+        if let Err(error) = self.camera.software_trigger() {
+            if no_answer(&error) {
+                self.control_lost.store(true, Ordering::Relaxed);
+                let (address, why) = (self.found.address, error.message());
+                return Err(Fault::Away(format!(
+                    "{address}: no answer to a trigger: {why}"
+                )));
+            }
+            tally.lost.push(format!(
+                "the camera declined the trigger: {}",
+                error.message()
+            ));
+            return Ok(());
+        }
+        let came = self.await_triggered(shot, (triggered, Some(triggered)), tally, take)?;
+        self.miss(came, shot, tally)
+    }
+
+    pub(super) fn shoot_action(
+        &mut self,
+        shot: &Shot,
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<(), Fault> {
+        self.drain(tally);
+        let scheduled = match self.schedule(shot) {
+            Ok(scheduled) => scheduled,
+            Err(why) => {
+                tally.lost.push(why);
+                return Ok(());
+            }
+        };
+        let came = self.await_triggered(shot, (scheduled, Some(scheduled)), tally, take)?;
+        self.miss(came, shot, tally)
+    }
+
+    /// Tells the camera when to expose; the host's time of that.
+    fn schedule(&mut self, shot: &Shot) -> Result<Timestamp, String> {
+        if let Some(precision_time) = &self.precision_time {
+            precision_time.state(&self.camera)?;
+        }
+        let lead = (self.parameters.action_lead.unwrap_or(0.02) * 1e9) as u64;
+        let proposed = Timestamp(self.clock.now().0 + lead);
+        let proposed = self.camera_clock.device_time(proposed);
+        let proposed =
+            proposed.ok_or("its clock cannot be read, so that nothing can be scheduled")?;
+        let at_ns = self.actions.agree(shot.number, proposed);
+        let command = ActionCommand {
+            device_key: self.parameters.action_device_key.unwrap_or(0),
+            group_key: self.parameters.action_group_key.unwrap_or(1),
+            group_mask: self.parameters.action_group_mask.unwrap_or(1),
+            at_ns: Some(at_ns),
+        };
+        // 0 is no request.
+        let request = (shot.number % 0xffff) as u16 + 1;
+        send_action(
+            SocketAddrV4::new(self.found.address, gvcp::PORT),
+            &command,
+            request,
+        )?;
+        let host = self.camera_clock.host_of(at_ns);
+        host.ok_or_else(|| "its clock was never read".into())
+    }
+
+    /// A line started the exposure, perhaps before the daemon heard of the trigger.
+    pub(super) fn shoot_line(
+        &mut self,
+        shot: &Shot,
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<(), Fault> {
+        let earliest = Timestamp(shot.trigger.0.saturating_sub(LINE_LEAD.as_nanos() as u64));
+        self.keep_newest(tally);
+        let mut came = false;
+        while let Some((time, buffer)) = self.kept.pop_front() {
+            if time >= earliest && !came {
+                self.deliver(time, buffer, tally, take);
+                came = true;
+            } else {
+                self.frames.give_back(buffer);
+                tally.unused += 1;
+            }
+        }
+        let came = came || self.await_triggered(shot, (earliest, None), tally, take)?;
+        self.miss(came, shot, tally)
+    }
+
+    /// The last frame before the trigger and the first from then on.
+    pub(super) fn shoot_free_run(
+        &mut self,
+        shot: &Shot,
+        tally: &mut Tally,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<(), Fault> {
+        self.keep_newest(tally);
+        while self
+            .kept
+            .back()
+            .is_none_or(|(time, _)| *time < shot.trigger)
+        {
+            match self.next_arrival(shot, shot.deadline)? {
+                Some(Arrival::Whole(buffer)) => self.keep(buffer, tally),
+                Some(Arrival::Damaged(why, _)) => tally.lost.push(why),
+                Some(Arrival::Nothing) => {}
+                None => break,
+            }
+        }
+        let after = self.kept.iter().position(|(time, _)| *time >= shot.trigger);
+        let before = after.map_or(self.kept.len().checked_sub(1), |i| i.checked_sub(1));
+        let kept = std::mem::take(&mut self.kept);
+        for (i, (time, buffer)) in kept.into_iter().enumerate() {
+            if Some(i) == before || Some(i) == after {
+                self.deliver(time, buffer, tally, take);
+            } else {
+                self.frames.give_back(buffer);
+                tally.unused += 1;
+            }
+        }
+        self.miss(after.is_some(), shot, tally)
+    }
+
+    /// Tells of a frame that did not come, and finds out whether the camera is still there.
+    fn miss(&mut self, came: bool, shot: &Shot, tally: &mut Tally) -> Result<(), Fault> {
+        if came || shot.abandoned.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        if tally.lost.is_empty() {
+            let waited = self.clock.now().nanoseconds_since(shot.trigger) as f64 / 1e9;
+            tally
+                .lost
+                .push(format!("no frame came within {waited:.2} s of the trigger"));
+        }
+        self.check()
+    }
+}
