@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo deps test bench lint kinect-driver
+.PHONY: help demo rig-demo deps test bench lint kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -11,11 +11,15 @@ help: ## what there is to make
 demo: ## reconstruct a recording and say where the model lies
 	$(CARGO) run --release -- --replay $(RECORDING)
 
+rig-demo: deps ## play a whole rig of cameras to the daemon on this machine, and make a model of a capture
+	$(CARGO) build --release --locked --features rig
+	scripts/rig-demo.sh $(RECORDING)
+
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
 test: deps lint ## format, clippy, documentation, every test
-	$(CARGO) test --locked
+	$(CARGO) test --locked --features rig
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked
@@ -23,7 +27,8 @@ bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names anothe
 lint: ## format, clippy and documentation without warnings
 	$(CARGO) fmt --all -- --check
 	$(CARGO) clippy --locked --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps
+	$(CARGO) clippy --locked --all-targets --features rig -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps --features rig
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

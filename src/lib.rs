@@ -22,3 +22,4 @@ pub mod recording;
 pub mod report;
 pub mod simulate;
 pub mod sync;
+pub mod trigger;

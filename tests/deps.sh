@@ -30,6 +30,8 @@ fi
 
 # GigE Vision cameras. Debian's libaravis-dev forgets that its pkg-config file needs libusb's.
 need pkg-config libaravis-dev libusb-1.0-0-dev
+# Depth cameras; and V4L2, whose headers are read with clang.
+need libopenni2-dev libclang-dev
 # Tests on networks of their own.
 need iproute2 util-linux
 

@@ -419,7 +419,7 @@ fn an_unplugged_camera_is_named_and_comes_back() {
             };
             missed(&outcome.unwrap(), "depth");
             assert_eq!(frames, 60);
-            assert!(camera.stop(Instant::now() + Duration::from_secs(20)));
+            assert!(camera.end().wait(Instant::now() + Duration::from_secs(20)));
         },
     );
 }

@@ -1,6 +1,6 @@
 //! A rig's calibration as a TOML file: a section a camera.
 
-use super::{Camera, DepthResponse, Distortion, Intrinsics};
+use super::{Camera, DepthResponse, Distortion, Intrinsics, Volume};
 use crate::frame::CameraId;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -32,6 +32,8 @@ pub enum FileError {
 pub struct RigCalibration {
     /// Each camera, and the response of those that measure depth.
     pub cameras: BTreeMap<CameraId, (Camera, Option<DepthResponse>)>,
+    /// The box that is reconstructed, where the file proposes one.
+    pub volume: Option<Volume>,
 }
 
 /// The file's format.
@@ -41,6 +43,15 @@ struct Contents {
     /// 1.
     format: u32,
     cameras: BTreeMap<String, CameraEntry>,
+    volume: Option<VolumeEntry>,
+}
+
+/// Two corners in metres of the rig's frame.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct VolumeEntry {
+    min: [f64; 3],
+    max: [f64; 3],
 }
 
 #[derive(serde::Deserialize)]
@@ -118,7 +129,11 @@ impl RigCalibration {
                 .map_err(|e| parse(format!("camera {name}: {e}")))?;
             Ok((camera.0.id.clone(), camera))
         };
+        let volume = contents
+            .volume
+            .map(|v| Volume::new(v.min.into(), v.max.into()).map_err(|e| parse(e.to_string())));
         Ok(Self {
+            volume: volume.transpose()?,
             cameras: contents
                 .cameras
                 .into_iter()
@@ -150,6 +165,14 @@ impl RigCalibration {
             if let Some(response) = response {
                 text += &response_toml(id, response);
             }
+        }
+        if let Some(volume) = &self.volume {
+            let [min, max] = [volume.min, volume.max].map(|p| p.coords);
+            text += &format!(
+                "\n[volume]\nmin = {:?}\nmax = {:?}\n",
+                min.as_slice(),
+                max.as_slice()
+            );
         }
         text
     }
@@ -228,7 +251,8 @@ mod tests {
             "{ONE}[cameras.kinect]\nsize = [640, 480]\nfocal_px = [520.0, 521.0]\ncenter_px = [319.5, 239.5]\n\
              distortion_model = \"\"\ndistortion = []\ntranslation = [0.1, 0.2, 2.0]\n\
              rotation = [0.6, 0.0, 0.0, 0.8]\n[cameras.kinect.response]\nslope = 0.00104\nintercept = -0.018\n\
-             scale = [1.012, -0.009]\nrange = [0.5, 2.0]\nuncertainty = 0.001\n"
+             scale = [1.012, -0.009]\nrange = [0.5, 2.0]\nuncertainty = 0.001\n\
+             [volume]\nmin = [-0.1, -0.1, 0.0]\nmax = [0.1, 0.1, 0.2]\n"
         ))
         .unwrap();
         let cameras: Vec<_> = calibration.cameras.values().collect();
@@ -248,6 +272,7 @@ mod tests {
             uncertainty: 0.001,
         };
         assert_eq!(kinect.1, Some(response));
+        assert_eq!(calibration.volume.unwrap().max.z, 0.2);
         assert_eq!(read(&calibration.to_toml()).unwrap(), calibration);
     }
 

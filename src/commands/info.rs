@@ -4,6 +4,7 @@ use super::EXIT_LOST;
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::frame::{CameraId, Timestamp};
 use crate::job::{CaptureSummary, LeftOut, RigAt, Session};
+use crate::output::write_atomically;
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
 use crate::sync;
 use serde::Serialize;
@@ -20,6 +21,9 @@ pub struct Args {
     /// Answer in JSON
     #[arg(long)]
     json: bool,
+    /// Write the calibration at the first trigger into a file that --replay --calibration and scand run take
+    #[arg(long, value_name = "FILE.toml")]
+    calibration: Option<PathBuf>,
 }
 
 /// Reads all of a recording and tells what is in it. The exit code is 3 when parts of it are damaged.
@@ -28,6 +32,12 @@ pub struct Args {
 /// If it cannot be read at all.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
+    if let Some(path) = &args.calibration {
+        let first = recording.messages(&Topic::Trigger).first();
+        let time = first.map_or(Timestamp(u64::MAX), |m| m.log_time());
+        let calibration = RigAt::calibration(&recording, time)?;
+        write_atomically(path, calibration.to_toml().as_bytes())?;
+    }
     let session = Session::lenient(recording, &sync::Parameters::default())?;
     let info = Info::of(&session)?;
     let text = if args.json {

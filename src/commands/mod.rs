@@ -14,6 +14,7 @@ pub mod calibrate;
 pub mod diff;
 pub mod evaluate;
 pub mod info;
+pub mod live;
 pub mod recover;
 pub mod replay;
 pub mod simulate;
@@ -61,13 +62,20 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Background(live::ask::BackgroundArgs),
     Board(board::Args),
     Calibrate(Box<calibrate::Args>),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Info(info::Args),
+    Note(live::ask::NoteArgs),
     Recover(recover::Args),
+    #[cfg(feature = "live")]
+    Run(live::run::Args),
+    Session(live::ask::SessionArgs),
     Simulate(Box<simulate::Args>),
+    Status(live::ask::StatusArgs),
+    Trigger(live::ask::TriggerArgs),
 }
 
 /// Runs what was asked.
@@ -76,13 +84,30 @@ enum Command {
 /// What went wrong, in words for the terminal; the exit code is then 1.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Some(Command::Background(args)) => live::ask::background(args),
         Some(Command::Board(args)) => board::run(args),
         Some(Command::Calibrate(args)) => calibrate::run(*args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Info(args)) => info::run(args),
+        Some(Command::Note(args)) => live::ask::note(args),
         Some(Command::Recover(args)) => recover::run(args),
+        #[cfg(feature = "live")]
+        Some(Command::Run(args)) => live::run::run(args),
+        Some(Command::Session(args)) => live::ask::session(args),
         Some(Command::Simulate(args)) => simulate::run(*args),
+        Some(Command::Status(args)) => live::ask::status(args),
+        Some(Command::Trigger(args)) => live::ask::trigger(args),
         None => replay::run(cli.replay),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_sound() {
+        super::Cli::command().debug_assert();
     }
 }

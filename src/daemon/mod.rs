@@ -5,7 +5,10 @@
 #[cfg(feature = "live")]
 mod capturing;
 #[cfg(feature = "live")]
+mod control;
+#[cfg(feature = "live")]
 mod disk;
+mod link;
 #[cfg(feature = "live")]
 mod names;
 mod parameters;
@@ -21,10 +24,13 @@ mod status;
 mod tests;
 
 #[cfg(feature = "live")]
-pub use capturing::{Answer, Capturing, Order, Plan, Press, Progress};
+pub use capturing::{Answer, Capturing, Order, Plan, Press};
+#[cfg(feature = "live")]
+pub use control::{ControlError, serve};
 #[cfg(feature = "live")]
 pub use disk::free_bytes;
-pub use parameters::{CaptureParameters, RecordingParameters};
+pub use link::{Budget, Link, Transmission, budget};
+pub use parameters::{CaptureParameters, RecordingParameters, RigParameters, SocketParameters};
 #[cfg(feature = "live")]
 pub use rig::{Kind, Rig, Station};
 #[cfg(feature = "live")]

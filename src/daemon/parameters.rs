@@ -52,3 +52,41 @@ impl Default for RecordingParameters {
         }
     }
 }
+
+/// The rig itself.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, Default, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct RigParameters {
+    /// Its name, which every recording carries.
+    pub name: String,
+    /// The calibration of its cameras; a relative path is beside the configuration. Needed.
+    pub calibration: PathBuf,
+    /// The box that is reconstructed, in metres of the rig's frame.
+    pub volume: Option<Box>,
+}
+
+/// Two corners of a box, in metres.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Box {
+    /// Smallest x, y and z.
+    pub min: [f64; 3],
+    /// Largest x, y and z.
+    pub max: [f64; 3],
+}
+
+/// Where the daemon listens.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct SocketParameters {
+    /// The socket. Default `/run/scand/scand.sock`.
+    pub path: PathBuf,
+}
+
+impl Default for SocketParameters {
+    fn default() -> Self {
+        Self {
+            path: crate::trigger::SOCKET.into(),
+        }
+    }
+}

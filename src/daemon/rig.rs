@@ -2,7 +2,7 @@
 //! is noted. No camera is waited for longer than a shot may take.
 
 use crate::drivers::live::{
-    Backoff, Confirmed, Driver, Event, Fault, HostClock, Message, Shot, Supervised, Tally,
+    Backoff, Confirmed, Driver, Ending, Event, Fault, HostClock, Message, Shot, Supervised, Tally,
     supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
@@ -229,12 +229,14 @@ impl Rig {
 
     /// Ends all threads; the cameras whose threads did not end by the deadline.
     pub(super) fn stop(self, deadline: Instant) -> Vec<CameraId> {
-        let mut stuck = Vec::new();
-        // Nobody listens from here on, so that no thread waits to be heard.
+        // Nobody listens from here on, so that no thread waits to be heard; all end side by side.
         drop(self.events);
-        for (id, camera) in self.cameras {
-            if !camera.thread.stop(deadline) {
-                stuck.push(id);
+        let ending: Vec<Ending> = self.cameras.into_values().map(|c| c.thread.end()).collect();
+        let mut stuck = Vec::new();
+        for thread in ending {
+            let camera = thread.camera().clone();
+            if !thread.wait(deadline) {
+                stuck.push(camera);
             }
         }
         stuck

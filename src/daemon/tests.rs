@@ -7,6 +7,7 @@ use crate::drivers::live::{
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::recording::{ColorPart, Outcome, Preamble, Recording, Topic};
 use crate::sync;
+use crate::trigger::Reply;
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -217,7 +218,7 @@ fn start(change: impl FnOnce(&mut Plan)) -> Stand {
 }
 
 /// A press whose progress is heard.
-fn press(sender: Sender<Progress>) -> Press {
+fn press(sender: Sender<Reply>) -> Press {
     Press {
         source: "test".into(),
         press_id: Some("p1".into()),
@@ -226,14 +227,6 @@ fn press(sender: Sender<Progress>) -> Press {
             let _ = sender.send(progress);
         }),
     }
-}
-
-fn is_end(progress: &Progress) -> bool {
-    use Progress::{Busy, Durable, Failed, Refused};
-    matches!(
-        progress,
-        Durable { .. } | Failed { .. } | Busy | Refused { .. }
-    )
 }
 
 impl Stand {
@@ -249,24 +242,24 @@ impl Stand {
         self.moods[camera].store(mood as u32, Ordering::Relaxed);
     }
 
-    fn begin_press(&self) -> Receiver<Progress> {
+    fn begin_press(&self) -> Receiver<Reply> {
         let (sender, progress) = unbounded();
         self.capturing.order(Order::Press(press(sender)));
         progress
     }
 
     /// Presses, and again while another order is being carried out; all that is heard.
-    fn press(&self) -> Vec<Progress> {
+    fn press(&self) -> Vec<Reply> {
         loop {
             let mut heard = Vec::new();
             for progress in self.begin_press() {
-                let end = is_end(&progress);
+                let end = progress.is_end();
                 heard.push(progress);
                 if end {
                     break;
                 }
             }
-            if heard != [Progress::Busy] {
+            if heard != [Reply::Busy] {
                 return heard;
             }
             std::thread::sleep(Duration::from_millis(1));
@@ -321,9 +314,9 @@ fn captures(recording: &Recording) -> Vec<(String, Outcome, usize, Option<String
 fn one_press_is_one_durable_capture() {
     let stand = start(|_| ());
     let heard = stand.press();
-    assert!(matches!(&heard[0], Progress::Accepted { .. }), "{heard:?}");
-    assert!(matches!(&heard[1], Progress::Captured { .. }), "{heard:?}");
-    let Progress::Durable { capture, recording } = &heard[2] else {
+    assert!(matches!(&heard[0], Reply::Accepted { .. }), "{heard:?}");
+    assert!(matches!(&heard[1], Reply::Captured { .. }), "{heard:?}");
+    let Reply::Durable { capture, recording } = &heard[2] else {
         panic!("{heard:?}");
     };
     assert!(recording.with_extension("mcap.part").exists());
@@ -350,7 +343,7 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
     let stand = start(|_| ());
     stand.mood("c01", Mood::Loses);
     let heard = stand.press();
-    let Some(Progress::Failed { capture, reason }) = heard.last() else {
+    let Some(Reply::Failed { capture, reason }) = heard.last() else {
         panic!("{heard:?}");
     };
     assert!(capture.ends_with(".r1"), "{capture}");
@@ -358,12 +351,9 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
         reason.contains("c01") && reason.contains("a damaged frame"),
         "{reason}"
     );
-    assert!(matches!(&heard[1], Progress::Retried { .. }), "{heard:?}");
+    assert!(matches!(&heard[1], Reply::Retried { .. }), "{heard:?}");
     stand.mood("c01", Mood::Sound);
-    assert!(matches!(
-        stand.press().last(),
-        Some(Progress::Durable { .. })
-    ));
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     stand.until(|s| s.failed == 2 && s.complete == 1);
     assert_eq!(stand.capturing.status().cameras["c01"].lost_frames, 2);
     let (folder, _) = stand.stop();
@@ -382,15 +372,12 @@ fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
     let stand = start(|plan| plan.capture.retry = 3);
     stand.mood("c02", Mood::Unplugged);
     let heard = stand.press();
-    let Progress::Retried { reason, .. } = &heard[1] else {
+    let Reply::Retried { reason, .. } = &heard[1] else {
         panic!("{heard:?}");
     };
     assert!(reason.contains("camera c02: unplugged"), "{reason}");
     stand.until(|s| s.cameras["c02"].state == "ready");
-    assert!(matches!(
-        stand.press().last(),
-        Some(Progress::Durable { .. })
-    ));
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
 }
 
 #[test]
@@ -398,12 +385,12 @@ fn a_silent_camera_holds_nobody_up_for_longer_than_a_shot() {
     let stand = start(|plan| plan.capture.retry = 0);
     stand.mood("c00", Mood::Silent);
     let heard = stand.press();
-    let Some(Progress::Failed { reason, .. }) = heard.last() else {
+    let Some(Reply::Failed { reason, .. }) = heard.last() else {
         panic!("{heard:?}");
     };
     assert!(reason.contains("c00"), "{reason}");
     stand.mood("c00", Mood::Sound);
-    stand.until(|_| matches!(stand.press().last(), Some(Progress::Durable { .. })));
+    stand.until(|_| matches!(stand.press().last(), Some(Reply::Durable { .. })));
 }
 
 #[test]
@@ -411,7 +398,7 @@ fn frames_too_far_apart_are_no_capture() {
     let stand = start(|plan| plan.capture.retry = 0);
     stand.mood("c01", Mood::Late);
     let heard = stand.press();
-    let Some(Progress::Failed { reason, .. }) = heard.last() else {
+    let Some(Reply::Failed { reason, .. }) = heard.last() else {
         panic!("{heard:?}");
     };
     assert!(
@@ -425,10 +412,10 @@ fn a_press_during_a_capture_is_told_so() {
     let stand = start(|plan| plan.capture.retry = 0);
     stand.mood("c00", Mood::Silent);
     let first = stand.begin_press();
-    assert!(matches!(first.recv().unwrap(), Progress::Accepted { .. }));
+    assert!(matches!(first.recv().unwrap(), Reply::Accepted { .. }));
     let second: Vec<_> = stand.begin_press().iter().collect();
-    assert_eq!(second, [Progress::Busy]);
-    assert!(matches!(first.iter().last(), Some(Progress::Failed { .. })));
+    assert_eq!(second, [Reply::Busy]);
+    assert!(matches!(first.iter().last(), Some(Reply::Failed { .. })));
 }
 
 #[test]
@@ -438,7 +425,7 @@ fn a_hundred_presses_are_a_hundred_captures_and_memory_stays() {
     let mut allocated = 0;
     for i in 0..100 {
         match stand.press().last() {
-            Some(Progress::Durable { capture, .. }) => assert!(ids.insert(capture.clone())),
+            Some(Reply::Durable { capture, .. }) => assert!(ids.insert(capture.clone())),
             other => panic!("{other:?}"),
         }
         if i == 10 {
@@ -472,7 +459,7 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
         press_id: None,
         subject: None,
         progress: Box::new(move |progress| {
-            if is_end(&progress) {
+            if progress.is_end() {
                 let _ = heard.send(progress);
             }
         }),
@@ -482,8 +469,8 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
     let refused = loop {
         let progress = stand.begin_press();
         match progress.recv().unwrap() {
-            Progress::Refused { reason } => break reason,
-            Progress::Accepted { .. } => accepted.push(progress),
+            Reply::Refused { reason } => break reason,
+            Reply::Accepted { .. } => accepted.push(progress),
             _ => {}
         }
         assert!(accepted.len() < 10);
@@ -494,7 +481,7 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
     for progress in accepted {
         assert!(matches!(
             progress.iter().last(),
-            Some(Progress::Durable { .. })
+            Some(Reply::Durable { .. })
         ));
     }
     assert!(stand.capturing.status().refused >= 1);
@@ -503,7 +490,7 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
 #[test]
 fn a_capture_that_finds_no_room_is_not_begun() {
     let stand = start(|plan| plan.recording.keep_free_mb = 1 << 40);
-    let [Progress::Refused { reason }] = &stand.press()[..] else {
+    let [Reply::Refused { reason }] = &stand.press()[..] else {
         panic!();
     };
     assert!(reason.contains("recording.keep_free_mb"), "{reason}");
@@ -511,7 +498,7 @@ fn a_capture_that_finds_no_room_is_not_begun() {
     drop(stand.stop());
     let folder = tempfile::tempdir().unwrap();
     let stand = start_in(folder, 10_000, |_| ());
-    let [Progress::Refused { reason }] = &stand.press()[..] else {
+    let [Reply::Refused { reason }] = &stand.press()[..] else {
         panic!();
     };
     assert!(reason.contains("capture.memory_mb"), "{reason}");
@@ -529,10 +516,7 @@ fn plates_are_kept_known_after_a_restart_and_in_every_recording() {
     let (folder, _) = stand.stop();
     let stand = start_in(folder, 4_000_000, |_| ());
     stand.until(|s| s.plates_age_h.is_some_and(|age| (0.0..0.1).contains(&age)));
-    assert!(matches!(
-        stand.press().last(),
-        Some(Progress::Durable { .. })
-    ));
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     let (folder, _) = stand.stop();
     let found = &recordings(folder.path())[0];
     for name in ["c00", "c01", "c02"] {
@@ -552,7 +536,7 @@ fn sessions_begin_are_noted_and_close() {
     };
     begin("amphora").unwrap();
     let heard = stand.press();
-    let Some(Progress::Durable { capture, .. }) = heard.last() else {
+    let Some(Reply::Durable { capture, .. }) = heard.last() else {
         panic!("{heard:?}");
     };
     assert_eq!(capture, "amphora-0001");
@@ -574,6 +558,6 @@ fn sessions_begin_are_noted_and_close() {
     assert_eq!(recording.note(&message).unwrap(), note);
     begin("krater").unwrap();
     assert!(
-        matches!(stand.press().last(), Some(Progress::Durable { capture, .. }) if capture == "krater-0001")
+        matches!(stand.press().last(), Some(Reply::Durable { capture, .. }) if capture == "krater-0001")
     );
 }

@@ -2,7 +2,7 @@
 //! with a log time at or before it.
 
 use super::load::Error;
-use crate::calibration::{Camera, DepthCamera, DepthResponse, Volume};
+use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::frame::{CameraId, Timestamp};
 use crate::recording::{CameraSettings, ColorPart, DepthPart, MessageRef, Pose, Recording, Topic};
 use nalgebra::Isometry3;
@@ -131,5 +131,34 @@ impl<'a> RigAt<'a> {
     /// If a message that is needed is missing, damaged or wrong.
     pub fn volume(&self) -> Result<Volume, Error> {
         Ok(self.recording.volume(&self.needed(&Topic::Volume)?)?)
+    }
+
+    /// All of it, for a recording's colour and depth cameras that are calibrated, with the volume if there is one.
+    ///
+    /// # Errors
+    /// If a message is damaged or wrong, or a pose is missing.
+    pub fn calibration(recording: &'a Recording, time: Timestamp) -> Result<RigCalibration, Error> {
+        let (mut colors, mut depths) = (Vec::new(), Vec::new());
+        for topic in recording.topics() {
+            match topic {
+                Topic::Color(id, ColorPart::Calibration) => colors.push(id.clone()),
+                Topic::Depth(id, DepthPart::Calibration) => depths.push(id.clone()),
+                _ => {}
+            }
+        }
+        let rig = Self::new(recording, time, colors.iter().chain(&depths))?;
+        let mut found = RigCalibration::default();
+        for id in colors {
+            found.cameras.insert(id.clone(), (rig.color(&id)?, None));
+        }
+        for id in depths {
+            let depth = rig.depth(&id)?;
+            let camera = (depth.camera, Some(depth.response));
+            found.cameras.insert(id, camera);
+        }
+        if rig.newest(&Topic::Volume).is_some() {
+            found.volume = Some(rig.volume()?);
+        }
+        Ok(found)
     }
 }

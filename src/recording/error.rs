@@ -96,7 +96,7 @@ pub enum Error {
         expected: String,
     },
     /// The writer was used in an order that makes no recording, or the file could not be written.
-    #[error("{path}: writing the recording: {cause}")]
+    #[error("{path}: writing the recording: {}", words(cause))]
     Write {
         /// The file.
         path: PathBuf,
@@ -113,6 +113,14 @@ pub enum Error {
         /// What is wrong with it.
         problem: MessageError,
     },
+}
+
+/// What the MCAP library said, with the system's own words where it has only its own.
+fn words(cause: &mcap::McapError) -> String {
+    match cause {
+        mcap::McapError::Io(system) => system.to_string(),
+        other => other.to_string(),
+    }
 }
 
 /// What is wrong with one message.

@@ -106,7 +106,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
                 Event::Frame { shot: 8, frame } if frame.camera == id("c00") => Some(()),
                 _ => None,
             });
-            assert!(camera.stop(Instant::now() + Duration::from_secs(10)));
+            assert!(camera.end().wait(Instant::now() + Duration::from_secs(10)));
         },
     );
 }

@@ -284,7 +284,7 @@ fn cameras_are_shot_together_and_each_gives_its_own() {
                 spreads[15], spreads[29]
             );
             for camera in cameras {
-                assert!(camera.stop(Instant::now() + Duration::from_secs(10)));
+                assert!(camera.end().wait(Instant::now() + Duration::from_secs(10)));
             }
         },
     );

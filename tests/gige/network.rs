@@ -27,7 +27,7 @@ fn inside(name: &str, run: &str) {
          for i in 1 2 3 4 5 6 7 8 9 10 11 12 100; do ip address add 127.0.1.$i/8 dev lo || exit 1; done\n{run}"
     );
     let output = Command::new("unshare")
-        .args(["-Urn", "sh", "-c", &script])
+        .args(["-Urnm", "sh", "-c", &script])
         .arg(std::env::current_exe().unwrap())
         .args(["--exact", name, "--nocapture", "--test-threads=1"])
         .env(INSIDE, "1")

@@ -244,6 +244,7 @@ fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigC
         (id, (c.camera.clone(), response))
     };
     RigCalibration {
+        volume: fit.volume,
         cameras: fit.cameras.iter().map(entry).collect(),
     }
 }

@@ -1,6 +1,7 @@
 //! `scand simulate`: a recording of an object whose form is known, or of a calibration board.
 
 mod board;
+mod serve;
 
 use crate::output::write_atomically;
 use crate::recording::Compression;
@@ -15,14 +16,14 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The object.
-    #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session"])]
+    #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session", "serve"])]
     shape: Option<Shape>,
     /// Start from one of the named cases; what else is given changes it.
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// The recording to write; nothing may be there yet.
-    #[arg(long, value_name = "FILE.mcap")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
+    out: Option<PathBuf>,
     /// Write the object's true surface into this file; of a calibration session, the true calibration.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
@@ -52,6 +53,8 @@ pub struct Args {
     faults: FaultArgs,
     #[command(flatten)]
     board: board::BoardArgs,
+    #[command(flatten)]
+    serve: serve::ServeArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -186,7 +189,11 @@ fn parse_fault(text: &str) -> Result<CameraFault, String> {
 /// # Errors
 /// Where an option cannot be met or a file not be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let (out, truth) = (args.out.clone(), args.truth.clone());
+    if let Some(recording) = args.serve.serve.clone() {
+        return serve::run(&recording, args.serve);
+    }
+    let truth = args.truth.clone();
+    let out = args.out.clone().context("--out is missing")?;
     let compression = match args.zstd {
         true => Compression::Zstd,
         false => Compression::None,

@@ -97,6 +97,7 @@ fn lost(answer: &Result<Tally, Fault>) -> Option<serde_json::Value> {
             "resent_packets": tally.resent_packets,
             "missing_packets": tally.missing_packets,
             "unused_frames": tally.unused,
+            "remarks": tally.remarks,
         })),
     }
 }

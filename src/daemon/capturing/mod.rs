@@ -13,59 +13,14 @@ use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::recording::{Error, Note, Preamble, recover, unfinished};
 use crate::sync;
+use crate::trigger::Reply;
 use crossbeam_channel::{Sender, bounded};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use worker::Worker;
-
-/// What became of a press, as it goes on. The last one of `Durable`, `Failed`, `Busy` and `Refused` is the end of it.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case", tag = "type")]
-pub enum Progress {
-    /// The capture is being taken.
-    Accepted {
-        /// Its id.
-        capture: String,
-    },
-    /// All frames are in: hands may move.
-    Captured {
-        /// Its id.
-        capture: String,
-        /// Spread of the colour frames' timestamps.
-        skew_ns: u64,
-    },
-    /// It failed, and is taken once more by itself.
-    Retried {
-        /// The id of the one that failed.
-        capture: String,
-        /// Why.
-        reason: String,
-    },
-    /// It is on the disk.
-    Durable {
-        /// Its id.
-        capture: String,
-        /// The recording it is in, under the name that it has when it is complete.
-        recording: PathBuf,
-    },
-    /// It was taken and is not whole. The frames that came are kept.
-    Failed {
-        /// Its id.
-        capture: String,
-        /// Why, naming the cameras.
-        reason: String,
-    },
-    /// Another capture is being taken.
-    Busy,
-    /// It was not begun.
-    Refused {
-        /// Why.
-        reason: String,
-    },
-}
 
 /// Someone asks for a capture.
 pub struct Press {
@@ -76,7 +31,7 @@ pub struct Press {
     /// The object's number.
     pub subject: Option<String>,
     /// Hears how it goes on.
-    pub progress: Box<dyn Fn(Progress) + Send + Sync>,
+    pub progress: Box<dyn Fn(Reply) + Send + Sync>,
 }
 
 /// Answers an order: words, or why not.
@@ -112,9 +67,36 @@ pub struct Plan {
     pub program: String,
 }
 
+/// Captures since the start, counted when they are on the disk or cannot be.
+#[derive(Debug, Default)]
+struct Ended {
+    complete: AtomicU64,
+    failed: AtomicU64,
+}
+
+impl Ended {
+    fn count(&self, complete: bool) {
+        let counter = if complete {
+            &self.complete
+        } else {
+            &self.failed
+        };
+        counter.fetch_add(1, Ordering::AcqRel);
+    }
+
+    fn complete(&self) -> u64 {
+        self.complete.load(Ordering::Acquire)
+    }
+
+    fn failed(&self) -> u64 {
+        self.failed.load(Ordering::Acquire)
+    }
+}
+
 /// The thread, from outside.
 pub struct Capturing {
     orders: Sender<Order>,
+    ended: Arc<Ended>,
     busy: Arc<AtomicBool>,
     status: Arc<Mutex<Status>>,
     thread: JoinHandle<Vec<CameraId>>,
@@ -137,11 +119,20 @@ impl Capturing {
         let (orders, queue) = bounded(1);
         let (busy, status) = (Arc::default(), Arc::default());
         let recorder = Recorder::start(plan.capture.waiting).map_err(io)?;
-        let worker = Worker::new(rig, plan, recorder, Arc::clone(&busy), Arc::clone(&status));
+        let ended: Arc<Ended> = Arc::default();
+        let worker = Worker::new(
+            rig,
+            plan,
+            recorder,
+            Arc::clone(&busy),
+            Arc::clone(&status),
+            ended.clone(),
+        );
         let thread = std::thread::Builder::new().name("capturing".into());
         let thread = thread.spawn(move || worker.run(&queue));
         Ok(Self {
             orders,
+            ended,
             busy,
             status,
             thread: thread.map_err(io)?,
@@ -162,7 +153,12 @@ impl Capturing {
     /// What is known now.
     pub fn status(&self) -> Status {
         let status = self.status.lock().unwrap_or_else(PoisonError::into_inner);
-        status.clone()
+        Status {
+            // The recorder counts after the capturing thread has gone on.
+            complete: self.ended.complete(),
+            failed: self.ended.failed(),
+            ..status.clone()
+        }
     }
 
     /// Finishes the order that is being carried out, completes the session and ends all threads; the cameras whose
@@ -176,7 +172,7 @@ impl Capturing {
 fn decline(order: Order) {
     let words = || Err("a capture is being taken".to_owned());
     match order {
-        Order::Press(press) => (press.progress)(Progress::Busy),
+        Order::Press(press) => (press.progress)(Reply::Busy),
         Order::Background(answer)
         | Order::Begin(_, _, answer)
         | Order::Note(_, answer)

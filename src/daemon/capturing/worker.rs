@@ -6,11 +6,12 @@ use super::super::rig::{Kind, Rig, Shooting, State};
 use super::super::status::{self, Status};
 use super::super::{free_bytes, names};
 use super::assemble::assemble;
-use super::{Answer, Order, Plan, Press, Progress};
+use super::{Answer, Ended, Order, Plan, Press};
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
 use crate::recording::{Kept, Outcome, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
+use crate::trigger::Reply;
 use crossbeam_channel::{Receiver, select};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -29,20 +30,13 @@ pub(super) struct Worker {
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
     refused: u64,
-    ended: Arc<Mutex<Ended>>,
+    ended: Arc<Ended>,
 }
 
 /// A session's name and how many captures it has.
 struct Naming {
     name: String,
     captures: u32,
-}
-
-/// Captures since the start, counted when they are on the disk or cannot be.
-#[derive(Default)]
-struct Ended {
-    complete: u64,
-    failed: u64,
 }
 
 impl Worker {
@@ -52,6 +46,7 @@ impl Worker {
         recorder: Recorder,
         busy: Arc<AtomicBool>,
         shared: Arc<Mutex<Status>>,
+        ended: Arc<Ended>,
     ) -> Self {
         let cameras = cameras(&rig);
         let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
@@ -66,7 +61,7 @@ impl Worker {
             session: None,
             lost: BTreeMap::new(),
             refused: 0,
-            ended: Arc::default(),
+            ended,
         }
     }
 
@@ -135,11 +130,11 @@ impl Worker {
         let press = Arc::new(press);
         if let Err(reason) = self.ready_for_a_capture() {
             self.refused += 1;
-            return (press.progress)(Progress::Refused { reason });
+            return (press.progress)(Reply::Refused { reason });
         }
         let id = match self.next_id() {
             Ok(id) => id,
-            Err(reason) => return (press.progress)(Progress::Refused { reason }),
+            Err(reason) => return (press.progress)(Reply::Refused { reason }),
         };
         for attempt in 0..=self.plan.capture.retry {
             let name = match attempt {
@@ -148,9 +143,9 @@ impl Worker {
             };
             let Ok(capture) = CaptureId::new(&name) else {
                 let reason = format!("{name:?} is too long for a capture's id");
-                return (press.progress)(Progress::Refused { reason });
+                return (press.progress)(Reply::Refused { reason });
             };
-            (press.progress)(Progress::Accepted {
+            (press.progress)(Reply::Accepted {
                 capture: name.clone(),
             });
             let kept = self.take(capture, &press);
@@ -241,8 +236,11 @@ impl Worker {
 
     fn count_lost(&mut self, shooting: &Shooting) {
         for (id, answer) in &shooting.answers {
-            let lost = answer.as_ref().map_or(0, |tally| tally.lost.len() as u64);
-            *self.lost.entry(id.to_string()).or_default() += lost;
+            let lost = answer.as_ref().map_or(&[][..], |tally| &tally.lost);
+            for words in lost {
+                eprintln!("scand: warning: camera {id}: lost: {words}");
+            }
+            *self.lost.entry(id.to_string()).or_default() += lost.len() as u64;
         }
     }
 
@@ -252,12 +250,12 @@ impl Worker {
         let reason = kept.record.reason.clone().unwrap_or_default();
         let complete = kept.record.outcome == Outcome::Complete;
         if complete {
-            (press.progress)(Progress::Captured {
+            (press.progress)(Reply::Captured {
                 capture: capture.clone(),
                 skew_ns: kept.record.skew_ns.unwrap_or(0),
             });
         } else if !last {
-            (press.progress)(Progress::Retried {
+            (press.progress)(Reply::Retried {
                 capture: capture.clone(),
                 reason: reason.clone(),
             });
@@ -267,13 +265,9 @@ impl Worker {
         let told = press.clone();
         let name = capture.clone();
         let done: Done = Box::new(move |written| {
-            let mut ended = ended.lock().unwrap_or_else(PoisonError::into_inner);
-            let whole = complete && written.is_ok();
-            ended.complete += u64::from(whole);
-            ended.failed += u64::from(!whole);
-            drop(ended);
+            ended.count(complete && written.is_ok());
             let end = end(name, complete, reason, written);
-            if let Progress::Failed { capture, reason } = &end {
+            if let Reply::Failed { capture, reason } = &end {
                 eprintln!("scand: error: capture {capture} failed: {reason}");
             }
             if ends {
@@ -283,7 +277,7 @@ impl Worker {
         if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
             let reason = "the disk is behind and the capture is lost".to_owned();
             eprintln!("scand: error: capture {capture}: {reason}");
-            (press.progress)(Progress::Failed { capture, reason });
+            (press.progress)(Reply::Failed { capture, reason });
             return true;
         }
         ends
@@ -393,12 +387,11 @@ impl Worker {
         let bytes = self.capture_bytes();
         let free = free_bytes(&self.plan.recording.folder).unwrap_or(0);
         let usable = free.saturating_sub(self.plan.recording.keep_free_mb * 1_000_000);
-        let ended = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
         let status = Status {
             cameras: status::cameras(&self.rig, &self.lost),
             session: self.session.as_ref().map(|s| s.name.clone()),
-            complete: ended.complete,
-            failed: ended.failed,
+            complete: self.ended.complete(),
+            failed: self.ended.failed(),
             refused: self.refused,
             late_frames: self.rig.late_frames(),
             capture_bytes: bytes,
@@ -465,16 +458,11 @@ fn shoot(
 }
 
 /// The end of a press.
-fn end(
-    capture: String,
-    complete: bool,
-    reason: String,
-    written: Result<PathBuf, String>,
-) -> Progress {
+fn end(capture: String, complete: bool, reason: String, written: Result<PathBuf, String>) -> Reply {
     match written {
-        Ok(recording) if complete => Progress::Durable { capture, recording },
-        Ok(_) => Progress::Failed { capture, reason },
-        Err(problem) => Progress::Failed {
+        Ok(recording) if complete => Reply::Durable { capture, recording },
+        Ok(_) => Reply::Failed { capture, reason },
+        Err(problem) => Reply::Failed {
             capture,
             reason: format!("it is not on the disk: {problem}"),
         },

@@ -12,4 +12,4 @@ mod supervisor_tests;
 pub use clock::{DeviceClock, HostClock, Reading};
 pub use device::{Confirmed, Device, Driver, Fault, Shot, Tally};
 pub use pool::{Pool, PooledBuffer};
-pub use supervisor::{Backoff, Command, Event, Message, Supervised, supervise};
+pub use supervisor::{Backoff, Command, Ending, Event, Message, Supervised, supervise};

@@ -91,9 +91,30 @@ impl Supervised {
         self.commands.try_send(Command::Shoot(shot)).is_ok()
     }
 
-    /// Ends the thread when it has done what it is at, and waits for it until `deadline`; false if it does not end.
-    pub fn stop(self, deadline: Instant) -> bool {
-        drop(self.commands);
+    /// Ends the thread when it has done what it is at. Nobody waits for it yet.
+    pub fn end(self) -> Ending {
+        Ending {
+            camera: self.camera,
+            thread: self.thread,
+        }
+    }
+}
+
+/// A camera's thread that has been told to end.
+#[derive(Debug)]
+pub struct Ending {
+    camera: CameraId,
+    thread: JoinHandle<()>,
+}
+
+impl Ending {
+    /// The camera.
+    pub fn camera(&self) -> &CameraId {
+        &self.camera
+    }
+
+    /// Waits for the thread until `deadline`; false if it does not end.
+    pub fn wait(self, deadline: Instant) -> bool {
         while !self.thread.is_finished() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
         }

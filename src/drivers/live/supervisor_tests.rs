@@ -149,7 +149,12 @@ fn a_camera_that_is_not_there_yet_is_opened_later_and_named_meanwhile() {
     stand.ready();
     assert_eq!(stand.opened.load(Ordering::Relaxed), 6);
     assert_eq!(stand.shoot(1), (vec![Timestamp(1)], Ok(Tally::default())));
-    assert!(stand.camera.stop(Instant::now() + Duration::from_secs(20)));
+    assert!(
+        stand
+            .camera
+            .end()
+            .wait(Instant::now() + Duration::from_secs(20))
+    );
 }
 
 #[test]
@@ -165,7 +170,12 @@ fn an_unplugged_camera_is_named_when_idle_and_comes_back_a_thousand_times() {
     stand.plugged.store(true, Ordering::Relaxed);
     stand.ready();
     assert!(stand.shoot(2).1.is_ok());
-    assert!(stand.camera.stop(Instant::now() + Duration::from_secs(20)));
+    assert!(
+        stand
+            .camera
+            .end()
+            .wait(Instant::now() + Duration::from_secs(20))
+    );
 }
 
 #[test]

@@ -115,6 +115,7 @@ impl BoardSession {
         });
         let cameras = colors.chain(depths);
         RigCalibration {
+            volume: None,
             cameras: cameras.map(|c| (c.0.id.clone(), c)).collect(),
         }
     }

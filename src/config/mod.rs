@@ -1,10 +1,20 @@
 //! One TOML file made of each room's own parameters, with single values set over it from the command line.
 
+mod cameras;
+
+pub use cameras::Cameras;
+
+use crate::daemon::{
+    CaptureParameters, Link, RecordingParameters, RigParameters, SocketParameters,
+};
+use crate::drivers::{aravis, openni2, v4l2};
 use crate::{output, reconstruct, report, sync};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Everything that can be configured for a replay. Each section is its room's `Parameters`.
+/// Everything that can be configured. Each section is its room's `Parameters`; those of a live rig mean nothing to a
+/// replay, so that the file that a rig ran with replays its recordings.
 #[derive(Clone, Debug, Default, PartialEq, serde::Deserialize, serde::Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
@@ -30,6 +40,22 @@ pub struct Config {
     pub verdict: report::Parameters,
     /// The model as glTF.
     pub glb: output::glb::Parameters,
+    /// The live rig.
+    pub rig: RigParameters,
+    /// How captures are taken.
+    pub capture: CaptureParameters,
+    /// Where they are kept.
+    pub recording: RecordingParameters,
+    /// Where the daemon listens.
+    pub socket: SocketParameters,
+    /// Network links that cameras share, by names of one's own.
+    pub links: BTreeMap<String, Link>,
+    /// GigE Vision cameras.
+    pub aravis: Cameras<aravis::Parameters>,
+    /// V4L2 cameras.
+    pub v4l2: Cameras<v4l2::Parameters>,
+    /// Depth cameras.
+    pub openni2: Cameras<openni2::Parameters>,
 }
 
 /// Why a configuration is refused.
@@ -240,8 +266,21 @@ mod tests {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/replay.toml");
         let shown: Table = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
         // By way of its text, in which 0.3 is 0.3 whatever its width.
-        let defaults: Table =
+        let mut defaults: Table =
             toml::from_str(&toml::to_string(&Config::default()).unwrap()).unwrap();
+        // What a replay has no use for; rig.toml shows it.
+        for live in [
+            "rig",
+            "capture",
+            "recording",
+            "socket",
+            "links",
+            "aravis",
+            "v4l2",
+            "openni2",
+        ] {
+            assert!(defaults.remove(live).is_some(), "{live}");
+        }
         assert_eq!(shown, defaults);
     }
 }

@@ -1,0 +1,65 @@
+#!/usr/bin/env bash
+# A rig without hardware: eleven GigE Vision cameras and a depth camera play a recording to the daemon, which takes the
+# plates of the empty rig and one capture; the capture becomes a model. No root: it runs in a network namespace of its
+# own. What it makes lies in out/rig-demo (OUT names another folder).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+if [ -z "${SCAND_IN_NAMESPACE:-}" ]; then
+	SCAND_IN_NAMESPACE=1 exec unshare --user --map-root-user --net "scripts/$(basename "$0")" "$@"
+fi
+ip link set lo up
+for n in $(seq 1 11); do ip address add "127.0.1.$n/8" dev lo 2>/dev/null || true; done
+
+scand=$PWD/${SCAND:-target/release/scand}
+recording=$PWD/${1:-recordings/cup.mcap}
+out=$PWD/${OUT:-out/rig-demo}
+if [ -e "$out" ]; then
+	echo "rig-demo: $out is there already; remove it first" >&2
+	exit 1
+fi
+mkdir -p "$out"
+libraries=$(tests/openni2-sensor/stage.sh)
+
+cp config/loopback.toml "$out/rig.toml"
+"$scand" info "$recording" --calibration "$out/calibration.toml" >/dev/null
+cd "$out"
+
+# The cameras. Their commands go through a pipe that stays open.
+mkfifo commands
+"$scand" simulate --serve "$recording" --empty --sensor-frames frames <commands >cameras.log 2>&1 &
+cameras=$!
+exec 3>commands
+daemon=
+finish() {
+	[ -z "$daemon" ] || kill "$daemon" 2>/dev/null || true
+	kill "$cameras" 2>/dev/null || true
+	wait 2>/dev/null || true
+	rm -f commands
+}
+trap finish EXIT
+until_said() {
+	for _ in $(seq 300); do
+		grep -q "$1" "$2" 2>/dev/null && return
+		sleep 0.1
+	done
+	echo "rig-demo: $2 does not say $1:" >&2
+	cat "$2" >&2
+	exit 1
+}
+until_said serving cameras.log
+
+LD_LIBRARY_PATH=$libraries SCAND_OPENNI2_FRAMES=$out/frames "$scand" run --config rig.toml 2>daemon.log &
+daemon=$!
+until_said listening daemon.log
+for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "camera $camera: ready" daemon.log; done
+
+"$scand" background --socket scand.sock
+echo captures >&3
+"$scand" trigger --socket scand.sock --subject demo
+"$scand" status --socket scand.sock
+"$scand" session close --socket scand.sock
+kill -TERM "$daemon"
+wait "$daemon"
+daemon=
+"$scand" --replay recordings/*.mcap --out models

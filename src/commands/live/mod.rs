@@ -1,0 +1,7 @@
+//! Commands that concern a live rig: the daemon itself, and those that ask it.
+
+pub mod ask;
+#[cfg(feature = "live")]
+pub mod run;
+#[cfg(feature = "live")]
+mod stations;

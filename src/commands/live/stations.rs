@@ -1,0 +1,246 @@
+//! From a configuration to the cameras that are to be opened, each with its driver. Nothing is opened here.
+
+use crate::calibration::RigCalibration;
+use crate::config::Config;
+use crate::daemon::{Kind, Station, Transmission, budget};
+use crate::drivers::aravis::{Parameters as GigeParameters, PixelFormat};
+use crate::drivers::live::{Driver, HostClock, Pool};
+use crate::drivers::{aravis, openni2, v4l2};
+use crate::frame::CameraId;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What drivers share.
+struct Shared<'a> {
+    clock: HostClock,
+    pool: &'a Pool,
+}
+
+/// Packets that a network carries without being asked for larger ones, in bytes from the IP header on.
+const PLAIN_PACKET: u32 = 1500;
+
+/// The cameras of a configuration.
+///
+/// # Errors
+/// If a camera is named twice, is set wrongly or has no calibration, its driver is not in this program, or a link cannot
+/// carry what it should.
+pub(super) fn stations(
+    config: &Config,
+    calibration: &RigCalibration,
+    clock: HostClock,
+    pool: &Pool,
+) -> Result<Vec<Station>, String> {
+    let shared = Shared { clock, pool };
+    let mut stations: BTreeMap<CameraId, Station> = BTreeMap::new();
+    let gige = staggered(config, calibration)?;
+    let actions = aravis_actions();
+    for (id, parameters) in gige {
+        let driver = gige_driver(&id, parameters, &shared, &actions)?;
+        add(&mut stations, calibration, id, Kind::Color, driver)?;
+    }
+    for (id, parameters) in checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)? {
+        let driver = v4l2_driver(&id, parameters, &shared)?;
+        add(&mut stations, calibration, id, Kind::Color, driver)?;
+    }
+    let depths = checked(
+        "openni2",
+        config.openni2.each()?,
+        openni2::Parameters::checked,
+    )?;
+    for (id, mut parameters) in depths {
+        parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
+        let kind = if parameters.take_turns() {
+            Kind::DepthInTurn
+        } else {
+            Kind::Depth
+        };
+        let driver = openni2_driver(&id, parameters, &shared)?;
+        add(&mut stations, calibration, id, kind, driver)?;
+    }
+    if stations.values().filter(|s| s.kind == Kind::Color).count() < 2 {
+        return Err("expected at least two colour cameras (aravis.cameras, v4l2.cameras)".into());
+    }
+    for id in calibration
+        .cameras
+        .keys()
+        .filter(|id| !stations.contains_key(id))
+    {
+        eprintln!("scand: warning: camera {id} is calibrated and not configured: it is left out");
+    }
+    Ok(stations.into_values().collect())
+}
+
+/// Each camera of a driver, checked, by its id.
+fn checked<P>(
+    driver: &str,
+    cameras: BTreeMap<String, P>,
+    check: impl Fn(&P) -> Result<(), String>,
+) -> Result<BTreeMap<CameraId, P>, String> {
+    let one = |(name, parameters): (String, P)| {
+        let place = format!("{driver}.cameras.{name}");
+        let id = CameraId::new(&name).map_err(|e| format!("{place}: {e}"))?;
+        check(&parameters).map_err(|e| format!("{place}: {e}"))?;
+        Ok((id, parameters))
+    };
+    cameras.into_iter().map(one).collect()
+}
+
+fn add(
+    stations: &mut BTreeMap<CameraId, Station>,
+    calibration: &RigCalibration,
+    id: CameraId,
+    kind: Kind,
+    driver: Box<dyn Driver>,
+) -> Result<(), String> {
+    if !calibration.cameras.contains_key(&id) {
+        let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
+        return Err(format!(
+            "camera {id} has no calibration, rig.calibration has {}",
+            known.join(", ")
+        ));
+    }
+    let station = Station {
+        id: id.clone(),
+        kind,
+        driver,
+    };
+    match stations.insert(id.clone(), station) {
+        Some(_) => Err(format!("camera {id} is configured for two drivers")),
+        None => Ok(()),
+    }
+}
+
+/// The GigE Vision cameras, those of a link one after the other.
+fn staggered(
+    config: &Config,
+    calibration: &RigCalibration,
+) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
+    let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
+    unique_addresses(&cameras)?;
+    let transmissions = cameras.iter().filter_map(|(id, parameters)| {
+        let (camera, _) = calibration.cameras.get(id)?;
+        let pixels = [camera.intrinsics.width, camera.intrinsics.height];
+        let bytes = parameters.pixel_format.map_or(1, PixelFormat::bytes);
+        let transmission = Transmission {
+            frame_bytes: (pixels[0] * pixels[1] * bytes) as u64,
+            packet_bytes: parameters.packet_size.unwrap_or(PLAIN_PACKET),
+            packet_delay_ns: parameters.packet_delay_ns.unwrap_or(0),
+        };
+        Some((id.clone(), transmission))
+    });
+    let at_most = config.sync.window_ms + config.capture.patience_ms as f64;
+    let at_most = Duration::from_secs_f64(at_most.max(0.0) / 1e3);
+    let budget = budget(&config.links, &transmissions.collect(), at_most)?;
+    for (name, takes) in &budget.links {
+        eprintln!(
+            "scand: link {name}: a capture takes {:.0} ms",
+            takes.as_secs_f64() * 1e3
+        );
+    }
+    for (id, delay_ns) in budget.transmission_delay_ns {
+        if let Some(parameters) = cameras.get_mut(&id) {
+            parameters.transmission_delay_ns.get_or_insert(delay_ns);
+        }
+    }
+    Ok(cameras)
+}
+
+fn unique_addresses(cameras: &BTreeMap<CameraId, GigeParameters>) -> Result<(), String> {
+    let mut taken = BTreeMap::new();
+    for (id, parameters) in cameras {
+        if let Some(address) = parameters.address
+            && let Some(other) = taken.insert(address, id)
+        {
+            return Err(format!(
+                "aravis.cameras.{id}: address {address} is that of {other} already"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// A driver that this program was built without.
+#[allow(dead_code, reason = "called for the drivers that are not built in")]
+fn not_built_in(id: &CameraId, feature: &str) -> String {
+    format!("camera {id}: this program was built without the feature {feature}")
+}
+
+#[cfg(feature = "aravis")]
+fn aravis_actions() -> aravis::ActionGroup {
+    aravis::ActionGroup::default()
+}
+
+#[cfg(not(feature = "aravis"))]
+fn aravis_actions() {}
+
+#[cfg(feature = "aravis")]
+fn gige_driver(
+    id: &CameraId,
+    parameters: GigeParameters,
+    shared: &Shared<'_>,
+    actions: &aravis::ActionGroup,
+) -> Result<Box<dyn Driver>, String> {
+    Ok(Box::new(aravis::GigeDriver::new(
+        id.clone(),
+        parameters,
+        shared.pool.clone(),
+        shared.clock,
+        actions.clone(),
+    )))
+}
+
+#[cfg(not(feature = "aravis"))]
+fn gige_driver(
+    id: &CameraId,
+    _: GigeParameters,
+    _: &Shared<'_>,
+    (): &(),
+) -> Result<Box<dyn Driver>, String> {
+    Err(not_built_in(id, "aravis"))
+}
+
+#[cfg(feature = "v4l2")]
+fn v4l2_driver(
+    id: &CameraId,
+    parameters: v4l2::Parameters,
+    shared: &Shared<'_>,
+) -> Result<Box<dyn Driver>, String> {
+    Ok(Box::new(v4l2::V4l2Driver::new(
+        id.clone(),
+        parameters,
+        shared.pool.clone(),
+        shared.clock,
+    )))
+}
+
+#[cfg(not(feature = "v4l2"))]
+fn v4l2_driver(
+    id: &CameraId,
+    _: v4l2::Parameters,
+    _: &Shared<'_>,
+) -> Result<Box<dyn Driver>, String> {
+    Err(not_built_in(id, "v4l2"))
+}
+
+#[cfg(feature = "openni2")]
+fn openni2_driver(
+    id: &CameraId,
+    parameters: openni2::Parameters,
+    shared: &Shared<'_>,
+) -> Result<Box<dyn Driver>, String> {
+    Ok(Box::new(openni2::OpenNi2::new(
+        id.clone(),
+        parameters,
+        shared.pool.clone(),
+        shared.clock,
+    )))
+}
+
+#[cfg(not(feature = "openni2"))]
+fn openni2_driver(
+    id: &CameraId,
+    _: openni2::Parameters,
+    _: &Shared<'_>,
+) -> Result<Box<dyn Driver>, String> {
+    Err(not_built_in(id, "openni2"))
+}

@@ -1,0 +1,100 @@
+//! Asks a running daemon.
+
+use super::{Reply, Request};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Largest reply that is read, in bytes.
+const LONGEST_REPLY: u64 = 4 << 20;
+
+/// Why the daemon could not be asked.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Nobody listens.
+    #[error("{}: {cause}: is the daemon running (scand run)?", path.display())]
+    Away {
+        /// The socket.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// The connection broke, or took too long.
+    #[error("{}: {cause}", path.display())]
+    Broken {
+        /// The socket.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// It says what no daemon says.
+    #[error("{}: found {line:?}, expected a reply", path.display())]
+    Senseless {
+        /// The socket.
+        path: PathBuf,
+        /// What it said, shortened.
+        line: String,
+    },
+}
+
+/// A connection to the daemon.
+#[derive(Debug)]
+pub struct Client {
+    path: PathBuf,
+    stream: BufReader<UnixStream>,
+}
+
+impl Client {
+    /// Connects; replies are waited for as long as `patience`.
+    ///
+    /// # Errors
+    /// If nobody listens.
+    pub fn connect(path: &Path, patience: Duration) -> Result<Self, Error> {
+        let away = |cause| Error::Away {
+            path: path.into(),
+            cause,
+        };
+        let stream = UnixStream::connect(path).map_err(away)?;
+        stream.set_read_timeout(Some(patience)).map_err(away)?;
+        stream.set_write_timeout(Some(patience)).map_err(away)?;
+        Ok(Self {
+            path: path.into(),
+            stream: BufReader::new(stream),
+        })
+    }
+
+    /// Sends a request; its replies follow, see [`Self::reply`].
+    ///
+    /// # Errors
+    /// If the connection breaks, or the daemon takes longer than was to be waited.
+    pub fn send(&mut self, request: &Request) -> Result<(), Error> {
+        let mut line = serde_json::to_string(request).unwrap_or_default();
+        line.push('\n');
+        let written = self.stream.get_mut().write_all(line.as_bytes());
+        written.map_err(|cause| self.broken(cause))
+    }
+
+    /// Waits for the next reply. After the one of [`Reply::is_end`] comes none.
+    ///
+    /// # Errors
+    /// As for [`Self::send`], or if what comes is no reply.
+    pub fn reply(&mut self) -> Result<Reply, Error> {
+        let mut line = String::new();
+        let read = (&mut self.stream).take(LONGEST_REPLY).read_line(&mut line);
+        if read.map_err(|cause| self.broken(cause))? == 0 {
+            return Err(self.broken(std::io::ErrorKind::UnexpectedEof.into()));
+        }
+        serde_json::from_str(&line).map_err(|_| Error::Senseless {
+            path: self.path.clone(),
+            line: line.chars().take(200).collect(),
+        })
+    }
+
+    fn broken(&self, cause: std::io::Error) -> Error {
+        Error::Broken {
+            path: self.path.clone(),
+            cause,
+        }
+    }
+}

@@ -1,0 +1,269 @@
+//! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a depth
+//! camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
+
+#[path = "../gige/network.rs"]
+#[allow(dead_code, reason = "what the camera's own tests want beside")]
+mod network;
+#[path = "../openni2-sensor/stage.rs"]
+mod stage;
+mod stand;
+
+use scand::frame::{CameraId, Picture};
+use scand::recording::{ColorPart, DepthPart, Outcome, Recording, Topic};
+use scand::trigger::Reply;
+use stand::{Stand, served};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+fn color(index: usize, part: ColorPart) -> Topic {
+    Topic::Color(CameraId::new(&format!("c{index:02}")).unwrap(), part)
+}
+
+fn kinect(part: DepthPart) -> Topic {
+    Topic::Depth(CameraId::new("kinect").unwrap(), part)
+}
+
+/// The pixels of each message of a topic.
+fn pixels(recording: &Recording, topic: &Topic) -> Vec<Vec<u8>> {
+    let pictures =
+        recording
+            .messages(topic)
+            .iter()
+            .map(|m| match recording.picture(topic, m).unwrap() {
+                Picture::Raw { data, .. } | Picture::Compressed { data, .. } => data.to_vec(),
+            });
+    pictures.collect()
+}
+
+fn recordings(folder: &Path) -> Vec<PathBuf> {
+    let files = std::fs::read_dir(folder).unwrap();
+    let mut files: Vec<_> = files.map(|f| f.unwrap().path()).collect();
+    files.retain(|f| f.extension().is_some_and(|e| e == "mcap"));
+    files.sort();
+    files
+}
+
+/// F-score at 1 mm of what a recording's first capture becomes.
+fn f_score(recording: &Path, truth: &Path, out: &Path) -> f64 {
+    let replayed = stand::scand()
+        .arg("--replay")
+        .args([recording, Path::new("--out"), out])
+        .arg("--quiet")
+        .status();
+    assert!(replayed.unwrap().success());
+    let stem = out.join(recording.file_stem().unwrap());
+    let capture = std::fs::read_dir(stem).unwrap().next().unwrap().unwrap();
+    let measured = stand::scand()
+        .arg("evaluate")
+        .args([&capture.path().join("model.ply"), truth])
+        .arg("--json")
+        .output()
+        .unwrap();
+    let figures: serde_json::Value = serde_json::from_slice(&measured.stdout).unwrap();
+    figures["whole"]["f_scores"][1]["f_score"].as_f64().unwrap()
+}
+
+#[test]
+fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
+    network::alone(
+        "what_is_served_is_what_is_recorded_and_becomes_the_same_model",
+        || {
+            let stand = Stand::start(&["sync.depth_frames=30"]);
+            stand.tell("background");
+            stand.ask_done(&scand::trigger::Request::Background {});
+            stand.tell("captures");
+            let Reply::Durable { recording, .. } = stand.press() else {
+                panic!("{}", stand.log());
+            };
+            let folder = stand.end();
+            let (original, truth) = served();
+            let (original, kept) = (
+                Recording::open(&original).unwrap(),
+                Recording::open(&recording).unwrap(),
+            );
+            assert_eq!(kept.verify().unwrap(), []);
+            for i in 0..11 {
+                for part in [ColorPart::Image, ColorPart::Background] {
+                    let topic = color(i, part);
+                    assert_eq!(pixels(&kept, &topic), pixels(&original, &topic), "{topic}");
+                }
+            }
+            // The sensor plays its frames round and round: the burst has each once, from wherever it began.
+            for part in [DepthPart::Image, DepthPart::Color] {
+                let topic = kinect(part);
+                let [mut a, mut b] = [&kept, &original].map(|r| pixels(r, &topic));
+                a.sort();
+                b.sort();
+                assert!(a == b, "{topic}: {} and {} frames", a.len(), b.len());
+            }
+            let [again, first] = [(&kept, "again"), (&original, "first")]
+                .map(|(r, name)| f_score(r.path(), &truth, &folder.path().join(name)));
+            assert!((again - first).abs() < 0.002, "{again} and {first}");
+        },
+    );
+}
+
+#[test]
+fn a_hundred_presses_lose_nothing_unsaid() {
+    network::alone("a_hundred_presses_lose_nothing_unsaid", || {
+        let stand = Stand::start(&["sync.depth_frames=10", "recording.largest_file_mb=200"]);
+        let mut ends = BTreeMap::new();
+        let mut memory = 0;
+        for i in 0..100 {
+            match stand.press() {
+                Reply::Durable { capture, .. } => drop(ends.insert(capture, true)),
+                Reply::Failed { capture, .. } => drop(ends.insert(capture, false)),
+                other => panic!("{other:?}"),
+            }
+            if i == 20 {
+                memory = stand.daemon_memory();
+            }
+        }
+        assert_eq!(ends.len(), 100);
+        let grown = stand.daemon_memory().saturating_sub(memory);
+        assert!(
+            grown < 60_000_000,
+            "{grown} bytes more than after 20 captures"
+        );
+        let folder = stand.end();
+        let (mut times, mut complete, mut named) = (BTreeSet::new(), 0, 0);
+        for file in recordings(&folder.path().join("recordings")) {
+            let recording = Recording::open(&file).unwrap();
+            for message in recording.messages(&Topic::Capture) {
+                let record = recording.capture_record(message).unwrap();
+                let frames = record
+                    .cameras
+                    .values()
+                    .filter_map(|c| c.timestamps.as_ref());
+                match record.outcome {
+                    Outcome::Complete => {
+                        complete += 1;
+                        assert_eq!(frames.map(Vec::len).sum::<usize>(), 11 + 10);
+                    }
+                    // A frame that is missing has a reason that names its camera.
+                    Outcome::Failed => {
+                        named += 1;
+                        let reason = record.reason.unwrap();
+                        let silent = record
+                            .cameras
+                            .iter()
+                            .filter(|(_, c)| c.timestamps.as_ref().is_none_or(Vec::is_empty));
+                        for (camera, _) in silent {
+                            assert!(reason.contains(camera), "{camera}: {reason}");
+                        }
+                    }
+                }
+            }
+            for i in 0..11 {
+                for message in recording.messages(&color(i, ColorPart::Image)) {
+                    assert!(times.insert((i, message.log_time())), "a frame twice");
+                }
+            }
+        }
+        let durable = ends.values().filter(|d| **d).count();
+        assert_eq!(complete, durable);
+        assert!(durable >= 95, "{durable} of 100 complete, {named} failed");
+    });
+}
+
+#[test]
+fn cameras_that_fail_are_named_and_come_back() {
+    network::alone("cameras_that_fail_are_named_and_come_back", || {
+        let stand = Stand::start(&["sync.depth_frames=10", "capture.retry=0"]);
+        let failed = |reply: Reply| match reply {
+            Reply::Failed { reason, .. } => reason,
+            other => panic!("{other:?}: {}", stand.log()),
+        };
+        // A camera that is switched off is named, and is back by itself when it is switched on.
+        stand.tell("stop c03");
+        let reason = failed(stand.press());
+        assert!(reason.contains("c03"), "{reason}");
+        stand.tell("start c03");
+        stand.until_durable();
+        // Lost packets never make a frame that looks whole.
+        stand.tell("loss c05 0.2");
+        let reason = failed(stand.press());
+        assert!(reason.contains("c05"), "{reason}");
+        stand.tell("loss c05 0");
+        stand.until_durable();
+        // A clock that stands still is not believed.
+        stand.tell("freeze c07");
+        let end = Instant::now() + Duration::from_secs(20);
+        let reason = loop {
+            if let Reply::Failed { reason, .. } = stand.press() {
+                break reason;
+            }
+            assert!(Instant::now() < end, "a frozen clock is believed");
+        };
+        assert!(reason.contains("c07"), "{reason}");
+        stand.tell("thaw c07");
+        stand.until_durable();
+        // Nobody presses for longer than any time-out: no camera is lost meanwhile.
+        std::thread::sleep(Duration::from_secs(10));
+        let reply = stand.press();
+        assert!(matches!(reply, Reply::Durable { .. }), "{reply:?}");
+        let folder = stand.end();
+        for file in recordings(&folder.path().join("recordings")) {
+            assert_eq!(Recording::open(&file).unwrap().verify().unwrap(), []);
+        }
+    });
+}
+
+#[test]
+fn what_was_acknowledged_survives_a_kill_at_any_moment() {
+    network::alone(
+        "what_was_acknowledged_survives_a_kill_at_any_moment",
+        || {
+            let mut stand = Stand::start(&["sync.depth_frames=10"]);
+            let mut acknowledged = BTreeSet::new();
+            for round in 0..6 {
+                if let Reply::Durable { capture, .. } = stand.press() {
+                    acknowledged.insert(capture);
+                }
+                // The next one is killed in its middle, each round at another place.
+                stand.begin_press();
+                std::thread::sleep(Duration::from_millis(40 * round));
+                stand.kill_and_restart();
+            }
+            assert!(acknowledged.len() >= 5, "{}", stand.log());
+            let folder = stand.end();
+            let mut found = BTreeSet::new();
+            for file in recordings(&folder.path().join("recordings")) {
+                let recording = Recording::open(&file).unwrap();
+                assert_eq!(recording.verify().unwrap(), []);
+                for message in recording.messages(&Topic::Capture) {
+                    found.insert(recording.capture_record(message).unwrap().id);
+                }
+            }
+            let lost: Vec<_> = acknowledged.difference(&found).collect();
+            assert!(lost.is_empty(), "{lost:?}");
+        },
+    );
+}
+
+#[test]
+fn a_full_disk_fails_a_capture_and_no_other() {
+    network::alone("a_full_disk_fails_a_capture_and_no_other", || {
+        let settings = [
+            "sync.depth_frames=10",
+            "capture.retry=0",
+            "recording.keep_free_mb=0",
+        ];
+        // Room for some captures of 18 MB. Another program fills it while nobody looks.
+        let stand = Stand::start_on_small_disk(&settings, 120);
+        assert!(matches!(stand.press(), Reply::Durable { .. }));
+        let reply = stand.fill_disk_while_capturing(9_000_000);
+        let (Reply::Failed { reason, .. } | Reply::Refused { reason }) = &reply else {
+            panic!("{reply:?}");
+        };
+        assert!(
+            reason.contains("space") || reason.contains("MB left"),
+            "{reason}"
+        );
+        stand.remove_filler();
+        stand.until_durable();
+        let status = stand.status();
+        assert!(status["complete"].as_u64() >= Some(2), "{status}");
+    });
+}
