@@ -53,6 +53,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("queue", &[]),
+    ("trigger", &[]),
     (
         "config",
         &[

@@ -195,6 +195,10 @@ async fn carry_out(
         Request::Begin { name, about } => {
             capturing.order(Order::Begin(name, about, answer(said)));
         }
+        Request::Note { kind, .. } if !matches!(kind.as_str(), "accept" | "reject" | "text") => {
+            let reason = format!("kind {kind:?} is none of accept, reject and text");
+            let _ = said.send(Reply::Refused { reason });
+        }
         Request::Note {
             capture,
             kind,

@@ -1,6 +1,7 @@
 //! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a depth
 //! camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
 
+mod configuration;
 #[path = "../gige/network.rs"]
 #[allow(dead_code, reason = "what the camera's own tests want beside")]
 mod network;
@@ -104,22 +105,38 @@ fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
     );
 }
 
+/// Printed for who wants to know (`--nocapture`); a figure that depends on the machine is nothing to be held.
+fn tell_latencies(mut latencies: Vec<Duration>) {
+    let all: Duration = latencies.iter().sum();
+    latencies.sort();
+    let at = |part: f64| latencies[((latencies.len() - 1) as f64 * part) as usize].as_millis();
+    println!(
+        "trigger to durable: p50 {} ms, p99 {} ms; {:.2} captures a second",
+        at(0.5),
+        at(0.99),
+        latencies.len() as f64 / all.as_secs_f64()
+    );
+}
+
 #[test]
 fn a_hundred_presses_lose_nothing_unsaid() {
     network::alone("a_hundred_presses_lose_nothing_unsaid", || {
         let stand = Stand::start(&["sync.depth_frames=10", "recording.largest_file_mb=200"]);
         let mut ends = BTreeMap::new();
-        let mut memory = 0;
+        let (mut memory, mut latencies) = (0, Vec::new());
         for i in 0..100 {
+            let begin = Instant::now();
             match stand.press() {
                 Reply::Durable { capture, .. } => drop(ends.insert(capture, true)),
                 Reply::Failed { capture, .. } => drop(ends.insert(capture, false)),
                 other => panic!("{other:?}"),
             }
+            latencies.push(begin.elapsed());
             if i == 20 {
                 memory = stand.daemon_memory();
             }
         }
+        tell_latencies(latencies);
         assert_eq!(ends.len(), 100);
         let grown = stand.daemon_memory().saturating_sub(memory);
         assert!(

@@ -25,6 +25,9 @@ const VALUE_LOW: u64 = 0x094c;
 const LATCH_BIT: u32 = 2;
 /// How long a camera may take to do it.
 const LATCH_TIME: Duration = Duration::from_millis(20);
+/// How often a latch is looked for: a busy host or camera misses one. The pauses between grow by this.
+const ATTEMPTS: u32 = 4;
+const ATTEMPT_PAUSE: Duration = Duration::from_millis(20);
 /// Readings when a camera is opened, at most, and the uncertainty that ends them.
 const READINGS: usize = 16;
 const SHARP_NS: u64 = 500_000;
@@ -58,9 +61,11 @@ impl CameraClock {
             problem: None,
         };
         let candidates = [Latch::Standard, Latch::Older, Latch::Registers];
-        clock.latch = candidates
-            .into_iter()
-            .find(|latch| clock.runs(*latch, camera, device));
+        clock.latch = (0..ATTEMPTS).find_map(|attempt| {
+            std::thread::sleep(ATTEMPT_PAUSE * attempt);
+            let mut candidates = candidates.into_iter();
+            candidates.find(|latch| clock.runs(*latch, camera, device))
+        });
         // A busy host makes readings vague: the narrowest counts.
         for count in 0..READINGS {
             clock.read(camera, device);

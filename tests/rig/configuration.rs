@@ -1,0 +1,70 @@
+//! Configurations that are refused before anything is touched: exit code 78, and what is wrong by its name.
+
+use super::stand::{scand, served};
+use std::path::Path;
+
+const CAMERAS: &str = "[aravis.cameras.c00]\naddress = \"127.0.1.1\"\n[aravis.cameras.c01]\naddress = \"127.0.1.2\"\n";
+
+fn check(folder: &Path, text: &str) -> (Option<i32>, String) {
+    std::fs::write(folder.join("rig.toml"), text).unwrap();
+    let output = scand()
+        .args(["run", "--check", "--config", "rig.toml"])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    (output.status.code(), words)
+}
+
+#[test]
+fn what_is_wrong_is_named_and_nothing_touched() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, _) = served();
+    let exported = scand()
+        .arg("info")
+        .args([
+            &recording,
+            Path::new("--calibration"),
+            &folder.path().join("calibration.toml"),
+        ])
+        .output();
+    assert!(exported.unwrap().status.success());
+    let rig = "[rig]\ncalibration = \"calibration.toml\"\n";
+    let sound = format!("{rig}{CAMERAS}");
+    let (code, words) = check(folder.path(), &sound);
+    assert_eq!(code, Some(0), "{words}");
+    let cases = [
+        (CAMERAS.to_owned(), "rig.calibration is missing"),
+        (sound.replace("calibration.toml", "none.toml"), "none.toml"),
+        (format!("{sound}[capture]\nretyr = 1\n"), "retyr"),
+        (format!("{sound}exposure = nan\n"), "exposure"),
+        (format!("{sound}exposure = nan\n"), "line 7"),
+        (format!("{sound}{CAMERAS}"), "duplicate key"),
+        (
+            sound.replace("127.0.1.2", "127.0.1.1"),
+            "that of c00 already",
+        ),
+        (
+            sound.replace("cameras.c01", "cameras.c77"),
+            "camera c77 has no calibration",
+        ),
+        (
+            format!("{sound}[links.a]\nspeed_mbit = 1\ncameras = [\"c00\", \"c01\"]\n"),
+            "1 Mbit/s",
+        ),
+        (
+            format!("{sound}[openni2.cameras.kinect]\nrate = -3\n"),
+            "rate",
+        ),
+    ];
+    for (text, named) in cases {
+        let (code, words) = check(folder.path(), &text);
+        assert_eq!(code, Some(78), "{text}\n{words}");
+        assert!(
+            words.contains(named) && words.contains("toml"),
+            "{named}: {words}"
+        );
+    }
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
+    assert_eq!(left.len(), 2, "{left:?}");
+}
