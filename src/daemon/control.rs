@@ -70,12 +70,12 @@ pub fn serve(
         Ok(())
     })?;
     let _ = std::fs::remove_file(path);
-    // Connections end with the runtime; whoever signals again does not want to wait for the capture in progress.
+    // Clients hear the end of the capture in progress; whoever signals again does not want to wait for it.
     second_signal_exits(runtime);
     Ok(())
 }
 
-/// Leaves a thread that ends the process at the next signal.
+/// Leaves a thread that serves the clients that are connected, and ends the process at the next signal.
 fn second_signal_exits(runtime: tokio::runtime::Runtime) {
     let wait = move || {
         runtime.block_on(async {

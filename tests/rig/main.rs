@@ -77,7 +77,10 @@ fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
             let Reply::Durable { recording, .. } = stand.press() else {
                 panic!("{}", stand.log());
             };
+            // A client that stays connected keeps no session from being completed.
+            let idle = stand.client().unwrap();
             let folder = stand.end();
+            drop(idle);
             let (original, truth) = served();
             let (original, kept) = (
                 Recording::open(&original).unwrap(),

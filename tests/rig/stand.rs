@@ -174,7 +174,8 @@ impl Stand {
         assert_eq!(answer, "ok", "{words}");
     }
 
-    fn client(&self) -> Result<Client, scand::trigger::Error> {
+    /// A connection to the daemon.
+    pub fn client(&self) -> Result<Client, scand::trigger::Error> {
         Client::connect(&self.path().join("scand.sock"), Duration::from_secs(60))
     }
 

@@ -13,7 +13,6 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Hold the rig's cameras, take a capture at each trigger and bring it to the disk. Ends with SIGTERM or Ctrl-C: a
 /// capture in progress is finished, the session completed.
@@ -88,9 +87,7 @@ fn serve_rig(
         eprintln!("scand: listening on {}", path.display());
     })?;
     eprintln!("scand: ending");
-    // The connections are gone, and with them all other holders.
-    let capturing = wait_for_the_last(capturing);
-    let stuck = capturing.map(Capturing::stop).unwrap_or_default();
+    let stuck = capturing.stop();
     for camera in &stuck {
         eprintln!("scand: error: camera {camera}: its driver hangs");
     }
@@ -99,18 +96,6 @@ fn serve_rig(
     } else {
         ExitCode::from(EXIT_LOST)
     })
-}
-
-fn wait_for_the_last(capturing: Arc<Capturing>) -> Option<Capturing> {
-    let mut capturing = capturing;
-    for _ in 0..500 {
-        match Arc::try_unwrap(capturing) {
-            Ok(last) => return Some(last),
-            Err(shared) => capturing = shared,
-        }
-        std::thread::sleep(Duration::from_millis(10));
-    }
-    None
 }
 
 fn bad(error: impl std::error::Error + Send + Sync + 'static) -> anyhow::Error {

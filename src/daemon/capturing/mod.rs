@@ -14,11 +14,11 @@ use crate::frame::CameraId;
 use crate::recording::{Error, Note, Preamble, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
-use crossbeam_channel::{Sender, bounded};
+use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use worker::Worker;
 
@@ -95,11 +95,12 @@ impl Ended {
 
 /// The thread, from outside.
 pub struct Capturing {
-    orders: Sender<Order>,
+    /// `None` once it is told to stop.
+    orders: Mutex<Option<Sender<Order>>>,
     ended: Arc<Ended>,
     busy: Arc<AtomicBool>,
     status: Arc<Mutex<Status>>,
-    thread: JoinHandle<Vec<CameraId>>,
+    thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
 impl Capturing {
@@ -131,28 +132,36 @@ impl Capturing {
         let thread = std::thread::Builder::new().name("capturing".into());
         let thread = thread.spawn(move || worker.run(&queue));
         Ok(Self {
-            orders,
+            orders: Mutex::new(Some(orders)),
             ended,
             busy,
             status,
-            thread: thread.map_err(io)?,
+            thread: Mutex::new(Some(thread.map_err(io)?)),
         })
     }
 
     /// Gives an order, unless one is being carried out: then a press hears `Busy`, and others that they may try again.
     pub fn order(&self, order: Order) {
         if self.busy.swap(true, Ordering::AcqRel) {
-            return decline(order);
+            return decline(order, Reply::Busy, "a capture is being taken");
         }
-        if let Err(refused) = self.orders.try_send(order) {
+        let declined = match &*lock(&self.orders) {
+            Some(orders) => orders.try_send(order).err().map(TrySendError::into_inner),
+            None => Some(order),
+        };
+        if let Some(order) = declined {
             self.busy.store(false, Ordering::Release);
-            decline(refused.into_inner());
+            let reason = "the daemon is ending";
+            let refused = Reply::Refused {
+                reason: reason.into(),
+            };
+            decline(order, refused, reason);
         }
     }
 
     /// What is known now.
     pub fn status(&self) -> Status {
-        let status = self.status.lock().unwrap_or_else(PoisonError::into_inner);
+        let status = lock(&self.status);
         Status {
             // The recorder counts after the capturing thread has gone on.
             complete: self.ended.complete(),
@@ -161,22 +170,28 @@ impl Capturing {
         }
     }
 
-    /// Finishes the order that is being carried out, completes the session and ends all threads; the cameras whose
-    /// threads hang.
-    pub fn stop(self) -> Vec<CameraId> {
-        drop(self.orders);
-        self.thread.join().unwrap_or_default()
+    /// Finishes the order that is being carried out, completes the session and ends all threads, whoever else holds
+    /// this; the cameras whose threads hang.
+    pub fn stop(&self) -> Vec<CameraId> {
+        drop(lock(&self.orders).take());
+        let thread = lock(&self.thread).take();
+        let stuck = thread.and_then(|thread| thread.join().ok());
+        stuck.unwrap_or_default()
     }
 }
 
-fn decline(order: Order) {
-    let words = || Err("a capture is being taken".to_owned());
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Answers an order that is not carried out: a press with the reply, all others with the words.
+fn decline(order: Order, reply: Reply, words: &str) {
     match order {
-        Order::Press(press) => (press.progress)(Reply::Busy),
+        Order::Press(press) => (press.progress)(reply),
         Order::Background(answer)
         | Order::Begin(_, _, answer)
         | Order::Note(_, answer)
-        | Order::Close(answer) => answer(words()),
+        | Order::Close(answer) => answer(Err(words.to_owned())),
     }
 }
 
