@@ -14,6 +14,8 @@ pub mod evaluate;
 pub mod frame;
 pub mod image;
 pub mod job;
+#[cfg(feature = "live")]
+pub mod log;
 pub mod mesh;
 pub mod output;
 pub mod queue;

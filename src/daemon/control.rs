@@ -2,6 +2,7 @@
 //! can waste its own connection and nothing else.
 
 use super::capturing::{Answer, Capturing, Order, Press};
+use crate::log;
 use crate::recording::Note;
 use crate::trigger::{LONGEST_LINE, Reply, Request};
 use std::io::ErrorKind;
@@ -86,7 +87,7 @@ fn second_signal_exits(runtime: tokio::runtime::Runtime) {
                     _ = ends.recv() => {}
                     _ = interrupts.recv() => {}
                 }
-                eprintln!("scand: ended at once by a second signal");
+                log::error!("ended at once by a second signal");
                 std::process::exit(1);
             }
         });
@@ -143,7 +144,7 @@ async fn client(stream: UnixStream, capturing: &Capturing) {
         let pid = who
             .pid()
             .map_or_else(String::new, |p| format!(", process {p}"));
-        eprintln!("scand: client: user {}{pid}", who.uid());
+        log::info!("client: user {}{pid}", who.uid());
     }
     let (read, mut write) = stream.into_split();
     let mut read = BufReader::new(read);

@@ -2,6 +2,7 @@
 //! none is ever deleted.
 
 use crate::frame::{CameraId, Picture, Timestamp};
+use crate::log;
 use crate::recording::{ColorPart, Compression, Error, Recording, Topic, Writer};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -75,7 +76,7 @@ pub(super) fn newest(recordings: &Path, cameras: &[CameraId]) -> Plates {
             break;
         }
         if let Err(error) = add(file, cameras, &mut plates) {
-            eprintln!("scand: warning: {error}");
+            log::warning!("{error}");
         }
     }
     plates

@@ -1,6 +1,7 @@
 //! The thread that brings captures to the disk, one after the other, and says of each when it is safe.
 
 use crate::frame::Timestamp;
+use crate::log;
 use crate::recording::{Error, Kept, Note, Preamble, Session};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use std::path::PathBuf;
@@ -107,7 +108,7 @@ impl Writing {
                     if let Some(session) = &mut self.session
                         && let Err(error) = session.change(*preamble, time)
                     {
-                        eprintln!("scand: error: {error}");
+                        log::error!("{error}");
                     }
                 }
                 Work::Keep(kept, done) => {
@@ -124,7 +125,7 @@ impl Writing {
             }
         }
         if let Err(error) = self.close() {
-            eprintln!("scand: error: {error}");
+            log::error!("{error}");
         }
     }
 

@@ -7,6 +7,7 @@ use crate::config::Config;
 use crate::daemon::{Capturing, Kind, Plan, Rig, Station, serve};
 use crate::drivers::live::{Backoff, HostClock, Pool};
 use crate::frame::CameraId;
+use crate::log;
 use crate::recording::Preamble;
 use anyhow::Context;
 use std::collections::BTreeMap;
@@ -84,12 +85,12 @@ fn serve_rig(
     let capturing = Arc::new(Capturing::start(rig, plan)?);
     let path = &config.socket.path;
     serve(path, &capturing, || {
-        eprintln!("scand: listening on {}", path.display());
+        log::info!("listening on {}", path.display());
     })?;
-    eprintln!("scand: ending");
+    log::notice!("ending");
     let stuck = capturing.stop();
     for camera in &stuck {
-        eprintln!("scand: error: camera {camera}: its driver hangs");
+        log::error!("camera {camera}: its driver hangs");
     }
     Ok(if stuck.is_empty() {
         ExitCode::SUCCESS

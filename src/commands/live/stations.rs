@@ -7,6 +7,7 @@ use crate::drivers::aravis::{Parameters as GigeParameters, PixelFormat};
 use crate::drivers::live::{Driver, HostClock, Pool};
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::frame::CameraId;
+use crate::log;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -65,7 +66,7 @@ pub(super) fn stations(
         .keys()
         .filter(|id| !stations.contains_key(id))
     {
-        eprintln!("scand: warning: camera {id} is calibrated and not configured: it is left out");
+        log::warning!("camera {id} is calibrated and not configured: it is left out");
     }
     Ok(stations.into_values().collect())
 }
@@ -132,8 +133,8 @@ fn staggered(
     let at_most = Duration::from_secs_f64(at_most.max(0.0) / 1e3);
     let budget = budget(&config.links, &transmissions.collect(), at_most)?;
     for (name, takes) in &budget.links {
-        eprintln!(
-            "scand: link {name}: a capture takes {:.0} ms",
+        log::info!(
+            "link {name}: a capture takes {:.0} ms",
             takes.as_secs_f64() * 1e3
         );
     }

@@ -11,6 +11,7 @@ use super::status::Status;
 use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
+use crate::log;
 use crate::recording::{Error, Note, Preamble, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
@@ -199,8 +200,8 @@ fn decline(order: Order, reply: Reply, words: &str) {
 fn recover_all(folder: &Path) -> Result<(), Error> {
     for part in unfinished(folder)? {
         match recover(&part) {
-            Ok(recovered) => eprintln!("scand: recovered {}", recovered.path.display()),
-            Err(error) => eprintln!("scand: error: {error}; {} stays as it is", part.display()),
+            Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
+            Err(error) => log::error!("{error}; {} stays as it is", part.display()),
         }
     }
     Ok(())

@@ -9,6 +9,7 @@ use super::assemble::assemble;
 use super::{Answer, Ended, Order, Plan, Press};
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
+use crate::log;
 use crate::recording::{Kept, Outcome, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use crate::trigger::Reply;
@@ -114,13 +115,13 @@ impl Worker {
         let states = self.rig.states().find(|(camera, ..)| **camera == id);
         match states.map(|(.., state)| state.clone()) {
             Some(State::Ready(confirmed)) => {
-                eprintln!("scand: camera {id}: ready, {}", confirmed.identity);
+                log::notice!("camera {id}: ready, {}", confirmed.identity);
                 if let Some(settings) = confirmed.settings {
                     self.plan.preamble.settings.insert(id, settings);
                     self.preamble_changed();
                 }
             }
-            Some(State::Away(fault)) => eprintln!("scand: warning: camera {id}: {fault}"),
+            Some(State::Away(fault)) => log::warning!("camera {id}: {fault}"),
             _ => {}
         }
     }
@@ -238,7 +239,7 @@ impl Worker {
         for (id, answer) in &shooting.answers {
             let lost = answer.as_ref().map_or(&[][..], |tally| &tally.lost);
             for words in lost {
-                eprintln!("scand: warning: camera {id}: lost: {words}");
+                log::error!("camera {id}: lost: {words}");
             }
             *self.lost.entry(id.to_string()).or_default() += lost.len() as u64;
         }
@@ -268,7 +269,7 @@ impl Worker {
             ended.count(complete && written.is_ok());
             let end = end(name, complete, reason, written);
             if let Reply::Failed { capture, reason } = &end {
-                eprintln!("scand: error: capture {capture} failed: {reason}");
+                log::error!("capture {capture} failed: {reason}");
             }
             if ends {
                 (told.progress)(end);
@@ -276,7 +277,7 @@ impl Worker {
         });
         if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
             let reason = "the disk is behind and the capture is lost".to_owned();
-            eprintln!("scand: error: capture {capture}: {reason}");
+            log::error!("capture {capture}: {reason}");
             (press.progress)(Reply::Failed { capture, reason });
             return true;
         }
@@ -332,7 +333,7 @@ impl Worker {
         let time = self.rig.clock().now();
         if self.session.is_some() && !self.recorder.hand_over(Work::Change(preamble, time)) {
             // Rather a session of its own than one whose later captures have old plates.
-            eprintln!("scand: warning: the disk is behind: the next capture begins a session");
+            log::warning!("the disk is behind: the next capture begins a session");
             self.session = None;
         }
     }
@@ -485,6 +486,6 @@ fn split(answer: Answer) -> (Answer, Answer) {
 
 fn log_error(done: Result<PathBuf, String>) {
     if let Err(error) = done {
-        eprintln!("scand: error: {error}");
+        log::error!("{error}");
     }
 }

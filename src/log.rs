@@ -1,0 +1,82 @@
+//! The daemon's words for its log, with a level each: a line a message to the standard error, in journald's form where
+//! it goes to the journal. What a command tells the person who called it is not said here.
+
+use std::fmt::{Arguments, Write as _};
+use std::io::Write as _;
+use std::sync::LazyLock;
+
+/// How much a message matters; the numbers are syslog's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Data was lost, or a capture failed, or something will not work until a person has seen to it.
+    Error = 3,
+    /// It works, and something is not as it should be.
+    Warning = 4,
+    /// What an operator did and what became of it.
+    Notice = 5,
+    /// Everything else that was worth a line.
+    Info = 6,
+}
+
+/// Logs an error, in the form of `format!`.
+macro_rules! error {
+    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Error, format_args!($($words)*)) };
+}
+/// Logs a warning, in the form of `format!`.
+macro_rules! warning {
+    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Warning, format_args!($($words)*)) };
+}
+/// Logs a notice, in the form of `format!`.
+macro_rules! notice {
+    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Notice, format_args!($($words)*)) };
+}
+/// Logs what is merely worth a line, in the form of `format!`.
+macro_rules! info {
+    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Info, format_args!($($words)*)) };
+}
+pub(crate) use {error, info, notice, warning};
+
+/// Writes a message. A log that cannot be written is no reason to stop.
+pub fn write(level: Level, words: Arguments<'_>) {
+    static JOURNAL: LazyLock<bool> = LazyLock::new(goes_to_journal);
+    let text = text(level, &words.to_string(), *JOURNAL);
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+/// Whether the standard error is the stream that systemd named: a child's may have been redirected.
+fn goes_to_journal() -> bool {
+    let named = std::env::var("JOURNAL_STREAM").unwrap_or_default();
+    let found = rustix::fs::fstat(std::io::stderr());
+    found.is_ok_and(|stat| named == format!("{}:{}", stat.st_dev, stat.st_ino))
+}
+
+/// A message as it is written. The journal takes each line as a message of its own, so that each needs its level.
+fn text(level: Level, words: &str, journal: bool) -> String {
+    if !journal {
+        let name = match level {
+            Level::Error => "error: ",
+            Level::Warning => "warning: ",
+            Level::Notice | Level::Info => "",
+        };
+        return format!("scand: {name}{words}\n");
+    }
+    words.lines().fold(String::new(), |mut text, line| {
+        let _ = writeln!(text, "<{}>{line}", level as u8);
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_journal_hears_levels_and_a_terminal_words() {
+        let told = text(Level::Error, "a frame is lost\nand another", true);
+        assert_eq!(told, "<3>a frame is lost\n<3>and another\n");
+        let told = text(Level::Error, "a frame is lost", false);
+        assert_eq!(told, "scand: error: a frame is lost\n");
+        assert_eq!(text(Level::Info, "listening", true), "<6>listening\n");
+        assert_eq!(text(Level::Notice, "ready", false), "scand: ready\n");
+    }
+}
