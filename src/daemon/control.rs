@@ -4,7 +4,7 @@
 use super::capturing::{Answer, Capturing, Order, Press};
 use crate::log;
 use crate::recording::Note;
-use crate::trigger::{LONGEST_LINE, Reply, Request};
+use crate::trigger::{LONGEST_LINE, Reply, Request, Until};
 use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -177,7 +177,9 @@ async fn carry_out(
     write: &mut OwnedWriteHalf,
 ) -> std::io::Result<()> {
     let (said, mut replies) = mpsc::unbounded_channel();
+    let mut until = Until::default();
     match request {
+        Request::Events {} => return tell_events(capturing, write).await,
         Request::Status {} => {
             let status = serde_json::to_value(capturing.status()).unwrap_or_default();
             let _ = said.send(Reply::Status { status });
@@ -186,12 +188,16 @@ async fn carry_out(
             source,
             press_id,
             subject,
-        } => capturing.order(Order::Press(Press {
-            source,
-            press_id,
-            subject,
-            progress: Box::new(move |reply| drop(said.send(reply))),
-        })),
+            until: last,
+        } => {
+            until = last;
+            capturing.order(Order::Press(Press {
+                source,
+                press_id,
+                subject,
+                progress: Box::new(move |reply| drop(said.send(reply))),
+            }));
+        }
         Request::Background {} => capturing.order(Order::Background(answer(said))),
         Request::Begin { name, about } => {
             capturing.order(Order::Begin(name, about, answer(said)));
@@ -216,7 +222,7 @@ async fn carry_out(
     }
     while let Some(reply) = replies.recv().await {
         send(write, &reply).await?;
-        if reply.is_end() {
+        if reply.is_end(until) {
             return Ok(());
         }
     }
@@ -224,17 +230,27 @@ async fn carry_out(
     send(write, &Reply::Refused { reason }).await
 }
 
+/// Tells what happens until the client goes away or the daemon ends.
+async fn tell_events(capturing: &Capturing, write: &mut OwnedWriteHalf) -> std::io::Result<()> {
+    let mut events = capturing.events().subscribe();
+    send(write, &Reply::Listening).await?;
+    while let Some(event) = events.next().await {
+        send(write, &event).await?;
+    }
+    Ok(())
+}
+
 fn answer(said: mpsc::UnboundedSender<Reply>) -> Answer {
     Box::new(move |result| {
         let reply = match result {
-            Ok(words) => Reply::Done { words },
+            Ok(words) => Reply::Ok { words },
             Err(reason) => Reply::Refused { reason },
         };
         let _ = said.send(reply);
     })
 }
 
-async fn send(write: &mut OwnedWriteHalf, reply: &Reply) -> std::io::Result<()> {
+async fn send(write: &mut OwnedWriteHalf, reply: &impl serde::Serialize) -> std::io::Result<()> {
     let mut line = serde_json::to_vec(reply)?;
     line.push(b'\n');
     let sent = tokio::time::timeout(PATIENCE, write.write_all(&line)).await;

@@ -8,6 +8,8 @@ mod capturing;
 mod control;
 #[cfg(feature = "live")]
 mod disk;
+#[cfg(feature = "live")]
+pub mod events;
 mod link;
 #[cfg(feature = "live")]
 mod names;

@@ -7,7 +7,7 @@ use crate::drivers::live::{
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::recording::{ColorPart, Outcome, Preamble, Recording, Topic};
 use crate::sync;
-use crate::trigger::Reply;
+use crate::trigger::{Reply, Until};
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -161,6 +161,7 @@ fn plan(folder: &Path, pool: &Pool) -> Plan {
         },
         pool: pool.clone(),
         program: "scand test".into(),
+        events: events::Events::default(),
     }
 }
 
@@ -253,7 +254,7 @@ impl Stand {
         loop {
             let mut heard = Vec::new();
             for progress in self.begin_press() {
-                let end = progress.is_end();
+                let end = progress.is_end(Until::Durable);
                 heard.push(progress);
                 if end {
                     break;
@@ -459,7 +460,7 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
         press_id: None,
         subject: None,
         progress: Box::new(move |progress| {
-            if progress.is_end() {
+            if progress.is_end(Until::Durable) {
                 let _ = heard.send(progress);
             }
         }),

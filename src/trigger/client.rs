@@ -1,6 +1,6 @@
 //! Asks a running daemon.
 
-use super::{Reply, Request};
+use super::{Event, Reply, Request};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
@@ -29,12 +29,14 @@ pub enum Error {
         cause: std::io::Error,
     },
     /// It says what no daemon says.
-    #[error("{}: found {line:?}, expected a reply", path.display())]
+    #[error("{}: found {line:?}, expected {expected}", path.display())]
     Senseless {
         /// The socket.
         path: PathBuf,
         /// What it said, shortened.
         line: String,
+        /// What should have come.
+        expected: &'static str,
     },
 }
 
@@ -46,18 +48,18 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects; replies are waited for as long as `patience`.
+    /// Connects; replies are waited for as long as `patience`, or for ever.
     ///
     /// # Errors
     /// If nobody listens.
-    pub fn connect(path: &Path, patience: Duration) -> Result<Self, Error> {
+    pub fn connect(path: &Path, patience: Option<Duration>) -> Result<Self, Error> {
         let away = |cause| Error::Away {
             path: path.into(),
             cause,
         };
         let stream = UnixStream::connect(path).map_err(away)?;
-        stream.set_read_timeout(Some(patience)).map_err(away)?;
-        stream.set_write_timeout(Some(patience)).map_err(away)?;
+        stream.set_read_timeout(patience).map_err(away)?;
+        stream.set_write_timeout(patience).map_err(away)?;
         Ok(Self {
             path: path.into(),
             stream: BufReader::new(stream),
@@ -80,6 +82,18 @@ impl Client {
     /// # Errors
     /// As for [`Self::send`], or if what comes is no reply.
     pub fn reply(&mut self) -> Result<Reply, Error> {
+        self.line("a reply")
+    }
+
+    /// Waits for the next event; they come after [`Reply::Listening`].
+    ///
+    /// # Errors
+    /// As for [`Self::reply`].
+    pub fn event(&mut self) -> Result<Event, Error> {
+        self.line("an event")
+    }
+
+    fn line<T: serde::de::DeserializeOwned>(&mut self, expected: &'static str) -> Result<T, Error> {
         let mut line = String::new();
         let read = (&mut self.stream).take(LONGEST_REPLY).read_line(&mut line);
         if read.map_err(|cause| self.broken(cause))? == 0 {
@@ -88,6 +102,7 @@ impl Client {
         serde_json::from_str(&line).map_err(|_| Error::Senseless {
             path: self.path.clone(),
             line: line.chars().take(200).collect(),
+            expected,
         })
     }
 

@@ -2,8 +2,10 @@
 //! speaks them. Nothing of cameras or recordings lives here.
 
 mod client;
+mod event;
 
 pub use client::{Client, Error};
+pub use event::{Event, Verdict};
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,7 +32,12 @@ pub enum Request {
         /// The object's number.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         subject: Option<String>,
+        /// Which answer is the last one that is waited for.
+        #[serde(default)]
+        until: Until,
     },
+    /// What happens from now on: `listening`, and then a line of [`Event`] each.
+    Events {},
     /// Plates of the empty rig.
     Background {},
     /// What the daemon knows of itself.
@@ -55,6 +62,19 @@ pub enum Request {
     },
     /// Complete the session.
     Close {},
+}
+
+/// What a press waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Until {
+    /// All frames are in.
+    Captured,
+    /// It is on the disk.
+    #[default]
+    Durable,
+    /// Its model is made.
+    Done,
 }
 
 fn socket() -> String {
@@ -105,8 +125,27 @@ pub enum Reply {
         /// Why.
         reason: String,
     },
-    /// It is done; of everything but a press and a status.
+    /// Its model is made.
     Done {
+        /// Its id.
+        capture: String,
+        /// How far the model can be trusted.
+        verdict: Verdict,
+        /// Why not further.
+        #[serde(default)]
+        reasons: Vec<String>,
+        /// The folder of the model.
+        model: PathBuf,
+    },
+    /// It is on the disk, and its model could not be made.
+    JobFailed {
+        /// Its id.
+        capture: String,
+        /// Why.
+        reason: String,
+    },
+    /// It is done; of everything but a press, a status and events.
+    Ok {
         /// What was done.
         words: String,
     },
@@ -115,14 +154,18 @@ pub enum Reply {
         /// As docs/socket.md describes it.
         status: serde_json::Value,
     },
+    /// What happens is told from here on.
+    Listening,
 }
 
 impl Reply {
-    /// Whether nothing follows.
-    pub fn is_end(&self) -> bool {
-        !matches!(
-            self,
-            Self::Accepted { .. } | Self::Captured { .. } | Self::Retried { .. }
-        )
+    /// Whether nothing follows for who waits for this.
+    pub fn is_end(&self, until: Until) -> bool {
+        match self {
+            Self::Accepted { .. } | Self::Retried { .. } => false,
+            Self::Captured { .. } => until == Until::Captured,
+            Self::Durable { .. } => until != Until::Done,
+            _ => true,
+        }
     }
 }

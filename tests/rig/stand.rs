@@ -1,7 +1,7 @@
 //! The processes of a rig: the cameras, the daemon, and what a test says to them.
 
 use super::stage;
-use scand::trigger::{Client, Reply, Request};
+use scand::trigger::{Client, Reply, Request, Until};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -176,7 +176,10 @@ impl Stand {
 
     /// A connection to the daemon.
     pub fn client(&self) -> Result<Client, scand::trigger::Error> {
-        Client::connect(&self.path().join("scand.sock"), Duration::from_secs(60))
+        Client::connect(
+            &self.path().join("scand.sock"),
+            Some(Duration::from_secs(60)),
+        )
     }
 
     fn try_status(&self) -> Option<serde_json::Value> {
@@ -199,6 +202,7 @@ impl Stand {
             source: "test".into(),
             press_id: None,
             subject: None,
+            until: Until::Durable,
         };
         client.send(&trigger).unwrap();
         client
@@ -212,7 +216,7 @@ impl Stand {
                 let reply = client
                     .reply()
                     .unwrap_or_else(|e| panic!("{e}: {}", self.log()));
-                if reply.is_end() {
+                if reply.is_end(Until::Durable) {
                     break reply;
                 }
             };
@@ -237,7 +241,7 @@ impl Stand {
         client.send(request).unwrap();
         let reply = client.reply().unwrap();
         assert!(
-            matches!(reply, Reply::Done { .. }),
+            matches!(reply, Reply::Ok { .. }),
             "{reply:?}: {}",
             self.log()
         );
@@ -263,7 +267,7 @@ impl Stand {
         while free() > left && (&file).write_all(&zeros).is_ok() {}
         loop {
             let reply = client.reply().unwrap();
-            if reply.is_end() {
+            if reply.is_end(Until::Durable) {
                 return reply;
             }
         }

@@ -1,8 +1,8 @@
-//! `scand trigger`, `background`, `session`, `note` and `status`: what a running daemon is asked.
+//! `scand trigger`, `background`, `session`, `note`, `status` and `events`: what a running daemon is asked.
 
-use crate::trigger::{Client, Reply, Request, SOCKET};
+use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until, Verdict};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -32,15 +32,34 @@ pub struct TriggerArgs {
     press_id: Option<String>,
     /// What to wait for.
     #[arg(long, value_name = "WHAT", value_enum, default_value = "durable")]
-    until: Until,
+    until: Wait,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
-enum Until {
+enum Wait {
     /// All frames are in: hands may move.
     Captured,
     /// It is on the disk.
     Durable,
+    /// Its model is made.
+    Done,
+}
+
+impl From<Wait> for Until {
+    fn from(wait: Wait) -> Self {
+        match wait {
+            Wait::Captured => Self::Captured,
+            Wait::Durable => Self::Durable,
+            Wait::Done => Self::Done,
+        }
+    }
+}
+
+/// Tell what happens at the rig, until interrupted.
+#[derive(Debug, clap::Args)]
+pub struct EventsArgs {
+    #[command(flatten)]
+    connection: Connection,
 }
 
 /// Take the plates of the empty rig, which silhouettes are found against.
@@ -107,19 +126,15 @@ pub fn trigger(args: TriggerArgs) -> anyhow::Result<ExitCode> {
         source: "socket".into(),
         press_id: args.press_id,
         subject: args.subject,
+        until: args.until.into(),
     };
-    let captured = |reply: &Reply| matches!(reply, Reply::Captured { .. });
-    let last = match args.until {
-        Until::Captured => ask_until(&args.connection, &request, captured)?,
-        Until::Durable => ask_until(&args.connection, &request, |_| false)?,
-    };
-    Ok(code(&last))
+    Ok(code(&ask(&args.connection, &request, args.until.into())?))
 }
 
 /// Asks for plates.
 #[allow(clippy::missing_errors_doc)]
 pub fn background(args: BackgroundArgs) -> anyhow::Result<ExitCode> {
-    let last = ask_until(&args.connection, &Request::Background {}, |_| false)?;
+    let last = ask(&args.connection, &Request::Background {}, Until::default())?;
     Ok(code(&last))
 }
 
@@ -133,7 +148,7 @@ pub fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
         },
         Session::Close => Request::Close {},
     };
-    let last = ask_until(&args.connection, &request, |_| false)?;
+    let last = ask(&args.connection, &request, Until::default())?;
     Ok(code(&last))
 }
 
@@ -151,24 +166,42 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
         kind,
         text,
     };
-    let last = ask_until(&args.connection, &request, |_| false)?;
+    let last = ask(&args.connection, &request, Until::default())?;
     Ok(code(&last))
 }
 
 /// Shows the status.
 #[allow(clippy::missing_errors_doc)]
 pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
-    let last = ask_until(&args.connection, &Request::Status {}, |_| false)?;
+    let last = ask(&args.connection, &Request::Status {}, Until::default())?;
     Ok(code(&last))
 }
 
-/// Asks and tells, up to the last reply or one that will do.
-fn ask_until(
-    connection: &Connection,
-    request: &Request,
-    enough: impl Fn(&Reply) -> bool,
-) -> anyhow::Result<Reply> {
-    let mut client = Client::connect(&connection.socket, PATIENCE)?;
+/// Tells what happens.
+#[allow(clippy::missing_errors_doc)]
+pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
+    let Connection { socket, json } = &args.connection;
+    let mut client = Client::connect(socket, None)?;
+    client.send(&Request::Events {})?;
+    let first = client.reply()?;
+    if first != Reply::Listening {
+        say!("{}", words(&first));
+        return Ok(ExitCode::FAILURE);
+    }
+    loop {
+        let event = client.event()?;
+        if *json {
+            say!("{}", serde_json::to_string(&event)?);
+        } else {
+            say!("{}", event_words(&event));
+        }
+    }
+}
+
+/// Asks and tells, up to the last reply.
+fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Result<Reply> {
+    let patience = (until != Until::Done).then_some(PATIENCE);
+    let mut client = Client::connect(&connection.socket, patience)?;
     client.send(request)?;
     loop {
         let reply = client.reply()?;
@@ -177,7 +210,7 @@ fn ask_until(
         } else {
             say!("{}", words(&reply));
         }
-        if reply.is_end() || enough(&reply) {
+        if reply.is_end(until) {
             return Ok(reply);
         }
     }
@@ -185,7 +218,9 @@ fn ask_until(
 
 fn code(last: &Reply) -> ExitCode {
     match last {
-        Reply::Failed { .. } | Reply::Refused { .. } | Reply::Busy => ExitCode::FAILURE,
+        Reply::Failed { .. } | Reply::JobFailed { .. } | Reply::Refused { .. } | Reply::Busy => {
+            ExitCode::FAILURE
+        }
         _ => ExitCode::SUCCESS,
     }
 }
@@ -205,8 +240,62 @@ fn words(reply: &Reply) -> String {
         Reply::Failed { capture, reason } => format!("{capture}: failed: {reason}"),
         Reply::Busy => "busy: a capture is being taken".into(),
         Reply::Refused { reason } => format!("refused: {reason}"),
-        Reply::Done { words } => words.clone(),
+        Reply::Done {
+            capture,
+            verdict,
+            reasons,
+            model,
+        } => done_words(capture, *verdict, reasons, model),
+        Reply::JobFailed { capture, reason } => format!("{capture}: no model: {reason}"),
+        Reply::Ok { words } => words.clone(),
+        Reply::Listening => "listening".into(),
         Reply::Status { status } => status_words(status),
+    }
+}
+
+fn done_words(capture: &str, verdict: Verdict, reasons: &[String], model: &Path) -> String {
+    let verdict = match verdict {
+        Verdict::Green => "green",
+        Verdict::Amber => "amber",
+        Verdict::Red => "red",
+    };
+    let why = match reasons {
+        [] => String::new(),
+        reasons => format!(" ({})", reasons.join("; ")),
+    };
+    format!("{capture}: done, {verdict}{why}, in {}", model.display())
+}
+
+fn event_words(event: &Event) -> String {
+    match event.clone() {
+        Event::Accepted {
+            capture, source, ..
+        } => format!("{capture}: accepted from {source}"),
+        Event::Captured { capture, skew_ns } => words(&Reply::Captured { capture, skew_ns }),
+        Event::Retried { capture, reason } => words(&Reply::Retried { capture, reason }),
+        Event::Durable { capture, recording } => words(&Reply::Durable { capture, recording }),
+        Event::Failed { capture, reason } => words(&Reply::Failed { capture, reason }),
+        Event::Refused { reason } => words(&Reply::Refused { reason }),
+        Event::Done {
+            capture,
+            verdict,
+            reasons,
+            model,
+            ..
+        } => done_words(&capture, verdict, &reasons, &model),
+        Event::JobFailed {
+            capture, reason, ..
+        } => words(&Reply::JobFailed { capture, reason }),
+        Event::Camera { id, state, words } => format!("camera {id}: {state}: {words}"),
+        Event::Plates { words } => words,
+        Event::Session { name: Some(name) } => format!("session {name}"),
+        Event::Session { name: None } => "the session is completed".into(),
+        Event::Note {
+            capture,
+            kind,
+            text,
+        } => format!("{capture}: {kind} {text}"),
+        Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
     }
 }
 

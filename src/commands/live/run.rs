@@ -4,6 +4,7 @@ use super::stations::stations;
 use crate::calibration::{DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::commands::{BadConfiguration, EXIT_LOST};
 use crate::config::Config;
+use crate::daemon::events::Events;
 use crate::daemon::{Capturing, Kind, Plan, Rig, Station, serve};
 use crate::drivers::live::{Backoff, HostClock, Pool};
 use crate::frame::CameraId;
@@ -65,6 +66,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         preamble,
         pool,
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
+        events: Events::default(),
     };
     serve_rig(stations, clock, plan, &config)
 }

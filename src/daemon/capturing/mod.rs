@@ -5,6 +5,7 @@
 mod assemble;
 mod worker;
 
+use super::events::Events;
 use super::recorder::Recorder;
 use super::rig::Rig;
 use super::status::Status;
@@ -66,6 +67,8 @@ pub struct Plan {
     pub pool: Pool,
     /// Name and version of the program.
     pub program: String,
+    /// Where it is told what happens.
+    pub events: Events,
 }
 
 /// Captures since the start, counted when they are on the disk or cannot be.
@@ -101,6 +104,7 @@ pub struct Capturing {
     ended: Arc<Ended>,
     busy: Arc<AtomicBool>,
     status: Arc<Mutex<Status>>,
+    events: Events,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
@@ -122,6 +126,7 @@ impl Capturing {
         let (busy, status) = (Arc::default(), Arc::default());
         let recorder = Recorder::start(plan.capture.waiting).map_err(io)?;
         let ended: Arc<Ended> = Arc::default();
+        let events = plan.events.clone();
         let worker = Worker::new(
             rig,
             plan,
@@ -137,6 +142,7 @@ impl Capturing {
             ended,
             busy,
             status,
+            events,
             thread: Mutex::new(Some(thread.map_err(io)?)),
         })
     }
@@ -158,6 +164,11 @@ impl Capturing {
             };
             decline(order, refused, reason);
         }
+    }
+
+    /// Where it is told what happens.
+    pub fn events(&self) -> &Events {
+        &self.events
     }
 
     /// What is known now.

@@ -1,5 +1,6 @@
 //! What the capturing thread does with its orders, one after the other.
 
+use super::super::events::{Event, Events};
 use super::super::plates::{self, Plates};
 use super::super::recorder::{Done, Recorder, Work};
 use super::super::rig::{Kind, Rig, Shooting, State};
@@ -10,7 +11,7 @@ use super::{Answer, Ended, Order, Plan, Press};
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
 use crate::log;
-use crate::recording::{Kept, Outcome, Session};
+use crate::recording::{Kept, Note, Outcome, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use crate::trigger::Reply;
 use crossbeam_channel::{Receiver, select};
@@ -95,12 +96,10 @@ impl Worker {
             Order::Press(press) => self.press(press),
             Order::Background(answer) => answer(self.take_plates()),
             Order::Begin(name, about, answer) => self.begin(&name, about, answer),
-            Order::Note(note, answer) => {
-                let time = self.rig.clock().now();
-                self.pass_on(answer, |done| Work::Note(note, time, done));
-            }
+            Order::Note(note, answer) => self.write_down(note, answer),
             Order::Close(answer) => {
                 self.session = None;
+                self.plan.events.publish(Event::Session { name: None });
                 self.pass_on(answer, Work::Close);
             }
         }
@@ -116,41 +115,53 @@ impl Worker {
         match states.map(|(.., state)| state.clone()) {
             Some(State::Ready(confirmed)) => {
                 log::notice!("camera {id}: ready, {}", confirmed.identity);
+                self.tell_camera(&id, "ready", confirmed.identity);
                 if let Some(settings) = confirmed.settings {
                     self.plan.preamble.settings.insert(id, settings);
                     self.preamble_changed();
                 }
             }
-            Some(State::Away(fault)) => log::warning!("camera {id}: {fault}"),
+            Some(State::Away(fault)) => {
+                log::warning!("camera {id}: {fault}");
+                self.tell_camera(&id, "away", fault.to_string());
+            }
             _ => {}
         }
+    }
+
+    fn tell_camera(&self, id: &CameraId, state: &str, words: String) {
+        self.plan.events.publish(Event::Camera {
+            id: id.to_string(),
+            state: state.into(),
+            words,
+        });
     }
 
     /// Takes a capture, and once more if it fails and is to be retried.
     fn press(&mut self, press: Press) {
         let press = Arc::new(press);
-        if let Err(reason) = self.ready_for_a_capture() {
-            self.refused += 1;
-            return (press.progress)(Reply::Refused { reason });
-        }
-        let id = match self.next_id() {
+        let id = self.ready_for_a_capture().and_then(|()| self.next_id());
+        let id = match id {
             Ok(id) => id,
-            Err(reason) => return (press.progress)(Reply::Refused { reason }),
+            Err(reason) => {
+                self.refused += 1;
+                return tell(&self.plan.events, &press, Reply::Refused { reason });
+            }
         };
-        for attempt in 0..=self.plan.capture.retry {
-            let name = match attempt {
-                0 => id.clone(),
-                n => format!("{id}.r{n}"),
-            };
+        let mut name = id.clone();
+        for attempt in 1..=self.plan.capture.retry.saturating_add(1) {
             let Ok(capture) = CaptureId::new(&name) else {
                 let reason = format!("{name:?} is too long for a capture's id");
-                return (press.progress)(Reply::Refused { reason });
+                return tell(&self.plan.events, &press, Reply::Refused { reason });
             };
-            (press.progress)(Reply::Accepted {
+            let accepted = Reply::Accepted {
                 capture: name.clone(),
-            });
+            };
+            tell(&self.plan.events, &press, accepted);
             let kept = self.take(capture, &press);
-            let last = attempt == self.plan.capture.retry;
+            name = format!("{id}.r{attempt}");
+            // A name that the last attempt's would be too long for ends the attempts.
+            let last = attempt > self.plan.capture.retry || CaptureId::new(&name).is_err();
             if self.hand_over(kept, &press, last) {
                 return;
             }
@@ -251,19 +262,22 @@ impl Worker {
         let reason = kept.record.reason.clone().unwrap_or_default();
         let complete = kept.record.outcome == Outcome::Complete;
         if complete {
-            (press.progress)(Reply::Captured {
+            let captured = Reply::Captured {
                 capture: capture.clone(),
                 skew_ns: kept.record.skew_ns.unwrap_or(0),
-            });
+            };
+            tell(&self.plan.events, press, captured);
         } else if !last {
-            (press.progress)(Reply::Retried {
+            let retried = Reply::Retried {
                 capture: capture.clone(),
                 reason: reason.clone(),
-            });
+            };
+            tell(&self.plan.events, press, retried);
         }
         let ends = complete || last;
         let ended = self.ended.clone();
         let told = press.clone();
+        let events = self.plan.events.clone();
         let name = capture.clone();
         let done: Done = Box::new(move |written| {
             ended.count(complete && written.is_ok());
@@ -272,13 +286,13 @@ impl Worker {
                 log::error!("capture {capture} failed: {reason}");
             }
             if ends {
-                (told.progress)(end);
+                tell(&events, &told, end);
             }
         });
         if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
             let reason = "the disk is behind and the capture is lost".to_owned();
             log::error!("capture {capture}: {reason}");
-            (press.progress)(Reply::Failed { capture, reason });
+            tell(&self.plan.events, press, Reply::Failed { capture, reason });
             return true;
         }
         ends
@@ -325,6 +339,8 @@ impl Worker {
         let words = format!("{} plates in {}", plates.len(), path.display());
         self.plan.preamble.backgrounds = plates::detached(plates);
         self.preamble_changed();
+        let told = words.clone();
+        self.plan.events.publish(Event::Plates { words: told });
         Ok(words)
     }
 
@@ -372,7 +388,26 @@ impl Worker {
             name: name.into(),
             captures: 0,
         });
+        let name = Some(name.to_owned());
+        self.plan.events.publish(Event::Session { name });
         Ok(())
+    }
+
+    fn write_down(&mut self, note: Note, answer: Answer) {
+        let time = self.rig.clock().now();
+        let events = self.plan.events.clone();
+        let event = Event::Note {
+            capture: note.capture.clone(),
+            kind: note.kind.clone(),
+            text: note.text.clone(),
+        };
+        let answer: Answer = Box::new(move |written| {
+            if written.is_ok() {
+                events.publish(event);
+            }
+            answer(written);
+        });
+        self.pass_on(answer, |done| Work::Note(note, time, done));
     }
 
     /// Gives the recorder a piece of work whose end is the answer.
@@ -456,6 +491,28 @@ fn shoot(
         complete: false,
     });
     (capture, shooting)
+}
+
+/// Tells a press's client how it goes on, and everybody else.
+fn tell(events: &Events, press: &Press, reply: Reply) {
+    let event = match reply.clone() {
+        Reply::Accepted { capture } => Some(Event::Accepted {
+            capture,
+            source: press.source.clone(),
+            press_id: press.press_id.clone(),
+            subject: press.subject.clone(),
+        }),
+        Reply::Captured { capture, skew_ns } => Some(Event::Captured { capture, skew_ns }),
+        Reply::Retried { capture, reason } => Some(Event::Retried { capture, reason }),
+        Reply::Durable { capture, recording } => Some(Event::Durable { capture, recording }),
+        Reply::Failed { capture, reason } => Some(Event::Failed { capture, reason }),
+        Reply::Refused { reason } => Some(Event::Refused { reason }),
+        _ => None,
+    };
+    (press.progress)(reply);
+    if let Some(event) = event {
+        events.publish(event);
+    }
 }
 
 /// The end of a press.

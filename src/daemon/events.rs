@@ -1,0 +1,115 @@
+//! What happens in the daemon, told to everybody who listens. To tell never waits: a listener that is slow loses the
+//! oldest of what it has not heard, as whole events, and hears how many.
+
+use std::sync::{Arc, OnceLock};
+use tokio::sync::broadcast::{self, error::RecvError};
+
+pub use crate::trigger::{Event, Verdict};
+
+/// Events that are kept for slow listeners, all of them together.
+const KEPT: usize = 1024;
+
+type Witness = Box<dyn Fn(&Event) + Send + Sync>;
+
+/// Where events are told; clones are the same place.
+#[derive(Clone)]
+pub struct Events {
+    listeners: broadcast::Sender<Event>,
+    witness: Arc<OnceLock<Witness>>,
+}
+
+impl Default for Events {
+    fn default() -> Self {
+        Self {
+            listeners: broadcast::Sender::new(KEPT),
+            witness: Arc::default(),
+        }
+    }
+}
+
+impl Events {
+    /// Tells an event to all who listen now. Never waits for one of them.
+    pub fn publish(&self, event: Event) {
+        if let Some(witness) = self.witness.get() {
+            witness(&event);
+        }
+        // Nobody may be listening.
+        let _ = self.listeners.send(event);
+    }
+
+    /// Listens from now on.
+    pub fn subscribe(&self) -> Subscription {
+        Subscription(self.listeners.subscribe())
+    }
+
+    /// The one who misses no event, because it hears each where it is told; it must be quick. Only the first counts.
+    pub fn witnessed_by(&self, witness: impl Fn(&Event) + Send + Sync + 'static) {
+        let _ = self.witness.set(Box::new(witness));
+    }
+}
+
+/// A listener.
+pub struct Subscription(broadcast::Receiver<Event>);
+
+impl Subscription {
+    /// The next event, or [`Event::Lost`] in the place of those that this listener was too slow for. `None` when nobody
+    /// can tell any more.
+    pub async fn next(&mut self) -> Option<Event> {
+        heard(self.0.recv().await)
+    }
+
+    /// The same for a thread, which waits.
+    pub fn wait(&mut self) -> Option<Event> {
+        heard(self.0.blocking_recv())
+    }
+}
+
+fn heard(received: Result<Event, RecvError>) -> Option<Event> {
+    match received {
+        Ok(event) => Some(event),
+        Err(RecvError::Lagged(events)) => Some(Event::Lost { events }),
+        Err(RecvError::Closed) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    fn refused(number: usize) -> Event {
+        Event::Refused {
+            reason: number.to_string(),
+        }
+    }
+
+    #[test]
+    fn each_listener_hears_everything_in_its_order() {
+        let events = Events::default();
+        let (mut one, mut two) = (events.subscribe(), events.subscribe());
+        let others = events.clone();
+        (0..10).for_each(|i| others.publish(refused(i)));
+        drop((events, others));
+        for listener in [&mut one, &mut two] {
+            let heard: Vec<_> = std::iter::from_fn(|| listener.wait()).collect();
+            assert_eq!(heard, (0..10).map(refused).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_slow_listener_loses_the_oldest_and_hears_how_many_and_a_witness_none() {
+        let events = Events::default();
+        let seen = Arc::new(AtomicUsize::new(0));
+        let count = seen.clone();
+        events.witnessed_by(move |_| {
+            count.fetch_add(1, Ordering::Relaxed);
+        });
+        let mut slow = events.subscribe();
+        (0..KEPT + 100).for_each(|i| events.publish(refused(i)));
+        assert_eq!(slow.wait(), Some(Event::Lost { events: 100 }));
+        for i in 100..KEPT + 100 {
+            assert_eq!(slow.wait(), Some(refused(i)));
+        }
+        assert_eq!(seen.load(Ordering::Relaxed), KEPT + 100);
+    }
+}
