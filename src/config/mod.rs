@@ -5,7 +5,8 @@ mod cameras;
 pub use cameras::Cameras;
 
 use crate::daemon::{
-    CaptureParameters, Link, RecordingParameters, RigParameters, SocketParameters,
+    CaptureParameters, Link, RecordingParameters, RigParameters, ServiceParameters,
+    SocketParameters,
 };
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::{output, reconstruct, report, sync};
@@ -48,6 +49,8 @@ pub struct Config {
     pub recording: RecordingParameters,
     /// Where the daemon listens.
     pub socket: SocketParameters,
+    /// When it is ready.
+    pub service: ServiceParameters,
     /// Network links that cameras share, by names of one's own.
     pub links: BTreeMap<String, Link>,
     /// GigE Vision cameras.
@@ -274,6 +277,7 @@ mod tests {
             "capture",
             "recording",
             "socket",
+            "service",
             "links",
             "aravis",
             "v4l2",

@@ -2,6 +2,7 @@
 //! can waste its own connection and nothing else.
 
 use super::capturing::{Answer, Capturing, Order, Press};
+use super::service::Service;
 use crate::log;
 use crate::recording::Note;
 use crate::trigger::{LONGEST_LINE, Reply, Request, Until};
@@ -40,16 +41,18 @@ pub enum ControlError {
     },
 }
 
-/// Serves a socket until SIGTERM or SIGINT; a second one ends the process at once. `ready` is called when the socket
-/// is there.
+/// Serves the socket that was handed over, or else makes one at `path`, until SIGTERM or SIGINT; a second one ends the
+/// process at once. `service` lives beside it.
 ///
 /// # Errors
 /// If the socket cannot be made.
 pub fn serve(
     path: &Path,
+    handed_over: Option<std::os::unix::net::UnixListener>,
     capturing: &Arc<Capturing>,
-    ready: impl FnOnce(),
+    service: &mut Service,
 ) -> Result<(), ControlError> {
+    let own = handed_over.is_none();
     let io = |cause| ControlError::Io {
         path: path.into(),
         cause,
@@ -59,18 +62,26 @@ pub fn serve(
         .build()
         .map_err(io)?;
     runtime.block_on(async {
-        let listener = listen(path)?;
+        let listener = match handed_over {
+            Some(listener) => adopt(listener).map_err(io)?,
+            None => listen(path)?,
+        };
         let mut ends = signal(SignalKind::terminate()).map_err(io)?;
         let mut interrupts = signal(SignalKind::interrupt()).map_err(io)?;
-        ready();
+        log::info!("listening on {}", path.display());
         tokio::select! {
             () = accept(&listener, capturing) => {}
+            () = service.attend(capturing) => {}
             _ = ends.recv() => {}
             _ = interrupts.recv() => {}
         }
         Ok(())
     })?;
-    let _ = std::fs::remove_file(path);
+    service.ending();
+    // One that systemd made stays, so that who presses meanwhile waits for the next daemon.
+    if own {
+        let _ = std::fs::remove_file(path);
+    }
     // Clients hear the end of the capture in progress; whoever signals again does not want to wait for it.
     second_signal_exits(runtime);
     Ok(())
@@ -95,6 +106,12 @@ fn second_signal_exits(runtime: tokio::runtime::Runtime) {
     let _ = std::thread::Builder::new()
         .name("signals".into())
         .spawn(wait);
+}
+
+/// Takes over a socket that somebody else made.
+fn adopt(listener: std::os::unix::net::UnixListener) -> std::io::Result<UnixListener> {
+    listener.set_nonblocking(true)?;
+    UnixListener::from_std(listener)
 }
 
 /// Makes the socket, in the place of one that a daemon left which is gone.

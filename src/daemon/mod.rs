@@ -17,23 +17,35 @@ mod parameters;
 #[cfg(feature = "live")]
 mod plates;
 #[cfg(feature = "live")]
+mod readiness;
+#[cfg(feature = "live")]
 mod recorder;
 #[cfg(feature = "live")]
 mod rig;
 #[cfg(feature = "live")]
+mod service;
+#[cfg(feature = "live")]
 mod status;
+#[cfg(feature = "live")]
+mod systemd;
 #[cfg(all(test, feature = "live"))]
 mod tests;
 
 #[cfg(feature = "live")]
-pub use capturing::{Answer, Capturing, Order, Plan, Press};
+pub use capturing::{Answer, Capturing, Order, Plan, Press, Reread};
 #[cfg(feature = "live")]
 pub use control::{ControlError, serve};
 #[cfg(feature = "live")]
 pub use disk::free_bytes;
 pub use link::{Budget, Link, Transmission, budget};
-pub use parameters::{CaptureParameters, RecordingParameters, RigParameters, SocketParameters};
+pub use parameters::{
+    CaptureParameters, RecordingParameters, RigParameters, ServiceParameters, SocketParameters,
+};
 #[cfg(feature = "live")]
 pub use rig::{Kind, Rig, Station};
 #[cfg(feature = "live")]
+pub use service::Service;
+#[cfg(feature = "live")]
 pub use status::{CameraStatus, Status};
+#[cfg(feature = "live")]
+pub use systemd::{Heart, Notifier, Pulse, handed_over};

@@ -65,6 +65,25 @@ pub struct RigParameters {
     pub volume: Option<Box>,
 }
 
+/// When the daemon is ready for work.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct ServiceParameters {
+    /// Cameras that may be missing once all were waited for. Default 0: not ready before all have answered.
+    pub missing_cameras: usize,
+    /// How long all cameras are waited for before fewer are enough, in seconds. Default 60.
+    pub patience_s: f64,
+}
+
+impl Default for ServiceParameters {
+    fn default() -> Self {
+        Self {
+            missing_cameras: 0,
+            patience_s: 60.0,
+        }
+    }
+}
+
 /// Two corners of a box, in metres.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq)]
 #[serde(deny_unknown_fields)]

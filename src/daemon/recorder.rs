@@ -1,9 +1,10 @@
 //! The thread that brings captures to the disk, one after the other, and says of each when it is safe.
 
+use super::systemd::Heart;
 use crate::frame::Timestamp;
 use crate::log;
 use crate::recording::{Error, Kept, Note, Preamble, Session};
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -37,13 +38,14 @@ pub(super) struct Recorder {
 
 impl Recorder {
     /// Starts the thread; at most `most` captures wait.
-    pub(super) fn start(most: usize) -> std::io::Result<Self> {
+    pub(super) fn start(most: usize, heart: Heart) -> std::io::Result<Self> {
         // Small pieces of work go beside the captures.
         let (work, queue) = bounded(4 * (most + 1));
         let waiting = Arc::new(AtomicUsize::new(0));
         let mut writing = Writing {
             session: None,
             waiting: waiting.clone(),
+            heart,
         };
         let thread = std::thread::Builder::new()
             .name("recorder".into())
@@ -93,39 +95,49 @@ impl Recorder {
 struct Writing {
     session: Option<Session>,
     waiting: Arc<AtomicUsize>,
+    heart: Heart,
 }
 
 impl Writing {
     fn run(&mut self, queue: &Receiver<Work>) {
-        for work in queue {
-            match work {
-                Work::Begin(session, done) => {
-                    let closed = self.close();
-                    self.session = Some(*session);
-                    done(closed);
-                }
-                Work::Change(preamble, time) => {
-                    if let Some(session) = &mut self.session
-                        && let Err(error) = session.change(*preamble, time)
-                    {
-                        log::error!("{error}");
-                    }
-                }
-                Work::Keep(kept, done) => {
-                    let written = self.with(|session| session.keep(&kept));
-                    // The frames' memory is free again before anybody hears of it.
-                    drop(kept);
-                    self.waiting.fetch_sub(1, Ordering::AcqRel);
-                    done(written);
-                }
-                Work::Note(note, time, done) => {
-                    done(self.with(|session| session.note(&note, time).map(|()| PathBuf::new())));
-                }
-                Work::Close(done) => done(self.close()),
+        loop {
+            self.heart.beat();
+            match queue.recv_timeout(Heart::REST) {
+                Ok(work) => self.carry_out(work),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
             }
         }
         if let Err(error) = self.close() {
             log::error!("{error}");
+        }
+    }
+
+    fn carry_out(&mut self, work: Work) {
+        match work {
+            Work::Begin(session, done) => {
+                let closed = self.close();
+                self.session = Some(*session);
+                done(closed);
+            }
+            Work::Change(preamble, time) => {
+                if let Some(session) = &mut self.session
+                    && let Err(error) = session.change(*preamble, time)
+                {
+                    log::error!("{error}");
+                }
+            }
+            Work::Keep(kept, done) => {
+                let written = self.with(|session| session.keep(&kept));
+                // The frames' memory is free again before anybody hears of it.
+                drop(kept);
+                self.waiting.fetch_sub(1, Ordering::AcqRel);
+                done(written);
+            }
+            Work::Note(note, time, done) => {
+                done(self.with(|session| session.note(&note, time).map(|()| PathBuf::new())));
+            }
+            Work::Close(done) => done(self.close()),
         }
     }
 

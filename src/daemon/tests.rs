@@ -162,6 +162,7 @@ fn plan(folder: &Path, pool: &Pool) -> Plan {
         pool: pool.clone(),
         program: "scand test".into(),
         events: events::Events::default(),
+        pulse: Pulse::default(),
     }
 }
 
@@ -448,6 +449,45 @@ fn a_hundred_presses_are_a_hundred_captures_and_memory_stays() {
         }
     }
     assert_eq!((recorded, times.len()), (ids, 100));
+}
+
+#[test]
+fn a_recorder_that_hangs_starves_the_watchdog() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let systemd = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    systemd.set_nonblocking(true).unwrap();
+    let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
+    let stand = start(|plan| plan.pulse = Pulse::new(Arc::new(notifier.unwrap())));
+    let fed = || {
+        let mut bytes = [0; 100];
+        std::iter::from_fn(|| systemd.recv(&mut bytes).ok()).count()
+    };
+    let until_fed = || {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while fed() == 0 {
+            assert!(Instant::now() < deadline, "it is not fed");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    until_fed();
+    // Who hears of the capture's end does not listen: the recorder stands still.
+    let (heard, hearing) = bounded(0);
+    let mut silent = press(unbounded().0);
+    silent.progress = Box::new(move |progress| {
+        if progress.is_end(Until::Durable) {
+            let _ = heard.send(progress);
+        }
+    });
+    stand.capturing.order(Order::Press(silent));
+    stand.until(|s| s.complete == 1);
+    // Its last sign of life may still count once.
+    std::thread::sleep(Duration::from_millis(1500));
+    fed();
+    std::thread::sleep(Duration::from_millis(1500));
+    assert_eq!(fed(), 0);
+    hearing.recv().unwrap();
+    until_fed();
 }
 
 #[test]

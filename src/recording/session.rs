@@ -171,11 +171,19 @@ impl Session {
     }
 
     /// Changes what is repeated in each file, from `time` on: plates that were taken anew, a camera that came back with
-    /// other settings.
+    /// other settings. Where what only a file's beginning has is another (calibration, configuration), the file is
+    /// completed, and the next capture begins one.
     ///
     /// # Errors
     /// As for [`Self::keep`].
-    pub fn change(&mut self, preamble: Preamble, time: Timestamp) -> Result<(), Error> {
+    pub fn change(&mut self, mut preamble: Preamble, time: Timestamp) -> Result<(), Error> {
+        // What was said of the session at its begin stays true.
+        let about = self.preamble.about.clone();
+        preamble.about.extend(about);
+        if begins_otherwise(&self.preamble, &preamble) {
+            self.preamble = preamble;
+            return self.finish_file();
+        }
         if let Some(open) = &mut self.open {
             let written = changed(&mut open.writer, &self.preamble, &preamble, time);
             if written.is_err() {
@@ -250,6 +258,14 @@ fn begin_file(
         writer.volume(volume, time)?;
     }
     changed(writer, &Preamble::default(), preamble, time)
+}
+
+/// Whether a file would begin with something that cannot be said later in it.
+fn begins_otherwise(before: &Preamble, now: &Preamble) -> bool {
+    before.colors != now.colors
+        || before.depths != now.depths
+        || before.volume != now.volume
+        || before.configuration != now.configuration
 }
 
 /// Writes settings and backgrounds that are not what they were. A background keeps the time at which it was taken, so

@@ -130,6 +130,38 @@ fn new_plates_count_from_the_next_capture_on_and_in_every_file() {
 }
 
 #[test]
+fn another_calibration_begins_another_file_of_the_same_session() {
+    let rig = Rig::new();
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = begin(folder.path(), &rig, u64::MAX);
+    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    let mut changed = preamble(&rig);
+    changed.configuration = "[rig]\nname = \"other\"\n".into();
+    changed.colors[0].intrinsics.focal_px.x += 1.0;
+    changed.about.clear();
+    session.change(changed.clone(), at(15_000)).unwrap();
+    session.keep(&kept(&rig, "b", 20_000)).unwrap();
+    session.close().unwrap();
+    let files = ["s.mcap", "s-002.mcap"].map(|name| folder.path().join(name));
+    let [first, second] = files.map(|path| Recording::open(&path).unwrap());
+    for (recording, focal) in [
+        (first, rig.colors[0].intrinsics.focal_px.x),
+        (second, changed.colors[0].intrinsics.focal_px.x),
+    ] {
+        assert_eq!(count(&recording, &Topic::Capture), 1);
+        let topic = Topic::Color(rig.colors[0].id.clone(), ColorPart::Calibration);
+        let message = recording.messages(&topic)[0];
+        let read = recording.intrinsics(&topic, &message).unwrap();
+        assert_eq!(read.focal_px.x, focal);
+        let session = recording
+            .metadata()
+            .iter()
+            .find(|(name, _)| name == "session");
+        assert_eq!(session.unwrap().1["operator"], "Ann");
+    }
+}
+
+#[test]
 fn a_session_of_the_same_name_is_refused_and_one_that_broke_goes_on_in_another_file() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();

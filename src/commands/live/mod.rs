@@ -2,6 +2,10 @@
 
 pub mod ask;
 #[cfg(feature = "live")]
+mod prepare;
+#[cfg(feature = "live")]
+mod reread;
+#[cfg(feature = "live")]
 pub mod run;
 #[cfg(feature = "live")]
 mod stations;

@@ -1,18 +1,16 @@
 //! `scand run`: the daemon, from its configuration to its end.
 
-use super::stations::stations;
-use crate::calibration::{DepthCamera, DepthResponse, RigCalibration, Volume};
-use crate::commands::{BadConfiguration, EXIT_LOST};
-use crate::config::Config;
+use super::prepare::{Prepared, Source};
+use super::reread::Running;
+use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
-use crate::daemon::{Capturing, Kind, Plan, Rig, Station, serve};
-use crate::drivers::live::{Backoff, HostClock, Pool};
-use crate::frame::CameraId;
+use crate::daemon::{
+    Capturing, Kind, Notifier, Plan, Pulse, Rig, Service, Station, handed_over, serve,
+};
+use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
-use crate::recording::Preamble;
 use anyhow::Context;
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -20,12 +18,8 @@ use std::sync::Arc;
 /// capture in progress is finished, the session completed.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The rig's configuration (TOML).
-    #[arg(long, value_name = "FILE", default_value = "/etc/scand/rig.toml")]
-    config: PathBuf,
-    /// One value over the configuration; may be given several times.
-    #[arg(long, value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    source: Source,
     /// Check the configuration, say what it asks for, and touch nothing.
     #[arg(long)]
     check: bool,
@@ -36,59 +30,57 @@ pub struct Args {
 /// # Errors
 /// If the configuration is bad, the recordings' folder or the socket cannot be made.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let mut config = Config::load(Some(&args.config), &args.set).map_err(bad)?;
-    // Libraries of cameras change the working folder of a process for moments.
-    for path in [&mut config.recording.folder, &mut config.socket.path] {
-        *path = std::path::absolute(&*path)?;
-    }
-    let text = std::fs::read_to_string(&args.config)
-        .with_context(|| format!("configuration {}", args.config.display()))?;
-    let folder = args.config.parent().unwrap_or(Path::new("."));
-    let calibration = calibration(&config, folder).map_err(|e| named(&args.config, e))?;
     let clock = HostClock::start();
-    let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
-    let stations =
-        stations(&config, &calibration, clock, &pool).map_err(|e| named(&args.config, e))?;
-    let preamble =
-        preamble(&config, &calibration, &stations, text).map_err(|e| named(&args.config, e))?;
+    let prepared = args.source.prepare(clock)?;
     if args.check {
         say!(
             "{}: {} cameras, all of them calibrated",
-            args.config.display(),
-            stations.len()
+            args.source.config.display(),
+            prepared.stations.len()
         );
         return Ok(ExitCode::SUCCESS);
     }
+    let socket = handed_over().context("the socket that was handed over")?;
+    serve_rig(args.source, prepared, clock, socket)
+}
+
+fn serve_rig(
+    source: Source,
+    prepared: Prepared,
+    clock: HostClock,
+    socket: Option<UnixListener>,
+) -> anyhow::Result<ExitCode> {
+    let Prepared {
+        config,
+        stations,
+        preamble,
+        pool,
+        ..
+    } = prepared;
+    let notifier = Arc::new(Notifier::from_environment());
+    let pulse = Pulse::new(notifier.clone());
     let plan = Plan {
         sync: config.sync.clone(),
         capture: config.capture.clone(),
         recording: config.recording.clone(),
-        preamble,
+        preamble: preamble.clone(),
         pool,
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
+        pulse: pulse.clone(),
     };
-    serve_rig(stations, clock, plan, &config)
-}
-
-fn serve_rig(
-    stations: Vec<Station>,
-    clock: HostClock,
-    plan: Plan,
-    config: &Config,
-) -> anyhow::Result<ExitCode> {
-    let depth_frames = 2 * plan.sync.depth_frames;
-    let frames = stations.iter().map(|station| match station.kind {
-        Kind::Color => 8,
-        Kind::Depth | Kind::DepthInTurn => depth_frames + 16,
-    });
-    let frames = frames.sum();
+    let frames = frames_a_shot(&stations, plan.sync.depth_frames);
     let rig = Rig::start(stations, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan)?);
-    let path = &config.socket.path;
-    serve(path, &capturing, || {
-        log::info!("listening on {}", path.display());
-    })?;
+    let (path, policy) = (config.socket.path.clone(), config.service.clone());
+    let running = Running {
+        source,
+        config,
+        preamble,
+    };
+    let reread = Box::new(move || running.reread(clock));
+    let mut service = Service::new(notifier, &pulse, policy, reread);
+    serve(&path, socket, &capturing, &mut service)?;
     log::notice!("ending");
     let stuck = capturing.stop();
     for camera in &stuck {
@@ -101,57 +93,11 @@ fn serve_rig(
     })
 }
 
-fn bad(error: impl std::error::Error + Send + Sync + 'static) -> anyhow::Error {
-    BadConfiguration(Box::new(error)).into()
-}
-
-/// What is wrong with a configuration, with the file's name.
-fn named(file: &Path, problem: String) -> anyhow::Error {
-    BadConfiguration(format!("configuration {}: {problem}", file.display()).into()).into()
-}
-
-fn calibration(config: &Config, folder: &Path) -> Result<RigCalibration, String> {
-    if config.rig.calibration.as_os_str().is_empty() {
-        return Err(
-            "rig.calibration is missing, expected the file that scand calibrate wrote".into(),
-        );
-    }
-    RigCalibration::load(&folder.join(&config.rig.calibration)).map_err(|e| e.to_string())
-}
-
-/// What every recording begins with.
-fn preamble(
-    config: &Config,
-    calibration: &RigCalibration,
-    stations: &[Station],
-    configuration: String,
-) -> Result<Preamble, String> {
-    let of = |color: bool| {
-        let chosen = stations
-            .iter()
-            .filter(move |s| (s.kind == Kind::Color) == color);
-        chosen.filter_map(|s| calibration.cameras.get(&s.id))
-    };
-    let depth =
-        |(camera, response): &(crate::calibration::Camera, Option<DepthResponse>)| DepthCamera {
-            camera: camera.clone(),
-            response: response.unwrap_or_default(),
-        };
-    let volume = config.rig.volume.map(|volume| {
-        let volume = Volume::new(volume.min.into(), volume.max.into());
-        volume.map_err(|e| format!("rig.volume: {e}"))
+/// Frames that all cameras may give to one shot.
+pub(super) fn frames_a_shot(stations: &[Station], depth_frames: usize) -> usize {
+    let frames = stations.iter().map(|station| match station.kind {
+        Kind::Color => 8,
+        Kind::Depth | Kind::DepthInTurn => 2 * depth_frames + 16,
     });
-    let volume = volume.transpose()?.or(calibration.volume);
-    if volume.is_none() {
-        return Err("rig.volume is missing, and the calibration proposes none".into());
-    }
-    Ok(Preamble {
-        colors: of(true).map(|(camera, _)| camera.clone()).collect(),
-        depths: of(false).map(depth).collect(),
-        volume,
-        settings: BTreeMap::new(),
-        backgrounds: BTreeMap::<CameraId, _>::new(),
-        configuration,
-        about: BTreeMap::from([("rig".into(), config.rig.name.clone())]),
-    })
+    frames.sum()
 }

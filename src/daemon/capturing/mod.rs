@@ -9,6 +9,7 @@ use super::events::Events;
 use super::recorder::Recorder;
 use super::rig::Rig;
 use super::status::Status;
+use super::systemd::Pulse;
 use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
@@ -51,9 +52,21 @@ pub enum Order {
     Note(Note, Answer),
     /// Complete the session.
     Close(Answer),
+    /// Go on with other parameters.
+    Reread(Box<Reread>, Answer),
 }
 
-/// What the thread works with, fixed at the start.
+/// What may change while the daemon runs.
+pub struct Reread {
+    /// How captures are taken; `memory_mb` and `waiting` stay as they were.
+    pub capture: CaptureParameters,
+    /// Where they are kept; the folder stays as it was.
+    pub recording: RecordingParameters,
+    /// What every recording begins with, from the next capture on.
+    pub preamble: Preamble,
+}
+
+/// What the thread works with.
 pub struct Plan {
     /// Which frames make a capture.
     pub sync: sync::Parameters,
@@ -69,6 +82,8 @@ pub struct Plan {
     pub program: String,
     /// Where it is told what happens.
     pub events: Events,
+    /// Where its threads show that they live.
+    pub pulse: Pulse,
 }
 
 /// Captures since the start, counted when they are on the disk or cannot be.
@@ -124,7 +139,8 @@ impl Capturing {
         recover_all(&folder)?;
         let (orders, queue) = bounded(1);
         let (busy, status) = (Arc::default(), Arc::default());
-        let recorder = Recorder::start(plan.capture.waiting).map_err(io)?;
+        let recorder =
+            Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
         let ended: Arc<Ended> = Arc::default();
         let events = plan.events.clone();
         let worker = Worker::new(
@@ -171,6 +187,11 @@ impl Capturing {
         &self.events
     }
 
+    /// Whether an order is being carried out.
+    pub(super) fn is_busy(&self) -> bool {
+        self.busy.load(Ordering::Acquire)
+    }
+
     /// What is known now.
     pub fn status(&self) -> Status {
         let status = lock(&self.status);
@@ -203,7 +224,8 @@ fn decline(order: Order, reply: Reply, words: &str) {
         Order::Background(answer)
         | Order::Begin(_, _, answer)
         | Order::Note(_, answer)
-        | Order::Close(answer) => answer(Err(words.to_owned())),
+        | Order::Close(answer)
+        | Order::Reread(_, answer) => answer(Err(words.to_owned())),
     }
 }
 

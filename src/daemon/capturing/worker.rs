@@ -5,13 +5,14 @@ use super::super::plates::{self, Plates};
 use super::super::recorder::{Done, Recorder, Work};
 use super::super::rig::{Kind, Rig, Shooting, State};
 use super::super::status::{self, Status};
+use super::super::systemd::Heart;
 use super::super::{free_bytes, names};
 use super::assemble::assemble;
-use super::{Answer, Ended, Order, Plan, Press};
+use super::{Answer, Ended, Order, Plan, Press, Reread};
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
 use crate::log;
-use crate::recording::{Kept, Note, Outcome, Session};
+use crate::recording::{Kept, Note, Outcome, Preamble, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use crate::trigger::Reply;
 use crossbeam_channel::{Receiver, select};
@@ -33,6 +34,7 @@ pub(super) struct Worker {
     lost: BTreeMap<String, u64>,
     refused: u64,
     ended: Arc<Ended>,
+    heart: Heart,
 }
 
 /// A session's name and how many captures it has.
@@ -56,6 +58,7 @@ impl Worker {
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
             rig,
+            heart: plan.pulse.heart("capturing"),
             plan,
             recorder,
             busy,
@@ -70,9 +73,10 @@ impl Worker {
     /// Serves until nobody can give orders any more, then completes the session and ends all threads.
     pub(super) fn run(mut self, orders: &Receiver<Order>) -> Vec<CameraId> {
         let events = self.rig.events().clone();
-        let ticks = crossbeam_channel::tick(Duration::from_millis(500));
+        let ticks = crossbeam_channel::tick(Heart::REST);
         loop {
             self.publish();
+            self.heart.beat();
             select! {
                 recv(orders) -> order => {
                     let Ok(order) = order else { break };
@@ -102,7 +106,26 @@ impl Worker {
                 self.plan.events.publish(Event::Session { name: None });
                 self.pass_on(answer, Work::Close);
             }
+            Order::Reread(reread, answer) => self.reread(*reread, answer),
         }
+    }
+
+    fn reread(&mut self, reread: Reread, answer: Answer) {
+        let Plan {
+            capture,
+            recording,
+            preamble,
+            ..
+        } = &mut self.plan;
+        *capture = reread.capture;
+        *recording = reread.recording;
+        *preamble = Preamble {
+            settings: std::mem::take(&mut preamble.settings),
+            backgrounds: std::mem::take(&mut preamble.backgrounds),
+            ..reread.preamble
+        };
+        self.preamble_changed();
+        answer(Ok("what may change was read again".into()));
     }
 
     /// Notes what a camera says, and tells the log when that changes what can be done.
@@ -158,6 +181,7 @@ impl Worker {
                 capture: name.clone(),
             };
             tell(&self.plan.events, &press, accepted);
+            self.heart.beat();
             let kept = self.take(capture, &press);
             name = format!("{id}.r{attempt}");
             // A name that the last attempt's would be too long for ends the attempts.

@@ -1,0 +1,115 @@
+//! From the configuration's file to everything that a daemon needs before it touches a camera.
+
+use super::stations::stations;
+use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
+use crate::commands::BadConfiguration;
+use crate::config::Config;
+use crate::daemon::{Kind, Station};
+use crate::drivers::live::{HostClock, Pool};
+use crate::frame::CameraId;
+use crate::recording::Preamble;
+use anyhow::Context;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The rig's configuration.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Source {
+    /// The rig's configuration (TOML).
+    #[arg(long, value_name = "FILE", default_value = "/etc/scand/rig.toml")]
+    pub config: PathBuf,
+    /// One value over the configuration; may be given several times.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// A rig that could be run.
+pub(super) struct Prepared {
+    pub config: Config,
+    pub stations: Vec<Station>,
+    pub preamble: Preamble,
+    pub pool: Pool,
+}
+
+impl Source {
+    /// Reads configuration and calibration and makes a driver for each camera; opens none.
+    ///
+    /// # Errors
+    /// If one of them is bad.
+    pub fn prepare(&self, clock: HostClock) -> anyhow::Result<Prepared> {
+        let mut config = Config::load(Some(&self.config), &self.set).map_err(bad)?;
+        // Libraries of cameras change the working folder of a process for moments.
+        for path in [&mut config.recording.folder, &mut config.socket.path] {
+            *path = std::path::absolute(&*path)?;
+        }
+        let text = std::fs::read_to_string(&self.config)
+            .with_context(|| format!("configuration {}", self.config.display()))?;
+        let named = |problem| named(&self.config, problem);
+        let file = self.calibration(&config).map_err(named)?;
+        let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
+        let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
+        let stations = stations(&config, &calibration, clock, &pool).map_err(named)?;
+        let preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
+        Ok(Prepared {
+            config,
+            stations,
+            preamble,
+            pool,
+        })
+    }
+
+    /// Where the calibration is; a relative path is beside the configuration.
+    fn calibration(&self, config: &Config) -> Result<PathBuf, String> {
+        if config.rig.calibration.as_os_str().is_empty() {
+            let words = "rig.calibration is missing, expected the file that scand calibrate wrote";
+            return Err(words.into());
+        }
+        let folder = self.config.parent().unwrap_or(Path::new("."));
+        Ok(folder.join(&config.rig.calibration))
+    }
+}
+
+fn bad(error: impl std::error::Error + Send + Sync + 'static) -> anyhow::Error {
+    BadConfiguration(Box::new(error)).into()
+}
+
+/// What is wrong with a configuration, with the file's name.
+fn named(file: &Path, problem: String) -> anyhow::Error {
+    BadConfiguration(format!("configuration {}: {problem}", file.display()).into()).into()
+}
+
+/// What every recording begins with.
+fn preamble(
+    config: &Config,
+    calibration: &RigCalibration,
+    stations: &[Station],
+    configuration: String,
+) -> Result<Preamble, String> {
+    let of = |color: bool| {
+        let chosen = stations
+            .iter()
+            .filter(move |s| (s.kind == Kind::Color) == color);
+        chosen.filter_map(|s| calibration.cameras.get(&s.id))
+    };
+    let depth = |(camera, response): &(Camera, Option<DepthResponse>)| DepthCamera {
+        camera: camera.clone(),
+        response: response.unwrap_or_default(),
+    };
+    let volume = config.rig.volume.map(|volume| {
+        let volume = Volume::new(volume.min.into(), volume.max.into());
+        volume.map_err(|e| format!("rig.volume: {e}"))
+    });
+    let volume = volume.transpose()?.or(calibration.volume);
+    if volume.is_none() {
+        return Err("rig.volume is missing, and the calibration proposes none".into());
+    }
+    Ok(Preamble {
+        colors: of(true).map(|(camera, _)| camera.clone()).collect(),
+        depths: of(false).map(depth).collect(),
+        volume,
+        settings: BTreeMap::new(),
+        backgrounds: BTreeMap::<CameraId, _>::new(),
+        configuration,
+        about: BTreeMap::from([("rig".into(), config.rig.name.clone())]),
+    })
+}

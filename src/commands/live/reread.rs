@@ -1,0 +1,160 @@
+//! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key, and
+//! taken whole or not at all, so that a recording's copy of it is always true.
+
+use super::prepare::Source;
+use crate::config::Config;
+use crate::daemon::{Reread, ServiceParameters};
+use crate::drivers::live::HostClock;
+use crate::recording::Preamble;
+use std::collections::BTreeSet;
+use toml::{Table, Value};
+
+/// Sections and keys that may change while the daemon runs. What the reconstruction goes by is no matter of cameras: it
+/// is written into the next recording. A new calibration may be read as well.
+const MAY_CHANGE: &[&str] = &[
+    "capture.largest_skew_ms",
+    "capture.patience_ms",
+    "capture.retry",
+    "depth",
+    "glb",
+    "hull",
+    "method",
+    "recording.keep_free_mb",
+    "recording.largest_file_mb",
+    "region",
+    "restoration",
+    "rig.calibration",
+    "rig.name",
+    "rig.volume",
+    "service",
+    "silhouette",
+    "texture",
+    "verdict",
+    "vertices",
+];
+
+/// What the daemon was started with.
+pub(super) struct Running {
+    pub source: Source,
+    pub config: Config,
+    pub preamble: Preamble,
+}
+
+impl Running {
+    /// Reads configuration and calibration again.
+    ///
+    /// # Errors
+    /// If they are bad, or something has changed that may not: each key by its name.
+    pub fn reread(&self, clock: HostClock) -> Result<(Reread, ServiceParameters), String> {
+        let now = self.source.prepare(clock).map_err(|e| format!("{e:#}"))?;
+        let mut fixed = changed(&self.config, &now.config)?;
+        fixed.retain(|key| !may_change(key));
+        if !fixed.is_empty() {
+            let keys = fixed.into_iter().collect::<Vec<_>>().join(", ");
+            return Err(format!("{keys}: needs a restart"));
+        }
+        same_sizes(&self.preamble, &now.preamble)?;
+        let reread = Reread {
+            capture: now.config.capture,
+            recording: now.config.recording,
+            preamble: now.preamble,
+        };
+        Ok((reread, now.config.service))
+    }
+}
+
+fn may_change(key: &str) -> bool {
+    let within = |section: &&&str| {
+        key.strip_prefix(**section)
+            .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    MAY_CHANGE.iter().find(within).is_some()
+}
+
+/// The keys that differ, in full.
+fn changed(before: &Config, now: &Config) -> Result<BTreeSet<String>, String> {
+    let table = |config| Table::try_from(config).map_err(|e: toml::ser::Error| e.to_string());
+    let mut keys = BTreeSet::new();
+    compare("", &table(before)?, &table(now)?, &mut keys);
+    Ok(keys)
+}
+
+fn compare(within: &str, before: &Table, now: &Table, keys: &mut BTreeSet<String>) {
+    let names: BTreeSet<&String> = before.keys().chain(now.keys()).collect();
+    for name in names {
+        let key = format!("{within}{name}");
+        match (before.get(name), now.get(name)) {
+            (Some(Value::Table(before)), Some(Value::Table(now))) => {
+                compare(&format!("{key}."), before, now, keys);
+            }
+            (before, now) if before != now => drop(keys.insert(key)),
+            _ => {}
+        }
+    }
+}
+
+/// The cameras' pictures must stay as large as memory and links were planned for.
+fn same_sizes(before: &Preamble, now: &Preamble) -> Result<(), String> {
+    let sizes = |preamble: &Preamble| {
+        let depths = preamble.depths.iter().map(|d| &d.camera);
+        let cameras = preamble.colors.iter().chain(depths);
+        let size = |c: &crate::calibration::Camera| {
+            (c.id.clone(), [c.intrinsics.width, c.intrinsics.height])
+        };
+        cameras.map(size).collect::<Vec<_>>()
+    };
+    let (before, now) = (sizes(before), sizes(now));
+    match before.iter().zip(&now).find(|(b, n)| b != n) {
+        None if before.len() == now.len() => Ok(()),
+        None => Err("the calibration has other cameras: needs a restart".into()),
+        Some(((id, b), (_, n))) => Err(format!(
+            "calibration of camera {id}: {}x{} pixels, running with {}x{}: needs a restart",
+            n[0], n[1], b[0], b[1]
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(settings: &[&str]) -> Config {
+        let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
+        Config::load(None, &settings).unwrap()
+    }
+
+    #[test]
+    fn every_key_that_differs_is_named() {
+        let before = config(&["rig.name=a", "aravis.cameras.c00.address=10.0.0.1"]);
+        let now = config(&[
+            "rig.name=b",
+            "aravis.cameras.c00.address=10.0.0.2",
+            "hull.resolution=100",
+            "capture.memory_mb=7",
+        ]);
+        let keys: Vec<String> = changed(&before, &now).unwrap().into_iter().collect();
+        let all = [
+            "aravis.cameras.c00.address",
+            "capture.memory_mb",
+            "hull.resolution",
+            "rig.name",
+        ];
+        assert_eq!(keys, all);
+        let fixed: Vec<_> = keys.into_iter().filter(|key| !may_change(key)).collect();
+        assert_eq!(fixed, all[..2]);
+        assert!(changed(&before, &before).unwrap().is_empty());
+    }
+
+    #[test]
+    fn what_may_change_is_there() {
+        let all = Table::try_from(Config::default()).unwrap();
+        for key in MAY_CHANGE {
+            let mut at = Some(&Value::Table(all.clone())).cloned();
+            for part in key.split('.') {
+                at = at.and_then(|value| value.get(part).cloned());
+            }
+            // What is left out by default has no key.
+            assert!(at.is_some() || *key == "rig.volume", "{key}");
+        }
+    }
+}

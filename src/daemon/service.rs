@@ -1,0 +1,114 @@
+//! The daemon as a service among others: says when it is ready and how it goes, shows that its socket is served, and
+//! reads its parameters again when it is asked to. It runs beside the socket, on the same thread.
+
+use super::capturing::{Capturing, Order, Reread};
+use super::parameters::ServiceParameters;
+use super::readiness::readiness;
+use super::systemd::{Heart, Notifier, Pulse};
+use crate::log;
+use std::sync::Arc;
+use std::time::Instant;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::oneshot;
+
+/// Reads the parameters again, as far as they may change; else says what is in the way.
+pub type Rereading = Box<dyn Fn() -> Result<(Reread, ServiceParameters), String>>;
+
+/// What the daemon is to systemd.
+pub struct Service {
+    notifier: Arc<Notifier>,
+    heart: Heart,
+    policy: ServiceParameters,
+    reread: Rereading,
+    begin: Instant,
+    ready: bool,
+    /// The last line of status.
+    said: String,
+}
+
+impl Service {
+    /// Not ready yet.
+    pub fn new(
+        notifier: Arc<Notifier>,
+        pulse: &Pulse,
+        policy: ServiceParameters,
+        reread: Rereading,
+    ) -> Self {
+        Self {
+            notifier,
+            heart: pulse.heart("socket"),
+            policy,
+            reread,
+            begin: Instant::now(),
+            ready: false,
+            said: String::new(),
+        }
+    }
+
+    /// Says how the daemon is, twice a second, and reads parameters again at SIGHUP; never ends.
+    pub(super) async fn attend(&mut self, capturing: &Capturing) {
+        let mut ticks = tokio::time::interval(Heart::REST);
+        let Ok(mut hangups) = signal(SignalKind::hangup()) else {
+            log::error!("SIGHUP cannot be had");
+            return std::future::pending().await;
+        };
+        loop {
+            tokio::select! {
+                _ = ticks.tick() => self.say(capturing),
+                _ = hangups.recv() => self.read_again(capturing).await,
+            }
+        }
+    }
+
+    fn say(&mut self, capturing: &Capturing) {
+        self.heart.beat();
+        let now = readiness(&capturing.status(), self.begin.elapsed(), &self.policy);
+        if now.ready && !self.ready {
+            log::notice!("{}", now.words);
+            self.notifier.tell("READY=1");
+            self.ready = true;
+        }
+        if now.words != self.said {
+            self.notifier.tell(&format!("STATUS={}", now.words));
+            self.said = now.words;
+        }
+    }
+
+    async fn read_again(&mut self, capturing: &Capturing) {
+        self.notifier.tell("RELOADING=1");
+        let end = match (self.reread)() {
+            Ok((reread, policy)) => {
+                self.policy = policy;
+                self.hand_over(capturing, reread).await
+            }
+            Err(reason) => Err(reason),
+        };
+        match end {
+            Ok(words) => log::notice!("{words}"),
+            Err(reason) => log::error!("not read again, all stays as it was: {reason}"),
+        }
+        if self.ready {
+            self.notifier.tell("READY=1");
+        }
+    }
+
+    /// Gives the parameters to the capturing thread, once it has no capture in hand.
+    async fn hand_over(&self, capturing: &Capturing, reread: Reread) -> Result<String, String> {
+        while capturing.is_busy() {
+            self.heart.beat();
+            tokio::time::sleep(Heart::REST / 50).await;
+        }
+        let (told, answer) = oneshot::channel();
+        let tell = move |result| drop(told.send(result));
+        capturing.order(Order::Reread(Box::new(reread), Box::new(tell)));
+        answer
+            .await
+            .unwrap_or_else(|_| Err("the daemon is ending".into()))
+    }
+
+    /// Says that the daemon is ending.
+    pub fn ending(&self) {
+        self.notifier
+            .tell("STOPPING=1\nSTATUS=ending: the capture in progress is finished first");
+    }
+}

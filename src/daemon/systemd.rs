@@ -1,0 +1,251 @@
+//! What systemd hands over and is told: the listening socket, that the daemon is ready or ending, a line of status, and
+//! that its threads still work. The watchdog has no timer of its own here: it is fed by the last of the working threads
+//! to show a sign of life, so that one that hangs starves it.
+
+use crate::log;
+use std::ffi::OsString;
+use std::io::ErrorKind;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram, UnixListener};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Takes the listening socket that systemd opened, if it did. To be called once, before there are other threads: it
+/// takes `LISTEN_FDS` from the environment, so that no child believes it.
+///
+/// # Errors
+/// If what was handed over is more than one socket, or none that listens.
+pub fn handed_over() -> std::io::Result<Option<UnixListener>> {
+    let mut sockets = listenfd::ListenFd::from_env();
+    if sockets.len() > 1 {
+        let words = format!("{} sockets were handed over, expected one", sockets.len());
+        return Err(std::io::Error::new(ErrorKind::InvalidInput, words));
+    }
+    sockets.take_unix_listener(0)
+}
+
+/// The way to systemd; without one nothing is said.
+#[derive(Debug, Default)]
+pub struct Notifier {
+    way: Option<(UnixDatagram, SocketAddr)>,
+    /// How long systemd waits for a sign of life.
+    watchdog: Option<Duration>,
+}
+
+impl Notifier {
+    /// As systemd's environment names it (`NOTIFY_SOCKET`, `WATCHDOG_USEC`).
+    pub fn from_environment() -> Self {
+        let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
+        let own = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
+        let watchdog = number("WATCHDOG_USEC").filter(|_| own);
+        let Some(address) = std::env::var_os("NOTIFY_SOCKET") else {
+            return Self::default();
+        };
+        Self::to(&address, watchdog.map(Duration::from_micros)).unwrap_or_else(|error| {
+            log::warning!("NOTIFY_SOCKET {}: {error}", address.display());
+            Self::default()
+        })
+    }
+
+    /// To a socket of this name; one that begins with `@` is abstract.
+    pub(super) fn to(address: &OsString, watchdog: Option<Duration>) -> std::io::Result<Self> {
+        let address = match address.as_bytes() {
+            [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
+            path => SocketAddr::from_pathname(std::ffi::OsStr::from_bytes(path))?,
+        };
+        let socket = UnixDatagram::unbound()?;
+        // Nothing here waits for systemd.
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            way: Some((socket, address)),
+            watchdog: watchdog.filter(|w| !w.is_zero()),
+        })
+    }
+
+    /// Says something in the words of `sd_notify(3)`, a pair a line.
+    pub fn tell(&self, words: &str) {
+        if let Some((socket, address)) = &self.way {
+            // A queue that is full for a moment has room for the next sign.
+            let _ = socket.send_to_addr(words.as_bytes(), address);
+        }
+    }
+}
+
+/// The signs of life of all threads that work; shared by them.
+#[derive(Clone, Debug)]
+pub struct Pulse {
+    notifier: Arc<Notifier>,
+    beats: Arc<Mutex<Beats>>,
+}
+
+#[derive(Debug)]
+struct Beats {
+    /// Each thread, and whether it was heard of since the last feeding.
+    threads: Vec<(&'static str, bool)>,
+    fed: Instant,
+    /// Whether it was said that some are silent.
+    told: bool,
+}
+
+/// What systemd allows a start before it must hear of it again.
+const START: Duration = Duration::from_secs(60);
+
+impl Default for Pulse {
+    fn default() -> Self {
+        Self::new(Arc::default())
+    }
+}
+
+impl Pulse {
+    /// No threads yet.
+    pub fn new(notifier: Arc<Notifier>) -> Self {
+        let beats = Beats {
+            threads: Vec::new(),
+            fed: Instant::now(),
+            told: false,
+        };
+        Self {
+            notifier,
+            beats: Arc::new(Mutex::new(beats)),
+        }
+    }
+
+    /// A heart for a thread that must live from now on. One that is dropped, because its thread panicked, is silent.
+    pub fn heart(&self, thread: &'static str) -> Heart {
+        let mut beats = self.beats.lock().unwrap_or_else(PoisonError::into_inner);
+        beats.threads.push((thread, false));
+        Heart {
+            index: beats.threads.len() - 1,
+            pulse: self.clone(),
+        }
+    }
+
+    /// Feeds the watchdog if all threads were heard of since it was fed last.
+    fn beat(&self, index: usize, now: Instant) {
+        let Some(watchdog) = self.notifier.watchdog else {
+            return;
+        };
+        let mut beats = self.beats.lock().unwrap_or_else(PoisonError::into_inner);
+        beats.threads[index].1 = true;
+        let hungry = now.saturating_duration_since(beats.fed);
+        if beats.threads.iter().all(|(_, heard)| *heard) {
+            if hungry < watchdog / 4 {
+                return;
+            }
+            beats
+                .threads
+                .iter_mut()
+                .for_each(|(_, heard)| *heard = false);
+            (beats.fed, beats.told) = (now, false);
+            // The start may take as long as cameras need, as long as the threads live.
+            let start = START.as_micros();
+            self.notifier
+                .tell(&format!("WATCHDOG=1\nEXTEND_TIMEOUT_USEC={start}"));
+        } else if hungry > watchdog / 2 && !beats.told {
+            beats.told = true;
+            let silent = beats.threads.iter().filter(|(_, heard)| !heard);
+            let silent: Vec<&str> = silent.map(|(name, _)| *name).collect();
+            let (silent, ms) = (silent.join(", "), hungry.as_millis());
+            log::error!("{silent}: no sign of life for {ms} ms; systemd ends the daemon soon");
+        }
+    }
+}
+
+/// A thread's own sign of life.
+#[derive(Debug)]
+pub struct Heart {
+    index: usize,
+    pulse: Pulse,
+}
+
+impl Heart {
+    /// How long a thread may wait for work before it shows that it lives.
+    pub const REST: Duration = Duration::from_millis(500);
+
+    /// Shows that the thread works, or waits for work.
+    pub fn beat(&self) {
+        self.pulse.beat(self.index, Instant::now());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A notifier and systemd's end of it.
+    fn systemd(watchdog_ms: u64) -> (tempfile::TempDir, UnixDatagram, Arc<Notifier>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        let end = UnixDatagram::bind(&path).unwrap();
+        end.set_nonblocking(true).unwrap();
+        let watchdog = Duration::from_millis(watchdog_ms);
+        let notifier = Notifier::to(&path.into_os_string(), Some(watchdog)).unwrap();
+        (folder, end, Arc::new(notifier))
+    }
+
+    fn heard(end: &UnixDatagram) -> Vec<String> {
+        let mut bytes = [0; 4096];
+        let words = |n: usize, bytes: &[u8]| String::from_utf8_lossy(&bytes[..n]).into_owned();
+        std::iter::from_fn(|| end.recv(&mut bytes).ok().map(|n| words(n, &bytes))).collect()
+    }
+
+    #[test]
+    fn the_watchdog_is_fed_while_all_threads_beat_and_starves_when_one_does_not() {
+        let (_folder, end, notifier) = systemd(1000);
+        let pulse = Pulse::new(notifier);
+        let (_a, _b) = (pulse.heart("capturing"), pulse.heart("recorder"));
+        let begin = Instant::now();
+        let at = |ms: u64| begin + Duration::from_millis(ms);
+        for ms in [300, 310] {
+            pulse.beat(0, at(ms));
+            assert_eq!(heard(&end), [""; 0], "one alone does not feed it");
+        }
+        pulse.beat(1, at(320));
+        assert_eq!(heard(&end).len(), 1);
+        assert!(heard(&end).is_empty());
+        // Both beat at once again: it is not hungry yet.
+        pulse.beat(0, at(330));
+        pulse.beat(1, at(330));
+        assert_eq!(heard(&end), [""; 0]);
+        pulse.beat(0, at(600));
+        let fed = heard(&end);
+        assert!(
+            fed[0].starts_with("WATCHDOG=1\nEXTEND_TIMEOUT_USEC="),
+            "{fed:?}"
+        );
+        // From here on the recorder hangs.
+        for ms in 601..5000 {
+            pulse.beat(0, at(ms));
+        }
+        assert_eq!(heard(&end), [""; 0]);
+    }
+
+    #[test]
+    fn without_systemd_nothing_is_said_and_nothing_fails() {
+        let pulse = Pulse::default();
+        pulse.heart("capturing").beat();
+        Notifier::default().tell("READY=1");
+    }
+
+    #[test]
+    fn a_queue_that_nobody_empties_holds_nobody_up() {
+        let (_folder, _end, notifier) = systemd(1);
+        let begin = Instant::now();
+        for _ in 0..5000 {
+            notifier.tell("STATUS=…");
+        }
+        assert!(begin.elapsed() < Duration::from_secs(5));
+    }
+
+    #[test]
+    fn an_abstract_socket_will_do() {
+        let name = format!("scand-test-{}", std::process::id());
+        let address = SocketAddr::from_abstract_name(&name).unwrap();
+        let end = UnixDatagram::bind_addr(&address).unwrap();
+        end.set_nonblocking(true).unwrap();
+        let notifier = Notifier::to(&format!("@{name}").into(), None).unwrap();
+        notifier.tell("READY=1");
+        assert_eq!(heard(&end), ["READY=1"]);
+    }
+}

@@ -1,0 +1,274 @@
+//! The daemon as a service: what systemd hands it and hears of it, who may speak to it, how it reads its configuration
+//! again and ends. Its cameras are never there; what it does with cameras is tested elsewhere.
+
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixDatagram, UnixStream};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const CONFIGURATION: &str = r#"
+[rig]
+calibration = "calibration.toml"
+[recording]
+folder = "recordings"
+[socket]
+path = "scand.sock"
+[v4l2.defaults]
+size = [1280, 960]
+[v4l2.cameras.c00]
+device = "/dev/none-0"
+[v4l2.cameras.c01]
+device = "/dev/none-1"
+"#;
+
+fn scand() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_scand"))
+}
+
+/// A folder with a configuration, and a daemon that may be running in it.
+struct Stand {
+    folder: tempfile::TempDir,
+    daemon: Option<Child>,
+}
+
+impl Drop for Stand {
+    fn drop(&mut self) {
+        if let Some(mut daemon) = self.daemon.take() {
+            let _ = daemon.kill();
+            let _ = daemon.wait();
+        }
+    }
+}
+
+impl Stand {
+    fn new(more: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let stand = Self {
+            folder,
+            daemon: None,
+        };
+        let recording = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/cup.mcap");
+        let exported = scand()
+            .arg("info")
+            .arg(recording)
+            .arg("--calibration")
+            .arg(stand.path("calibration.toml"))
+            .output();
+        assert!(exported.unwrap().status.success());
+        stand.configure(more);
+        stand
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn configure(&self, more: &str) {
+        std::fs::write(self.path("rig.toml"), format!("{CONFIGURATION}{more}")).unwrap();
+    }
+
+    /// Starts the daemon, by way of `command`.
+    fn start(&mut self, mut command: Command) {
+        let log = std::fs::File::create(self.path("log")).unwrap();
+        command.current_dir(self.folder.path()).stderr(log);
+        self.daemon = Some(command.spawn().unwrap());
+    }
+
+    fn log(&self) -> String {
+        std::fs::read_to_string(self.path("log")).unwrap_or_default()
+    }
+
+    fn until_logged(&self, words: &str) {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while !self.log().contains(words) {
+            assert!(Instant::now() < deadline, "{words}: {}", self.log());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn signal(&self, name: &str) {
+        let pid = self.daemon.as_ref().unwrap().id().to_string();
+        let sent = Command::new("kill").args([name, &pid]).status();
+        assert!(sent.unwrap().success());
+    }
+
+    /// Ends the daemon as systemd does.
+    fn end(&mut self) {
+        self.signal("-TERM");
+        let ended = self.daemon.take().unwrap().wait().unwrap();
+        assert!(ended.success(), "{}", self.log());
+    }
+
+    /// Asks for the status; the line that comes back.
+    fn ask(&self) -> String {
+        let mut stream = UnixStream::connect(self.path("scand.sock")).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        stream.write_all(b"{\"type\":\"status\"}\n").unwrap();
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).unwrap();
+        line
+    }
+}
+
+fn run() -> Command {
+    let mut command = scand();
+    command.args(["run", "--config", "rig.toml"]);
+    command
+}
+
+/// systemd's end of the notifications.
+struct Systemd(UnixDatagram);
+
+impl Systemd {
+    fn bind(path: &Path) -> Self {
+        let socket = UnixDatagram::bind(path).unwrap();
+        socket
+            .set_read_timeout(Some(Duration::from_millis(100)))
+            .unwrap();
+        Self(socket)
+    }
+
+    /// What comes within a time, up to what will do.
+    fn hear(&self, at_most: Duration, enough: impl Fn(&str) -> bool) -> Vec<String> {
+        let deadline = Instant::now() + at_most;
+        let (mut all, mut bytes) = (Vec::new(), [0; 4096]);
+        while Instant::now() < deadline {
+            if let Ok(n) = self.0.recv(&mut bytes) {
+                let words = String::from_utf8_lossy(&bytes[..n]).into_owned();
+                all.push(words);
+                if enough(all.last().unwrap()) {
+                    break;
+                }
+            }
+        }
+        all
+    }
+}
+
+const LONG: Duration = Duration::from_secs(30);
+
+#[test]
+fn ready_is_what_the_policy_says_and_the_watchdog_is_fed() {
+    let mut stand = Stand::new("[service]\nmissing_cameras = 2\npatience_s = 2.0\n");
+    let systemd = Systemd::bind(&stand.path("notify"));
+    let mut command = run();
+    command
+        .env("NOTIFY_SOCKET", stand.path("notify"))
+        .env("WATCHDOG_USEC", "2000000");
+    stand.start(command);
+    let heard = systemd.hear(LONG, |words| words == "READY=1");
+    assert_eq!(
+        heard.last().unwrap(),
+        "READY=1",
+        "{heard:?}: {}",
+        stand.log()
+    );
+    let not_ready = |words: &String| words.starts_with("STATUS=not ready: 0 of 2 cameras");
+    assert!(heard.iter().any(not_ready), "{heard:?}");
+    // A start that takes long and lives is not ended.
+    let lives = |words: &str| words.contains("WATCHDOG=1") && words.contains("EXTEND_TIMEOUT_USEC");
+    assert!(heard.iter().any(|words| lives(words)), "{heard:?}");
+    let heard = systemd.hear(LONG, |words| words.contains("WATCHDOG=1"));
+    assert!(heard.last().unwrap().contains("WATCHDOG=1"), "{heard:?}");
+    stand.end();
+    let heard = systemd.hear(LONG, |words| words.contains("STOPPING=1"));
+    assert!(heard.last().unwrap().contains("STOPPING=1"), "{heard:?}");
+}
+
+#[test]
+fn with_cameras_missing_it_is_not_ready_and_answers_all_the_same() {
+    let mut stand = Stand::new("");
+    let systemd = Systemd::bind(&stand.path("notify"));
+    let mut command = run();
+    command.env("NOTIFY_SOCKET", stand.path("notify"));
+    stand.start(command);
+    stand.until_logged("listening");
+    let heard = systemd.hear(Duration::from_secs(2), |words| words == "READY=1");
+    assert!(
+        !heard.is_empty() && !heard.contains(&"READY=1".to_owned()),
+        "{heard:?}"
+    );
+    assert!(stand.ask().contains("/dev/none-0"), "{}", stand.ask());
+}
+
+#[test]
+fn a_socket_that_systemd_made_is_served_and_left() {
+    let mut stand = Stand::new("");
+    let socket = stand.path("scand.sock");
+    // systemd's own program, which starts the daemon at the first connection.
+    let mut command = Command::new("systemd-socket-activate");
+    command
+        .arg("-l")
+        .arg(&socket)
+        .arg(env!("CARGO_BIN_EXE_scand"))
+        .args(["run", "--config", "rig.toml"]);
+    stand.start(command);
+    stand.until_logged("Listening on");
+    let before = std::fs::symlink_metadata(&socket).unwrap();
+    assert!(stand.ask().contains("\"cameras\""));
+    // It became the daemon: the same process, the same socket.
+    stand.end();
+    let after = std::fs::symlink_metadata(&socket).unwrap();
+    assert_eq!(before.modified().unwrap(), after.modified().unwrap());
+    assert!(stand.log().contains("client: user"), "{}", stand.log());
+}
+
+#[test]
+fn its_own_socket_is_for_its_group_alone_and_removed_at_the_end() {
+    let mut stand = Stand::new("");
+    stand.start(run());
+    stand.until_logged("listening");
+    let socket = stand.path("scand.sock");
+    let mode = std::fs::metadata(&socket).unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o660);
+    refused_to_nobody(&stand, &socket);
+    stand.end();
+    assert!(!socket.exists());
+}
+
+/// Nobody else may press. Needs root, who alone can become another user.
+fn refused_to_nobody(stand: &Stand, socket: &Path) {
+    let open = |path: &Path, mode| {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
+    };
+    // All but the socket's own mode would let them in.
+    open(stand.folder.path(), 0o755);
+    let program = stand.path("scand");
+    std::fs::copy(env!("CARGO_BIN_EXE_scand"), &program).unwrap();
+    open(&program, 0o755);
+    let ask = |user: u32| {
+        let mut command = Command::new(&program);
+        command.args(["status", "--socket"]).arg(socket);
+        command.stdout(Stdio::null()).uid(user).gid(user).output()
+    };
+    let answer = match ask(65534) {
+        Ok(answer) => answer,
+        Err(cause) => return println!("skipped, becoming another user needs root: {cause}"),
+    };
+    assert_eq!(answer.status.code(), Some(1));
+    let words = String::from_utf8_lossy(&answer.stderr);
+    assert!(words.contains("ermission denied"), "{words}");
+    assert!(ask(0).unwrap().status.success());
+}
+
+#[test]
+fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
+    let mut stand = Stand::new("[capture]\nretry = 1\n");
+    stand.start(run());
+    stand.until_logged("listening");
+    stand.configure("[capture]\nretry = 3\nwaiting = 5\n[v4l2.cameras.c01.controls]\nfocus = 3\n");
+    stand.signal("-HUP");
+    stand.until_logged("capture.waiting, v4l2.cameras.c01.controls: needs a restart");
+    stand.configure("[capture]\nretyr = 3\n");
+    stand.signal("-HUP");
+    stand.until_logged("retyr");
+    stand.configure("[capture]\nretry = 3\n[hull]\nresolution = 100\n");
+    stand.signal("-HUP");
+    stand.until_logged("was read again");
+    stand.end();
+}
