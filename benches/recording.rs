@@ -1,14 +1,15 @@
 //! What recording costs beside plain `write(2)` of the same bytes: captures of eleven 2560x1920 Bayer frames and a burst
-//! of 30 depth and colour frames, each brought to the disk. Both are measured by turns in one run; what counts are the
-//! ratios. `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
+//! of 30 depth and colour frames, each brought to the disk, one after the other into an open session and into an open
+//! file. Both are measured by turns in one run; what counts are the ratios. `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
 
 use bytes::Bytes;
 use rustix::time::{ClockId, clock_gettime};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{CaptureRecord, Kept, Outcome, Preamble, Session};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 const ROUNDS: usize = 20;
@@ -21,14 +22,25 @@ fn main() {
     let folder =
         std::env::var_os("SCAND_BENCH_FOLDER").map_or_else(std::env::temp_dir, PathBuf::from);
     let folder = tempfile::tempdir_in(folder).unwrap();
+    let mut file = File::create_new(folder.path().join("plain")).unwrap();
+    let begin = Timestamp(1);
+    let session = Session::begin(
+        folder.path(),
+        "session",
+        "bench",
+        begin,
+        u64::MAX,
+        Preamble::default(),
+    );
+    let mut session = session.unwrap();
     let mut plain = Vec::new();
     let mut recorded = Vec::new();
     // The first of each warms up.
     for round in 0..=ROUNDS {
         let capture = capture(round as u64);
+        let mut plainly = || measured(|| write_plainly(&mut file, &capture));
+        let mut recording = || measured(|| drop(session.keep(&capture).unwrap()));
         // By turns the other one first: what comes first finds warm memory.
-        let plainly = || measured(|| write_plainly(folder.path(), &capture));
-        let recording = || measured(|| record(folder.path(), round, &capture));
         let (a, b) = if round % 2 == 0 {
             let a = plainly();
             (a, recording())
@@ -39,9 +51,6 @@ fn main() {
         if round > 0 {
             plain.push(a);
             recorded.push(b);
-        }
-        for file in std::fs::read_dir(folder.path()).unwrap() {
-            std::fs::remove_file(file.unwrap().path()).unwrap();
         }
     }
     let megabytes = capture(0).bytes() as f64 / 1e6;
@@ -82,23 +91,13 @@ fn measured(work: impl FnOnce()) -> [f64; 2] {
     [begin.elapsed().as_secs_f64(), cpu() - begin_cpu]
 }
 
-fn write_plainly(folder: &Path, capture: &Kept) {
-    let mut file = std::fs::File::create_new(folder.join("plain")).unwrap();
+fn write_plainly(file: &mut File, capture: &Kept) {
     for frame in &capture.frames {
         if let Picture::Raw { data, .. } = &frame.picture {
             file.write_all(data).unwrap();
         }
     }
     file.sync_data().unwrap();
-}
-
-fn record(folder: &Path, round: usize, capture: &Kept) {
-    let name = format!("s{round}");
-    let begin = Timestamp(1);
-    let mut session =
-        Session::begin(folder, &name, "bench", begin, u64::MAX, Preamble::default()).unwrap();
-    session.keep(capture).unwrap();
-    std::mem::forget(session);
 }
 
 fn capture(seed: u64) -> Kept {

@@ -32,8 +32,8 @@ fi
 need pkg-config libaravis-dev libusb-1.0-0-dev
 # Depth cameras; and V4L2, whose headers are read with clang.
 need libopenni2-dev libclang-dev
-# Tests on networks of their own.
-need iproute2 util-linux
+# Tests on networks of their own, and on a disk that is slow.
+need iproute2 util-linux strace
 
 # The stand-alone camera simulator is in a package that would bring a desktop along; the program alone needs none of it.
 simulator=arv-fake-gv-camera-0.8

@@ -1,6 +1,7 @@
 //! Names of sessions.
 
 use crate::frame::{CaptureId, Timestamp};
+use std::path::Path;
 
 /// Letters that a session's name may have, so that its captures' ids are no longer than they may be.
 const LONGEST: usize = 48;
@@ -12,6 +13,19 @@ pub(super) fn of_time(time: Timestamp) -> String {
     let [year, month, day] = date(days);
     let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+}
+
+/// The same, with a number behind it where a recording of this name is in the folder already: a second is long enough
+/// for two.
+pub(super) fn free(folder: &Path, time: Timestamp) -> String {
+    let name = of_time(time);
+    let taken = |name: &String| {
+        let file = |ending: &str| folder.join(format!("{name}.mcap{ending}")).exists();
+        file("") || file(".part")
+    };
+    let numbered = (2..100).map(|n| format!("{name}-{n}"));
+    let mut names = std::iter::once(name.clone()).chain(numbered);
+    names.find(|name| !taken(name)).unwrap_or(name)
 }
 
 /// Year, month and day of the days since 1 January 1970: the years are counted from 1 March, so that the leap day is
@@ -58,6 +72,17 @@ mod tests {
         ] {
             assert_eq!(of_time(Timestamp(seconds * 1_000_000_000)), name);
         }
+    }
+
+    #[test]
+    fn a_second_name_of_one_second_has_a_number() {
+        let folder = tempfile::tempdir().unwrap();
+        let name = || free(folder.path(), Timestamp(0));
+        assert_eq!(name(), "19700101-000000");
+        std::fs::write(folder.path().join("19700101-000000.mcap.part"), "").unwrap();
+        assert_eq!(name(), "19700101-000000-2");
+        std::fs::write(folder.path().join("19700101-000000-2.mcap"), "").unwrap();
+        assert_eq!(name(), "19700101-000000-3");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The background plates: the newest of them is found again after a restart. Each set is a recording of its own, and
 //! none is ever deleted.
 
+use super::names;
 use crate::frame::{CameraId, Picture, Timestamp};
 use crate::log;
 use crate::recording::{ColorPart, Compression, Error, Recording, Topic, Writer};
@@ -21,7 +22,7 @@ fn folder(recordings: &Path) -> PathBuf {
 /// If they cannot be written.
 pub(super) fn save(
     recordings: &Path,
-    name: &str,
+    now: Timestamp,
     plates: &Plates,
     program: &str,
 ) -> Result<PathBuf, Error> {
@@ -30,7 +31,7 @@ pub(super) fn save(
         path: folder.clone(),
         cause,
     })?;
-    let path = folder.join(format!("{name}.mcap"));
+    let path = folder.join(format!("{}.mcap", names::free(&folder, now)));
     let mut writer = Writer::create(&path, program, Compression::None)?;
     for (id, (time, picture)) in plates {
         writer.background(id, picture, *time)?;
@@ -70,7 +71,8 @@ pub(super) fn newest(recordings: &Path, cameras: &[CameraId]) -> Plates {
     let files = std::fs::read_dir(folder(recordings)).into_iter().flatten();
     let mut files: Vec<PathBuf> = files.flatten().map(|f| f.path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "mcap"));
-    files.sort();
+    // Without their ending, before which a number sorts.
+    files.sort_by_key(|f| f.with_extension(""));
     for file in files.iter().rev() {
         if cameras.iter().all(|id| plates.contains_key(id)) {
             break;

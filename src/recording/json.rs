@@ -87,6 +87,9 @@ pub struct CameraInCapture {
     /// Frames that were lost, as the writer counts them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<serde_json::Value>,
+    /// What an operator should know although nothing was lost, in words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub remarks: Vec<String>,
 }
 
 /// `scand.Note`: what a person said of a capture.

@@ -15,6 +15,8 @@ use std::path::{Path, PathBuf};
 
 /// Largest chunk that holds more than one message, in bytes before compression.
 const LARGEST_CHUNK: usize = 16 << 20;
+/// Bytes that are gathered before they are written; pictures are larger and pass by.
+const GATHERED: usize = 64 << 10;
 /// Bytes that a message takes in a chunk beside its data.
 const MESSAGE_OVERHEAD: usize = 31;
 
@@ -40,6 +42,9 @@ pub struct Writer {
     mcap: mcap::Writer<BufWriter<File>>,
     channels: BTreeMap<String, Channel>,
     chunk: Chunk,
+    /// Where messages are encoded, one after the other: memory that is touched for the first time costs more than the
+    /// copy.
+    message: Vec<u8>,
 }
 
 /// A channel that was added, and how many messages it has.
@@ -89,19 +94,20 @@ impl Writer {
         // Tells who would recover it that it is not lost. A file system without locks does without.
         let _ = file.try_lock();
         sync_folder(&part).map_err(io(&part))?;
-        let sink = BufWriter::with_capacity(1 << 20, file.try_clone().map_err(io(&part))?);
+        let sink = BufWriter::with_capacity(GATHERED, file.try_clone().map_err(io(&part))?);
         let compression = match compression {
             Compression::None => None,
             Compression::Zstd => Some(mcap::Compression::Zstd),
         };
-        // Chunks are cut here rather than by size, so that a frame is never behind a full chunk.
+        // Chunks are cut here rather than by size, so that a frame is never behind a full chunk. They go into the file as
+        // they grow and get their lengths afterwards: a chunk that a crash cut off has none, and no reader takes it for
+        // whole.
         let mcap = mcap::WriteOptions::new()
             .profile("scand")
             .library(program)
             .compression(compression)
             .compression_threads(0)
             .chunk_size(None)
-            .disable_seeking(true)
             .create(sink)
             .map_err(|cause| Error::Write {
                 path: part.clone(),
@@ -114,6 +120,7 @@ impl Writer {
             mcap,
             channels: BTreeMap::new(),
             chunk: Chunk::default(),
+            message: Vec::new(),
         };
         let format = [("format", "1"), ("writer", program)];
         writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
@@ -340,7 +347,13 @@ impl Writer {
         time: Timestamp,
     ) -> Result<(), Error> {
         let schema = schemas::protobuf_schema::<M>();
-        self.write(topic, schema, "protobuf", &message.encode_to_vec(), time)
+        let mut bytes = std::mem::take(&mut self.message);
+        bytes.clear();
+        bytes.reserve(prost::Message::encoded_len(message));
+        prost::Message::encode_raw(message, &mut bytes);
+        let written = self.write(topic, schema, "protobuf", &bytes, time);
+        self.message = bytes;
+        written
     }
 
     /// Writes a message, into a new chunk when the open one is full or of the other kind: small messages

@@ -287,3 +287,93 @@ fn a_full_disk_fails_a_capture_and_no_other() {
         assert!(status["complete"].as_u64() >= Some(2), "{status}");
     });
 }
+
+#[test]
+fn a_late_frame_is_its_own_captures_or_nobodys() {
+    network::alone("a_late_frame_is_its_own_captures_or_nobodys", || {
+        let stand = Stand::start(&[
+            "sync.depth_frames=10",
+            "sync.window_ms=1500",
+            "capture.patience_ms=1500",
+            "capture.retry=0",
+        ]);
+        // Late, and in time: a capture waits for it.
+        stand.tell("delay c04 800");
+        let reply = stand.press();
+        assert!(matches!(reply, Reply::Durable { .. }), "{reply:?}");
+        // Later than anybody waits: the capture is not whole, and the next one does not take the frame for its own.
+        stand.tell("delay c04 4500");
+        let Reply::Failed { reason, .. } = stand.press() else {
+            panic!("{}", stand.log());
+        };
+        assert!(reason.contains("c04"), "{reason}");
+        stand.tell("delay c04 0");
+        stand.until_durable();
+        let folder = stand.end();
+        for file in recordings(&folder.path().join("recordings")) {
+            let recording = Recording::open(&file).unwrap();
+            let records = recording.messages(&Topic::Capture);
+            let mut seen = BTreeSet::new();
+            for record in records.iter().map(|m| recording.capture_record(m).unwrap()) {
+                for (camera, given) in &record.cameras {
+                    for time in given.timestamps.iter().flatten() {
+                        assert!(seen.insert((camera.clone(), *time)), "{camera}: twice");
+                    }
+                }
+                if record.outcome == Outcome::Complete {
+                    let skew_ns = record.skew_ns.unwrap();
+                    assert!(
+                        skew_ns < 500_000_000,
+                        "{skew_ns} ns: another capture's frame"
+                    );
+                }
+            }
+        }
+    });
+}
+
+#[test]
+fn a_slow_disk_refuses_presses_and_disturbs_no_camera() {
+    network::alone("a_slow_disk_refuses_presses_and_disturbs_no_camera", || {
+        // Each fdatasync takes three seconds more; two captures may wait for it.
+        let stand = Stand::start_on_slow_disk(&["sync.depth_frames=10"], Duration::from_secs(3));
+        let (mut pressed, mut refused, mut most) = (Vec::new(), 0, 0);
+        let end = Instant::now() + Duration::from_secs(6);
+        while Instant::now() < end {
+            let mut client = stand.begin_press();
+            loop {
+                match client.reply().unwrap() {
+                    Reply::Captured { .. } => break pressed.push(client),
+                    Reply::Refused { reason } => {
+                        assert!(reason.contains("the disk is behind"), "{reason}");
+                        refused += 1;
+                        break std::thread::sleep(Duration::from_millis(50));
+                    }
+                    Reply::Busy => break std::thread::sleep(Duration::from_millis(5)),
+                    Reply::Accepted { .. } => {}
+                    other => panic!("{other:?}"),
+                }
+            }
+            most = most.max(stand.status()["memory"][0].as_u64().unwrap());
+        }
+        assert!(refused > 0, "{} captures, none refused", pressed.len());
+        let status = stand.status();
+        assert!(
+            most <= status["memory"][1].as_u64().unwrap(),
+            "{most}: {status}"
+        );
+        let cameras = status["cameras"].as_object().unwrap();
+        assert!(
+            cameras
+                .values()
+                .all(|c| c["state"] == "ready" && c["lost_frames"] == 0),
+            "{status}"
+        );
+        // What was captured becomes durable, however long it takes.
+        for mut client in pressed {
+            let reply = client.reply().unwrap();
+            assert!(matches!(reply, Reply::Durable { .. }), "{reply:?}");
+        }
+        stand.end();
+    });
+}

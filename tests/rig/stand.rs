@@ -61,6 +61,7 @@ pub struct Stand {
     daemon: Child,
     settings: Vec<String>,
     libraries: PathBuf,
+    slow: Option<Duration>,
 }
 
 impl Drop for Stand {
@@ -74,7 +75,12 @@ impl Drop for Stand {
 impl Stand {
     /// Starts cameras and daemon, in a folder of their own, and waits until all cameras are ready.
     pub fn start(settings: &[&str]) -> Self {
-        Self::start_in(tempfile::tempdir().unwrap(), settings)
+        Self::start_in(tempfile::tempdir().unwrap(), settings, None)
+    }
+
+    /// The same with a disk that takes so much longer for each fdatasync.
+    pub fn start_on_slow_disk(settings: &[&str], longer: Duration) -> Self {
+        Self::start_in(tempfile::tempdir().unwrap(), settings, Some(longer))
     }
 
     /// The same with recordings on a disk of so many megabytes. Needs a mount namespace, in which a test in a network of
@@ -91,10 +97,10 @@ impl Stand {
             mounted.unwrap().success(),
             "a small disk (mount namespaces)"
         );
-        Self::start_in(folder, settings)
+        Self::start_in(folder, settings, None)
     }
 
-    fn start_in(folder: tempfile::TempDir, settings: &[&str]) -> Self {
+    fn start_in(folder: tempfile::TempDir, settings: &[&str], slow: Option<Duration>) -> Self {
         let (recording, _) = served();
         let path = folder.path();
         let config = include_str!("../../config/loopback.toml");
@@ -128,7 +134,7 @@ impl Stand {
         let input = cameras.stdin.take().unwrap();
         let libraries = stage::folder();
         let settings: Vec<String> = settings.iter().map(ToString::to_string).collect();
-        let daemon = run(path, &libraries, &settings);
+        let daemon = run(path, &libraries, &settings, slow);
         let stand = Self {
             folder: Some(folder),
             cameras,
@@ -136,6 +142,7 @@ impl Stand {
             daemon,
             settings,
             libraries,
+            slow,
         };
         stand.until_ready();
         stand
@@ -281,7 +288,7 @@ impl Stand {
     pub fn kill_and_restart(&mut self) {
         self.daemon.kill().unwrap();
         self.daemon.wait().unwrap();
-        self.daemon = run(self.path(), &self.libraries, &self.settings);
+        self.daemon = run(self.path(), &self.libraries, &self.settings, self.slow);
         self.until_ready();
     }
 
@@ -301,13 +308,13 @@ impl Stand {
     }
 }
 
-fn run(folder: &Path, libraries: &Path, settings: &[String]) -> Child {
+fn run(folder: &Path, libraries: &Path, settings: &[String], slow: Option<Duration>) -> Child {
     let log = std::fs::File::options()
         .append(true)
         .create(true)
         .open(folder.join("daemon.log"))
         .unwrap();
-    let mut command = scand();
+    let mut command = slow.map_or_else(scand, traced);
     command
         .args(["run", "--config", "rig.toml"])
         .current_dir(folder);
@@ -320,4 +327,18 @@ fn run(folder: &Path, libraries: &Path, settings: &[String]) -> Child {
         .stderr(log)
         .spawn()
         .unwrap()
+}
+
+/// The program, traced by a grandchild that delays each fdatasync.
+fn traced(longer: Duration) -> Command {
+    let mut strace = Command::new("strace");
+    strace
+        .args(["-D", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null"])
+        .args(["-e", "trace=fdatasync", "-e"])
+        .arg(format!(
+            "inject=fdatasync:delay_enter={}",
+            longer.as_micros()
+        ))
+        .arg(env!("CARGO_BIN_EXE_scand"));
+    strace
 }

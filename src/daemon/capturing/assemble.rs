@@ -71,6 +71,9 @@ fn cameras(
         let camera = cameras.entry(id.to_string()).or_default();
         camera.timestamps = Some(Vec::new());
         camera.lost = lost(answer);
+        if let Ok(tally) = answer {
+            camera.remarks.clone_from(&tally.remarks);
+        }
     }
     for frame in frames {
         let camera = cameras.entry(frame.camera.to_string()).or_default();
@@ -91,14 +94,18 @@ fn cameras(
 fn lost(answer: &Result<Tally, Fault>) -> Option<serde_json::Value> {
     match answer {
         Err(fault) => Some(serde_json::json!({ "fault": fault.to_string() })),
-        Ok(tally) if *tally == Tally::default() => None,
-        Ok(tally) => Some(serde_json::json!({
-            "frames": tally.lost,
-            "resent_packets": tally.resent_packets,
-            "missing_packets": tally.missing_packets,
-            "unused_frames": tally.unused,
-            "remarks": tally.remarks,
-        })),
+        Ok(tally) => {
+            let packets = tally.resent_packets + tally.missing_packets;
+            let any = !tally.lost.is_empty() || packets + tally.unused > 0;
+            any.then(|| {
+                serde_json::json!({
+                    "frames": tally.lost,
+                    "resent_packets": tally.resent_packets,
+                    "missing_packets": tally.missing_packets,
+                    "unused_frames": tally.unused,
+                })
+            })
+        }
     }
 }
 

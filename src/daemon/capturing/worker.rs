@@ -242,7 +242,8 @@ impl Worker {
     /// The next capture's id; begins a session, named by the time, where there is none.
     fn next_id(&mut self) -> Result<String, String> {
         if self.session.is_none() {
-            let name = names::of_time(self.rig.clock().now());
+            let now = self.rig.clock().now();
+            let name = names::free(&self.plan.recording.folder, now);
             self.begin_session(&name, BTreeMap::new(), Box::new(log_error))?;
         }
         let session = self.session.as_mut().ok_or("there is no session")?;
@@ -357,8 +358,7 @@ impl Worker {
             .map(|f| (f.camera, (f.timestamp, f.picture)))
             .collect();
         let plan = &self.plan;
-        let name = names::of_time(now);
-        let path = plates::save(&plan.recording.folder, &name, &plates, &plan.program)
+        let path = plates::save(&plan.recording.folder, now, &plates, &plan.program)
             .map_err(|e| e.to_string())?;
         let words = format!("{} plates in {}", plates.len(), path.display());
         self.plan.preamble.backgrounds = plates::detached(plates);
