@@ -368,6 +368,7 @@ fn what_the_rig_wrote_of_a_capture_counts() {
             CameraInCapture {
                 timestamps: times.map(|ms| vec![at(ms)]),
                 lost: None,
+                remarks: Vec::new(),
             },
         )]),
     };

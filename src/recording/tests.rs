@@ -52,6 +52,7 @@ fn everything_written_is_read_back() {
                 CameraInCapture {
                     timestamps: Some(vec![at(110)]),
                     lost: None,
+                    remarks: Vec::new(),
                 },
             )]),
         };
