@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # A rig without hardware: eleven GigE Vision cameras and a depth camera play a recording to the daemon, which takes the
 # plates of the empty rig and one capture; the capture becomes a model. No root: it runs in a network namespace of its
-# own. What it makes lies in out/rig-demo (OUT names another folder).
+# own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it takes N captures, one after the
+# other, and prints how long each took from the command to the disk; only the first becomes a model.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -56,10 +57,25 @@ for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "c
 
 "$scand" background --socket scand.sock
 echo captures >&3
+"$scand" session start demo --socket scand.sock
 "$scand" trigger --socket scand.sock --subject demo
+if [ "${PRESSES:-1}" -gt 1 ]; then
+	begin=$EPOCHREALTIME
+	for _ in $(seq 2 "$PRESSES"); do
+		pressed=$EPOCHREALTIME
+		"$scand" trigger --socket scand.sock >/dev/null
+		echo "$(((${EPOCHREALTIME/./} - ${pressed/./}) / 1000))"
+	done | sort -n >latencies
+	took=$(((${EPOCHREALTIME/./} - ${begin/./}) / 1000))
+	awk -v took="$took" '{ ms[NR] = $1 } END {
+		p99 = int(NR * 0.99 + 0.999)
+		printf "%d captures: trigger to durable p50 %d ms, p99 %d ms; %.2f captures a second\n", \
+			NR, ms[int((NR + 1) / 2)], ms[p99], NR * 1000 / took
+	}' latencies
+fi
 "$scand" status --socket scand.sock
 "$scand" session close --socket scand.sock
 kill -TERM "$daemon"
 wait "$daemon"
 daemon=
-"$scand" --replay recordings/*.mcap --out models
+"$scand" --replay recordings/demo.mcap --capture demo-0001 --out models
