@@ -5,8 +5,8 @@ mod cameras;
 pub use cameras::Cameras;
 
 use crate::daemon::{
-    CaptureParameters, Link, RecordingParameters, RigParameters, ServiceParameters,
-    SocketParameters,
+    CaptureParameters, HooksParameters, Link, RecordingParameters, RigParameters,
+    ServiceParameters, SocketParameters,
 };
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::{output, reconstruct, report, sync};
@@ -51,6 +51,8 @@ pub struct Config {
     pub socket: SocketParameters,
     /// When it is ready.
     pub service: ServiceParameters,
+    /// What is run when something happens.
+    pub hooks: HooksParameters,
     /// Network links that cameras share, by names of one's own.
     pub links: BTreeMap<String, Link>,
     /// GigE Vision cameras.
@@ -278,6 +280,7 @@ mod tests {
             "recording",
             "socket",
             "service",
+            "hooks",
             "links",
             "aravis",
             "v4l2",

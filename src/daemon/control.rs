@@ -1,27 +1,26 @@
 //! The daemon's socket: lines of JSON become orders for the capturing thread, what it says becomes lines again. A client
 //! can waste its own connection and nothing else.
 
-use super::capturing::{Answer, Capturing, Order, Press};
+mod client;
+mod limits;
+
+use super::SocketParameters;
+use super::capturing::Capturing;
 use super::service::Service;
 use crate::log;
-use crate::recording::Note;
-use crate::trigger::{LONGEST_LINE, Reply, Request, Until};
+use limits::{Gate, Visitors};
 use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
-use tokio::net::{UnixListener, UnixStream};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+use tokio::net::UnixListener;
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::{Semaphore, watch};
 
 /// Most clients at a time.
 const MOST_CLIENTS: usize = 32;
-/// How long a client may take to send a line, or to read its replies.
-const PATIENCE: Duration = Duration::from_secs(60);
-
 /// Why the socket cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
@@ -41,18 +40,55 @@ pub enum ControlError {
     },
 }
 
-/// Serves the socket that was handed over, or else makes one at `path`, until SIGTERM or SIGINT; a second one ends the
+/// What all clients share.
+struct Shared {
+    capturing: Arc<Capturing>,
+    /// How long a client may take to send a line, or to read a reply.
+    patience: Duration,
+    gate: Gate,
+    visitors: Visitors,
+    /// Requests that are being answered.
+    in_progress: AtomicUsize,
+    /// Whether nothing happens any more.
+    ending: watch::Sender<bool>,
+}
+
+/// Clients that are still connected when the socket is gone: they hear how it ends.
+#[must_use]
+pub struct Clients(Arc<Shared>);
+
+impl Clients {
+    /// Lets all hear their last answers, once nothing more will happen; no longer than `patience`.
+    pub fn finish(self, patience: Duration) {
+        self.0.ending.send_replace(true);
+        let end = Instant::now() + patience;
+        while self.0.in_progress.load(Ordering::Acquire) > 0 && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+/// Serves the socket that was handed over, or else makes one at the path of `socket`, until SIGTERM or SIGINT; a second one ends the
 /// process at once. `service` lives beside it.
 ///
 /// # Errors
 /// If the socket cannot be made.
 pub fn serve(
-    path: &Path,
+    socket: &SocketParameters,
     handed_over: Option<std::os::unix::net::UnixListener>,
     capturing: &Arc<Capturing>,
     service: &mut Service,
-) -> Result<(), ControlError> {
+) -> Result<Clients, ControlError> {
     let own = handed_over.is_none();
+    let path = &socket.path;
+    let shared = Arc::new(Shared {
+        capturing: capturing.clone(),
+        patience: Duration::from_millis(socket.patience_ms),
+        gate: Gate::new(),
+        visitors: Visitors::new(),
+        in_progress: AtomicUsize::new(0),
+        ending: watch::Sender::new(false),
+    });
     let io = |cause| ControlError::Io {
         path: path.into(),
         cause,
@@ -70,7 +106,7 @@ pub fn serve(
         let mut interrupts = signal(SignalKind::interrupt()).map_err(io)?;
         log::info!("listening on {}", path.display());
         tokio::select! {
-            () = accept(&listener, capturing) => {}
+            () = accept(&listener, &shared) => {}
             () = service.attend(capturing) => {}
             _ = ends.recv() => {}
             _ = interrupts.recv() => {}
@@ -84,7 +120,7 @@ pub fn serve(
     }
     // Clients hear the end of the capture in progress; whoever signals again does not want to wait for it.
     second_signal_exits(runtime);
-    Ok(())
+    Ok(Clients(shared))
 }
 
 /// Leaves a thread that serves the clients that are connected, and ends the process at the next signal.
@@ -135,141 +171,28 @@ fn listen(path: &Path) -> Result<UnixListener, ControlError> {
     Ok(listener)
 }
 
-async fn accept(listener: &UnixListener, capturing: &Arc<Capturing>) {
+async fn accept(listener: &UnixListener, shared: &Arc<Shared>) {
     let clients = Arc::new(Semaphore::new(MOST_CLIENTS));
     loop {
+        shared.gate.pass().await;
         match listener.accept().await {
             Ok((stream, _)) => {
-                let capturing = capturing.clone();
-                // More than that are turned away rather than left waiting.
-                if let Ok(permit) = clients.clone().try_acquire_owned() {
-                    tokio::spawn(async move {
-                        client(stream, &capturing).await;
-                        drop(permit);
-                    });
+                if let Ok(who) = stream.peer_cred() {
+                    shared.visitors.note(&who);
                 }
+                // More than that are turned away rather than left waiting.
+                let Ok(permit) = clients.clone().try_acquire_owned() else {
+                    client::turn_away(&stream, MOST_CLIENTS);
+                    continue;
+                };
+                let shared = shared.clone();
+                tokio::spawn(async move {
+                    client::serve(stream, &shared).await;
+                    drop(permit);
+                });
             }
             // Out of file descriptors, for example: they come back.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,
         }
     }
-}
-
-/// Serves a client until it goes away, is silent for too long or says what is no request.
-async fn client(stream: UnixStream, capturing: &Capturing) {
-    if let Ok(who) = stream.peer_cred() {
-        let pid = who
-            .pid()
-            .map_or_else(String::new, |p| format!(", process {p}"));
-        log::info!("client: user {}{pid}", who.uid());
-    }
-    let (read, mut write) = stream.into_split();
-    let mut read = BufReader::new(read);
-    while let Ok(Some(line)) = tokio::time::timeout(PATIENCE, line(&mut read)).await {
-        let served = match serde_json::from_slice::<Request>(&line) {
-            Ok(request) => carry_out(request, capturing, &mut write).await,
-            Err(error) => {
-                let reason = format!("no request: {error}");
-                let _ = send(&mut write, &Reply::Refused { reason }).await;
-                return;
-            }
-        };
-        if served.is_err() {
-            return;
-        }
-    }
-}
-
-/// The next line; `None` at the end, and for one that is too long or cut off.
-async fn line(read: &mut BufReader<OwnedReadHalf>) -> Option<Vec<u8>> {
-    let mut line = Vec::new();
-    let mut limited = read.take(LONGEST_LINE as u64);
-    limited.read_until(b'\n', &mut line).await.ok()?;
-    (line.pop() == Some(b'\n')).then_some(line)
-}
-
-async fn carry_out(
-    request: Request,
-    capturing: &Capturing,
-    write: &mut OwnedWriteHalf,
-) -> std::io::Result<()> {
-    let (said, mut replies) = mpsc::unbounded_channel();
-    let mut until = Until::default();
-    match request {
-        Request::Events {} => return tell_events(capturing, write).await,
-        Request::Status {} => {
-            let status = serde_json::to_value(capturing.status()).unwrap_or_default();
-            let _ = said.send(Reply::Status { status });
-        }
-        Request::Trigger {
-            source,
-            press_id,
-            subject,
-            until: last,
-        } => {
-            until = last;
-            capturing.order(Order::Press(Press {
-                source,
-                press_id,
-                subject,
-                progress: Box::new(move |reply| drop(said.send(reply))),
-            }));
-        }
-        Request::Background {} => capturing.order(Order::Background(answer(said))),
-        Request::Begin { name, about } => {
-            capturing.order(Order::Begin(name, about, answer(said)));
-        }
-        Request::Note { kind, .. } if !matches!(kind.as_str(), "accept" | "reject" | "text") => {
-            let reason = format!("kind {kind:?} is none of accept, reject and text");
-            let _ = said.send(Reply::Refused { reason });
-        }
-        Request::Note {
-            capture,
-            kind,
-            text,
-        } => {
-            let note = Note {
-                capture,
-                kind,
-                text,
-            };
-            capturing.order(Order::Note(note, answer(said)));
-        }
-        Request::Close {} => capturing.order(Order::Close(answer(said))),
-    }
-    while let Some(reply) = replies.recv().await {
-        send(write, &reply).await?;
-        if reply.is_end(until) {
-            return Ok(());
-        }
-    }
-    let reason = "the daemon is ending".into();
-    send(write, &Reply::Refused { reason }).await
-}
-
-/// Tells what happens until the client goes away or the daemon ends.
-async fn tell_events(capturing: &Capturing, write: &mut OwnedWriteHalf) -> std::io::Result<()> {
-    let mut events = capturing.events().subscribe();
-    send(write, &Reply::Listening).await?;
-    while let Some(event) = events.next().await {
-        send(write, &event).await?;
-    }
-    Ok(())
-}
-
-fn answer(said: mpsc::UnboundedSender<Reply>) -> Answer {
-    Box::new(move |result| {
-        let reply = match result {
-            Ok(words) => Reply::Ok { words },
-            Err(reason) => Reply::Refused { reason },
-        };
-        let _ = said.send(reply);
-    })
-}
-
-async fn send(write: &mut OwnedWriteHalf, reply: &impl serde::Serialize) -> std::io::Result<()> {
-    let mut line = serde_json::to_vec(reply)?;
-    line.push(b'\n');
-    let sent = tokio::time::timeout(PATIENCE, write.write_all(&line)).await;
-    sent.unwrap_or_else(|_| Err(ErrorKind::TimedOut.into()))
 }

@@ -10,6 +10,10 @@ mod control;
 mod disk;
 #[cfg(feature = "live")]
 pub mod events;
+#[cfg(feature = "live")]
+mod hooks;
+#[cfg(all(test, feature = "live"))]
+mod hostile_tests;
 mod link;
 #[cfg(feature = "live")]
 mod names;
@@ -17,13 +21,19 @@ mod parameters;
 #[cfg(feature = "live")]
 mod plates;
 #[cfg(feature = "live")]
+mod presses;
+#[cfg(feature = "live")]
 mod readiness;
 #[cfg(feature = "live")]
 mod recorder;
 #[cfg(feature = "live")]
 mod rig;
+#[cfg(all(test, feature = "live"))]
+mod scripted;
 #[cfg(feature = "live")]
 mod service;
+#[cfg(all(test, feature = "live"))]
+mod service_tests;
 #[cfg(feature = "live")]
 mod status;
 #[cfg(feature = "live")]
@@ -34,13 +44,18 @@ mod tests;
 #[cfg(feature = "live")]
 pub use capturing::{Answer, Capturing, Order, Plan, Press, Reread};
 #[cfg(feature = "live")]
-pub use control::{ControlError, serve};
+pub use control::{Clients, ControlError, serve};
 #[cfg(feature = "live")]
 pub use disk::free_bytes;
+#[cfg(feature = "live")]
+pub use hooks::Hooks;
 pub use link::{Budget, Link, Transmission, budget};
 pub use parameters::{
-    CaptureParameters, RecordingParameters, RigParameters, ServiceParameters, SocketParameters,
+    CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
+    SocketParameters,
 };
+#[cfg(feature = "live")]
+pub use presses::Following;
 #[cfg(feature = "live")]
 pub use rig::{Kind, Rig, Station};
 #[cfg(feature = "live")]

@@ -100,12 +100,122 @@ pub struct Box {
 pub struct SocketParameters {
     /// The socket. Default `/run/scand/scand.sock`.
     pub path: PathBuf,
+    /// How long a client may take to send a line or to read one, in milliseconds. Default 60000.
+    pub patience_ms: u64,
 }
 
 impl Default for SocketParameters {
     fn default() -> Self {
         Self {
             path: crate::trigger::SOCKET.into(),
+            patience_ms: 60_000,
+        }
+    }
+}
+
+/// What is run when something happens: a program and its arguments, without a shell; empty where nothing is to be run,
+/// which is the default of each. What happened is in the environment, `SCAND_EVENT`, `SCAND_CAPTURE` and so on.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct HooksParameters {
+    /// A capture is being taken.
+    pub accepted: Vec<String>,
+    /// All its frames are in: hands may move.
+    pub captured: Vec<String>,
+    /// It is on the disk.
+    pub durable: Vec<String>,
+    /// Its model is as it should be.
+    pub green: Vec<String>,
+    /// Its model is to be looked at.
+    pub amber: Vec<String>,
+    /// Its model is not to be used.
+    pub red: Vec<String>,
+    /// A capture is not whole, a press was refused, or a model could not be made.
+    pub failed: Vec<String>,
+    /// How long a command may run, in milliseconds; then it is killed with its children. Default 5000.
+    pub timeout_ms: u64,
+    /// How many may run at a time. Default 4.
+    pub at_most: usize,
+}
+
+impl Default for HooksParameters {
+    fn default() -> Self {
+        Self {
+            accepted: Vec::new(),
+            captured: Vec::new(),
+            durable: Vec::new(),
+            green: Vec::new(),
+            amber: Vec::new(),
+            red: Vec::new(),
+            failed: Vec::new(),
+            timeout_ms: 5000,
+            at_most: 4,
+        }
+    }
+}
+
+impl HooksParameters {
+    /// Each hook's name and its command.
+    pub fn each(&self) -> impl Iterator<Item = (&'static str, &[String])> {
+        let all = [
+            ("accepted", &self.accepted),
+            ("captured", &self.captured),
+            ("durable", &self.durable),
+            ("green", &self.green),
+            ("amber", &self.amber),
+            ("red", &self.red),
+            ("failed", &self.failed),
+        ];
+        all.into_iter().map(|(name, command)| (name, &command[..]))
+    }
+
+    /// Checks what a file's form does not show.
+    ///
+    /// # Errors
+    /// With the field and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        for (name, command) in self.each() {
+            if command.first().is_some_and(String::is_empty) {
+                return Err(format!("hooks.{name}: the program's name is empty"));
+            }
+            if command.iter().any(|word| word.contains('\0')) {
+                return Err(format!(
+                    "hooks.{name}: a zero byte, which no command can have"
+                ));
+            }
+        }
+        if !(1..=60_000).contains(&self.timeout_ms) {
+            let found = self.timeout_ms;
+            return Err(format!("hooks.timeout_ms is {found}, expected 1 to 60000"));
+        }
+        if !(1..=16).contains(&self.at_most) {
+            let found = self.at_most;
+            return Err(format!("hooks.at_most is {found}, expected 1 to 16"));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hooks_that_cannot_be_are_refused_by_name() {
+        let with = |change: fn(&mut HooksParameters)| {
+            let mut hooks = HooksParameters::default();
+            change(&mut hooks);
+            hooks.checked()
+        };
+        assert_eq!(with(|h| h.red = vec!["beep".into()]), Ok(()));
+        for (refused, named) in [
+            (with(|h| h.red = vec![String::new()]), "hooks.red"),
+            (with(|h| h.green = vec!["a\0".into()]), "hooks.green"),
+            (with(|h| h.timeout_ms = 0), "hooks.timeout_ms"),
+            (with(|h| h.at_most = 17), "hooks.at_most"),
+        ] {
+            let refused = refused.unwrap_err();
+            assert!(refused.contains(named), "{refused}");
         }
     }
 }

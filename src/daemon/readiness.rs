@@ -54,6 +54,7 @@ mod tests {
             state,
             words: String::new(),
             settings: Vec::new(),
+            health: Vec::new(),
             remarks: Vec::new(),
             lost_frames: 0,
         };

@@ -68,6 +68,8 @@ struct Camera {
     kind: Kind,
     thread: Supervised,
     state: State,
+    /// What it told of itself last.
+    health: Vec<[String; 2]>,
 }
 
 impl Rig {
@@ -117,6 +119,11 @@ impl Rig {
         self.cameras.iter().map(|(id, c)| (id, c.kind, &c.state))
     }
 
+    /// What a camera told of itself last: names and values.
+    pub(super) fn health(&self, camera: &CameraId) -> &[[String; 2]] {
+        self.cameras.get(camera).map_or(&[], |c| &c.health)
+    }
+
     /// Notes what a camera says between shots; true if its state changed.
     pub(super) fn note(&mut self, message: Message) -> bool {
         let Some(camera) = self.cameras.get_mut(&message.camera) else {
@@ -124,7 +131,14 @@ impl Rig {
         };
         match message.event {
             Event::Ready(confirmed) => camera.state = State::Ready(confirmed),
-            Event::Away { fault, .. } => camera.state = State::Away(fault),
+            Event::Away { fault, .. } => {
+                camera.state = State::Away(fault);
+                camera.health.clear();
+            }
+            Event::Health(health) => {
+                camera.health = health;
+                return false;
+            }
             Event::Frame { .. } => {
                 self.late_frames += 1;
                 return false;
@@ -254,5 +268,6 @@ fn start_camera(
         kind: station.kind,
         thread,
         state: State::Opening,
+        health: Vec::new(),
     })
 }

@@ -15,11 +15,23 @@ pub struct CameraStatus {
     /// Each setting: its name, what was asked for and what was read back.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub settings: Vec<[String; 3]>,
+    /// What it tells of itself, such as its temperature and how its clock stands: names and values.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub health: Vec<[String; 2]>,
     /// What to know although it works.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
     /// Frames it lost since the start.
     pub lost_frames: u64,
+}
+
+/// What half of something stays below, and 99 of 100.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Spread {
+    /// The median.
+    pub p50: f64,
+    /// The 99th percentile.
+    pub p99: f64,
 }
 
 /// The daemon.
@@ -33,6 +45,8 @@ pub struct Status {
     pub complete: u64,
     /// Captures since the start that failed.
     pub failed: u64,
+    /// How long presses took of late, in milliseconds, until they were `captured` and `durable`.
+    pub takes_ms: BTreeMap<&'static str, Spread>,
     /// Presses that were refused: no memory, no room, a disk that is behind.
     pub refused: u64,
     /// Frames that came when their capture was over.
@@ -57,6 +71,7 @@ pub(super) fn cameras(rig: &Rig, lost: &BTreeMap<String, u64>) -> BTreeMap<Strin
             state: "opening",
             words: String::new(),
             settings: Vec::new(),
+            health: rig.health(id).to_vec(),
             remarks: Vec::new(),
             lost_frames: lost.get(id.as_str()).copied().unwrap_or(0),
         };

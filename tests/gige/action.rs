@@ -156,6 +156,16 @@ fn shoot_at_times(relay: &Relay<'_>) {
         );
         assert_eq!(tally.unwrap().remarks, ["PTP: Slave, 0 ns from its master"]);
     }
+    // The upper half of 41.5 as it lies in a register of eight bytes.
+    let upper = (41.5_f64.to_bits() >> 32) as u32;
+    stand
+        .rig
+        .set_register(&camera, description::TEMPERATURE, upper);
+    let told = [
+        ["temperature", "41.5 °C"],
+        ["PTP", "Slave, 0 ns from its master"],
+    ];
+    assert_eq!(device.health(), told);
     stand
         .rig
         .set_register(&camera, description::PTP_OFFSET, -200_000_i32 as u32);

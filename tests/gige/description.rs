@@ -14,6 +14,7 @@ pub const ACTION_DEVICE_KEY: u32 = 0x2050;
 pub const ACTION_GROUP_KEY: u32 = 0x2058;
 pub const ACTION_GROUP_MASK: u32 = 0x205c;
 pub const TRANSMISSION_DELAY: u32 = 0x2060;
+pub const TEMPERATURE: u32 = 0x2070;
 
 /// Entries of `PtpStatus`.
 pub const LISTENING: u32 = 1;
@@ -44,6 +45,12 @@ fn added() -> String {
             "<Address>0x2020</Address><pIndex Offset=\"8\">BalanceRatioSelectorRegister</pIndex>",
             0.25,
             8.0,
+        ),
+        float(
+            "DeviceTemperature",
+            &format!("<Address>0x{TEMPERATURE:x}</Address>"),
+            -40.0,
+            125.0,
         ),
         boolean("PtpEnable", PTP_ENABLE),
         enumeration(

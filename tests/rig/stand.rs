@@ -217,19 +217,26 @@ impl Stand {
 
     /// Asks for a capture; how that ended.
     pub fn press(&self) -> Reply {
+        self.press_timed().pop().unwrap().0
+    }
+
+    /// Asks for a capture; all that was answered, and how long after the press.
+    pub fn press_timed(&self) -> Vec<(Reply, Duration)> {
         loop {
+            let begin = Instant::now();
             let mut client = self.begin_press();
-            let end = loop {
-                let reply = client
-                    .reply()
-                    .unwrap_or_else(|e| panic!("{e}: {}", self.log()));
-                if reply.is_end(Until::Durable) {
-                    break reply;
-                }
-            };
+            let mut replies = Vec::new();
+            while !replies
+                .last()
+                .is_some_and(|(r, _): &(Reply, _)| r.is_end(Until::Durable))
+            {
+                let reply = client.reply();
+                let reply = reply.unwrap_or_else(|e| panic!("{e}: {}", self.log()));
+                replies.push((reply, begin.elapsed()));
+            }
             // The thread that took the one before may not have said yet that it is free.
-            if end != Reply::Busy {
-                return end;
+            if replies[0].0 != Reply::Busy {
+                return replies;
             }
             std::thread::sleep(Duration::from_millis(5));
         }

@@ -1,5 +1,6 @@
 //! `scand trigger`, `background`, `session`, `note`, `status` and `events`: what a running daemon is asked.
 
+use super::table;
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until, Verdict};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -69,7 +70,7 @@ pub struct BackgroundArgs {
     connection: Connection,
 }
 
-/// Begin or complete a session of captures.
+/// Begin a session of captures, note something about it, or complete it.
 #[derive(Debug, clap::Args)]
 pub struct SessionArgs {
     #[command(flatten)]
@@ -87,6 +88,11 @@ enum Session {
         /// A pair about it, such as operator=Ann; may be given several times.
         #[arg(long, value_name = "KEY=VALUE", value_parser = pair)]
         about: Vec<(String, String)>,
+    },
+    /// Note something about it in its recording.
+    Note {
+        /// In words.
+        text: String,
     },
     /// Complete it.
     Close,
@@ -146,10 +152,28 @@ pub fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
             name,
             about: about.into_iter().collect::<BTreeMap<_, _>>(),
         },
+        Session::Note { text } => Request::Note {
+            capture: running_session(&args.connection)?,
+            kind: "text".into(),
+            text,
+        },
         Session::Close => Request::Close {},
     };
     let last = ask(&args.connection, &request, Until::default())?;
     Ok(code(&last))
+}
+
+/// The name of the session that is recorded: what is noted of it, is noted under its name.
+fn running_session(connection: &Connection) -> anyhow::Result<String> {
+    let mut client = Client::connect(&connection.socket, Some(PATIENCE))?;
+    client.send(&Request::Status {})?;
+    match client.reply()? {
+        Reply::Status { status } => {
+            let name = status["session"].as_str().map(Into::into);
+            name.ok_or_else(|| anyhow::anyhow!("there is no session (scand session start)"))
+        }
+        other => Err(anyhow::anyhow!("{}", words(&other))),
+    }
 }
 
 /// Notes something about a capture.
@@ -249,7 +273,7 @@ fn words(reply: &Reply) -> String {
         Reply::JobFailed { capture, reason } => format!("{capture}: no model: {reason}"),
         Reply::Ok { words } => words.clone(),
         Reply::Listening => "listening".into(),
-        Reply::Status { status } => status_words(status),
+        Reply::Status { status } => table::status(status),
     }
 }
 
@@ -297,47 +321,4 @@ fn event_words(event: &Event) -> String {
         } => format!("{capture}: {kind} {text}"),
         Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
     }
-}
-
-/// The status as a table.
-fn status_words(status: &serde_json::Value) -> String {
-    let number = |key: &str| status[key].as_u64().unwrap_or(0);
-    let mut text = format!(
-        "session {}; {} complete, {} failed, {} refused; {} captures left on the disk, {} wait for it\n",
-        status["session"].as_str().unwrap_or("none"),
-        number("complete"),
-        number("failed"),
-        number("refused"),
-        number("captures_left"),
-        number("waiting"),
-    );
-    text += &match status["plates_age_h"].as_f64() {
-        Some(hours) => format!("background plates: {hours:.1} h old\n"),
-        None => "background plates: none (scand background takes them)\n".into(),
-    };
-    for (id, camera) in status["cameras"].as_object().into_iter().flatten() {
-        let word = |key: &str| camera[key].as_str().unwrap_or("").to_owned();
-        text += &format!(
-            "{id:12} {:7} lost {:4}  {}\n",
-            word("state"),
-            camera["lost_frames"].as_u64().unwrap_or(0),
-            word("words")
-        );
-        for setting in camera["settings"].as_array().into_iter().flatten() {
-            let part = |i: usize| setting[i].as_str().unwrap_or("");
-            if part(1) != part(2) {
-                text += &format!(
-                    "{:13}{}: asked for {}, has {}\n",
-                    "",
-                    part(0),
-                    part(1),
-                    part(2)
-                );
-            }
-        }
-        for remark in camera["remarks"].as_array().into_iter().flatten() {
-            text += &format!("{:13}{}\n", "", remark.as_str().unwrap_or(""));
-        }
-    }
-    text
 }

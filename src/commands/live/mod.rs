@@ -9,3 +9,4 @@ mod reread;
 pub mod run;
 #[cfg(feature = "live")]
 mod stations;
+mod table;

@@ -45,6 +45,7 @@ impl Source {
         let text = std::fs::read_to_string(&self.config)
             .with_context(|| format!("configuration {}", self.config.display()))?;
         let named = |problem| named(&self.config, problem);
+        config.hooks.checked().map_err(named)?;
         let file = self.calibration(&config).map_err(named)?;
         let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));

@@ -5,7 +5,7 @@ use super::reread::Running;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Kind, Notifier, Plan, Pulse, Rig, Service, Station, handed_over, serve,
+    Capturing, Hooks, Kind, Notifier, Plan, Pulse, Rig, Service, Station, handed_over, serve,
 };
 use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
@@ -13,6 +13,7 @@ use anyhow::Context;
 use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Hold the rig's cameras, take a capture at each trigger and bring it to the disk. Ends with SIGTERM or Ctrl-C: a
 /// capture in progress is finished, the session completed.
@@ -68,11 +69,13 @@ fn serve_rig(
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
         pulse: pulse.clone(),
+        models: false,
     };
     let frames = frames_a_shot(&stations, plan.sync.depth_frames);
     let rig = Rig::start(stations, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan)?);
-    let (path, policy) = (config.socket.path.clone(), config.service.clone());
+    let (own, policy) = (config.socket.clone(), config.service.clone());
+    let hooks = Hooks::start(&config.hooks, capturing.events())?;
     let running = Running {
         source,
         config,
@@ -80,9 +83,11 @@ fn serve_rig(
     };
     let reread = Box::new(move || running.reread(clock));
     let mut service = Service::new(notifier, &pulse, policy, reread);
-    serve(&path, socket, &capturing, &mut service)?;
+    let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");
     let stuck = capturing.stop();
+    clients.finish(Duration::from_secs(1));
+    hooks.into_iter().for_each(Hooks::stop);
     for camera in &stuck {
         log::error!("camera {camera}: its driver hangs");
     }

@@ -3,9 +3,11 @@
 //! press are told so.
 
 mod assemble;
+mod takes;
 mod worker;
 
 use super::events::Events;
+use super::presses::{Asked, Following, Presses, Promise};
 use super::recorder::Recorder;
 use super::rig::Rig;
 use super::status::Status;
@@ -19,10 +21,11 @@ use crate::sync;
 use crate::trigger::Reply;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use takes::Takes;
 use worker::Worker;
 
 /// Someone asks for a capture.
@@ -84,6 +87,8 @@ pub struct Plan {
     pub events: Events,
     /// Where its threads show that they live.
     pub pulse: Pulse,
+    /// Whether models are made of captures, so that a press may wait for its model.
+    pub models: bool,
 }
 
 /// Captures since the start, counted when they are on the disk or cannot be.
@@ -91,6 +96,7 @@ pub struct Plan {
 struct Ended {
     complete: AtomicU64,
     failed: AtomicU64,
+    takes: Takes,
 }
 
 impl Ended {
@@ -120,6 +126,8 @@ pub struct Capturing {
     busy: Arc<AtomicBool>,
     status: Arc<Mutex<Status>>,
     events: Events,
+    presses: Arc<Presses>,
+    models: bool,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
@@ -136,13 +144,17 @@ impl Capturing {
             cause,
         };
         std::fs::create_dir_all(&folder).map_err(io)?;
-        recover_all(&folder)?;
+        let left = recover_all(&folder)?;
+        let presses = Arc::new(Presses::open(&folder.join("presses"), &left));
+        let models = plan.models;
         let (orders, queue) = bounded(1);
         let (busy, status) = (Arc::default(), Arc::default());
         let recorder =
             Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
         let ended: Arc<Ended> = Arc::default();
         let events = plan.events.clone();
+        let witness = presses.clone();
+        events.witnessed_by(move |event| witness.witness(event));
         let worker = Worker::new(
             rig,
             plan,
@@ -159,8 +171,36 @@ impl Capturing {
             busy,
             status,
             events,
+            presses,
+            models,
             thread: Mutex::new(Some(thread.map_err(io)?)),
         })
+    }
+
+    /// Presses for a capture, or follows the press of the same name that there was before.
+    ///
+    /// # Errors
+    /// If `press_id` is no name; nothing is begun then.
+    pub fn press(
+        &self,
+        source: String,
+        press_id: Option<String>,
+        subject: Option<String>,
+    ) -> Result<Following, String> {
+        let answers = match self.presses.ask(press_id.as_deref())? {
+            Asked::Known(following) => return Ok(following),
+            Asked::New(answers) => answers,
+        };
+        let following = answers.follow();
+        let presses = self.presses.clone();
+        let promise = Promise { presses, answers };
+        self.order(Order::Press(Press {
+            source,
+            press_id,
+            subject,
+            progress: Box::new(move |reply| promise.tell(reply)),
+        }));
+        Ok(following)
     }
 
     /// Gives an order, unless one is being carried out: then a press hears `Busy`, and others that they may try again.
@@ -192,6 +232,11 @@ impl Capturing {
         self.busy.load(Ordering::Acquire)
     }
 
+    /// Whether a press may wait for its model.
+    pub fn makes_models(&self) -> bool {
+        self.models
+    }
+
     /// What is known now.
     pub fn status(&self) -> Status {
         let status = lock(&self.status);
@@ -199,6 +244,7 @@ impl Capturing {
             // The recorder counts after the capturing thread has gone on.
             complete: self.ended.complete(),
             failed: self.ended.failed(),
+            takes_ms: self.ended.takes.spreads(),
             ..status.clone()
         }
     }
@@ -229,13 +275,20 @@ fn decline(order: Order, reply: Reply, words: &str) {
     }
 }
 
-/// Completes what an earlier run left.
-fn recover_all(folder: &Path) -> Result<(), Error> {
+/// Completes what an earlier run left; the files that are then there.
+fn recover_all(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let mut left = Vec::new();
     for part in unfinished(folder)? {
         match recover(&part) {
-            Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
-            Err(error) => log::error!("{error}; {} stays as it is", part.display()),
+            Ok(recovered) => {
+                log::notice!("recovered {}", recovered.path.display());
+                left.push(recovered.path);
+            }
+            Err(error) => {
+                log::error!("{error}; {} stays as it is", part.display());
+                left.push(part);
+            }
         }
     }
-    Ok(())
+    Ok(left)
 }

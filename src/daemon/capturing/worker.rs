@@ -33,6 +33,7 @@ pub(super) struct Worker {
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
     refused: u64,
+    last_refusal: Option<Instant>,
     ended: Arc<Ended>,
     heart: Heart,
 }
@@ -66,6 +67,7 @@ impl Worker {
             session: None,
             lost: BTreeMap::new(),
             refused: 0,
+            last_refusal: None,
             ended,
         }
     }
@@ -162,20 +164,17 @@ impl Worker {
 
     /// Takes a capture, and once more if it fails and is to be retried.
     fn press(&mut self, press: Press) {
-        let press = Arc::new(press);
+        let (press, begin) = (Arc::new(press), Instant::now());
         let id = self.ready_for_a_capture().and_then(|()| self.next_id());
         let id = match id {
             Ok(id) => id,
-            Err(reason) => {
-                self.refused += 1;
-                return tell(&self.plan.events, &press, Reply::Refused { reason });
-            }
+            Err(reason) => return self.refuse(&press, reason),
         };
         let mut name = id.clone();
         for attempt in 1..=self.plan.capture.retry.saturating_add(1) {
             let Ok(capture) = CaptureId::new(&name) else {
                 let reason = format!("{name:?} is too long for a capture's id");
-                return tell(&self.plan.events, &press, Reply::Refused { reason });
+                return self.refuse(&press, reason);
             };
             let accepted = Reply::Accepted {
                 capture: name.clone(),
@@ -186,9 +185,23 @@ impl Worker {
             name = format!("{id}.r{attempt}");
             // A name that the last attempt's would be too long for ends the attempts.
             let last = attempt > self.plan.capture.retry || CaptureId::new(&name).is_err();
-            if self.hand_over(kept, &press, last) {
+            if self.hand_over(kept, &press, begin, last) {
                 return;
             }
+        }
+    }
+
+    /// Refuses a press. Who merely listens hears of one refusal a second.
+    fn refuse(&mut self, press: &Press, reason: String) {
+        self.refused += 1;
+        (press.progress)(Reply::Refused {
+            reason: reason.clone(),
+        });
+        let recent = |last: Instant| last.elapsed() < Duration::from_secs(1);
+        if !self.last_refusal.is_some_and(recent) {
+            self.last_refusal = Some(Instant::now());
+            log::warning!("refused: {reason}");
+            self.plan.events.publish(Event::Refused { reason });
         }
     }
 
@@ -282,7 +295,7 @@ impl Worker {
     }
 
     /// Gives a capture to the recorder. True if the press has its end: it is complete, or was the last attempt.
-    fn hand_over(&mut self, kept: Kept, press: &Arc<Press>, last: bool) -> bool {
+    fn hand_over(&mut self, kept: Kept, press: &Arc<Press>, begin: Instant, last: bool) -> bool {
         let capture = kept.record.id.clone();
         let reason = kept.record.reason.clone().unwrap_or_default();
         let complete = kept.record.outcome == Outcome::Complete;
@@ -292,6 +305,7 @@ impl Worker {
                 skew_ns: kept.record.skew_ns.unwrap_or(0),
             };
             tell(&self.plan.events, press, captured);
+            self.ended.takes.note("captured", begin.elapsed());
         } else if !last {
             let retried = Reply::Retried {
                 capture: capture.clone(),
@@ -305,7 +319,11 @@ impl Worker {
         let events = self.plan.events.clone();
         let name = capture.clone();
         let done: Done = Box::new(move |written| {
-            ended.count(complete && written.is_ok());
+            let durable = complete && written.is_ok();
+            ended.count(durable);
+            if durable {
+                ended.takes.note("durable", begin.elapsed());
+            }
             let end = end(name, complete, reason, written);
             if let Reply::Failed { capture, reason } = &end {
                 log::error!("capture {capture} failed: {reason}");
@@ -452,6 +470,7 @@ impl Worker {
             session: self.session.as_ref().map(|s| s.name.clone()),
             complete: self.ended.complete(),
             failed: self.ended.failed(),
+            takes_ms: self.ended.takes.spreads(),
             refused: self.refused,
             late_frames: self.rig.late_frames(),
             capture_bytes: bytes,
@@ -530,7 +549,6 @@ fn tell(events: &Events, press: &Press, reply: Reply) {
         Reply::Retried { capture, reason } => Some(Event::Retried { capture, reason }),
         Reply::Durable { capture, recording } => Some(Event::Durable { capture, recording }),
         Reply::Failed { capture, reason } => Some(Event::Failed { capture, reason }),
-        Reply::Refused { reason } => Some(Event::Refused { reason }),
         _ => None,
     };
     (press.progress)(reply);

@@ -58,6 +58,9 @@ const CHECK_PERIOD: Duration = Duration::from_secs(2);
 /// How often frames of a camera that nobody triggers are looked after.
 const KEEP_PERIOD: Duration = Duration::from_millis(20);
 
+/// Names of a camera's temperature in degrees Celsius: of the standard (SFNC), and before it.
+const TEMPERATURES: [&str; 2] = ["DeviceTemperature", "TemperatureAbs"];
+
 /// A camera that obeys us.
 pub(super) struct OpenCamera {
     pub(super) id: CameraId,
@@ -221,6 +224,21 @@ impl OpenCamera {
         Ok(())
     }
 
+    /// Its temperature, under the standard's name or an older one, and how its clock follows the network's.
+    fn health(&self) -> Vec<[String; 2]> {
+        let mut health = Vec::new();
+        let temperature = |name: &&str| self.camera.float(name).ok();
+        if let Some(celsius) = TEMPERATURES.iter().find_map(temperature) {
+            health.push(["temperature".into(), format!("{celsius:.1} °C")]);
+        }
+        if let Some(precision_time) = &self.precision_time {
+            let (Ok(words) | Err(words)) = precision_time.state(&self.camera);
+            let words = words.strip_prefix("PTP: ").unwrap_or(&words);
+            health.push(["PTP".into(), words.into()]);
+        }
+        health
+    }
+
     fn idle_period(&self) -> Duration {
         match self.mode() {
             TriggerMode::Software | TriggerMode::Action => CHECK_PERIOD,
@@ -263,6 +281,10 @@ impl Device for Held {
 
     fn idle(&mut self) -> Result<(), Fault> {
         self.0.as_mut().ok_or_else(nobody)?.idle()
+    }
+
+    fn health(&mut self) -> Vec<[String; 2]> {
+        self.0.as_ref().map_or_else(Vec::new, OpenCamera::health)
     }
 
     fn idle_period(&self) -> Duration {

@@ -111,6 +111,12 @@ pub trait Device {
     /// If it is not.
     fn idle(&mut self) -> Result<(), Fault>;
 
+    /// What it tells of itself now, such as its temperature and how its clock stands: names and values for a person.
+    /// Called every few seconds while there is no shot.
+    fn health(&mut self) -> Vec<[String; 2]> {
+        Vec::new()
+    }
+
     /// How often [`Device::idle`] wants to be called; at most 5 s.
     fn idle_period(&self) -> Duration {
         Duration::from_secs(2)

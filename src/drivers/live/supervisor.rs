@@ -36,6 +36,8 @@ pub enum Event {
         /// What it cost, or why there could be none.
         outcome: Result<Tally, Fault>,
     },
+    /// What the camera tells of itself while it is idle: names and values.
+    Health(Vec<[String; 2]>),
     /// The camera is away.
     Away {
         /// Why.
@@ -199,13 +201,32 @@ impl Supervisor {
 
     fn serve(&mut self, device: &mut dyn Device) -> Result<Ended, Fault> {
         let longest = Duration::from_secs(5);
+        let mut asked: Option<Instant> = None;
         loop {
             let period = device.idle_period().min(longest);
             match self.commands.recv_timeout(period) {
                 Ok(Command::Shoot(shot)) => self.shoot(device, &shot)?,
-                Err(RecvTimeoutError::Timeout) => device.idle()?,
+                Err(RecvTimeoutError::Timeout) => {
+                    device.idle()?;
+                    if asked.is_none_or(|asked| asked.elapsed() >= longest) {
+                        asked = Some(Instant::now());
+                        self.tell_health(device);
+                    }
+                }
                 Err(RecvTimeoutError::Disconnected) => return Ok(Ended),
             }
+        }
+    }
+
+    /// Tells how the camera is. Where there is no room for that, nothing is lost.
+    fn tell_health(&self, device: &mut dyn Device) {
+        let health = device.health();
+        if !health.is_empty() {
+            let message = Message {
+                camera: self.camera.clone(),
+                event: Event::Health(health),
+            };
+            let _ = self.events.try_send(message);
         }
     }
 

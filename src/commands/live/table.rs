@@ -1,0 +1,158 @@
+//! The daemon's status as a table for a terminal. It is read from JSON, so that a daemon of another version can be asked.
+
+use serde_json::Value;
+
+/// The status in lines.
+pub(super) fn status(status: &Value) -> String {
+    let mut text = captures(status);
+    text += &disk(status);
+    text += &models(status);
+    text += &match status["plates_age_h"].as_f64() {
+        Some(hours) => format!("plates     {hours:.1} h old\n"),
+        None => "plates     none (scand background takes them)\n".into(),
+    };
+    text += &cameras(status);
+    text
+}
+
+fn number(value: &Value, key: &str) -> u64 {
+    value[key].as_u64().unwrap_or(0)
+}
+
+fn word<'a>(value: &'a Value, key: &str) -> &'a str {
+    value[key].as_str().unwrap_or("")
+}
+
+fn captures(status: &Value) -> String {
+    let mut text = format!(
+        "session    {}\ncaptures   {} complete, {} failed, {} refused\n",
+        status["session"].as_str().unwrap_or("none"),
+        number(status, "complete"),
+        number(status, "failed"),
+        number(status, "refused"),
+    );
+    for (name, rate) in status["takes_ms"].as_object().into_iter().flatten() {
+        let at = |part: &str| rate[part].as_f64().unwrap_or(0.0);
+        text += &format!(
+            "{:10} p50 {:.0} ms, p99 {:.0} ms after the press\n",
+            name,
+            at("p50"),
+            at("p99")
+        );
+    }
+    text
+}
+
+fn disk(status: &Value) -> String {
+    let waiting = match number(status, "waiting") {
+        0 => String::new(),
+        n => format!(", {n} wait for it"),
+    };
+    format!(
+        "disk       room for {} captures of {:.1} MB{waiting}\n",
+        number(status, "captures_left"),
+        number(status, "capture_bytes") as f64 / 1e6,
+    )
+}
+
+/// What waits for its model, where models are made.
+fn models(status: &Value) -> String {
+    let Some(queue) = status["models"].as_object() else {
+        return String::new();
+    };
+    let value = Value::Object(queue.clone());
+    let expected = match value["expected_s"].as_f64() {
+        Some(seconds) if seconds >= 90.0 => format!(", done in {:.0} min", seconds / 60.0),
+        Some(seconds) => format!(", done in {seconds:.0} s"),
+        None => String::new(),
+    };
+    format!(
+        "models     {} being made, {} wait{expected}\n",
+        value["running"].as_array().map_or(0, Vec::len),
+        number(&value, "waiting")
+    )
+}
+
+fn cameras(status: &Value) -> String {
+    let mut text = format!("{:12} {:8} {:>5}  {}\n", "camera", "state", "lost", "");
+    for (id, camera) in status["cameras"].as_object().into_iter().flatten() {
+        text += &format!(
+            "{id:12} {:8} {:>5}  {}\n",
+            word(camera, "state"),
+            number(camera, "lost_frames"),
+            word(camera, "words")
+        );
+        text += &details(camera);
+    }
+    text
+}
+
+/// What was set and read back, what the camera tells of itself, and what is to be known.
+fn details(camera: &Value) -> String {
+    let part = |list: &Value, i: usize| list[i].as_str().unwrap_or("").to_owned();
+    let mut lines = Vec::new();
+    let mut same = Vec::new();
+    for setting in camera["settings"].as_array().into_iter().flatten() {
+        let [name, asked, found] = [0, 1, 2].map(|i| part(setting, i));
+        if asked == found {
+            same.push(format!("{name} {found}"));
+        } else {
+            lines.push(format!("{name}: asked for {asked}, has {found}"));
+        }
+    }
+    let health = camera["health"].as_array().into_iter().flatten();
+    let told: Vec<String> = health
+        .map(|h| format!("{} {}", part(h, 0), part(h, 1)))
+        .collect();
+    lines.extend((!told.is_empty()).then(|| told.join(", ")));
+    let remarks = camera["remarks"].as_array().into_iter().flatten();
+    lines.extend(remarks.filter_map(|r| r.as_str().map(Into::into)));
+    lines.extend((!same.is_empty()).then(|| format!("as asked for: {}", same.join(", "))));
+    lines
+        .iter()
+        .map(|line| format!("{:28}{line}\n", ""))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn everything_that_matters_is_in_the_table() {
+        let status = super::status(&serde_json::json!({
+            "session": "amphora", "complete": 3, "failed": 1, "refused": 0,
+            "capture_bytes": 54_000_000, "captures_left": 120, "waiting": 1,
+            "plates_age_h": 2.25,
+            "takes_ms": { "durable": { "p50": 800.4, "p99": 1200.0 } },
+            "models": { "running": [{}], "waiting": 4, "expected_s": 200.0 },
+            "cameras": {
+                "c00": {
+                    "state": "ready", "words": "Acme, serial 7", "lost_frames": 2,
+                    "settings": [["ExposureTime", "8000", "7996"], ["Gain", "0", "0"]],
+                    "health": [["temperature", "41.5 °C"], ["PTP", "Slave, 120 ns from its master"]],
+                    "remarks": ["its packets have 1500 bytes"],
+                },
+                "c01": { "state": "away", "words": "no answer" },
+            },
+        }));
+        for line in [
+            "session    amphora",
+            "captures   3 complete, 1 failed, 0 refused",
+            "durable    p50 800 ms, p99 1200 ms after the press",
+            "disk       room for 120 captures of 54.0 MB, 1 wait for it",
+            "models     1 being made, 4 wait, done in 3 min",
+            "plates     2.2 h old",
+            "c00          ready        2  Acme, serial 7",
+            "ExposureTime: asked for 8000, has 7996",
+            "temperature 41.5 °C, PTP Slave, 120 ns from its master",
+            "its packets have 1500 bytes",
+            "as asked for: Gain 0",
+            "c01          away         0  no answer",
+        ] {
+            assert!(status.contains(line), "{line}:\n{status}");
+        }
+        // A daemon that says nothing of this is no reason to fail.
+        assert!(super::status(&Value::Null).contains("session    none"));
+    }
+}

@@ -1,0 +1,214 @@
+//! One client of the socket, from its first line to its last: a request, its replies, the next request.
+
+use super::super::capturing::{Answer, Order};
+use super::super::presses::Following;
+use super::Shared;
+use crate::recording::Note;
+use crate::trigger::{LONGEST_LINE, Reply, Request, Until};
+use std::io::{Error, ErrorKind};
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader, Interest};
+use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::oneshot;
+use tokio::time::{sleep, timeout};
+
+/// How often it is looked whether a client that waits is still there.
+const LOOK: Duration = Duration::from_secs(1);
+
+pub(super) struct Client<'a> {
+    write: OwnedWriteHalf,
+    shared: &'a Shared,
+}
+
+/// Serves a client until it goes away, is silent for too long or says what is no request.
+pub(super) async fn serve(stream: UnixStream, shared: &Shared) {
+    let (read, write) = stream.into_split();
+    let mut read = BufReader::new(read);
+    let mut client = Client { write, shared };
+    while let Ok(line) = timeout(shared.patience, line(&mut read)).await {
+        shared.gate.pass().await;
+        shared.in_progress.fetch_add(1, Ordering::AcqRel);
+        let served = client.answer(line).await;
+        shared.in_progress.fetch_sub(1, Ordering::AcqRel);
+        if served.is_err() {
+            return;
+        }
+    }
+}
+
+/// The next line, without its end.
+///
+/// # Errors
+/// What is wrong with it, in words; none where the client has gone.
+async fn line(read: &mut BufReader<OwnedReadHalf>) -> Result<Vec<u8>, Option<String>> {
+    let mut line = Vec::new();
+    let mut limited = read.take(LONGEST_LINE as u64);
+    let length = limited.read_until(b'\n', &mut line).await;
+    if length.is_ok_and(|l| l == LONGEST_LINE) && line.last() != Some(&b'\n') {
+        return Err(Some(format!("a line is longer than {LONGEST_LINE} bytes")));
+    }
+    (line.pop() == Some(b'\n')).then_some(line).ok_or(None)
+}
+
+impl Client<'_> {
+    /// Answers a line.
+    ///
+    /// # Errors
+    /// If the client is to be left, because it has gone or talks nonsense.
+    async fn answer(&mut self, line: Result<Vec<u8>, Option<String>>) -> std::io::Result<()> {
+        let parsed = match line {
+            Ok(line) => serde_json::from_slice::<Request>(&line).map_err(|e| e.to_string()),
+            Err(Some(problem)) => Err(problem),
+            Err(None) => return Err(ErrorKind::UnexpectedEof.into()),
+        };
+        match parsed {
+            Ok(request) => self.carry_out(request).await,
+            Err(problem) => {
+                self.refuse(format!("no request: {problem}")).await?;
+                Err(ErrorKind::InvalidData.into())
+            }
+        }
+    }
+
+    async fn carry_out(&mut self, request: Request) -> std::io::Result<()> {
+        match request {
+            Request::Trigger {
+                source,
+                press_id,
+                subject,
+                until,
+            } => {
+                let capturing = &self.shared.capturing;
+                if until == Until::Done && !capturing.makes_models() {
+                    let reason = "no models are made here: the press may wait until durable";
+                    return self.refuse(reason.into()).await;
+                }
+                match capturing.press(source, press_id, subject) {
+                    Ok(following) => self.follow(following, until).await,
+                    Err(reason) => self.refuse(reason).await,
+                }
+            }
+            Request::Status {} => {
+                let status = self.shared.capturing.status();
+                let status = serde_json::to_value(status).unwrap_or_default();
+                self.send(&Reply::Status { status }).await
+            }
+            Request::Events {} => self.tell_events().await,
+            Request::Background {} => self.ask(Order::Background).await,
+            Request::Begin { name, about } => {
+                self.ask(|answer| Order::Begin(name, about, answer)).await
+            }
+            Request::Note {
+                capture,
+                kind,
+                text,
+            } => match note(capture, kind, text) {
+                Ok(note) => self.ask(|answer| Order::Note(note, answer)).await,
+                Err(reason) => self.refuse(reason).await,
+            },
+            Request::Close {} => self.ask(Order::Close).await,
+        }
+    }
+
+    /// Tells what a press was answered and will be, up to the answer that the client waits for.
+    async fn follow(&mut self, mut press: Following, until: Until) -> std::io::Result<()> {
+        let mut ending = self.shared.ending.subscribe();
+        let (mut told, mut nobody_tells) = (0, false);
+        loop {
+            let ends = *ending.borrow_and_update() || nobody_tells;
+            let new: Vec<Reply> = press.borrow_and_update()[told..].to_vec();
+            told += new.len();
+            for reply in &new {
+                self.send(reply).await?;
+                if reply.is_end(until) {
+                    return Ok(());
+                }
+            }
+            if ends {
+                let reason = "the daemon is ending: the same press_id may be asked for again";
+                return self.refuse(reason.into()).await;
+            }
+            tokio::select! {
+                changed = press.changed() => nobody_tells = changed.is_err(),
+                _ = ending.changed() => {}
+                () = self.gone() => return Err(ErrorKind::BrokenPipe.into()),
+            }
+        }
+    }
+
+    /// Tells what happens until the client goes away or the daemon ends.
+    async fn tell_events(&mut self) -> std::io::Result<()> {
+        let mut events = self.shared.capturing.events().subscribe();
+        let mut ending = self.shared.ending.subscribe();
+        self.send(&Reply::Listening).await?;
+        loop {
+            let event = tokio::select! {
+                biased;
+                event = events.next() => event,
+                _ = ending.wait_for(|ends| *ends) => None,
+                () = self.gone() => None,
+            };
+            match event {
+                Some(event) => self.send(&event).await?,
+                None => return Err(ErrorKind::BrokenPipe.into()),
+            }
+        }
+    }
+
+    /// Gives an order and tells how it went.
+    async fn ask(&mut self, order: impl FnOnce(Answer) -> Order) -> std::io::Result<()> {
+        let (answer, answered) = oneshot::channel();
+        let answer = move |result: Result<String, String>| drop(answer.send(result));
+        self.shared.capturing.order(order(Box::new(answer)));
+        match answered.await {
+            Ok(Ok(words)) => self.send(&Reply::Ok { words }).await,
+            Ok(Err(reason)) => self.refuse(reason).await,
+            Err(_) => self.refuse("the daemon is ending".into()).await,
+        }
+    }
+
+    async fn refuse(&mut self, reason: String) -> std::io::Result<()> {
+        self.send(&Reply::Refused { reason }).await
+    }
+
+    async fn send(&mut self, message: &impl serde::Serialize) -> std::io::Result<()> {
+        let mut line = serde_json::to_vec(message)?;
+        line.push(b'\n');
+        let sent = timeout(self.shared.patience, self.write.write_all(&line)).await;
+        sent.unwrap_or_else(|_| Err(ErrorKind::TimedOut.into()))
+    }
+
+    /// Ends when the client has closed its connection. One that has only said all that it had to say still listens.
+    async fn gone(&self) {
+        loop {
+            sleep(LOOK).await;
+            let closed = self.write.ready(Interest::WRITABLE).await;
+            if closed.map_or(true, |ready| ready.is_write_closed()) {
+                return;
+            }
+        }
+    }
+}
+
+fn note(capture: String, kind: String, text: String) -> Result<Note, String> {
+    if !matches!(kind.as_str(), "accept" | "reject" | "text") {
+        return Err(format!("kind {kind:?} is none of accept, reject and text"));
+    }
+    crate::frame::CaptureId::new(&capture).map_err(|e| e.to_string())?;
+    Ok(Note {
+        capture,
+        kind,
+        text,
+    })
+}
+
+/// Turns away a client for whom there is no room.
+pub(super) fn turn_away(stream: &UnixStream, most: usize) {
+    let reason = format!("{most} clients are served already");
+    let mut line = serde_json::to_vec(&Reply::Refused { reason }).unwrap_or_default();
+    line.push(b'\n');
+    // What was just opened has room for a line, or nobody reads it.
+    let _: Result<usize, Error> = stream.try_write(&line);
+}

@@ -1,0 +1,386 @@
+//! Commands of the operator's own that run when something happens: a beep, a lamp. They listen as anybody does, so that
+//! none can delay or break a capture; each has its time and is then killed with all its children.
+
+use super::HooksParameters;
+use super::events::{Event, Events, Subscription, Verdict};
+use crate::log;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+use std::io::Read;
+use std::os::unix::process::CommandExt;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tokio::sync::Notify;
+
+/// How often it is looked whether a command has ended.
+const LOOK: Duration = Duration::from_millis(10);
+/// Bytes of a command's words that the log gets.
+const WORDS: u64 = 300;
+/// What systemd tells the daemon, and no child of it.
+const NOT_INHERITED: [&str; 5] = [
+    "NOTIFY_SOCKET",
+    "LISTEN_FDS",
+    "LISTEN_PID",
+    "WATCHDOG_USEC",
+    "WATCHDOG_PID",
+];
+
+/// The thread that runs commands.
+pub struct Hooks {
+    stop: Arc<Notify>,
+    thread: JoinHandle<()>,
+}
+
+impl Hooks {
+    /// Listens from now on. Nothing is started where no command is configured.
+    ///
+    /// # Errors
+    /// If the system has no thread left.
+    pub fn start(parameters: &HooksParameters, events: &Events) -> std::io::Result<Option<Self>> {
+        if parameters.each().all(|(_, command)| command.is_empty()) {
+            return Ok(None);
+        }
+        let mut running = Running {
+            parameters: parameters.clone(),
+            hooks: Vec::new(),
+        };
+        let mut heard = events.subscribe();
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_time().build()?;
+        let stop = Arc::new(Notify::new());
+        let stopped = stop.clone();
+        let thread = std::thread::Builder::new()
+            .name("hooks".into())
+            .spawn(move || runtime.block_on(running.serve(&mut heard, &stopped)))?;
+        Ok(Some(Self { stop, thread }))
+    }
+
+    /// Kills what still runs.
+    pub fn stop(self) {
+        self.stop.notify_one();
+        let _ = self.thread.join();
+    }
+}
+
+struct Running {
+    parameters: HooksParameters,
+    hooks: Vec<Hook>,
+}
+
+impl Running {
+    async fn serve(&mut self, events: &mut Subscription, stop: &Notify) {
+        loop {
+            // While enough are running, events wait where the oldest are lost first.
+            let free = self.hooks.len() < self.parameters.at_most;
+            tokio::select! {
+                () = stop.notified() => break,
+                event = events.next(), if free => match event {
+                    Some(event) => self.take(&event),
+                    None => break,
+                },
+                () = tokio::time::sleep(LOOK), if !self.hooks.is_empty() => {}
+            }
+            self.hooks.retain_mut(|hook| !hook.is_over());
+        }
+        for hook in &mut self.hooks {
+            hook.kill();
+            let _ = hook.child.wait();
+        }
+    }
+
+    fn take(&mut self, event: &Event) {
+        let Some((name, command)) = command(&self.parameters, event) else {
+            return;
+        };
+        let Some((program, arguments)) = command.split_first() else {
+            return;
+        };
+        let limit = Duration::from_millis(self.parameters.timeout_ms);
+        match spawn(program, arguments, event) {
+            Ok(child) => self.hooks.push(Hook {
+                name,
+                child,
+                end: Instant::now() + limit,
+                killed: false,
+            }),
+            Err(error) => log::warning!("hooks.{name}: {program}: {error}"),
+        }
+    }
+}
+
+/// A command that runs.
+struct Hook {
+    name: &'static str,
+    child: Child,
+    end: Instant,
+    killed: bool,
+}
+
+impl Hook {
+    /// Whether it has ended; one whose time is over is killed.
+    fn is_over(&mut self) -> bool {
+        if self.has_exited() {
+            // Nothing that it left behind goes on; its number is still its own, as nobody has waited for it.
+            self.kill();
+            self.tell();
+            return true;
+        }
+        if Instant::now() >= self.end && !self.killed {
+            self.killed = true;
+            log::warning!("hooks.{}: killed when its time was over", self.name);
+            self.kill();
+        }
+        false
+    }
+
+    fn pid(&self) -> Option<Pid> {
+        Pid::from_raw(self.child.id() as i32)
+    }
+
+    fn has_exited(&self) -> bool {
+        let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let Some(pid) = self.pid() else {
+            return true;
+        };
+        // An error is that of a child that is not there any more.
+        waitid(WaitId::Pid(pid), look).map_or(true, |status| status.is_some())
+    }
+
+    fn kill(&self) {
+        if let Some(pid) = self.pid() {
+            let _ = kill_process_group(pid, Signal::KILL);
+        }
+    }
+
+    /// Tells the log how it ended, if not well.
+    fn tell(&mut self) {
+        let Ok(status) = self.child.wait() else {
+            return;
+        };
+        if status.success() || self.killed {
+            return;
+        }
+        let words = self.words();
+        log::warning!("hooks.{}: {status}: {}", self.name, words.trim());
+    }
+
+    /// What it said of its trouble, as far as that is there: nobody waits for more.
+    fn words(&mut self) -> String {
+        let Some(said) = self.child.stderr.take() else {
+            return String::new();
+        };
+        let there = rustix::io::ioctl_fionread(&said).unwrap_or(0);
+        let mut bytes = Vec::new();
+        let _ = said.take(there.min(WORDS)).read_to_end(&mut bytes);
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+}
+
+/// The hook of an event and its command, which may be empty.
+fn command<'a>(
+    parameters: &'a HooksParameters,
+    event: &Event,
+) -> Option<(&'static str, &'a [String])> {
+    let hook = match event {
+        Event::Accepted { .. } => "accepted",
+        Event::Captured { .. } => "captured",
+        Event::Durable { .. } => "durable",
+        Event::Failed { .. } | Event::Refused { .. } | Event::JobFailed { .. } => "failed",
+        Event::Done { verdict, .. } => verdict_word(*verdict),
+        _ => return None,
+    };
+    parameters.each().find(|(name, _)| *name == hook)
+}
+
+fn verdict_word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Green => "green",
+        Verdict::Amber => "amber",
+        Verdict::Red => "red",
+    }
+}
+
+fn spawn(program: &str, arguments: &[String], event: &Event) -> std::io::Result<Child> {
+    let mut command = Command::new(program);
+    command
+        .args(arguments)
+        .envs(environment(event))
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .process_group(0);
+    NOT_INHERITED.iter().for_each(|name| {
+        command.env_remove(name);
+    });
+    command.spawn()
+}
+
+/// An event's members as `SCAND_CAPTURE` and so on; `SCAND_EVENT` is what happened. Words of clients have no control
+/// characters there.
+fn environment(event: &Event) -> Vec<(String, String)> {
+    let Ok(serde_json::Value::Object(members)) = serde_json::to_value(event) else {
+        return Vec::new();
+    };
+    let variable = |(name, value): (String, serde_json::Value)| {
+        let name = if name == "type" { "event".into() } else { name };
+        let text = match value {
+            serde_json::Value::String(text) => text,
+            serde_json::Value::Array(all) => {
+                let texts: Vec<&str> = all.iter().filter_map(|v| v.as_str()).collect();
+                texts.join("; ")
+            }
+            other => other.to_string(),
+        };
+        let text = text.replace(char::is_control, " ");
+        (format!("SCAND_{}", name.to_uppercase()), text)
+    };
+    members.into_iter().map(variable).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    fn shell(script: &str) -> Vec<String> {
+        ["sh", "-c", script].map(Into::into).into()
+    }
+
+    fn accepted(capture: &str) -> Event {
+        Event::Accepted {
+            capture: capture.into(),
+            source: "pedal".into(),
+            press_id: Some("p\0\n$(rm)".into()),
+            subject: None,
+        }
+    }
+
+    fn done(verdict: Verdict) -> Event {
+        Event::Done {
+            capture: "a-0001".into(),
+            recording: "/r/a.mcap".into(),
+            verdict,
+            reasons: vec!["few views".into(), "thin".into()],
+            model: "/m/a-0001".into(),
+        }
+    }
+
+    fn until(what: &str, reached: impl Fn() -> bool) {
+        let end = Instant::now() + Duration::from_secs(20);
+        while !reached() {
+            assert!(Instant::now() < end, "{what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn text(path: &Path) -> String {
+        std::fs::read_to_string(path).unwrap_or_default()
+    }
+
+    #[test]
+    fn each_event_runs_its_command_and_tells_it_what_happened() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| folder.path().join(name);
+        let write = |name: &str, what: &str| {
+            let path = file(name);
+            shell(&format!(
+                "echo \"{what}\" > {0}.new && mv {0}.new {0}",
+                path.display()
+            ))
+        };
+        let parameters = HooksParameters {
+            accepted: write(
+                "accepted",
+                "$SCAND_EVENT $SCAND_CAPTURE $SCAND_SOURCE [$SCAND_PRESS_ID]",
+            ),
+            amber: write(
+                "amber",
+                "$SCAND_VERDICT $SCAND_REASONS $SCAND_MODEL $SCAND_RECORDING",
+            ),
+            failed: write("failed", "$SCAND_EVENT $SCAND_REASON"),
+            ..HooksParameters::default()
+        };
+        let events = Events::default();
+        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
+        events.publish(done(Verdict::Green));
+        events.publish(accepted("a-0001"));
+        events.publish(done(Verdict::Amber));
+        events.publish(Event::Refused {
+            reason: "no room".into(),
+        });
+        for (name, words) in [
+            ("accepted", "accepted a-0001 pedal [p  $(rm)]\n"),
+            ("amber", "amber few views; thin /m/a-0001 /r/a.mcap\n"),
+            ("failed", "refused no room\n"),
+        ] {
+            until(name, || file(name).exists());
+            assert_eq!(text(&file(name)), words);
+        }
+        hooks.stop();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+
+    fn is_running(pid: &str) -> bool {
+        let stat = text(Path::new(&format!("/proc/{}/stat", pid.trim())));
+        // One that nobody has waited for yet is dead all the same.
+        !stat.is_empty() && !stat.contains(") Z ")
+    }
+
+    #[test]
+    fn one_that_hangs_is_killed_with_its_children_and_keeps_nobody_waiting() {
+        let folder = tempfile::tempdir().unwrap();
+        let pids = folder.path().join("pids");
+        let hang = format!("sleep 1000 & echo $! >> {}; sleep 1001", pids.display());
+        let beeps = folder.path().join("beeps");
+        let parameters = HooksParameters {
+            accepted: shell(&hang),
+            durable: shell(&format!("echo beep >> {}", beeps.display())),
+            timeout_ms: 300,
+            at_most: 2,
+            ..HooksParameters::default()
+        };
+        let events = Events::default();
+        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
+        let begin = Instant::now();
+        for i in 0..4 {
+            events.publish(accepted(&format!("a-{i}")));
+        }
+        events.publish(Event::Durable {
+            capture: "a-3".into(),
+            recording: "/r".into(),
+        });
+        assert!(begin.elapsed() < Duration::from_millis(200));
+        until("the beep", || text(&beeps) == "beep\n");
+        // Never more than two at a time: two times two had their time before.
+        assert!(begin.elapsed() >= Duration::from_millis(600));
+        assert_eq!(text(&pids).lines().count(), 4);
+        until("children are killed", || {
+            !text(&pids).lines().any(is_running)
+        });
+        hooks.stop();
+    }
+
+    #[test]
+    fn what_still_runs_at_the_end_is_killed_and_what_is_not_there_is_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let pids = folder.path().join("pids");
+        let parameters = HooksParameters {
+            accepted: shell(&format!("echo $$ >> {}; sleep 1000", pids.display())),
+            durable: vec!["/nonexistent/beep".into()],
+            ..HooksParameters::default()
+        };
+        let events = Events::default();
+        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
+        events.publish(Event::Durable {
+            capture: "a".into(),
+            recording: "/r".into(),
+        });
+        events.publish(accepted("a"));
+        until("it runs", || text(&pids).ends_with('\n'));
+        hooks.stop();
+        until("it is killed", || !is_running(&text(&pids)));
+        let none = Hooks::start(&HooksParameters::default(), &events).unwrap();
+        assert!(none.is_none());
+    }
+}

@@ -1,0 +1,339 @@
+//! Cameras of the tests' own, and a daemon that takes captures with them.
+
+use super::*;
+use crate::drivers::live::{
+    Backoff, Confirmed, Device, Driver, Fault, HostClock, Pool, Shot, Tally,
+};
+use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
+use crate::recording::{Outcome, Preamble, Recording, Topic};
+use crate::sync;
+use crate::trigger::{Reply, Until};
+use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// How a camera behaves at its shots from now on.
+#[derive(Clone, Copy, PartialEq)]
+#[repr(u32)]
+pub(super) enum Mood {
+    Sound,
+    /// Unplugged at the next shot, and away for one attempt to open it.
+    Unplugged,
+    /// Never answers before the shot's end.
+    Silent,
+    /// A frame comes damaged.
+    Loses,
+    /// Exposes 200 ms late.
+    Late,
+    /// Is sound, and takes 100 ms.
+    Slow,
+    /// Is sound, and takes 1.5 s.
+    VerySlow,
+}
+
+const MOODS: [Mood; 7] = [
+    Mood::Sound,
+    Mood::Unplugged,
+    Mood::Silent,
+    Mood::Loses,
+    Mood::Late,
+    Mood::Slow,
+    Mood::VerySlow,
+];
+
+#[derive(Clone)]
+struct Played {
+    id: CameraId,
+    depth: bool,
+    clock: HostClock,
+    pool: Pool,
+    mood: Arc<AtomicU32>,
+    shots: Arc<AtomicU32>,
+    confirmed: Confirmed,
+}
+
+impl Driver for Played {
+    fn open(&mut self) -> Result<Box<dyn Device>, Fault> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+const PIXELS: usize = 64 * 48;
+
+impl Played {
+    fn frame(&self, stream: Stream, timestamp: Timestamp, fill: u8) -> Option<Frame> {
+        let (encoding, bytes) = match stream {
+            Stream::Color => ("bayer_rggb8", 1),
+            Stream::Depth => ("16UC1", 2),
+            Stream::DepthColor => ("rgb8", 3),
+        };
+        let mut buffer = self.pool.take(PIXELS * bytes)?;
+        buffer.write(&vec![fill; PIXELS * bytes]);
+        Some(Frame {
+            camera: self.id.clone(),
+            stream,
+            timestamp,
+            picture: Picture::Raw {
+                width: 64,
+                height: 48,
+                encoding: encoding.into(),
+                step: 64 * bytes as u32,
+                data: buffer.freeze(),
+            },
+        })
+    }
+}
+
+impl Device for Played {
+    fn confirmed(&self) -> &Confirmed {
+        &self.confirmed
+    }
+
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+        let mood = MOODS[self.mood.load(Ordering::Relaxed) as usize];
+        let number = self.shots.fetch_add(1, Ordering::Relaxed) + 1;
+        let mut tally = Tally::default();
+        match mood {
+            Mood::Unplugged => {
+                self.mood.store(Mood::Sound as u32, Ordering::Relaxed);
+                return Err(Fault::Away("unplugged".into()));
+            }
+            Mood::Silent => {
+                while !shot.remaining().is_zero() {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                return Ok(tally);
+            }
+            Mood::Loses => {
+                tally.lost.push("a damaged frame".into());
+                return Ok(tally);
+            }
+            Mood::Sound | Mood::Late | Mood::Slow | Mood::VerySlow => {}
+        }
+        let late = if mood == Mood::Late { 200_000_000 } else { 0 };
+        let now = self.clock.now().0 + late;
+        let takes_ms = match mood {
+            Mood::Slow => 100,
+            Mood::VerySlow => 1500,
+            _ => 0,
+        };
+        std::thread::sleep(Duration::from_millis(takes_ms));
+        let streams: &[Stream] = if self.depth {
+            &[Stream::Depth, Stream::DepthColor]
+        } else {
+            &[Stream::Color]
+        };
+        for i in 0..if self.depth { 14 } else { 1 } {
+            for &stream in streams {
+                // So close that the next shot's are later, however soon it comes.
+                let time = Timestamp(now + i * 20_000);
+                match self.frame(stream, time, number as u8) {
+                    Some(frame) => take(frame),
+                    None => tally.lost.push("no memory".into()),
+                }
+            }
+        }
+        Ok(tally)
+    }
+
+    fn idle(&mut self) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn idle_period(&self) -> Duration {
+        Duration::from_millis(50)
+    }
+
+    fn health(&mut self) -> Vec<[String; 2]> {
+        vec![["temperature".into(), "40.0 °C".into()]]
+    }
+}
+
+pub(super) struct Stand {
+    pub(super) folder: tempfile::TempDir,
+    pub(super) capturing: Arc<Capturing>,
+    moods: BTreeMap<String, Arc<AtomicU32>>,
+    pub(super) pool: Pool,
+}
+
+pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
+    Plan {
+        sync: sync::Parameters {
+            window_ms: 400.0,
+            depth_frames: 12,
+            ..sync::Parameters::default()
+        },
+        capture: CaptureParameters {
+            patience_ms: 100,
+            largest_skew_ms: 100.0,
+            ..CaptureParameters::default()
+        },
+        recording: RecordingParameters {
+            folder: folder.into(),
+            keep_free_mb: 1,
+            ..RecordingParameters::default()
+        },
+        preamble: Preamble {
+            configuration: "# a test".into(),
+            ..Preamble::default()
+        },
+        pool: pool.clone(),
+        program: "scand test".into(),
+        events: events::Events::default(),
+        models: false,
+        pulse: Pulse::default(),
+    }
+}
+
+pub(super) fn start_in(
+    folder: tempfile::TempDir,
+    memory: usize,
+    change: impl FnOnce(&mut Plan),
+) -> Stand {
+    let (clock, pool) = (HostClock::start(), Pool::new(memory));
+    let mut moods = BTreeMap::new();
+    let mut stations = Vec::new();
+    for name in ["c00", "c01", "c02", "k0"] {
+        let depth = name == "k0";
+        let mood: Arc<AtomicU32> = Arc::default();
+        moods.insert(name.to_owned(), mood.clone());
+        let id = CameraId::new(name).unwrap();
+        let driver = Played {
+            id: id.clone(),
+            depth,
+            clock,
+            pool: pool.clone(),
+            mood,
+            shots: Arc::default(),
+            confirmed: Confirmed {
+                identity: "played".into(),
+                frame_bytes: (PIXELS * if depth { 5 } else { 1 }) as u64,
+                ..Confirmed::default()
+            },
+        };
+        stations.push(Station {
+            id,
+            kind: if depth { Kind::Depth } else { Kind::Color },
+            driver: Box::new(driver),
+        });
+    }
+    let backoff = Backoff {
+        first: Duration::from_millis(20),
+        longest: Duration::from_millis(40),
+    };
+    let rig = Rig::start(stations, clock, 64, backoff).unwrap();
+    let mut plan = plan(folder.path(), &pool);
+    change(&mut plan);
+    let capturing = Arc::new(Capturing::start(rig, plan).unwrap());
+    let stand = Stand {
+        folder,
+        capturing,
+        moods,
+        pool,
+    };
+    stand.until(|status| {
+        let ready = status.cameras.values().filter(|c| c.state == "ready");
+        ready.count() == 4
+    });
+    stand
+}
+
+pub(super) fn start(change: impl FnOnce(&mut Plan)) -> Stand {
+    start_in(tempfile::tempdir().unwrap(), 4_000_000, change)
+}
+
+/// A press whose progress is heard.
+pub(super) fn press(sender: Sender<Reply>) -> Press {
+    Press {
+        source: "test".into(),
+        press_id: Some("p1".into()),
+        subject: Some("17".into()),
+        progress: Box::new(move |progress| {
+            let _ = sender.send(progress);
+        }),
+    }
+}
+
+impl Stand {
+    pub(super) fn until(&self, reached: impl Fn(&Status) -> bool) {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while !reached(&self.capturing.status()) {
+            assert!(Instant::now() < deadline, "{:?}", self.capturing.status());
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    pub(super) fn mood(&self, camera: &str, mood: Mood) {
+        self.moods[camera].store(mood as u32, Ordering::Relaxed);
+    }
+
+    pub(super) fn begin_press(&self) -> Receiver<Reply> {
+        let (sender, progress) = unbounded();
+        self.capturing.order(Order::Press(press(sender)));
+        progress
+    }
+
+    /// Presses, and again while another order is being carried out; all that is heard.
+    pub(super) fn press(&self) -> Vec<Reply> {
+        loop {
+            let mut heard = Vec::new();
+            for progress in self.begin_press() {
+                let end = progress.is_end(Until::Durable);
+                heard.push(progress);
+                if end {
+                    break;
+                }
+            }
+            if heard != [Reply::Busy] {
+                return heard;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    pub(super) fn ask(&self, order: impl Fn(Answer) -> Order) -> Result<String, String> {
+        loop {
+            let (sender, answer) = bounded(1);
+            let tell = move |result| drop(sender.send(result));
+            self.capturing.order(order(Box::new(tell)));
+            match answer.recv().unwrap() {
+                Err(words) if words.contains("is being taken") => std::thread::yield_now(),
+                other => return other,
+            }
+        }
+    }
+
+    pub(super) fn stop(self) -> (tempfile::TempDir, Vec<CameraId>) {
+        let stuck = self.capturing.stop();
+        (self.folder, stuck)
+    }
+}
+
+pub(super) fn recordings(folder: &Path) -> Vec<Recording> {
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|f| f.unwrap().path())
+        .filter(|f| f.is_file() && f.extension().is_some_and(|e| e == "mcap"))
+        .collect();
+    files.sort();
+    files.iter().map(|f| Recording::open(f).unwrap()).collect()
+}
+
+/// Id, outcome and number of listed frames of each capture.
+pub(super) fn captures(recording: &Recording) -> Vec<(String, Outcome, usize, Option<String>)> {
+    let records = recording.messages(&Topic::Capture).iter();
+    records
+        .map(|m| {
+            let record = recording.capture_record(m).unwrap();
+            let listed = record
+                .cameras
+                .values()
+                .filter_map(|c| c.timestamps.as_ref());
+            let frames = listed.map(Vec::len).sum();
+            (record.id, record.outcome, frames, record.reason)
+        })
+        .collect()
+}
