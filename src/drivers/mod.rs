@@ -5,5 +5,6 @@ pub mod aravis;
 pub mod live;
 pub mod number;
 pub mod openni2;
+pub mod pixel_format;
 pub mod replay;
 pub mod v4l2;

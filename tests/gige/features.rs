@@ -3,8 +3,9 @@
 use crate::description;
 use crate::network::alone;
 use crate::stand::{Stand, id};
-use scand::drivers::aravis::{FeatureValue, Parameters, PixelFormat, Region, TriggerMode};
+use scand::drivers::aravis::{FeatureValue, Parameters, Region, TriggerMode};
 use scand::drivers::live::Fault;
+use scand::drivers::pixel_format::PixelFormat;
 use scand::simulate::serve::ColorOptions;
 
 #[test]

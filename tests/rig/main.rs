@@ -87,6 +87,18 @@ fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
                 Recording::open(&recording).unwrap(),
             );
             assert_eq!(kept.verify().unwrap(), []);
+            // The file that it was calibrated with can be found again.
+            let summed = std::process::Command::new("sha256sum")
+                .arg(folder.path().join("calibration.toml"))
+                .output()
+                .unwrap();
+            let mut records = kept.metadata().iter();
+            let (_, about) = records.find(|(name, _)| name == "session").unwrap();
+            assert!(
+                summed
+                    .stdout
+                    .starts_with(about["calibration_sha256"].as_bytes())
+            );
             for i in 0..11 {
                 for part in [ColorPart::Image, ColorPart::Background] {
                     let topic = color(i, part);

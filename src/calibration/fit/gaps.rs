@@ -2,8 +2,9 @@
 
 use super::result::Fit;
 use super::session::Session;
+use crate::calibration::Camera;
 use crate::frame::CameraId;
-use nalgebra::Vector3;
+use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
 
 /// What a session should have.
@@ -40,7 +41,7 @@ const PARTS: [[&str; 3]; 3] = [
     ["bottom left", "bottom", "bottom right"],
 ];
 
-/// What a session lacks: of each camera, parts of its picture and views; of pairs of cameras, shared views; and of the
+/// What a session lacks: of each camera, parts of its picture (where a fit knows the table, those above it) and views; of pairs of cameras, shared views; and of the
 /// depth cameras named, distances and tilts, which need a fit to be known.
 pub fn missing(
     session: &Session,
@@ -50,7 +51,7 @@ pub fn missing(
 ) -> Vec<String> {
     let mut found = Vec::new();
     for camera in 0..session.cameras.len() {
-        found.extend(of_camera(session, camera, wanted));
+        found.extend(of_camera(session, camera, fit, wanted));
     }
     found.extend(of_pairs(session, wanted));
     for id in depth_cameras {
@@ -59,7 +60,7 @@ pub fn missing(
     found
 }
 
-fn of_camera(session: &Session, camera: usize, wanted: &Wanted) -> Vec<String> {
+fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wanted) -> Vec<String> {
     let subject = &session.cameras[camera];
     let views: Vec<_> = session
         .views
@@ -84,9 +85,10 @@ fn of_camera(session: &Session, camera: usize, wanted: &Wanted) -> Vec<String> {
         let part = |at: f64, side: usize| (at.max(0.0) / side as f64 * 3.0).min(2.0) as usize;
         seen[part(corner.pixel.y, subject.size[1])][part(corner.pixel.x, subject.size[0])] = true;
     }
+    let below = fit.map_or([[false; 3]; 3], |fit| below_the_table(fit, &subject.id));
     let cells = (0..9)
         .map(|i| (i / 3, i % 3))
-        .filter(|&(row, column)| !seen[row][column]);
+        .filter(|&(row, column)| !seen[row][column] && !below[row][column]);
     let parts: Vec<&str> = cells.map(|(row, column)| PARTS[row][column]).collect();
     if !parts.is_empty() {
         let words = "the board has not been in these parts of its picture";
@@ -97,6 +99,52 @@ fn of_camera(session: &Session, camera: usize, wanted: &Wanted) -> Vec<String> {
         ));
     }
     found
+}
+
+/// The parts of a camera's picture that look through the table before they come as far as the board has been: nobody can
+/// show it there.
+fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
+    let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
+        return Default::default();
+    };
+    let camera = &fit.cameras[index].camera;
+    let (last_column, last_row) = (fit.board.columns - 1, fit.board.rows - 1);
+    let extremes = [
+        (0, 0),
+        (last_column, 0),
+        (0, last_row),
+        (last_column, last_row),
+    ];
+    let seen = fit.views.iter().filter(|v| v.camera == index);
+    let nearest = seen
+        .flat_map(|v| {
+            let rig_from_board = fit.placements[v.placement].rig_from_board;
+            extremes.map(|(c, r)| rig_from_board * fit.board.corner_position(c, r))
+        })
+        .map(|corner| (corner - camera.center()).norm())
+        .fold(f64::INFINITY, f64::min);
+    if !fit.table_is_lowest || !nearest.is_finite() {
+        return Default::default();
+    }
+    std::array::from_fn(|row| {
+        std::array::from_fn(|column| part_is_below(camera, nearest, [column, row]))
+    })
+}
+
+/// Whether nearly all that a part of the picture shows at a distance is below z = 0: a sliver above is no place for a board.
+fn part_is_below(camera: &Camera, distance: f64, part: [usize; 2]) -> bool {
+    const SAMPLES: usize = 5;
+    let size = [camera.intrinsics.width, camera.intrinsics.height];
+    let at = |axis: usize, i: usize| {
+        (part[axis] as f64 + i as f64 / (SAMPLES - 1) as f64) / 3.0 * (size[axis] - 1) as f64
+    };
+    let below = |i: &usize| {
+        let pixel = Point2::new(at(0, i % SAMPLES), at(1, i / SAMPLES));
+        let ray = camera.ray(pixel);
+        ray.is_some_and(|ray| camera.center().z + distance * ray.z < 0.0)
+    };
+    let all = SAMPLES * SAMPLES;
+    5 * (0..all).filter(below).count() >= 4 * all
 }
 
 /// Cameras whose best partner shares too few placements with them, by name of both.

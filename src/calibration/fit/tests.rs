@@ -1,6 +1,6 @@
 //! Fits of sessions whose truth is known.
 
-use super::synthetic::{Random, Truth, apart, placements, rig};
+use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;
 use crate::calibration::Board;
 use nalgebra::{Point3, Vector3};
@@ -403,4 +403,27 @@ fn what_an_unfinished_session_lacks_is_said() {
     ] {
         assert!(words.contains(expected), "{expected}: {words}");
     }
+}
+
+#[test]
+fn nobody_is_asked_to_show_the_board_below_the_table() {
+    let mut truth = truth(checkerboard(), 20, 1);
+    // Down at the table's height it looks at what lies on it: the lower part of its picture is the table before it.
+    let at = Point3::new(0.0, 0.0, 0.12);
+    truth.cameras[2] = looking("c02", color_lens(), Point3::new(0.7, 0.2, 0.06), at);
+    let session = truth.session(0.1, &mut Random(7));
+    let fit = fit(&session, &Parameters::default()).unwrap();
+    let words = |fit| {
+        let all = missing(&session, fit, &[], &Wanted::default());
+        let of_it = all
+            .iter()
+            .find(|w| w.contains("c02") && w.contains("parts"));
+        of_it.cloned().unwrap_or_default()
+    };
+    assert!(words(None).contains("bottom"), "{}", words(None));
+    assert!(
+        !words(Some(&fit)).contains("bottom"),
+        "{}",
+        words(Some(&fit))
+    );
 }

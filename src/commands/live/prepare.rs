@@ -9,6 +9,7 @@ use crate::drivers::live::{HostClock, Pool};
 use crate::frame::CameraId;
 use crate::recording::Preamble;
 use anyhow::Context;
+use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -50,7 +51,9 @@ impl Source {
         let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
         let stations = stations(&config, &calibration, clock, &pool).map_err(named)?;
-        let preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
+        let mut preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
+        let about = &mut preamble.about;
+        about.insert("calibration_sha256".into(), digest(&file)?);
         Ok(Prepared {
             config,
             stations,
@@ -68,6 +71,12 @@ impl Source {
         let folder = self.config.parent().unwrap_or(Path::new("."));
         Ok(folder.join(&config.rig.calibration))
     }
+}
+
+/// The file's SHA-256, as `sha256sum` prints it, so that the file can be found again.
+fn digest(file: &Path) -> anyhow::Result<String> {
+    let bytes = std::fs::read(file).with_context(|| format!("calibration {}", file.display()))?;
+    Ok(format!("{:x}", Sha256::digest(bytes)))
 }
 
 fn bad(error: impl std::error::Error + Send + Sync + 'static) -> anyhow::Error {

@@ -3,8 +3,9 @@
 use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::daemon::{Kind, Station, Transmission, budget};
-use crate::drivers::aravis::{Parameters as GigeParameters, PixelFormat};
+use crate::drivers::aravis::Parameters as GigeParameters;
 use crate::drivers::live::{Driver, HostClock, Pool};
+use crate::drivers::pixel_format::PixelFormat;
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::frame::CameraId;
 use crate::log;
@@ -121,7 +122,10 @@ fn staggered(
     let transmissions = cameras.iter().filter_map(|(id, parameters)| {
         let (camera, _) = calibration.cameras.get(id)?;
         let pixels = [camera.intrinsics.width, camera.intrinsics.height];
-        let bytes = parameters.pixel_format.map_or(1, PixelFormat::bytes);
+        let bytes = parameters
+            .pixel_format
+            .and_then(PixelFormat::bytes_per_pixel)
+            .unwrap_or(1);
         let transmission = Transmission {
             frame_bytes: (pixels[0] * pixels[1] * bytes) as u64,
             packet_bytes: parameters.packet_size.unwrap_or(PLAIN_PACKET),

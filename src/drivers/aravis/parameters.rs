@@ -1,6 +1,7 @@
 //! What can be configured of a GigE Vision camera. Compiled always; nothing here asks a camera.
 
 use crate::drivers::number;
+use crate::drivers::pixel_format::PixelFormat;
 use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -78,91 +79,26 @@ pub struct Parameters {
     pub features: Option<BTreeMap<String, FeatureValue>>,
 }
 
-/// Pixel encodings that a recording has, and GigE Vision cameras give.
-#[derive(Deserialize, Serialize, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PixelFormat {
-    /// Red, green / green, blue.
-    #[serde(rename = "bayer_rggb8")]
-    BayerRggb8,
-    /// Green, red / blue, green.
-    #[serde(rename = "bayer_grbg8")]
-    BayerGrbg8,
-    /// Green, blue / red, green.
-    #[serde(rename = "bayer_gbrg8")]
-    BayerGbrg8,
-    /// Blue, green / green, red.
-    #[serde(rename = "bayer_bggr8")]
-    BayerBggr8,
-    /// Red, green, blue.
-    #[serde(rename = "rgb8")]
-    Rgb8,
-    /// Blue, green, red.
-    #[serde(rename = "bgr8")]
-    Bgr8,
-    /// Grey.
-    #[serde(rename = "mono8")]
-    Mono8,
-    /// U, Y, V, Y.
-    #[serde(rename = "uyvy")]
-    Uyvy,
-    /// Y, U, Y, V.
-    #[serde(rename = "yuyv")]
-    Yuyv,
+/// A format's number in the GenICam Pixel Format Naming Convention; `None` for one that GigE Vision has not.
+pub fn code(format: PixelFormat) -> Option<u32> {
+    Some(match format {
+        PixelFormat::Mjpeg => return None,
+        PixelFormat::BayerGrbg8 => 0x0108_0008,
+        PixelFormat::BayerRggb8 => 0x0108_0009,
+        PixelFormat::BayerGbrg8 => 0x0108_000a,
+        PixelFormat::BayerBggr8 => 0x0108_000b,
+        PixelFormat::Rgb8 => 0x0218_0014,
+        PixelFormat::Bgr8 => 0x0218_0015,
+        PixelFormat::Mono8 => 0x0108_0001,
+        PixelFormat::Uyvy => 0x0210_001f,
+        PixelFormat::Yuyv => 0x0210_0032,
+    })
 }
 
-impl PixelFormat {
-    /// All of them.
-    pub const ALL: [Self; 9] = [
-        Self::BayerRggb8,
-        Self::BayerGrbg8,
-        Self::BayerGbrg8,
-        Self::BayerBggr8,
-        Self::Rgb8,
-        Self::Bgr8,
-        Self::Mono8,
-        Self::Uyvy,
-        Self::Yuyv,
-    ];
-
-    /// Its name in a recording.
-    pub fn encoding(self) -> &'static str {
-        match self {
-            Self::BayerRggb8 => "bayer_rggb8",
-            Self::BayerGrbg8 => "bayer_grbg8",
-            Self::BayerGbrg8 => "bayer_gbrg8",
-            Self::BayerBggr8 => "bayer_bggr8",
-            Self::Rgb8 => "rgb8",
-            Self::Bgr8 => "bgr8",
-            Self::Mono8 => "mono8",
-            Self::Uyvy => "uyvy",
-            Self::Yuyv => "yuyv",
-        }
-    }
-
-    /// Its number in the GenICam Pixel Format Naming Convention; bits 16 to 23 are the bits of a pixel.
-    pub fn code(self) -> u32 {
-        match self {
-            Self::BayerGrbg8 => 0x0108_0008,
-            Self::BayerRggb8 => 0x0108_0009,
-            Self::BayerGbrg8 => 0x0108_000a,
-            Self::BayerBggr8 => 0x0108_000b,
-            Self::Rgb8 => 0x0218_0014,
-            Self::Bgr8 => 0x0218_0015,
-            Self::Mono8 => 0x0108_0001,
-            Self::Uyvy => 0x0210_001f,
-            Self::Yuyv => 0x0210_0032,
-        }
-    }
-
-    /// The format of a number; `None` for one that a recording has no name for.
-    pub fn of_code(code: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|format| format.code() == code)
-    }
-
-    /// Bytes of a pixel.
-    pub fn bytes(self) -> usize {
-        (self.code() >> 16 & 0xff) as usize / 8
-    }
+/// The format of a number; `None` for one that a recording has no name for.
+pub fn format_of(number: u32) -> Option<PixelFormat> {
+    let mut all = PixelFormat::ALL.into_iter();
+    all.find(|format| code(*format) == Some(number))
 }
 
 /// A part of the sensor, in pixels.
@@ -268,6 +204,12 @@ impl Parameters {
             if let Some(text) = text.as_ref().filter(|t| t.is_empty() || t.len() > 16) {
                 return Err(format!("{field} {text:?}: expected 1 to 16 characters"));
             }
+        }
+        if let Some(format) = self.pixel_format.filter(|f| code(*f).is_none()) {
+            let found = format.encoding();
+            return Err(format!(
+                "pixel_format {found}: expected pixels, GigE Vision cameras send no files"
+            ));
         }
         let region = self.region.filter(|r| r.width == 0 || r.height == 0);
         if let Some(Region { width, height, .. }) = region {
@@ -392,6 +334,7 @@ mod tests {
             ("address = '10.0.0.700'", "address"),
             ("exposure = 1", "`serial`"),
             ("serial = ''", "1 to 16"),
+            ("serial = 'a'\npixel_format = 'mjpeg'", "no files"),
             (
                 "serial = 'a'\npixel_format = 'bayer_rggb12'",
                 "bayer_rggb12",
@@ -414,14 +357,15 @@ mod tests {
     #[test]
     fn formats_are_told_apart_by_name_and_number() {
         for format in PixelFormat::ALL {
-            assert_eq!(PixelFormat::of_code(format.code()), Some(format));
-            let name = serde_json::to_string(&format).unwrap();
-            assert_eq!(name, format!("{:?}", format.encoding()));
+            if let Some(number) = code(format) {
+                assert_eq!(format_of(number), Some(format));
+                // Bits 16 to 23 are the bits of a pixel.
+                let bytes = (number >> 16 & 0xff) as usize / 8;
+                assert_eq!(format.bytes_per_pixel(), Some(bytes));
+                let name = serde_json::to_string(&format).unwrap();
+                assert_eq!(name, format!("{:?}", format.encoding()));
+            }
         }
-        assert_eq!(PixelFormat::of_code(0x0110_0010), None);
-        assert_eq!(
-            (PixelFormat::Rgb8.bytes(), PixelFormat::Uyvy.bytes()),
-            (3, 2)
-        );
+        assert_eq!(format_of(0x0110_0010), None);
     }
 }

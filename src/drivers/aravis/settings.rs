@@ -2,8 +2,9 @@
 //! region, light, packets, and the trigger on again. Each is read back.
 
 use super::features::{Features, fault};
-use super::parameters::{Activation, Parameters, PixelFormat, Region, TriggerMode};
+use super::parameters::{self, Activation, Parameters, Region, TriggerMode};
 use crate::drivers::live::Fault;
+use crate::drivers::pixel_format::PixelFormat;
 use crate::recording::{CameraSettings, Transfer};
 use aravis::prelude::*;
 use aravis::{AcquisitionMode, GvDevice};
@@ -86,8 +87,8 @@ impl Setting<'_, '_> {
             asked: words.into(),
             found,
         };
-        if let Some(format) = asked {
-            let number = aravis::PixelFormat::from_raw(format.code());
+        if let Some(number) = asked.and_then(parameters::code) {
+            let number = aravis::PixelFormat::from_raw(number);
             if let Err(error) = camera.set_pixel_format(number) {
                 let known = camera.dup_available_pixel_formats_as_strings();
                 let known = known.map_err(|_| fault("PixelFormat", words, &error))?;
@@ -98,7 +99,7 @@ impl Setting<'_, '_> {
         let found = camera
             .pixel_format()
             .map_err(|e| fault("PixelFormat", words, &e))?;
-        let known = PixelFormat::of_code(found.raw());
+        let known = parameters::format_of(found.raw());
         match known.filter(|found| asked.is_none_or(|asked| asked == *found)) {
             Some(found) => {
                 if let Some(asked) = asked {

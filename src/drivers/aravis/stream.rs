@@ -2,8 +2,9 @@
 //! copied once. Which frames are wanted is not known here.
 #![allow(unsafe_code)] // A frame is read where the library put it; the wrapper has that as a pointer only.
 
-use super::parameters::{Parameters, PixelFormat};
+use super::parameters::{self, Parameters};
 use crate::drivers::live::{Fault, Pool, Tally};
+use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::Picture;
 use aravis::glib::prelude::Cast;
 use aravis::prelude::*;
@@ -166,14 +167,15 @@ impl Frames {
         let Layout { format, size, .. } = self.layout;
         let found = (buffer.image_width(), buffer.image_height());
         let code = buffer.image_pixel_format().raw();
-        if (found.0 as u32, found.1 as u32) != (size[0], size[1]) || code != format.code() {
+        let same = (found.0 as u32, found.1 as u32) == (size[0], size[1]);
+        if !same || parameters::format_of(code) != Some(format) {
             return Some(format!(
-                "a frame is {}x{} of format 0x{code:08x}, expected {}x{} of 0x{:08x}",
+                "a frame is {}x{} of format 0x{code:08x}, expected {}x{} of {}",
                 found.0,
                 found.1,
                 size[0],
                 size[1],
-                format.code()
+                format.encoding()
             ));
         }
         let (bytes, expected) = (buffer.data().1, self.step(buffer) * size[1] as usize);
@@ -183,7 +185,7 @@ impl Frames {
     /// Bytes from row to row: some cameras pad their rows.
     fn step(&self, buffer: &Buffer) -> usize {
         let padding = usize::try_from(buffer.image_padding().0).unwrap_or(0);
-        self.layout.size[0] as usize * self.layout.format.bytes() + padding
+        self.layout.size[0] as usize * self.layout.format.bytes_per_pixel().unwrap_or(0) + padding
     }
 
     /// Copies a whole frame out and hands its memory back; `None` when the pool is used up.

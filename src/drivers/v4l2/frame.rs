@@ -1,7 +1,7 @@
 //! What a filled buffer is worth: whether it is whole, and when its exposure began. Pure; no system call.
 
 use super::jpeg::{self, Jpeg};
-use super::parameters::PixelFormat;
+use crate::drivers::pixel_format::PixelFormat;
 use std::time::Duration;
 
 /// The kernel's flags of a buffer.

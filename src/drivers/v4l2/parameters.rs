@@ -2,6 +2,7 @@
 //! where there is no such camera.
 
 use crate::drivers::number;
+use crate::drivers::pixel_format::PixelFormat;
 use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -65,97 +66,19 @@ pub enum TriggerMode {
     Line,
 }
 
-/// How pixels come.
-#[derive(Deserialize, Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PixelFormat {
-    /// A JPEG file a frame (`MJPG`, `JPEG`).
-    #[default]
-    #[serde(rename = "mjpeg")]
-    Mjpeg,
-    /// Y, U, Y, V.
-    #[serde(rename = "yuyv")]
-    Yuyv,
-    /// U, Y, V, Y.
-    #[serde(rename = "uyvy")]
-    Uyvy,
-    /// Red, green / green, blue.
-    #[serde(rename = "bayer_rggb8")]
-    BayerRggb8,
-    /// Green, red / blue, green.
-    #[serde(rename = "bayer_grbg8")]
-    BayerGrbg8,
-    /// Green, blue / red, green.
-    #[serde(rename = "bayer_gbrg8")]
-    BayerGbrg8,
-    /// Blue, green / green, red.
-    #[serde(rename = "bayer_bggr8")]
-    BayerBggr8,
-    /// Red, green, blue.
-    #[serde(rename = "rgb8")]
-    Rgb8,
-    /// Blue, green, red.
-    #[serde(rename = "bgr8")]
-    Bgr8,
-    /// Grey.
-    #[serde(rename = "mono8")]
-    Mono8,
-}
-
-impl PixelFormat {
-    /// All of them.
-    pub const ALL: [Self; 10] = [
-        Self::Mjpeg,
-        Self::Yuyv,
-        Self::Uyvy,
-        Self::BayerRggb8,
-        Self::BayerGrbg8,
-        Self::BayerGbrg8,
-        Self::BayerBggr8,
-        Self::Rgb8,
-        Self::Bgr8,
-        Self::Mono8,
-    ];
-
-    /// Its name in a recording; of a compressed one, the picture file's.
-    pub fn encoding(self) -> &'static str {
-        match self {
-            Self::Mjpeg => "jpeg",
-            Self::Yuyv => "yuyv",
-            Self::Uyvy => "uyvy",
-            Self::BayerRggb8 => "bayer_rggb8",
-            Self::BayerGrbg8 => "bayer_grbg8",
-            Self::BayerGbrg8 => "bayer_gbrg8",
-            Self::BayerBggr8 => "bayer_bggr8",
-            Self::Rgb8 => "rgb8",
-            Self::Bgr8 => "bgr8",
-            Self::Mono8 => "mono8",
-        }
-    }
-
-    /// The kernel's code of four letters.
-    pub fn four_letters(self) -> [u8; 4] {
-        *match self {
-            Self::Mjpeg => b"MJPG",
-            Self::Yuyv => b"YUYV",
-            Self::Uyvy => b"UYVY",
-            Self::BayerRggb8 => b"RGGB",
-            Self::BayerGrbg8 => b"GRBG",
-            Self::BayerGbrg8 => b"GBRG",
-            Self::BayerBggr8 => b"BA81",
-            Self::Rgb8 => b"RGB3",
-            Self::Bgr8 => b"BGR3",
-            Self::Mono8 => b"GREY",
-        }
-    }
-
-    /// Bytes of a pixel; `None` where frames are compressed.
-    pub fn bytes_per_pixel(self) -> Option<usize> {
-        match self {
-            Self::Mjpeg => None,
-            Self::Yuyv | Self::Uyvy => Some(2),
-            Self::Rgb8 | Self::Bgr8 => Some(3),
-            _ => Some(1),
-        }
+/// The kernel's code of four letters for a format.
+pub fn four_letters(format: PixelFormat) -> [u8; 4] {
+    *match format {
+        PixelFormat::Mjpeg => b"MJPG",
+        PixelFormat::Yuyv => b"YUYV",
+        PixelFormat::Uyvy => b"UYVY",
+        PixelFormat::BayerRggb8 => b"RGGB",
+        PixelFormat::BayerGrbg8 => b"GRBG",
+        PixelFormat::BayerGbrg8 => b"GBRG",
+        PixelFormat::BayerBggr8 => b"BA81",
+        PixelFormat::Rgb8 => b"RGB3",
+        PixelFormat::Bgr8 => b"BGR3",
+        PixelFormat::Mono8 => b"GREY",
     }
 }
 
@@ -210,7 +133,7 @@ impl Parameters {
 
     /// How pixels come.
     pub fn pixel_format(&self) -> PixelFormat {
-        self.pixel_format.unwrap_or_default()
+        self.pixel_format.unwrap_or(PixelFormat::Mjpeg)
     }
 
     /// What starts an exposure.
@@ -245,7 +168,7 @@ mod tests {
             "{PLAIN}pixel_format = 'bayer_grbg8'\ntrigger = 'line'"
         ))
         .unwrap();
-        assert_eq!(p.pixel_format().four_letters(), *b"GRBG");
+        assert_eq!(four_letters(p.pixel_format()), *b"GRBG");
     }
 
     #[test]
@@ -273,8 +196,7 @@ mod tests {
     fn each_format_has_a_name_and_letters_of_its_own() {
         let names: std::collections::BTreeSet<_> =
             PixelFormat::ALL.map(PixelFormat::encoding).into();
-        let letters: std::collections::BTreeSet<_> =
-            PixelFormat::ALL.map(PixelFormat::four_letters).into();
+        let letters: std::collections::BTreeSet<_> = PixelFormat::ALL.map(four_letters).into();
         assert_eq!((names.len(), letters.len()), (10, 10));
     }
 }

@@ -3,8 +3,9 @@
 
 use super::device::{self, Control};
 use super::frame::Expected;
-use super::parameters::{Parameters, PixelFormat, TriggerMode};
+use super::parameters::{Parameters, TriggerMode, four_letters};
 use crate::drivers::live::{Confirmed, Fault};
+use crate::drivers::pixel_format::PixelFormat;
 use crate::recording::{CameraSettings, Transfer};
 use v4l::capability::Flags;
 use v4l::video::Capture;
@@ -135,7 +136,7 @@ fn mode_words(p: &Parameters) -> String {
 
 /// Codes of four letters that a camera may have for a format.
 fn codes(format: PixelFormat) -> Vec<FourCC> {
-    let mut codes = vec![FourCC::new(&format.four_letters())];
+    let mut codes = vec![FourCC::new(&four_letters(format))];
     if format == PixelFormat::Mjpeg {
         codes.push(FourCC::new(b"JPEG"));
     }
