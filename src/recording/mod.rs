@@ -22,7 +22,7 @@ pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Transfer};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
-pub use recovery::{Recovered, recover, unfinished};
+pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
 pub use session::{Kept, Preamble, Session};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::{Compression, Writer};

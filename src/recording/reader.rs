@@ -42,12 +42,23 @@ pub struct Recording {
 
 impl Recording {
     /// Opens a file and finds what is in it. Damage is no error as long as anything can be read: see
-    /// [`Self::damage`].
+    /// [`Self::damage`]. Of one that is being written there is what it holds now.
     ///
     /// # Errors
     /// If it cannot be read, is no MCAP file, or is a recording of another format.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let source = Source::open(path)?;
+        Self::of(Source::open(path)?)
+    }
+
+    /// Opens a file whose lock is one's own: where it ends, it was cut off.
+    #[allow(clippy::missing_errors_doc)]
+    pub(super) fn open_cut_off(path: &Path) -> Result<Self, Error> {
+        let mut source = Source::open(path)?;
+        source.being_written = false;
+        Self::of(source)
+    }
+
+    fn of(source: Source) -> Result<Self, Error> {
         let mut index = walk(&source)?;
         if !index.is_trustworthy() {
             scan_chunks(&source, &mut index)?;

@@ -52,7 +52,7 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     let path = finished_name(part).ok_or_else(|| Error::NotUnfinished { path: part.into() })?;
     let mut file = File::open(part).map_err(io(part))?;
     lock(&file, part)?;
-    let recording = Recording::open(part)?;
+    let recording = Recording::open_cut_off(part)?;
     let damage = recording.verify()?;
     let length = recording.file_length();
     // Damage of no length, such as a name defined twice, makes nothing unreadable.
@@ -231,10 +231,15 @@ fn remove_stale(path: &Path) -> Result<(), Error> {
     }
 }
 
-/// The name that a recording gets when it is complete.
-fn finished_name(part: &Path) -> Option<PathBuf> {
+/// The name that a recording gets when it is complete, of one that is not: `NAME.mcap` of `NAME.mcap.part`.
+pub fn finished_name(part: &Path) -> Option<PathBuf> {
     let name = part.file_name()?.to_str()?.strip_suffix(PART)?;
     name.ends_with(".mcap").then(|| part.with_file_name(name))
+}
+
+/// The name that a recording has until it is complete: `NAME.mcap.part` of `NAME.mcap`.
+pub fn unfinished_name(path: &Path) -> PathBuf {
+    super::writer::part_of(path)
 }
 
 fn with_ending(path: &Path, ending: &str) -> PathBuf {

@@ -177,3 +177,28 @@ fn a_session_of_the_same_name_is_refused_and_one_that_broke_goes_on_in_another_f
     let again = Session::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
     assert!(again.err().unwrap().to_string().contains("s.mcap"));
 }
+
+#[test]
+fn what_is_being_written_is_whole_up_to_where_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut session = begin(folder.path(), &rig, 1 << 30);
+    let path = session.keep(&kept(&rig, "s-0001", 10)).unwrap();
+    let part = unfinished_name(&path);
+    let half = folder.path().join("half.mcap.part");
+    let open = Recording::open(&part).unwrap();
+    assert_eq!((open.damage(), open.verify().unwrap()), (&[][..], vec![]));
+    assert_eq!(count(&open, &Topic::Capture), 1);
+    // The same bytes and half a record, whose writer is at it, and then is gone.
+    let mut bytes = std::fs::read(&part).unwrap();
+    bytes.extend_from_slice(&bytes.clone()[8..40]);
+    std::fs::write(&half, bytes).unwrap();
+    let writer = std::fs::File::open(&half).unwrap();
+    writer.lock().unwrap();
+    let open = Recording::open(&half).unwrap();
+    assert_eq!((open.damage(), count(&open, &Topic::Capture)), (&[][..], 1));
+    drop(writer);
+    assert_eq!(Recording::open(&half).unwrap().damage().len(), 1);
+    session.close().unwrap();
+    assert_eq!(Recording::open(&path).unwrap().damage(), []);
+}

@@ -1,7 +1,8 @@
 //! The file under a recording: opened once, read at places, never trusted about its length or its lengths.
 
 use super::Error;
-use std::fs::File;
+use super::writer::PART;
+use std::fs::{File, TryLockError};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +15,8 @@ pub(super) struct Source {
     pub path: PathBuf,
     file: File,
     pub length: u64,
+    /// Whether a writer is still at it: then it ends wherever the writer is, and no end is missing.
+    pub being_written: bool,
 }
 
 impl Source {
@@ -27,11 +30,18 @@ impl Source {
             return Err(Error::NotAFile { path: path.into() });
         }
         let file = File::open(path).map_err(io)?;
+        // Before its length is known: what is completed between the two is whole, and found so.
+        let being_written = path
+            .as_os_str()
+            .as_encoded_bytes()
+            .ends_with(PART.as_bytes())
+            && is_locked(&file).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
         Ok(Self {
             path: path.into(),
             file,
             length,
+            being_written,
         })
     }
 
@@ -47,6 +57,16 @@ impl Source {
                 cause,
             })?;
         Ok(bytes)
+    }
+}
+
+/// Whether its writer holds the lock of a recording.
+fn is_locked(file: &File) -> std::io::Result<bool> {
+    match file.try_lock_shared() {
+        Ok(()) => file.unlock().map(|()| false),
+        Err(TryLockError::WouldBlock) => Ok(true),
+        // A file system without locks cannot tell.
+        Err(TryLockError::Error(_)) => Ok(false),
     }
 }
 

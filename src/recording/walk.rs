@@ -21,6 +21,14 @@ struct Span {
     length: u64,
 }
 
+/// Why there is no record at a place, in words.
+enum Broken {
+    /// The file ends before it does.
+    CutOff(String),
+    /// Whatever follows.
+    Senseless(String),
+}
+
 /// Finds everything that is in the file.
 pub(super) fn walk(source: &Source) -> Result<Index, Error> {
     let mut window = Window::new(source);
@@ -37,14 +45,15 @@ pub(super) fn walk(source: &Source) -> Result<Index, Error> {
                     return Ok(index);
                 }
             }
-            Err(what) => {
+            Err(Broken::CutOff(_)) if source.being_written => return Ok(index),
+            Err(Broken::CutOff(what) | Broken::Senseless(what)) => {
                 let next = next_chunk(source, position)?.unwrap_or(source.length);
                 index.add_damage(position, next - position, what);
                 position = next;
             }
         }
     }
-    if index.damage.is_empty() {
+    if index.damage.is_empty() && !source.being_written {
         let what = "the file ends without its footer: it was cut off or never finished";
         index.add_damage(source.length, 0, what);
     }
@@ -68,20 +77,23 @@ fn span(
     source: &Source,
     window: &mut Window<'_>,
     position: u64,
-) -> Result<Result<Span, String>, Error> {
+) -> Result<Result<Span, Broken>, Error> {
     let Ok((opcode, length)) = records::record_header(window.read(position, RECORD_HEADER)?) else {
-        return Ok(Err("the file is cut off within a record's head".into()));
+        let what = "the file is cut off within a record's head";
+        return Ok(Err(Broken::CutOff(what.into())));
     };
     let body = position + RECORD_HEADER as u64;
     let left = source.length - body;
     Ok(match () {
-        () if opcode == 0 => Err("there is no record of opcode 0".into()),
-        () if length > left => Err(format!(
+        () if opcode == 0 => Err(Broken::Senseless("there is no record of opcode 0".into())),
+        () if length > left => Err(Broken::CutOff(format!(
             "the record of opcode {opcode:#04x} says it has {length} bytes, the file has {left} left"
-        )),
-        () if length > LARGEST_RECORD && opcode != op::ATTACHMENT => Err(format!(
-            "the record of opcode {opcode:#04x} has {length} bytes, at most {LARGEST_RECORD} are read"
-        )),
+        ))),
+        () if length > LARGEST_RECORD && opcode != op::ATTACHMENT => {
+            Err(Broken::Senseless(format!(
+                "the record of opcode {opcode:#04x} has {length} bytes, at most {LARGEST_RECORD} are read"
+            )))
+        }
         () => Ok(Span {
             opcode,
             body,
