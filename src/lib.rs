@@ -25,3 +25,4 @@ pub mod report;
 pub mod simulate;
 pub mod sync;
 pub mod trigger;
+pub mod workers;

@@ -53,6 +53,19 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     ("log", &[]),
+    (
+        "workers",
+        &[
+            "daemon",
+            "drivers",
+            "frame",
+            "log",
+            "output",
+            "reconstruct",
+            "recording",
+            "report",
+        ],
+    ),
     ("queue", &[]),
     ("trigger", &[]),
     (
@@ -65,6 +78,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
             "report",
             "sync",
+            "workers",
         ],
     ),
 ];
@@ -85,6 +99,9 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),
     ("simulate", "reconstruct", SCENE),
+    ("workers", "daemon", &["free_bytes"]),
+    ("workers", "drivers", &["number"]),
+    ("workers", "reconstruct", &["Method"]),
 ];
 
 /// Stages of the reconstruction and the other stages that each may use. `pipeline` may use all.

@@ -18,6 +18,8 @@ pub mod live;
 pub mod recover;
 pub mod replay;
 pub mod simulate;
+#[cfg(feature = "live")]
+pub mod work;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -77,6 +79,9 @@ enum Command {
     Simulate(Box<simulate::Args>),
     Status(live::ask::StatusArgs),
     Trigger(live::ask::TriggerArgs),
+    #[cfg(feature = "live")]
+    #[command(hide = true)]
+    Work(Box<work::Args>),
 }
 
 /// Runs what was asked.
@@ -100,6 +105,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Simulate(args)) => simulate::run(*args),
         Some(Command::Status(args)) => live::ask::status(args),
         Some(Command::Trigger(args)) => live::ask::trigger(args),
+        #[cfg(feature = "live")]
+        Some(Command::Work(args)) => work::run(*args),
         None => replay::run(cli.replay),
     }
 }

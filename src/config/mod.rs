@@ -9,7 +9,7 @@ use crate::daemon::{
     ServiceParameters, SocketParameters,
 };
 use crate::drivers::{aravis, openni2, v4l2};
-use crate::{output, reconstruct, report, sync};
+use crate::{output, reconstruct, report, sync, workers};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -53,6 +53,8 @@ pub struct Config {
     pub service: ServiceParameters,
     /// What is run when something happens.
     pub hooks: HooksParameters,
+    /// How models are made meanwhile.
+    pub workers: workers::Parameters,
     /// Network links that cameras share, by names of one's own.
     pub links: BTreeMap<String, Link>,
     /// GigE Vision cameras.
@@ -118,6 +120,25 @@ impl Config {
                 .map_err(|e: toml::de::Error| setting(text, e))?;
         }
         Ok(config)
+    }
+
+    /// What a replay takes of it; the live rig's part is as if nothing had been set.
+    pub fn of_replay(&self) -> Self {
+        let all = self.clone();
+        Self {
+            sync: all.sync,
+            method: all.method,
+            vertices: all.vertices,
+            silhouette: all.silhouette,
+            hull: all.hull,
+            depth: all.depth,
+            region: all.region,
+            restoration: all.restoration,
+            texture: all.texture,
+            verdict: all.verdict,
+            glb: all.glb,
+            ..Self::default()
+        }
     }
 
     /// The parameters of the reconstruction's stages.
@@ -267,6 +288,23 @@ mod tests {
     }
 
     #[test]
+    fn what_a_replay_takes_does_not_depend_on_the_rig_and_is_the_same_from_its_text() {
+        let all = settings(&["hull.resolution=160", "method=hull", "glb.jpeg_quality=71"]);
+        let rig = settings(&[
+            "hull.resolution=160",
+            "method=hull",
+            "glb.jpeg_quality=71",
+            "workers.count=3",
+            "socket.path=/x",
+        ]);
+        let (all, rig) = (all.unwrap(), rig.unwrap());
+        assert_ne!(all, rig);
+        assert_eq!(all, rig.of_replay());
+        let text = toml::to_string(&rig.of_replay()).unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), all);
+    }
+
+    #[test]
     fn the_shipped_file_shows_every_default() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/replay.toml");
         let shown: Table = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
@@ -281,6 +319,7 @@ mod tests {
             "socket",
             "service",
             "hooks",
+            "workers",
             "links",
             "aravis",
             "v4l2",

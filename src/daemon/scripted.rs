@@ -184,6 +184,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
         program: "scand test".into(),
         events: events::Events::default(),
         models: false,
+        jobs: None,
         pulse: Pulse::default(),
     }
 }

@@ -1,6 +1,7 @@
 //! What the daemon knows of itself, for whoever asks.
 
 use super::rig::{Kind, Rig, State};
+use crate::workers::Backlog;
 use std::collections::BTreeMap;
 
 /// One camera.
@@ -61,6 +62,8 @@ pub struct Status {
     pub memory: [usize; 2],
     /// Hours since the oldest of the background plates was taken; `None` where a colour camera has none.
     pub plates_age_h: Option<f64>,
+    /// Models that are made and to be made; `None` where none are.
+    pub models: Option<Backlog>,
 }
 
 /// The cameras' part of the status; frames that each lost are counted elsewhere.

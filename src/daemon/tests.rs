@@ -311,3 +311,28 @@ fn what_cameras_tell_and_how_long_presses_take_is_in_the_status() {
     let takes = stand.capturing.status().takes_ms;
     assert!(takes["captured"].p50 > 0.0 && takes["captured"].p99 < takes["durable"].p99);
 }
+
+#[test]
+fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
+    let stand = start(|plan| {
+        plan.capture.retry = 0;
+        let jobs = crate::workers::Jobs::open(&plan.recording.folder);
+        plan.jobs = Some(Arc::new(jobs.unwrap()));
+    });
+    stand.mood("c01", Mood::Loses);
+    assert!(matches!(stand.press().last(), Some(Reply::Failed { .. })));
+    stand.mood("c01", Mood::Sound);
+    let heard = stand.press();
+    let Some(Reply::Durable { capture, .. }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    stand.until(|s| s.models.as_ref().is_some_and(|models| models.waiting == 1));
+    let (folder, _) = stand.stop();
+    let mut jobs = std::fs::read_dir(folder.path().join("jobs")).unwrap();
+    let text = std::fs::read_to_string(jobs.next().unwrap().unwrap().path()).unwrap();
+    assert!(
+        text.contains(&format!("{capture:?}")) && text.contains("test"),
+        "{text}"
+    );
+    assert!(jobs.next().is_none());
+}

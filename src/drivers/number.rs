@@ -9,6 +9,16 @@ use serde::de::{Deserialize, Deserializer, Error};
 pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
     from: D,
 ) -> Result<Option<u32>, D::Error> {
+    count::<D, LEAST, MOST>(from).map(Some)
+}
+
+/// The same of a count that has a default.
+///
+/// # Errors
+/// If it is none.
+pub fn count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
+    from: D,
+) -> Result<u32, D::Error> {
     let found = i64::deserialize(from)?;
     let within = (i64::from(LEAST)..=i64::from(MOST)).contains(&found);
     if !within {
@@ -16,7 +26,7 @@ pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u
             "{found}, expected {LEAST} to {MOST}"
         )));
     }
-    Ok(Some(found as u32))
+    Ok(found as u32)
 }
 
 /// Width and height in pixels, each from 1 to 16384.

@@ -3,6 +3,7 @@
 
 mod attributes;
 mod board_sheet;
+mod failure;
 pub mod glb;
 mod gltf;
 mod jpeg;
@@ -12,6 +13,7 @@ mod png;
 mod staging;
 
 pub use board_sheet::{Paper, board_sheet};
+pub use failure::write_failure;
 pub use png::encode_png;
 pub use staging::{StagedFolder, write_atomically};
 

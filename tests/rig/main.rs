@@ -403,3 +403,48 @@ fn a_slow_disk_refuses_presses_and_disturbs_no_camera() {
         stand.end();
     });
 }
+
+#[test]
+fn a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_start() {
+    network::alone(
+        "a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_start",
+        || {
+            let mut stand = Stand::start(&["sync.depth_frames=10", "workers.count=1"]);
+            let press = |stand: &Stand| match stand.press() {
+                Reply::Durable { capture, recording } => {
+                    let stem = recording.file_stem().unwrap().to_owned();
+                    Path::new(&stem).join(capture)
+                }
+                other => panic!("{other:?}: {}", stand.log()),
+            };
+            let is_running =
+                |m: &serde_json::Value| m["running"].as_array().is_some_and(|r| !r.is_empty());
+            let first = press(&stand);
+            stand.until_models("no model", |m| m["done"] == 1);
+            let second = press(&stand);
+            stand.until_models("nothing runs", is_running);
+            stand.kill_and_restart();
+            stand.until_models("no model after a kill", |m| m["done"] == 1);
+            let third = press(&stand);
+            stand.until_models("nothing runs", is_running);
+            let log = stand.log();
+            let folder = stand.end();
+            let outcome = |model: &Path| {
+                let report = folder.path().join("models").join(model).join("report.json");
+                let text = std::fs::read(report).ok()?;
+                let report: serde_json::Value = serde_json::from_slice(&text).unwrap();
+                report["outcome"].as_str().map(str::to_owned)
+            };
+            let outcomes = [first, second, third].map(|model| outcome(&model));
+            assert_eq!(
+                outcomes,
+                [Some("done".into()), Some("done".into()), None],
+                "{log}"
+            );
+            let jobs = std::fs::read_dir(folder.path().join("recordings/jobs")).unwrap();
+            let jobs =
+                jobs.filter(|j| j.as_ref().unwrap().path().extension() == Some("job".as_ref()));
+            assert_eq!(jobs.count(), 1);
+        },
+    );
+}

@@ -261,6 +261,14 @@ impl Stand {
         );
     }
 
+    /// Waits until the status of the models is so.
+    pub fn until_models(&self, what: &str, reached: impl Fn(&serde_json::Value) -> bool) {
+        self.until(what, || {
+            self.try_status()
+                .is_some_and(|status| reached(&status["models"]))
+        });
+    }
+
     /// Bytes of memory that the daemon has.
     pub fn daemon_memory(&self) -> u64 {
         let statm = format!("/proc/{}/statm", self.daemon.id());
@@ -325,6 +333,8 @@ fn run(folder: &Path, libraries: &Path, settings: &[String], slow: Option<Durati
     command
         .args(["run", "--config", "rig.toml"])
         .current_dir(folder);
+    // Models cost time; a test that wants them says so.
+    command.args(["--set", "workers.count=0"]);
     for setting in settings {
         command.args(["--set", setting]);
     }

@@ -2,6 +2,8 @@
 
 pub mod ask;
 #[cfg(feature = "live")]
+mod models;
+#[cfg(feature = "live")]
 mod prepare;
 #[cfg(feature = "live")]
 mod reread;

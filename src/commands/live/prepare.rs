@@ -39,8 +39,15 @@ impl Source {
     /// If one of them is bad.
     pub fn prepare(&self, clock: HostClock) -> anyhow::Result<Prepared> {
         let mut config = Config::load(Some(&self.config), &self.set).map_err(bad)?;
+        if config.workers.folder.as_os_str().is_empty() {
+            config.workers.folder = config.recording.folder.with_file_name("models");
+        }
         // Libraries of cameras change the working folder of a process for moments.
-        for path in [&mut config.recording.folder, &mut config.socket.path] {
+        for path in [
+            &mut config.recording.folder,
+            &mut config.socket.path,
+            &mut config.workers.folder,
+        ] {
             *path = std::path::absolute(&*path)?;
         }
         let text = std::fs::read_to_string(&self.config)

@@ -1,12 +1,15 @@
 //! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key, and
 //! taken whole or not at all, so that a recording's copy of it is always true.
 
+use super::models::settings;
 use super::prepare::Source;
 use crate::config::Config;
 use crate::daemon::{Reread, ServiceParameters};
 use crate::drivers::live::HostClock;
 use crate::recording::Preamble;
+use crate::workers::Jobs;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use toml::{Table, Value};
 
 /// Sections and keys that may change while the daemon runs. What the reconstruction goes by is no matter of cameras: it
@@ -38,6 +41,8 @@ pub(super) struct Running {
     pub source: Source,
     pub config: Config,
     pub preamble: Preamble,
+    /// Where models' settings go.
+    pub jobs: Option<Arc<Jobs>>,
 }
 
 impl Running {
@@ -54,6 +59,10 @@ impl Running {
             return Err(format!("{keys}: needs a restart"));
         }
         same_sizes(&self.preamble, &now.preamble)?;
+        if let Some(jobs) = &self.jobs {
+            let settings = settings(&now.config).map_err(|e| format!("{e:#}"))?;
+            jobs.set_settings(&settings).map_err(|e| e.to_string())?;
+        }
         let reread = Reread {
             capture: now.config.capture,
             recording: now.config.recording,

@@ -1,5 +1,6 @@
 //! `scand run`: the daemon, from its configuration to its end.
 
+use super::models::Models;
 use super::prepare::{Prepared, Source};
 use super::reread::Running;
 use crate::commands::EXIT_LOST;
@@ -60,6 +61,7 @@ fn serve_rig(
     } = prepared;
     let notifier = Arc::new(Notifier::from_environment());
     let pulse = Pulse::new(notifier.clone());
+    let models = Models::prepare(&config)?;
     let plan = Plan {
         sync: config.sync.clone(),
         capture: config.capture.clone(),
@@ -69,22 +71,29 @@ fn serve_rig(
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
         pulse: pulse.clone(),
-        models: false,
+        models: models.is_some(),
+        jobs: models.as_ref().map(|models| models.jobs.clone()),
     };
+    let (events, jobs) = (plan.events.clone(), plan.jobs.clone());
     let frames = frames_a_shot(&stations, plan.sync.depth_frames);
     let rig = Rig::start(stations, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
+    let workers = models.map(|models| models.start(&config, events));
+    let workers = workers.transpose()?;
     let running = Running {
         source,
         config,
         preamble,
+        jobs,
     };
     let reread = Box::new(move || running.reread(clock));
     let mut service = Service::new(notifier, &pulse, policy, reread);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");
+    // Models are made after the next start: the capture in progress has the machine to itself.
+    drop(workers);
     let stuck = capturing.stop();
     clients.finish(Duration::from_secs(1));
     hooks.into_iter().for_each(Hooks::stop);

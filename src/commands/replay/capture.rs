@@ -7,6 +7,7 @@ use crate::frame::CaptureId;
 use crate::job::{self, CaptureFacts, Session};
 use crate::output::{self, StagedFolder};
 use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
+use crate::recording;
 use crate::report::{self, Verdict};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
@@ -102,13 +103,6 @@ impl Reconstruct<'_> {
     }
 
     fn write_failure(&self, session: &Session, id: &CaptureId, reason: &str) -> anyhow::Result<()> {
-        let target = self.folder.join(id.as_str());
-        let earlier = target.join("report.json");
-        let failed_before =
-            std::fs::read(&earlier).is_ok_and(|bytes| report_member(&bytes, "outcome") == "failed");
-        if target.exists() && !failed_before && !self.force {
-            return Ok(()); // A model that was made before is worth more than the report of a failure.
-        }
         let origin = self.origin(session, "");
         let summary = session.capture(id);
         let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
@@ -118,9 +112,14 @@ impl Reconstruct<'_> {
             source: &source,
         };
         let report = report::Failure::new(&origin, capture, reason, report::Timing::default());
-        let staged = StagedFolder::create(&target)?;
-        staged.write("report.json", report::to_json(&report)?.as_bytes())?;
-        Ok(staged.commit(true)?)
+        let report = report::to_json(&report)?;
+        let target = self.folder.join(id.as_str());
+        Ok(output::write_failure(
+            &target,
+            report.as_bytes(),
+            None,
+            self.force,
+        )?)
     }
 
     fn try_capture(&self, session: &Session, id: &CaptureId) -> anyhow::Result<Outcome> {
@@ -162,13 +161,15 @@ impl Reconstruct<'_> {
 
     fn origin(&self, session: &Session, digest: &str) -> report::Origin {
         let path = session.recording().path();
+        // The same capture has the same report, whether its recording is complete or not.
+        let path = recording::finished_name(path).unwrap_or_else(|| path.to_owned());
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         report::Origin::new(&name, self.config.method, digest)
     }
 
     /// All settings that the model depends on, as text.
     fn settings(&self) -> String {
-        toml::to_string(self.config).unwrap_or_default()
+        toml::to_string(&self.config.of_replay()).unwrap_or_default()
     }
 
     /// Whether the folder holds the model of this digest.

@@ -11,6 +11,7 @@ use crate::frame::CaptureId;
 use crate::job::Session;
 use crate::queue;
 use crate::reconstruct::Method;
+use crate::recording;
 use anyhow::Context;
 use capture::{Outcome, Reconstruct};
 use console::Console;
@@ -60,6 +61,22 @@ pub struct Args {
     /// A red verdict is a failure
     #[arg(long)]
     strict: bool,
+}
+
+impl Args {
+    /// The files that are read.
+    #[cfg(feature = "live")]
+    pub(super) fn reads(&self) -> Vec<PathBuf> {
+        let others = self.calibration.iter().chain(&self.config);
+        self.replay.iter().chain(others).cloned().collect()
+    }
+
+    /// The folders that are written to, one a recording.
+    #[cfg(feature = "live")]
+    pub(super) fn writes(&self) -> anyhow::Result<Vec<PathBuf>> {
+        let stems = stems(&self.replay)?.into_iter();
+        Ok(stems.map(|stem| self.out.join(stem)).collect())
+    }
 }
 
 /// Reconstructs every capture of the recordings.
@@ -144,12 +161,13 @@ fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> 
     only.iter().map(find).collect()
 }
 
-/// The files' stems, which name their output folders: two of one stem would share one.
+/// The files' stems, those of complete recordings, which name their output folders: two of one stem would share one.
 fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
     let mut seen = BTreeMap::new();
     let mut stems = Vec::new();
     for file in files {
-        let stem = file
+        let complete = recording::finished_name(file).unwrap_or_else(|| file.clone());
+        let stem = complete
             .file_stem()
             .and_then(|s| s.to_str())
             .unwrap_or_default()

@@ -19,6 +19,7 @@ use crate::log;
 use crate::recording::{Error, Note, Preamble, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
+use crate::workers::Jobs;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -89,6 +90,8 @@ pub struct Plan {
     pub pulse: Pulse,
     /// Whether models are made of captures, so that a press may wait for its model.
     pub models: bool,
+    /// Where the jobs of making models go; `None` where none are made.
+    pub jobs: Option<Arc<Jobs>>,
 }
 
 /// Captures since the start, counted when they are on the disk or cannot be.
@@ -128,6 +131,7 @@ pub struct Capturing {
     events: Events,
     presses: Arc<Presses>,
     models: bool,
+    jobs: Option<Arc<Jobs>>,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
@@ -152,7 +156,7 @@ impl Capturing {
         let recorder =
             Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
         let ended: Arc<Ended> = Arc::default();
-        let events = plan.events.clone();
+        let (events, jobs) = (plan.events.clone(), plan.jobs.clone());
         let witness = presses.clone();
         events.witnessed_by(move |event| witness.witness(event));
         let worker = Worker::new(
@@ -173,6 +177,7 @@ impl Capturing {
             events,
             presses,
             models,
+            jobs,
             thread: Mutex::new(Some(thread.map_err(io)?)),
         })
     }
@@ -245,6 +250,7 @@ impl Capturing {
             complete: self.ended.complete(),
             failed: self.ended.failed(),
             takes_ms: self.ended.takes.spreads(),
+            models: self.jobs.as_ref().map(|jobs| jobs.backlog()),
             ..status.clone()
         }
     }

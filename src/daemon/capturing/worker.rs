@@ -15,6 +15,7 @@ use crate::log;
 use crate::recording::{Kept, Note, Outcome, Preamble, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use crate::trigger::Reply;
+use crate::workers::{Job, Jobs};
 use crossbeam_channel::{Receiver, select};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -318,18 +319,23 @@ impl Worker {
         let told = press.clone();
         let events = self.plan.events.clone();
         let name = capture.clone();
+        let (jobs, trigger) = (self.plan.jobs.clone(), kept.trigger.clone());
         let done: Done = Box::new(move |written| {
             let durable = complete && written.is_ok();
             ended.count(durable);
             if durable {
                 ended.takes.note("durable", begin.elapsed());
             }
+            let recording = written.as_ref().ok().filter(|_| complete).cloned();
             let end = end(name, complete, reason, written);
             if let Reply::Failed { capture, reason } = &end {
                 log::error!("capture {capture} failed: {reason}");
             }
             if ends {
                 tell(&events, &told, end);
+            }
+            if let (Some(jobs), Some(recording)) = (jobs, recording) {
+                offer(&jobs, &events, recording, &trigger);
             }
         });
         if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
@@ -478,6 +484,7 @@ impl Worker {
             waiting: self.recorder.waiting(),
             memory: [self.plan.pool.allocated(), self.plan.pool.limit()],
             plates_age_h: self.plates_age_h(),
+            models: None,
         };
         *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
@@ -566,6 +573,21 @@ fn end(capture: String, complete: bool, reason: String, written: Result<PathBuf,
             capture,
             reason: format!("it is not on the disk: {problem}"),
         },
+    }
+}
+
+/// Lets a model be made of a capture that is on the disk.
+fn offer(jobs: &Jobs, events: &Events, recording: PathBuf, trigger: &Trigger) {
+    let capture = trigger.id.to_string();
+    let job = Job::new(&recording, &capture, trigger.time.0, &trigger.source);
+    if let Err(error) = jobs.offer(&job) {
+        log::error!("capture {capture}: no model will be made: {error}");
+        let reason = error.to_string();
+        events.publish(Event::JobFailed {
+            capture,
+            recording,
+            reason,
+        });
     }
 }
 

@@ -17,7 +17,9 @@ use crate::job::CaptureFacts;
 use serde::Serialize;
 
 /// How far a model can be trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, serde::Deserialize,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
     /// Nothing is wrong. A reason of this level is a note.

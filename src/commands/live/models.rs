@@ -1,0 +1,78 @@
+//! Who makes models while the daemon runs, from its configuration.
+
+use crate::config::Config;
+use crate::daemon::events::{Event, Events, Verdict};
+use crate::recording::{finished_name, unfinished};
+use crate::report::Level;
+use crate::workers::{Ended, Jobs, Plan, Workers};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Jobs that can be offered already, and what is to be known before an earlier run's recordings are completed.
+pub(super) struct Models {
+    pub(super) jobs: Arc<Jobs>,
+    /// Recordings that an earlier run was writing, under the names that they have when they are complete.
+    left: Vec<PathBuf>,
+}
+
+impl Models {
+    /// `None` where the configuration wants no models.
+    pub(super) fn prepare(config: &Config) -> anyhow::Result<Option<Self>> {
+        if config.workers.count == 0 {
+            return Ok(None);
+        }
+        let folder = &config.recording.folder;
+        let jobs = Arc::new(Jobs::open(folder)?);
+        let left = unfinished(folder)?;
+        Ok(Some(Self {
+            jobs,
+            left: left.iter().filter_map(|p| finished_name(p)).collect(),
+        }))
+    }
+
+    /// Begins, once what an earlier run left is completed. Who listens hears of each model, and of each that cannot be.
+    pub(super) fn start(self, config: &Config, events: Events) -> anyhow::Result<Workers> {
+        self.jobs.offer_missing(&self.left, &config.workers.folder);
+        let plan = Plan {
+            parameters: config.workers.clone(),
+            settings: settings(config)?,
+            method: config.method,
+            keep_free: config.recording.keep_free_mb.saturating_mul(1_000_000),
+            // This very program, also when another version has been installed meanwhile.
+            command: vec!["/proc/self/exe".into(), "work".into()],
+        };
+        let tell = move |ended| events.publish(event(ended));
+        Ok(Workers::start(&self.jobs, plan, tell)?)
+    }
+}
+
+/// What a process that makes a model goes by.
+pub(super) fn settings(config: &Config) -> anyhow::Result<String> {
+    Ok(toml::to_string(&config.of_replay())?)
+}
+
+fn event(ended: Ended) -> Event {
+    let Ended {
+        capture,
+        recording,
+        model,
+    } = ended;
+    match model {
+        Ok(model) => Event::Done {
+            capture,
+            recording,
+            verdict: match model.verdict {
+                Level::Green => Verdict::Green,
+                Level::Amber => Verdict::Amber,
+                Level::Red => Verdict::Red,
+            },
+            reasons: model.reasons,
+            model: model.folder,
+        },
+        Err(reason) => Event::JobFailed {
+            capture,
+            recording,
+            reason,
+        },
+    }
+}

@@ -1,0 +1,55 @@
+//! Where the capture of a job is now. Its recording gets another name when it is complete, another file when it was
+//! recovered, and any name that a person gives it; and another session may have been given the old one.
+
+use super::job::{Job, identity};
+use crate::frame::Timestamp;
+use crate::recording::{Recording, Topic, finished_name, unfinished_name};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, UNIX_EPOCH};
+
+/// The recording that has the capture now; `None` where none in the folder has. Where the file is the one that it was,
+/// nothing is opened.
+pub(super) fn find(folder: &Path, job: &Job) -> Option<PathBuf> {
+    let complete = folder.join(&job.recording);
+    let mut candidates = vec![complete.clone(), unfinished_name(&complete)];
+    if let Some(path) = candidates.iter().find(|path| is_same(path, job)) {
+        return Some(path.clone());
+    }
+    candidates.extend(others(folder, job));
+    candidates.into_iter().find(|path| holds(path, job))
+}
+
+/// All recordings that were written to since the capture, the file that it was in first.
+fn others(folder: &Path, job: &Job) -> Vec<PathBuf> {
+    // Some file systems round the times of files.
+    let since = UNIX_EPOCH + Duration::from_nanos(job.trigger_ns) - Duration::from_secs(60);
+    let entries = std::fs::read_dir(folder).into_iter().flatten();
+    let mut found: Vec<_> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| {
+            path.extension().is_some_and(|e| e == "mcap") || finished_name(path).is_some()
+        })
+        .filter(|path| {
+            let written = std::fs::metadata(path).and_then(|m| m.modified());
+            written.is_ok_and(|written| written >= since)
+        })
+        .map(|path| (!is_same(&path, job), path))
+        .collect();
+    found.sort();
+    found.into_iter().map(|(_, path)| path).collect()
+}
+
+fn is_same(path: &Path, job: &Job) -> bool {
+    !job.file.is_empty() && identity(path).as_ref() == Some(&job.file)
+}
+
+fn holds(path: &Path, job: &Job) -> bool {
+    let Ok(recording) = Recording::open(path) else {
+        return false;
+    };
+    let at = recording.messages_at(&Topic::Trigger, Timestamp(job.trigger_ns));
+    at.iter().any(|message| {
+        let trigger = recording.trigger(message);
+        trigger.is_ok_and(|trigger| trigger.id.as_str() == job.capture)
+    })
+}

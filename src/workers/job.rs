@@ -1,0 +1,87 @@
+//! One job: which capture, in which recording. As it lies on the disk.
+
+use crate::frame::CaptureId;
+use crate::recording::{Outcome, Recording, Topic};
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+/// A capture of which a model is to be made. What it is, is the capture's id and the time of its trigger; where it is,
+/// was known when it was kept, and may change.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Job {
+    /// File name of its recording when that is complete.
+    pub recording: String,
+    /// Which file that was when the job was offered; empty where the disk cannot tell.
+    pub file: String,
+    /// Its id.
+    pub capture: String,
+    /// Time of its trigger in UTC nanoseconds.
+    pub trigger_ns: u64,
+    /// What triggered it.
+    pub source: String,
+    /// How often the job was begun, and neither ended nor was given back.
+    #[serde(default)]
+    pub begun: u32,
+}
+
+impl Job {
+    /// The job of a capture in a recording that is, or will be, at `recording`.
+    pub fn new(recording: &Path, capture: &str, trigger_ns: u64, source: &str) -> Self {
+        let unfinished = crate::recording::unfinished_name(recording);
+        let file = identity(&unfinished).or_else(|| identity(recording));
+        let name = recording.file_name().unwrap_or_default();
+        Self {
+            recording: name.to_string_lossy().into_owned(),
+            file: file.unwrap_or_default(),
+            capture: capture.into(),
+            trigger_ns,
+            source: source.into(),
+            begun: 0,
+        }
+    }
+
+    /// The jobs of all complete captures of a recording, which is at `path` when it is complete.
+    pub(super) fn of_recording(recording: &Recording, path: &Path) -> Vec<Self> {
+        let records = recording.messages(&Topic::Capture).iter();
+        let complete: Vec<String> = records
+            .filter_map(|m| recording.capture_record(m).ok())
+            .filter(|record| record.outcome == Outcome::Complete)
+            .map(|record| record.id)
+            .collect();
+        let triggers = recording.messages(&Topic::Trigger).iter();
+        triggers
+            .filter_map(|m| recording.trigger(m).ok())
+            .filter(|t| complete.iter().any(|id| id == t.id.as_str()))
+            .map(|t| Self::new(path, t.id.as_str(), t.time.0, &t.source))
+            .collect()
+    }
+
+    /// The name of its file: the oldest capture's comes first, and a capture has but one.
+    pub(super) fn file_name(&self) -> String {
+        format!("{:020}-{}.{ENDING}", self.trigger_ns, self.capture)
+    }
+
+    /// Reads what a file holds.
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let job: Self = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+        CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
+        let plain = Path::new(&job.recording).file_name() == Some(job.recording.as_ref());
+        if !plain {
+            return Err(format!("{:?} is no file's name", job.recording));
+        }
+        Ok(job)
+    }
+}
+
+/// What the names of jobs end with.
+pub(super) const ENDING: &str = "job";
+
+/// Tells a file from all others of its disk, under whatever name: numbers of files are given again, but not at the same
+/// time.
+pub(super) fn identity(path: &Path) -> Option<String> {
+    use std::os::unix::fs::MetadataExt;
+    let file = std::fs::metadata(path).ok()?;
+    let made = file.created().ok()?.duration_since(UNIX_EPOCH).ok()?;
+    Some(format!("{}-{}", file.ino(), made.as_nanos()))
+}

@@ -1,0 +1,341 @@
+//! The jobs that are to be done, a small file each in the folder `jobs` beside the recordings: durable when it is
+//! offered, gone when it is done. In memory is only what is being done, and how many wait.
+
+use super::job::{ENDING, Job};
+use crate::log;
+use crate::output::{self, write_atomically};
+use crate::recording::{Recording, unfinished_name};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Why a job cannot be kept.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The folder of jobs cannot be made or read.
+    #[error("{}: {cause}", path.display())]
+    Io {
+        /// The folder.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// Its file cannot be written.
+    #[error(transparent)]
+    Output(#[from] output::Error),
+}
+
+/// All jobs, shared by who offers them and who does them.
+pub struct Jobs {
+    recordings: PathBuf,
+    folder: PathBuf,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    waiting: usize,
+    /// By the names of their files.
+    running: BTreeMap<String, (Job, Instant)>,
+    workers: usize,
+    stopped: bool,
+    done: u64,
+    failed: u64,
+    /// What one takes, as far as is known.
+    seconds: Option<f64>,
+}
+
+/// What is to be done yet.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Backlog {
+    /// Jobs that wait.
+    pub waiting: usize,
+    /// Jobs that are being done.
+    pub running: Vec<Running>,
+    /// Seconds until all are done; `None` before the first one was.
+    pub expected_s: Option<f64>,
+    /// Models made since the start.
+    pub done: u64,
+    /// Jobs that failed since the start.
+    pub failed: u64,
+}
+
+/// A job that is being done.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Running {
+    /// File name of the recording, when it is complete.
+    pub recording: String,
+    /// The capture.
+    pub capture: String,
+    /// Since when, in seconds.
+    pub seconds: f64,
+}
+
+/// A job that was taken and is to be given back or finished.
+pub(super) struct Taken {
+    name: String,
+    pub(super) job: Job,
+}
+
+impl Jobs {
+    /// The jobs of the recordings in a folder: those that an earlier run left, and those that come.
+    ///
+    /// # Errors
+    /// If the folder of jobs cannot be made or read.
+    pub fn open(recordings: &Path) -> Result<Self, Error> {
+        let folder = recordings.join("jobs");
+        let io = |cause| Error::Io {
+            path: folder.clone(),
+            cause,
+        };
+        std::fs::create_dir_all(&folder).map_err(io)?;
+        let mut waiting = 0;
+        for entry in std::fs::read_dir(&folder).map_err(io)? {
+            let path = entry.map_err(io)?.path();
+            if is_job(&path) {
+                waiting += 1;
+            } else if is_hidden(&path) {
+                // What a kill left of a file that was being written.
+                let _ = std::fs::remove_file(&path);
+            }
+        }
+        let state = State {
+            waiting,
+            ..State::default()
+        };
+        Ok(Self {
+            recordings: recordings.into(),
+            folder,
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        })
+    }
+
+    /// Keeps a job until it is done. When this returns it survives a power cut. One that is kept already is no other.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn offer(&self, job: &Job) -> Result<(), Error> {
+        let path = self.folder.join(job.file_name());
+        if path.exists() {
+            return Ok(());
+        }
+        write_atomically(&path, &as_bytes(job))?;
+        lock(&self.state).waiting += 1;
+        self.changed.notify_all();
+        Ok(())
+    }
+
+    /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
+    /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is said.
+    pub fn offer_missing(&self, recordings: &[PathBuf], models: &Path) {
+        for path in recordings {
+            let recovered = path.exists();
+            let found = if recovered {
+                path.clone()
+            } else {
+                unfinished_name(path)
+            };
+            let jobs = match Recording::open(&found) {
+                Ok(recording) => Job::of_recording(&recording, path),
+                Err(error) => {
+                    log::warning!("{error}: no models are made of it");
+                    continue;
+                }
+            };
+            let folder = models.join(path.file_stem().unwrap_or_default());
+            for job in jobs.iter().filter(|j| !folder.join(&j.capture).exists()) {
+                if let Err(error) = self.offer(job) {
+                    log::error!("capture {}: no model will be made: {error}", job.capture);
+                }
+            }
+        }
+    }
+
+    /// What is to be done yet.
+    pub fn backlog(&self) -> Backlog {
+        let state = lock(&self.state);
+        let running: Vec<Running> = state.running.values().map(running).collect();
+        let expected = |each: f64| {
+            let left = running.iter().map(|r| (each - r.seconds).max(0.0));
+            (left.sum::<f64>() + each * state.waiting as f64) / state.workers.max(1) as f64
+        };
+        Backlog {
+            waiting: state.waiting,
+            expected_s: state.seconds.map(expected),
+            done: state.done,
+            failed: state.failed,
+            running,
+        }
+    }
+
+    /// Where the recordings are.
+    pub(super) fn recordings(&self) -> &Path {
+        &self.recordings
+    }
+
+    /// Sets what jobs that are begun from now on go by: the configuration of a reconstruction, as TOML. Each process
+    /// reads it for itself, whatever becomes of the file that it came from.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn set_settings(&self, settings: &str) -> Result<(), Error> {
+        Ok(write_atomically(&self.settings(), settings.as_bytes())?)
+    }
+
+    /// Where the settings are.
+    pub(super) fn settings(&self) -> PathBuf {
+        self.folder.join("settings.toml")
+    }
+
+    /// Says how many do jobs at the same time.
+    pub(super) fn set_workers(&self, workers: usize) {
+        lock(&self.state).workers = workers;
+    }
+
+    /// The oldest job that nobody does, as soon as there is one; `None` once there shall be no more.
+    pub(super) fn take(&self) -> Option<Taken> {
+        let mut state = lock(&self.state);
+        while !state.stopped {
+            if state.waiting == 0 {
+                let woken = self.changed.wait(state);
+                state = woken.unwrap_or_else(PoisonError::into_inner);
+                continue;
+            }
+            match oldest(&self.folder, &state.running) {
+                Ok(Some(name)) => {
+                    state.waiting -= 1;
+                    if let Some(job) = self.read(&name) {
+                        let running = (job.clone(), Instant::now());
+                        state.running.insert(name.clone(), running);
+                        return Some(Taken { name, job });
+                    }
+                }
+                // A person has removed them.
+                Ok(None) => state.waiting = 0,
+                Err(error) => {
+                    log::error!("{}: {error}", self.folder.display());
+                    drop(state);
+                    self.pause(Duration::from_secs(5));
+                    state = lock(&self.state);
+                }
+            }
+        }
+        None
+    }
+
+    /// Reads a job; one that is none is set aside.
+    fn read(&self, name: &str) -> Option<Job> {
+        let path = self.folder.join(name);
+        let read = std::fs::read(&path).map_err(|e| e.to_string());
+        match read.and_then(|bytes| Job::parse(&bytes)) {
+            Ok(job) => Some(job),
+            Err(problem) => {
+                log::error!("{} is no job: {problem}; it is set aside", path.display());
+                if std::fs::rename(&path, path.with_extension("bad")).is_err() {
+                    let _ = std::fs::remove_file(&path);
+                }
+                None
+            }
+        }
+    }
+
+    /// Notes on the disk how often a job was begun.
+    pub(super) fn note(&self, taken: &Taken) {
+        let written = write_atomically(&self.folder.join(&taken.name), &as_bytes(&taken.job));
+        if let Err(error) = written {
+            log::warning!("{error}");
+        }
+    }
+
+    /// Lets a job wait again.
+    pub(super) fn give_back(&self, taken: &Taken) {
+        let mut state = lock(&self.state);
+        state.running.remove(&taken.name);
+        state.waiting += 1;
+        self.changed.notify_all();
+    }
+
+    /// Removes a job that has come to its end.
+    pub(super) fn finish(&self, taken: &Taken, done: bool) {
+        let path = self.folder.join(&taken.name);
+        if let Err(error) = std::fs::remove_file(&path) {
+            log::warning!("{}: {error}", path.display());
+        }
+        let mut state = lock(&self.state);
+        let Some((_, since)) = state.running.remove(&taken.name) else {
+            return;
+        };
+        if done {
+            let (seconds, before) = (since.elapsed().as_secs_f64(), state.seconds);
+            // The last ones count most: another object, another resolution.
+            state.seconds = Some(before.map_or(seconds, |before| 0.7 * before + 0.3 * seconds));
+            state.done += 1;
+        } else {
+            state.failed += 1;
+        }
+    }
+
+    /// Waits, but not longer than until there shall be no more jobs.
+    pub(super) fn pause(&self, time: Duration) {
+        let state = lock(&self.state);
+        drop(self.changed.wait_timeout_while(state, time, |s| !s.stopped));
+    }
+
+    /// Whether there shall be no more jobs.
+    pub(super) fn is_stopped(&self) -> bool {
+        lock(&self.state).stopped
+    }
+
+    /// Lets nobody take jobs any more. They are still kept.
+    pub(super) fn stop(&self) {
+        lock(&self.state).stopped = true;
+        self.changed.notify_all();
+    }
+}
+
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn as_bytes(job: &Job) -> Vec<u8> {
+    serde_json::to_vec(job).unwrap_or_default()
+}
+
+fn is_job(path: &Path) -> bool {
+    !is_hidden(path) && path.extension().is_some_and(|e| e == ENDING)
+}
+
+fn is_hidden(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default();
+    name.as_encoded_bytes().starts_with(b".")
+}
+
+fn running((job, since): &(Job, Instant)) -> Running {
+    Running {
+        recording: job.recording.clone(),
+        capture: job.capture.clone(),
+        seconds: since.elapsed().as_secs_f64(),
+    }
+}
+
+/// The name of the oldest job that is not being done.
+fn oldest(
+    folder: &Path,
+    running: &BTreeMap<String, (Job, Instant)>,
+) -> std::io::Result<Option<String>> {
+    let mut oldest: Option<String> = None;
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        let Some(name) = path.file_name().and_then(|n| n.to_str()) else {
+            continue;
+        };
+        let older = oldest.as_deref().is_none_or(|o| name < o);
+        if older && is_job(&path) && !running.contains_key(name) {
+            oldest = Some(name.to_owned());
+        }
+    }
+    Ok(oldest)
+}

@@ -1,0 +1,310 @@
+//! The threads that take jobs, one after the other, and start a process for each.
+
+use super::child::{Child, End};
+use super::find::find;
+use super::jobs::{Error, Jobs, Taken};
+use super::outcome::{self, Model};
+use super::{Job, Parameters};
+use crate::frame::{CaptureId, Timestamp};
+use crate::reconstruct::Method;
+use crate::{log, output, recording, report};
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// What a process says first of what the system cannot do for it.
+pub(super) const MISSING: &str = "scand: warning: ";
+/// How often a job is begun that ends neither well nor badly, but with the daemon.
+const MOST_BEGUN: u32 = 3;
+
+/// What the threads work with, fixed at the start.
+pub struct Plan {
+    /// How many, how long, and where models go.
+    pub parameters: Parameters,
+    /// The configuration of the reconstruction, as TOML.
+    pub settings: String,
+    /// Which model is made; for the reports of failures.
+    pub method: Method,
+    /// Bytes of the models' disk that are left to others: no job is begun when there is less.
+    pub keep_free: u64,
+    /// The program that does a job and the first of its arguments; those of `scand work` follow.
+    pub command: Vec<OsString>,
+}
+
+/// A job that came to its end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ended {
+    /// The capture.
+    pub capture: String,
+    /// Its recording, under the name that it has when it is complete.
+    pub recording: PathBuf,
+    /// The model, or why there is none.
+    pub model: Result<Model, String>,
+}
+
+/// The threads, from outside.
+pub struct Workers {
+    jobs: Arc<Jobs>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+impl Workers {
+    /// Starts the threads. `ended` hears of each job that came to its end, once, or once more after a crash.
+    ///
+    /// # Errors
+    /// If the folders cannot be made, or the system has no thread left.
+    pub fn start(
+        jobs: &Arc<Jobs>,
+        plan: Plan,
+        ended: impl Fn(Ended) + Send + Sync + 'static,
+    ) -> Result<Self, Error> {
+        let io = |path: &Path| {
+            let path = path.to_owned();
+            move |cause| Error::Io { path, cause }
+        };
+        let models = plan.parameters.folder.clone();
+        std::fs::create_dir_all(&models).map_err(io(&models))?;
+        jobs.set_settings(&plan.settings)?;
+        let count = plan.parameters.count;
+        let shared = Arc::new(Shared {
+            jobs: jobs.clone(),
+            plan,
+            told: Mutex::default(),
+            ended: Box::new(ended),
+        });
+        jobs.set_workers(count as usize);
+        let workers = Self {
+            jobs: jobs.clone(),
+            threads: Mutex::default(),
+        };
+        for number in 0..count {
+            let shared = shared.clone();
+            let thread = std::thread::Builder::new().name(format!("worker {number}"));
+            let thread = thread.spawn(move || shared.run()).map_err(io(&models))?;
+            lock(&workers.threads).push(thread);
+        }
+        Ok(workers)
+    }
+
+    /// Ends the processes and the threads. What was being done is done after the next start.
+    pub fn stop(&self) {
+        self.jobs.stop();
+        let threads = std::mem::take(&mut *lock(&self.threads));
+        for thread in threads {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Workers {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What all threads share.
+struct Shared {
+    jobs: Arc<Jobs>,
+    plan: Plan,
+    /// What was said already of what the system cannot do.
+    told: Mutex<BTreeSet<String>>,
+    ended: Box<dyn Fn(Ended) + Send + Sync>,
+}
+
+impl Shared {
+    fn run(&self) {
+        while let Some(mut taken) = self.jobs.take() {
+            let Some(ended) = self.carry_out(&mut taken) else {
+                self.jobs.give_back(&taken);
+                continue;
+            };
+            match &ended.model {
+                Ok(model) => log::notice!(
+                    "capture {}: {}, {}",
+                    ended.capture,
+                    model.verdict.name(),
+                    model.folder.display()
+                ),
+                Err(reason) => {
+                    log::error!("capture {}: there is no model: {reason}", ended.capture);
+                }
+            }
+            let done = ended.model.is_ok();
+            // Rather told twice, after a crash, than never.
+            (self.ended)(ended);
+            self.jobs.finish(&taken, done);
+        }
+    }
+
+    /// Does a job; `None` if it is to be done again.
+    fn carry_out(&self, taken: &mut Taken) -> Option<Ended> {
+        let folder = self.jobs.recordings();
+        let Some(path) = find(folder, &taken.job) else {
+            let reason = format!("no recording in {} has it any more", folder.display());
+            let complete = folder.join(&taken.job.recording);
+            return Some(self.failed(&taken.job, &complete, reason, ""));
+        };
+        let complete = recording::finished_name(&path).unwrap_or_else(|| path.clone());
+        if taken.job.begun >= MOST_BEGUN {
+            let begun = taken.job.begun;
+            let reason = format!("it was begun {begun} times, and each time the daemon died");
+            return Some(self.failed(&taken.job, &complete, reason, ""));
+        }
+        self.wait_for_room();
+        if self.jobs.is_stopped() {
+            return None;
+        }
+        taken.job.begun += 1;
+        self.jobs.note(taken);
+        let child = Child::start(&mut self.command(&path, &taken.job));
+        let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
+        let waited = child.and_then(|child| child.wait(limit, || self.jobs.is_stopped()));
+        let (model, words) = match waited {
+            Err(error) => (
+                Err(format!("its process cannot be run: {error}")),
+                "".into(),
+            ),
+            Ok((End::TimedOut, words)) => {
+                let reason = format!(
+                    "it was not done within {} s (workers.time_limit_s)",
+                    limit.as_secs()
+                );
+                (Err(reason), words)
+            }
+            Ok((End::Ended(status), words)) if !self.is_to_be_repeated(status, &path) => {
+                let target = self.target(&complete, &taken.job);
+                let parameters = &self.plan.parameters;
+                let model = outcome::model(&target, status, &words, parameters);
+                (model, words)
+            }
+            Ok(_) => {
+                taken.job.begun -= 1;
+                self.jobs.note(taken);
+                return None;
+            }
+        };
+        self.tell_missing(&words);
+        Some(match model {
+            Ok(model) => Ended {
+                capture: taken.job.capture.clone(),
+                recording: complete,
+                model: Ok(model),
+            },
+            Err(reason) => self.failed(&taken.job, &complete, reason, &words),
+        })
+    }
+
+    /// Whether a process ended because it was asked to, or because its recording got another name before it was opened.
+    fn is_to_be_repeated(&self, status: ExitStatus, path: &Path) -> bool {
+        const HANGUP_INTERRUPT_TERMINATE: [i32; 3] = [1, 2, 15];
+        let asked = status
+            .signal()
+            .is_some_and(|signal| HANGUP_INTERRUPT_TERMINATE.contains(&signal));
+        let renamed = !status.success() && !path.exists();
+        if asked || renamed {
+            // Who ends a process may end this one next.
+            self.jobs.pause(Duration::from_millis(300));
+        }
+        asked || renamed
+    }
+
+    fn target(&self, complete: &Path, job: &Job) -> PathBuf {
+        let stem = complete.file_stem().unwrap_or_default();
+        self.plan.parameters.folder.join(stem).join(&job.capture)
+    }
+
+    fn command(&self, path: &Path, job: &Job) -> Command {
+        let parameters = &self.plan.parameters;
+        let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
+        command
+            .args(self.plan.command.iter().skip(1))
+            .args(["--parent", &std::process::id().to_string()])
+            .args(["--memory-mb", &parameters.memory_mb.to_string()])
+            .args(["--nice", &parameters.nice.to_string()])
+            .args([Path::new("--replay"), path])
+            .args(["--capture", &job.capture])
+            .args([Path::new("--out"), &parameters.folder])
+            .args([Path::new("--config"), &self.jobs.settings()])
+            .arg("--quiet");
+        // Said to the daemon alone.
+        for name in ["NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"] {
+            command.env_remove(name);
+        }
+        for name in ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"] {
+            command.env_remove(name);
+        }
+        command
+    }
+
+    /// Waits while the disk has less room than it is to have.
+    fn wait_for_room(&self) {
+        let models = &self.plan.parameters.folder;
+        let mut told = false;
+        while let Ok(free) = crate::daemon::free_bytes(models)
+            && free < self.plan.keep_free
+            && !self.jobs.is_stopped()
+        {
+            if !told {
+                log::warning!(
+                    "{} has {} MB left: models wait until there are {}",
+                    models.display(),
+                    free / 1_000_000,
+                    self.plan.keep_free / 1_000_000
+                );
+                told = true;
+            }
+            self.jobs.pause(Duration::from_secs(5));
+        }
+    }
+
+    /// Says what the system cannot do for a process, once.
+    fn tell_missing(&self, words: &str) {
+        for line in words.lines() {
+            if let Some(missing) = line.strip_prefix(MISSING)
+                && lock(&self.told).insert(missing.to_owned())
+            {
+                log::warning!("{missing}");
+            }
+        }
+    }
+
+    /// The end of a job that failed, with a report in the place of its model.
+    fn failed(&self, job: &Job, recording: &Path, reason: String, words: &str) -> Ended {
+        if let Err(problem) = self.report(job, recording, &reason, words) {
+            log::error!(
+                "capture {}: no report of its failure: {problem}",
+                job.capture
+            );
+        }
+        Ended {
+            capture: job.capture.clone(),
+            recording: recording.into(),
+            model: Err(reason),
+        }
+    }
+
+    fn report(&self, job: &Job, path: &Path, reason: &str, words: &str) -> Result<(), String> {
+        let id = CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let origin = report::Origin::new(&name, self.plan.method, "");
+        let capture = report::FailedCapture {
+            id: &id,
+            time_ns: Timestamp(job.trigger_ns),
+            source: &job.source,
+        };
+        let failure = report::Failure::new(&origin, capture, reason, report::Timing::default());
+        let text = report::to_json(&failure).map_err(|e| e.to_string())?;
+        let words = (!words.is_empty()).then_some(words.as_bytes());
+        let target = self.target(path, job);
+        output::write_failure(&target, text.as_bytes(), words, false).map_err(|e| e.to_string())
+    }
+}

@@ -1,0 +1,381 @@
+//! Jobs on the disk and the processes that do them. The processes are shell scripts here, which do what a test wants;
+//! tests/workers.rs has the real ones.
+
+use super::find::find;
+use super::*;
+use crate::recording::testing::{at, trigger};
+use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unfinished_name};
+use crate::report::Level;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+/// What every script begins with: `$capture` and `$target`, and `done`, which leaves a model there.
+const BEGIN: &str = r#"
+while [ $# -gt 0 ]; do
+    case $1 in
+    --replay) replay=$2 ;;
+    --capture) capture=$2 ;;
+    --out) out=$2 ;;
+    esac
+    shift
+done
+stem=${replay##*/}
+stem=${stem%.part}
+target=$out/${stem%.mcap}/$capture
+make() {
+    mkdir -p "$target"
+    echo '{"outcome":"done","verdict":{"level":"amber","reasons":[{"words":"a hand"}]}}' > "$target/report.json"
+}
+"#;
+
+/// Recordings, models and a script, in a folder.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    /// With a file `s.mcap` that stands for a recording.
+    fn new(script: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("recordings")).unwrap();
+        let place = Self { folder };
+        std::fs::write(place.recording("s.mcap"), "").unwrap();
+        place.change(script);
+        place
+    }
+
+    fn change(&self, script: &str) {
+        let text = format!("{BEGIN}{script}\n");
+        std::fs::write(self.path().join("worker.sh"), text).unwrap();
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn recording(&self, name: &str) -> PathBuf {
+        self.path().join("recordings").join(name)
+    }
+
+    fn models(&self) -> PathBuf {
+        self.path().join("models")
+    }
+
+    fn jobs(&self) -> Arc<Jobs> {
+        Arc::new(Jobs::open(&self.path().join("recordings")).unwrap())
+    }
+
+    /// Offers the captures `s-1`, `s-2` and so on.
+    fn offer(&self, jobs: &Jobs, numbers: std::ops::RangeInclusive<u64>) {
+        for number in numbers {
+            let capture = format!("s-{number}");
+            let job = Job::new(&self.recording("s.mcap"), &capture, number, "test");
+            jobs.offer(&job).unwrap();
+        }
+    }
+
+    fn start(&self, jobs: &Arc<Jobs>, change: impl FnOnce(&mut Plan)) -> (Workers, Heard) {
+        let mut plan = Plan {
+            parameters: Parameters {
+                folder: self.models(),
+                ..Parameters::default()
+            },
+            settings: "# settings".into(),
+            method: crate::reconstruct::Method::default(),
+            keep_free: 0,
+            command: vec!["/bin/sh".into(), self.path().join("worker.sh").into()],
+        };
+        change(&mut plan);
+        let (ended, heard) = channel();
+        let workers = Workers::start(jobs, plan, move |e| drop(ended.send(e))).unwrap();
+        (workers, Heard(heard))
+    }
+
+    fn report(&self, capture: &str) -> serde_json::Value {
+        let path = self.models().join("s").join(capture).join("report.json");
+        serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+    }
+
+    fn left(&self) -> Vec<String> {
+        let files = std::fs::read_dir(self.recording("jobs")).unwrap();
+        let mut names: Vec<_> = files
+            .map(|f| f.unwrap().file_name().into_string().unwrap())
+            .filter(|name| name != "settings.toml")
+            .collect();
+        names.sort();
+        names
+    }
+}
+
+/// Jobs that ended.
+struct Heard(Receiver<Ended>);
+
+impl Heard {
+    fn next(&self) -> Ended {
+        self.0.recv_timeout(Duration::from_secs(60)).unwrap()
+    }
+
+    fn nothing(&self) {
+        let heard = self.0.recv_timeout(Duration::from_millis(100));
+        assert!(heard.is_err(), "{heard:?}");
+    }
+}
+
+fn until(what: &str, reached: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(60);
+    while !reached() {
+        assert!(Instant::now() < end, "{what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn jobs_are_done_in_their_order_and_gone() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=3);
+    // A job is kept once.
+    place.offer(&jobs, 2..=2);
+    assert_eq!((jobs.backlog().waiting, place.left().len()), (3, 3));
+    assert_eq!(jobs.backlog().expected_s, None);
+    let (workers, heard) = place.start(&jobs, |_| ());
+    for number in 1..=3 {
+        let ended = heard.next();
+        assert_eq!(ended.capture, format!("s-{number}"));
+        assert_eq!(ended.recording, place.recording("s.mcap"));
+        let model = ended.model.unwrap();
+        assert_eq!(
+            (model.verdict, model.reasons),
+            (Level::Amber, vec!["a hand".to_owned()])
+        );
+        assert_eq!(model.folder, place.models().join("s").join(ended.capture));
+    }
+    until("not finished", || jobs.backlog().done == 3);
+    assert_eq!(place.left(), [""; 0]);
+    let backlog = jobs.backlog();
+    assert_eq!((backlog.waiting, backlog.running.len()), (0, 0));
+    assert_eq!(backlog.expected_s, Some(0.0));
+    workers.stop();
+    heard.nothing();
+}
+
+#[test]
+fn one_that_crashes_fails_alone_with_a_report_and_its_words() {
+    let place = Place::new(
+        "[ $capture = s-2 ] && { echo 'scand: a pointer to nowhere' >&2; kill -SEGV $$; }\n\
+         [ $capture = s-3 ] && exit 0\n\
+         [ $capture = s-4 ] && { echo 'scand: no light' >&2; exit 1; }\n\
+         make",
+    );
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=5);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert!(heard.next().model.is_ok());
+    let crashed = heard.next().model.unwrap_err();
+    assert_eq!(
+        crashed,
+        "its process died by signal 11: a pointer to nowhere"
+    );
+    let report = place.report("s-2");
+    assert_eq!(report["outcome"], "failed");
+    assert_eq!(report["reason"], crashed.as_str());
+    assert_eq!(report["recording"], "s.mcap");
+    assert_eq!(report["capture"]["id"], "s-2");
+    let words = std::fs::read_to_string(place.models().join("s/s-2/worker.log")).unwrap();
+    assert_eq!(words, "scand: a pointer to nowhere\n");
+    // One that says that it is done, and left nothing.
+    let reason = heard.next().model.unwrap_err();
+    assert!(reason.contains("report.json"), "{reason}");
+    assert_eq!(heard.next().model.unwrap_err(), "no light");
+    assert!(heard.next().model.is_ok());
+    until("not finished", || jobs.backlog().done == 2);
+    assert_eq!((jobs.backlog().failed, place.left()), (3, vec![]));
+}
+
+#[test]
+fn one_that_hangs_is_killed_when_its_time_is_over() {
+    let place = Place::new("[ $capture = s-1 ] && exec sleep 1000\nmake");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let (_workers, heard) = place.start(&jobs, |plan| plan.parameters.time_limit_s = 1);
+    let reason = heard.next().model.unwrap_err();
+    assert!(reason.contains("workers.time_limit_s"), "{reason}");
+    assert_eq!(place.report("s-1")["outcome"], "failed");
+    assert!(heard.next().model.is_ok());
+}
+
+#[test]
+fn there_are_never_more_than_were_asked_for_and_jobs_come_meanwhile() {
+    let place = Place::new(
+        "mkdir \"$out/running-$capture\"\n\
+         while [ ! -e \"$out/go\" ]; do sleep 0.02; done\n\
+         ls -d \"$out\"/running-* | wc -l >> \"$out/counts\"\n\
+         make\n\
+         rmdir \"$out/running-$capture\"",
+    );
+    let jobs = place.jobs();
+    let (_workers, heard) = place.start(&jobs, |plan| plan.parameters.count = 2);
+    place.offer(&jobs, 1..=10);
+    let running = |jobs: &Jobs| jobs.backlog().running.len();
+    until("two do not run", || running(&jobs) == 2);
+    place.offer(&jobs, 11..=200);
+    let backlog = jobs.backlog();
+    assert_eq!((backlog.running.len(), backlog.waiting), (2, 198));
+    assert_eq!(backlog.running[0].capture, "s-1");
+    assert_eq!(place.left().len(), 200);
+    // The rest is removed as a person would, and nobody waits for it.
+    for number in 7..=200 {
+        let job = Job::new(
+            &place.recording("s.mcap"),
+            &format!("s-{number}"),
+            number,
+            "",
+        );
+        std::fs::remove_file(place.recording("jobs").join(job.file_name())).unwrap();
+    }
+    std::fs::write(place.models().join("go"), "").unwrap();
+    for _ in 1..=6 {
+        assert!(heard.next().model.is_ok());
+    }
+    until("not finished", || jobs.backlog().waiting == 0);
+    let counts = std::fs::read_to_string(place.models().join("counts")).unwrap();
+    let counts: Vec<u32> = counts.lines().map(|l| l.trim().parse().unwrap()).collect();
+    assert_eq!((counts.len(), *counts.iter().max().unwrap()), (6, 2));
+}
+
+#[test]
+fn what_a_stop_interrupts_is_done_after_the_next_start() {
+    let place = Place::new("echo $$ > \"$out/pid\"\nexec sleep 1000");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let (workers, heard) = place.start(&jobs, |_| ());
+    let pid = place.models().join("pid");
+    until("not begun", || {
+        std::fs::read(&pid).is_ok_and(|p| !p.is_empty())
+    });
+    let process = std::fs::read_to_string(&pid).unwrap();
+    let process = Path::new("/proc").join(process.trim());
+    assert!(process.exists());
+    workers.stop();
+    assert!(!process.exists());
+    heard.nothing();
+    // Offered when nobody does jobs any more.
+    place.offer(&jobs, 3..=3);
+    assert_eq!(place.left().len(), 3);
+    place.change("make");
+    let jobs = place.jobs();
+    assert_eq!(jobs.backlog().waiting, 3);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    for number in 1..=3 {
+        let ended = heard.next();
+        assert_eq!(ended.capture, format!("s-{number}"));
+        assert!(ended.model.is_ok());
+    }
+}
+
+#[test]
+fn who_is_asked_to_end_is_done_again_and_who_takes_the_daemon_along_is_not() {
+    let place = Place::new(
+        "[ -e \"$out/$capture\" ] && make || { touch \"$out/$capture\"; kill -TERM $$; }",
+    );
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=1);
+    let fatal = Job {
+        begun: 3,
+        ..Job::new(&place.recording("s.mcap"), "s-2", 2, "test")
+    };
+    jobs.offer(&fatal).unwrap();
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert!(heard.next().model.is_ok());
+    let reason = heard.next().model.unwrap_err();
+    assert!(reason.contains("begun 3 times"), "{reason}");
+    assert_eq!(place.report("s-2")["outcome"], "failed");
+}
+
+#[test]
+fn what_is_no_job_is_set_aside_and_what_a_kill_left_is_removed() {
+    let place = Place::new("make");
+    let folder = place.recording("jobs");
+    drop(place.jobs());
+    std::fs::write(folder.join("0-s-0.job"), "{").unwrap();
+    let outside = r#"{"recording":"../x","file":"","capture":"a","trigger_ns":1,"source":""}"#;
+    std::fs::write(folder.join("1-a.job"), outside).unwrap();
+    std::fs::write(folder.join(".2-b.job.part-1-0"), "").unwrap();
+    let jobs = place.jobs();
+    place.offer(&jobs, 3..=3);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert_eq!(heard.next().capture, "s-3");
+    until("not finished", || place.left() == ["0-s-0.bad", "1-a.bad"]);
+}
+
+#[test]
+fn no_job_is_begun_when_the_disk_is_as_full_as_it_may_be() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=1);
+    let (workers, heard) = place.start(&jobs, |plan| plan.keep_free = u64::MAX);
+    heard.nothing();
+    workers.stop();
+    assert_eq!(place.left().len(), 1);
+}
+
+/// A recording with these captures, each triggered at so many milliseconds; completed if it has no ending `.part`.
+fn record(path: &Path, captures: &[(&str, u64)], complete: bool) {
+    let mut writer = Writer::create(path, "test", Compression::None).unwrap();
+    for (id, ms) in captures {
+        writer.trigger(&trigger(id, *ms)).unwrap();
+        let record = CaptureRecord {
+            id: (*id).into(),
+            outcome: Outcome::Complete,
+            reason: None,
+            skew_ns: None,
+            cameras: Default::default(),
+        };
+        writer.capture(&record, at(*ms + 1)).unwrap();
+    }
+    writer.sync().unwrap();
+    if complete {
+        writer.finish().unwrap();
+    }
+}
+
+#[test]
+fn a_capture_is_found_whatever_became_of_its_recording() {
+    let place = Place::new("");
+    let folder = place.path().join("recordings");
+    let path = place.recording("a.mcap");
+    let captures = [("a-1", 1000), ("a-2", 2000)];
+    record(&path, &captures, false);
+    let job = Job::new(&path, "a-2", at(2000).0, "test");
+    assert_eq!(find(&folder, &job), Some(unfinished_name(&path)));
+    // Completed by a recovery: another file.
+    recover(&unfinished_name(&path)).unwrap();
+    assert_eq!(find(&folder, &job), Some(path.clone()));
+    // Renamed by a person, while another session has the name, and captures of the same names.
+    let renamed = place.recording("b.mcap");
+    std::fs::rename(&path, &renamed).unwrap();
+    record(&path, &[("a-1", 5000), ("a-2", 6000)], true);
+    assert_eq!(find(&folder, &job), Some(renamed.clone()));
+    std::fs::remove_file(&renamed).unwrap();
+    assert_eq!(find(&folder, &job), None);
+    let of_the_other = Job::new(&path, "a-2", at(6000).0, "test");
+    assert_eq!(find(&folder, &of_the_other), Some(path));
+}
+
+#[test]
+fn a_crash_between_a_capture_and_its_job_is_made_good() {
+    let place = Place::new("make");
+    let path = place.recording("a.mcap");
+    record(&path, &[("a-1", 1000), ("a-2", 2000), ("a-3", 3000)], true);
+    std::fs::create_dir_all(place.models().join("a/a-1")).unwrap();
+    let jobs = place.jobs();
+    jobs.offer(&Job::new(&path, "a-2", at(2000).0, "test"))
+        .unwrap();
+    let gone = place.recording("gone.mcap");
+    jobs.offer_missing(&[path, gone], &place.models());
+    assert_eq!(jobs.backlog().waiting, 2);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);
+}

@@ -1,0 +1,429 @@
+//! Processes that make models beside a rig: the real program on a small recording, what becomes of it when it may not
+//! have the memory it wants or its daemon is killed, and what it may not do at all.
+
+use rustix::fs::{Mode, OFlags};
+use scand::config::Config;
+use scand::workers::{Ended, Job, Jobs, Limits, Parameters, Plan, Workers, confine};
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// Says to a test's own process that it is to play another part, in this folder.
+const PART: &str = "SCAND_TEST_WORKERS_PART";
+
+fn scand() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_scand"))
+}
+
+/// A recording of two captures, simulated once.
+fn simulated() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let path = folder.join("workers.mcap");
+    static ONE: Mutex<()> = Mutex::new(());
+    let _one = ONE.lock();
+    if !path.exists() {
+        let own = folder.join(format!("workers-{}.mcap", std::process::id()));
+        let made = scand()
+            .args(["simulate", "--shape", "cup", "--cameras", "5"])
+            .args(["--size", "320x240", "--captures", "2", "--masks"])
+            .args(["--depth-frames", "10", "--encoding", "bayer"])
+            .args([Path::new("--out"), &own])
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&made.stderr);
+        assert!(made.status.success(), "{said}");
+        std::fs::rename(&own, &path).unwrap();
+    }
+    path
+}
+
+/// The triggers of its captures, in nanoseconds, by their ids.
+fn captures() -> [(String, u64); 2] {
+    let recording = scand::recording::Recording::open(&simulated()).unwrap();
+    let triggers = recording.messages(&scand::recording::Topic::Trigger);
+    let captures = triggers.iter().map(|message| {
+        let trigger = recording.trigger(message).unwrap();
+        (trigger.id.to_string(), trigger.time.0)
+    });
+    captures.collect::<Vec<_>>().try_into().unwrap()
+}
+
+fn settings() -> String {
+    let config = Config::load(None, &["hull.resolution=40".to_owned()]).unwrap();
+    toml::to_string(&config.of_replay()).unwrap()
+}
+
+fn plan(folder: &Path, change: impl FnOnce(&mut Parameters)) -> Plan {
+    let mut parameters = Parameters {
+        folder: folder.join("models"),
+        ..Parameters::default()
+    };
+    change(&mut parameters);
+    Plan {
+        parameters,
+        settings: settings(),
+        method: Default::default(),
+        keep_free: 0,
+        command: vec![env!("CARGO_BIN_EXE_scand").into(), "work".into()],
+    }
+}
+
+fn jobs(folder: &Path) -> Arc<Jobs> {
+    Arc::new(Jobs::open(&folder.join("recordings")).unwrap())
+}
+
+fn start(jobs: &Arc<Jobs>, plan: Plan) -> (Workers, Receiver<Ended>) {
+    let (ended, heard) = channel();
+    let workers = Workers::start(jobs, plan, move |e| drop(ended.send(e)));
+    (workers.unwrap(), heard)
+}
+
+fn next(heard: &Receiver<Ended>) -> Ended {
+    heard.recv_timeout(Duration::from_secs(120)).unwrap()
+}
+
+fn until(what: &str, reached: impl Fn() -> bool) {
+    let end = Instant::now() + Duration::from_secs(60);
+    while !reached() {
+        assert!(Instant::now() < end, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// A report without what may differ between two runs.
+fn report(folder: &Path) -> serde_json::Value {
+    let text = std::fs::read(folder.join("report.json")).unwrap();
+    let mut report: serde_json::Value = serde_json::from_slice(&text).unwrap();
+    report.as_object_mut().unwrap().remove("timing");
+    report
+}
+
+#[test]
+fn a_recording_in_progress_gives_the_model_that_a_replay_makes_when_it_is_complete() {
+    let home = tempfile::tempdir().unwrap();
+    let jobs = jobs(home.path());
+    let path = home.path().join("recordings/cup.mcap");
+    let part = home.path().join("recordings/cup.mcap.part");
+    // As it is while its writer is at it: without its end.
+    let bytes = std::fs::read(simulated()).unwrap();
+    std::fs::write(&part, &bytes[..bytes.len() - 20]).unwrap();
+    let writer = std::fs::File::open(&part).unwrap();
+    writer.lock().unwrap();
+    let [(capture, trigger_ns), _] = captures();
+    let job = Job::new(&path, &capture, trigger_ns, "test");
+    jobs.offer(&job).unwrap();
+    let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
+    let ended = next(&heard);
+    let model = ended.model.unwrap();
+    assert_eq!(
+        (ended.capture, ended.recording),
+        (capture.clone(), path.clone())
+    );
+    assert_eq!(model.folder, home.path().join("models/cup").join(&capture));
+
+    // Complete, it is replayed by hand, and offered once more.
+    std::fs::write(&part, &bytes).unwrap();
+    drop(writer);
+    std::fs::rename(&part, &path).unwrap();
+    let configuration = home.path().join("settings.toml");
+    std::fs::write(&configuration, settings()).unwrap();
+    let replayed = scand()
+        .args([Path::new("--replay"), &path])
+        .args([Path::new("--config"), &configuration])
+        .args([Path::new("--out"), &home.path().join("out")])
+        .args(["--capture", &capture, "--quiet"])
+        .status();
+    assert!(replayed.unwrap().success());
+    let by_hand = home.path().join("out/cup").join(&capture);
+    for file in ["model.glb", "model.ply", "preview.png"] {
+        let same = [&model.folder, &by_hand].map(|f| std::fs::read(f.join(file)).unwrap());
+        assert!(same[0] == same[1], "{file}");
+    }
+    assert_eq!(report(&model.folder), report(&by_hand));
+    let made = std::fs::metadata(model.folder.join("model.glb")).unwrap();
+    until("not finished", || jobs.backlog().done == 1);
+    jobs.offer(&job).unwrap();
+    assert_eq!(next(&heard).model.unwrap(), model);
+    let found = std::fs::metadata(model.folder.join("model.glb")).unwrap();
+    assert_eq!(made.modified().unwrap(), found.modified().unwrap());
+}
+
+#[test]
+fn one_that_eats_memory_fails_alone() {
+    let home = tempfile::tempdir().unwrap();
+    let jobs = jobs(home.path());
+    let path = home.path().join("recordings/cup.mcap");
+    std::fs::copy(simulated(), &path).unwrap();
+    for (capture, trigger_ns) in captures() {
+        jobs.offer(&Job::new(&path, &capture, trigger_ns, "test"))
+            .unwrap();
+    }
+    let few = plan(home.path(), |parameters| parameters.memory_mb = 64);
+    let (workers, heard) = start(&jobs, few);
+    let ended = next(&heard);
+    let reason = ended.model.unwrap_err();
+    assert!(reason.contains("workers.memory_mb is 64"), "{reason}");
+    let folder = home.path().join("models/cup").join(&ended.capture);
+    assert_eq!(report(&folder)["outcome"], "failed");
+    assert_eq!(report(&folder)["reason"], reason.as_str());
+    let words = std::fs::read_to_string(folder.join("worker.log")).unwrap();
+    assert!(words.contains("memory allocation"), "{words}");
+    workers.stop();
+    let (_workers, heard) = start(&self::jobs(home.path()), plan(home.path(), |_| ()));
+    assert!(next(&heard).model.is_ok());
+}
+
+/// This test's own process again, in another part.
+fn again(test: &str, folder: &Path) -> Command {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command
+        .args(["--exact", test, "--nocapture"])
+        .env(PART, folder);
+    command
+}
+
+/// The processes that work on a recording in a folder.
+fn processes(folder: &Path) -> Vec<String> {
+    let of_ours = |pid: &String| {
+        let line = std::fs::read(Path::new("/proc").join(pid).join("cmdline"));
+        let line = line.unwrap_or_default();
+        let line = String::from_utf8_lossy(&line);
+        line.contains("\0work\0") && line.contains(folder.to_str().unwrap())
+    };
+    let all = std::fs::read_dir("/proc").unwrap();
+    all.filter_map(|p| p.unwrap().file_name().into_string().ok())
+        .filter(of_ours)
+        .collect()
+}
+
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_killed_daemon_takes_its_processes_along_and_loses_no_job() {
+    const NAME: &str = "a_killed_daemon_takes_its_processes_along_and_loses_no_job";
+    if let Some(folder) = std::env::var_os(PART) {
+        let folder = PathBuf::from(folder);
+        let (_workers, heard) = start(&jobs(&folder), plan(&folder, |_| ()));
+        heard.iter().for_each(drop);
+        return;
+    }
+    let home = tempfile::tempdir().unwrap();
+    let jobs = jobs(home.path());
+    let path = home.path().join("recordings/cup.mcap");
+    std::fs::copy(simulated(), &path).unwrap();
+    for (capture, trigger_ns) in captures() {
+        jobs.offer(&Job::new(&path, &capture, trigger_ns, "test"))
+            .unwrap();
+    }
+    drop(jobs);
+    let mut daemon = Killed(
+        again(NAME, home.path())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap(),
+    );
+    until("nothing runs", || !processes(home.path()).is_empty());
+    daemon.0.kill().unwrap();
+    daemon.0.wait().unwrap();
+    until("it goes on", || processes(home.path()).is_empty());
+    let jobs = self::jobs(home.path());
+    let waiting = jobs.backlog().waiting;
+    assert!(waiting > 0);
+    let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
+    for _ in 0..waiting {
+        assert!(next(&heard).model.is_ok());
+    }
+    for (capture, _) in captures() {
+        let folder = home.path().join("models/cup").join(&capture);
+        assert_eq!(report(&folder)["outcome"], "done", "{capture}");
+    }
+}
+
+/// What a confined process tries, with what came of it: `may` or `may not`.
+fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
+    let (outside, recording) = (folder.join("outside"), folder.join("recording"));
+    let inside = folder.join("inside");
+    let parent = rustix::process::getppid().unwrap();
+    let append = |path: &Path| {
+        let file = std::fs::File::options().append(true).open(path);
+        file.and_then(|mut file| file.write_all(b"x"))
+    };
+    // Opened for reading, and cut off on the way.
+    let cutting = OFlags::RDONLY | OFlags::TRUNC;
+    let shut = std::fs::Permissions::from_mode(0o777);
+    vec![
+        ("read its recording", std::fs::read(&recording).is_ok()),
+        (
+            "write its output",
+            std::fs::write(inside.join("a"), "a").is_ok(),
+        ),
+        (
+            "make a folder in it",
+            std::fs::create_dir(inside.join("b")).is_ok(),
+        ),
+        (
+            "rename in it",
+            std::fs::rename(inside.join("b"), inside.join("c")).is_ok(),
+        ),
+        (
+            "start a thread",
+            std::thread::Builder::new().spawn(|| ()).is_ok(),
+        ),
+        ("change its recording", append(&recording).is_ok()),
+        (
+            "remove its recording",
+            std::fs::remove_file(&recording).is_ok(),
+        ),
+        (
+            "cut a file off",
+            rustix::fs::open(&recording, cutting, Mode::empty()).is_ok(),
+        ),
+        (
+            "change rights",
+            std::fs::set_permissions(&recording, shut).is_ok(),
+        ),
+        (
+            "write elsewhere",
+            std::fs::write(outside.join("a"), "a").is_ok(),
+        ),
+        (
+            "make a folder elsewhere",
+            std::fs::create_dir(outside.join("b")).is_ok(),
+        ),
+        (
+            "move its output elsewhere",
+            std::fs::rename(inside.join("a"), outside.join("a")).is_ok(),
+        ),
+        (
+            "link to elsewhere",
+            std::os::unix::fs::symlink(&outside, inside.join("l")).is_ok(),
+        ),
+        (
+            "read other files",
+            std::fs::read(outside.join("secret")).is_ok(),
+        ),
+        ("list other folders", std::fs::read_dir(&outside).is_ok()),
+        ("speak TCP", TcpStream::connect(("127.0.0.1", port)).is_ok()),
+        ("speak UDP", UdpSocket::bind("127.0.0.1:0").is_ok()),
+        (
+            "speak to a socket",
+            UnixStream::connect(folder.join("socket")).is_ok(),
+        ),
+        (
+            "start a program",
+            Command::new("/bin/true").status().is_ok(),
+        ),
+        (
+            "signal its daemon",
+            rustix::process::test_kill_process(parent).is_ok(),
+        ),
+        (
+            "take more memory",
+            Vec::<u8>::new().try_reserve_exact(400 << 20).is_ok(),
+        ),
+        (
+            "be nicer to itself",
+            rustix::process::setpriority_process(None, 0).is_ok(),
+        ),
+    ]
+}
+
+#[test]
+fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
+    const NAME: &str = "one_that_is_confined_reads_its_recording_writes_its_output_and_no_more";
+    if let Some(folder) = std::env::var_os(PART) {
+        let folder = PathBuf::from(folder);
+        let port = std::fs::read_to_string(folder.join("port")).unwrap();
+        let limits = Limits {
+            memory_mb: 300,
+            nice: 7,
+        };
+        let reads = [folder.join("recording")];
+        let missing = confine(limits, &reads, &[folder.join("inside")]).unwrap();
+        println!("\nmissing: {missing:?}");
+        for (what, may) in tries(&folder, port.parse().unwrap()) {
+            println!("{}: {what}", if may { "may" } else { "may not" });
+        }
+        // Waits to be looked at.
+        let _ = std::io::stdin().read(&mut [0]);
+        return;
+    }
+    let home = tempfile::tempdir().unwrap();
+    for name in ["inside", "outside"] {
+        std::fs::create_dir(home.path().join(name)).unwrap();
+    }
+    std::fs::write(home.path().join("recording"), "pictures").unwrap();
+    std::fs::write(home.path().join("outside/secret"), "secret").unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::fs::write(home.path().join("port"), port.to_string()).unwrap();
+    let _socket = UnixListener::bind(home.path().join("socket")).unwrap();
+    // All of it may be done by who is not confined.
+    assert!(TcpStream::connect(("127.0.0.1", port)).is_ok());
+    assert!(UnixStream::connect(home.path().join("socket")).is_ok());
+
+    let mut process = again(NAME, home.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut output = std::io::BufReader::new(process.stdout.take().unwrap());
+    let mut said = Vec::new();
+    while !said
+        .last()
+        .is_some_and(|l: &String| l.ends_with(": be nicer to itself"))
+    {
+        let mut line = String::new();
+        std::io::BufRead::read_line(&mut output, &mut line).unwrap();
+        assert!(!line.is_empty(), "{said:?}");
+        said.push(line.trim_end().to_owned());
+    }
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).unwrap();
+    let threads = format!("/proc/{}/task", process.id());
+    // What was set is the thread's that confined itself.
+    let of_threads: Vec<String> = std::fs::read_dir(threads)
+        .unwrap()
+        .map(|t| std::fs::read_to_string(t.unwrap().path().join("stat")).unwrap())
+        .collect();
+    drop(process.stdin.take());
+    assert!(process.wait().unwrap().success(), "{said:?}");
+    let field = |stat: &String, number: usize| {
+        let (_, rest) = stat.rsplit_once(") ").unwrap();
+        rest.split(' ').nth(number - 3).unwrap().to_owned()
+    };
+    const BATCH: &str = "3";
+    let niced = |stat: &String| field(stat, 19) == "7" && field(stat, 41) == BATCH;
+    assert!(of_threads.iter().any(niced), "{stat}");
+
+    let of = |prefix: &str| {
+        let tried = said.iter().filter_map(|line| line.strip_prefix(prefix));
+        tried.map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(of("missing: "), ["[]"], "this kernel");
+    let may = [
+        "read its recording",
+        "write its output",
+        "make a folder in it",
+        "rename in it",
+        "start a thread",
+    ];
+    assert_eq!(of("may: "), may);
+    assert_eq!(of("may not: ").len(), 17, "{said:?}");
+    assert_eq!(
+        std::fs::read(home.path().join("recording")).unwrap(),
+        b"pictures"
+    );
+}
