@@ -409,7 +409,11 @@ fn a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_sta
     network::alone(
         "a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_start",
         || {
-            let mut stand = Stand::start(&["sync.depth_frames=10", "workers.count=1"]);
+            let mut stand = Stand::start(&[
+                "sync.depth_frames=10",
+                "workers.count=1",
+                "hull.resolution=60",
+            ]);
             let press = |stand: &Stand| match stand.press() {
                 Reply::Durable { capture, recording } => {
                     let stem = recording.file_stem().unwrap().to_owned();

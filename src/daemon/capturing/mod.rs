@@ -3,6 +3,7 @@
 //! press are told so.
 
 mod assemble;
+mod offer;
 mod takes;
 mod worker;
 

@@ -8,6 +8,7 @@ use super::super::status::{self, Status};
 use super::super::systemd::Heart;
 use super::super::{free_bytes, names};
 use super::assemble::assemble;
+use super::offer::offer;
 use super::{Answer, Ended, Order, Plan, Press, Reread};
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, CaptureId, Frame, Timestamp, Trigger};
@@ -15,7 +16,6 @@ use crate::log;
 use crate::recording::{Kept, Note, Outcome, Preamble, Session};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use crate::trigger::Reply;
-use crate::workers::{Job, Jobs};
 use crossbeam_channel::{Receiver, select};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -573,21 +573,6 @@ fn end(capture: String, complete: bool, reason: String, written: Result<PathBuf,
             capture,
             reason: format!("it is not on the disk: {problem}"),
         },
-    }
-}
-
-/// Lets a model be made of a capture that is on the disk.
-fn offer(jobs: &Jobs, events: &Events, recording: PathBuf, trigger: &Trigger) {
-    let capture = trigger.id.to_string();
-    let job = Job::new(&recording, &capture, trigger.time.0, &trigger.source);
-    if let Err(error) = jobs.offer(&job) {
-        log::error!("capture {capture}: no model will be made: {error}");
-        let reason = error.to_string();
-        events.publish(Event::JobFailed {
-            capture,
-            recording,
-            reason,
-        });
     }
 }
 
