@@ -414,6 +414,9 @@ fn a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_sta
                 "workers.count=1",
                 "hull.resolution=60",
             ]);
+            stand.tell("background");
+            stand.ask_done(&scand::trigger::Request::Background {});
+            stand.tell("captures");
             let press = |stand: &Stand| match stand.press() {
                 Reply::Durable { capture, recording } => {
                     let stem = recording.file_stem().unwrap().to_owned();
@@ -424,7 +427,9 @@ fn a_press_becomes_a_model_and_what_an_end_interrupts_is_made_after_the_next_sta
             let is_running =
                 |m: &serde_json::Value| m["running"].as_array().is_some_and(|r| !r.is_empty());
             let first = press(&stand);
-            stand.until_models("no model", |m| m["done"] == 1);
+            stand.until_models("no end of the first", |m| {
+                m["done"] == 1 || m["failed"] == 1
+            });
             let second = press(&stand);
             stand.until_models("nothing runs", is_running);
             stand.kill_and_restart();
