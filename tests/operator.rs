@@ -14,6 +14,8 @@ calibration = "calibration.toml"
 [recording]
 folder = "recordings"
 keep_free_mb = 1
+[workers]
+count = 0
 [socket]
 path = "scand.sock"
 [hooks]
