@@ -18,6 +18,8 @@ pub mod job;
 pub mod log;
 pub mod mesh;
 pub mod output;
+#[cfg(feature = "live")]
+pub mod pedal;
 pub mod queue;
 pub mod reconstruct;
 pub mod recording;

@@ -34,6 +34,8 @@ need pkg-config libaravis-dev libusb-1.0-0-dev
 need libopenni2-dev libclang-dev
 # Tests on networks of their own, and on a disk that is slow.
 need iproute2 util-linux strace
+# The service: its units are judged, and its socket handed over, by systemd's own programs.
+need systemd
 
 # The stand-alone camera simulator is in a package that would bring a desktop along; the program alone needs none of it.
 simulator=arv-fake-gv-camera-0.8

@@ -66,6 +66,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "report",
         ],
     ),
+    ("pedal", &["trigger"]),
     ("queue", &[]),
     ("trigger", &[]),
     (

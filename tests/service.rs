@@ -272,3 +272,110 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.until_logged("was read again");
     stand.end();
 }
+
+/// systemd's own judgement of the units, with the program of this build in the place of the installed one.
+#[test]
+fn the_units_are_sound_and_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd");
+    let analyze = |arguments: &[&str], units: &[&str]| {
+        let mut command = Command::new("systemd-analyze");
+        command.args(arguments);
+        command.args(units.iter().map(|unit| folder.path().join(unit)));
+        let output = command.output().expect("systemd-analyze (package systemd)");
+        let text = [output.stdout, output.stderr].concat();
+        (output.status.success(), String::from_utf8(text).unwrap())
+    };
+    let units = ["scand.service", "scand.socket", "scand-pedal@.service"];
+    for unit in units {
+        let text = std::fs::read_to_string(source.join(unit)).unwrap();
+        let text = text.replace("/usr/bin/scand", env!("CARGO_BIN_EXE_scand"));
+        std::fs::write(folder.path().join(unit), text).unwrap();
+    }
+    let (sound, words) = analyze(&["verify"], &units);
+    assert!(sound && words.is_empty(), "{words}");
+    let services = ["scand.service", "scand-pedal@.service"];
+    let (closed, words) = analyze(&["security", "--offline=true", "--threshold=20"], &services);
+    assert!(closed, "{words}");
+    // The same command can say no.
+    let (_, words) = analyze(
+        &["security", "--offline=true", "--threshold=5"],
+        &services[..1],
+    );
+    assert!(words.contains("scand.service"), "{words}");
+    let strict = analyze(
+        &["security", "--offline=true", "--threshold=5"],
+        &services[..1],
+    )
+    .0;
+    assert!(!strict);
+}
+
+#[test]
+fn a_foot_switch_that_is_none_is_refused() {
+    let output = scand()
+        .args(["pedal", "--device", "/dev/null"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(words.contains("/dev/null"), "{words}");
+    let output = scand()
+        .args(["pedal", "--device", "/dev/null", "--key", "KEY_NONE_SUCH"])
+        .output();
+    assert!(String::from_utf8_lossy(&output.unwrap().stderr).contains("KEY_NONE_SUCH"));
+}
+
+/// A foot switch of the kernel's own making that bounces, and a daemon of the test's.
+#[test]
+fn a_foot_switch_that_bounces_is_one_press() {
+    use evdev::{AttributeSet, InputEvent, KeyCode, uinput::VirtualDevice};
+    let keys = AttributeSet::from_iter([KeyCode::KEY_B]);
+    let made =
+        VirtualDevice::builder().and_then(|b| b.name("scand test").with_keys(&keys)?.build());
+    let mut switch = match made {
+        Ok(switch) => switch,
+        Err(cause) => return println!("skipped, the kernel makes no input devices here: {cause}"),
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("scand.sock");
+    let listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    let (sender, requests) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut line = String::new();
+            BufReader::new(stream.unwrap())
+                .read_line(&mut line)
+                .unwrap();
+            sender.send(line).unwrap();
+        }
+    });
+    let node = switch
+        .enumerate_dev_nodes_blocking()
+        .unwrap()
+        .flatten()
+        .next();
+    let mut pedal = scand()
+        .args(["pedal", "--device"])
+        .arg(node.unwrap())
+        .arg("--socket")
+        .arg(&socket)
+        .spawn()
+        .unwrap();
+    // It listens once it holds the device.
+    assert!(requests.recv_timeout(LONG).unwrap().contains("events"));
+    for value in [1, 0, 1, 0, 1] {
+        let edge = InputEvent::new(evdev::EventType::KEY.0, KeyCode::KEY_B.code(), value);
+        switch.emit(&[edge]).unwrap();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let mut presses = std::collections::BTreeSet::new();
+    while let Ok(request) = requests.recv_timeout(Duration::from_secs(3)) {
+        if request.contains("trigger") {
+            presses.insert(request);
+        }
+    }
+    assert_eq!(presses.len(), 1, "{presses:?}");
+    drop(switch);
+    assert!(!pedal.wait().unwrap().success());
+}

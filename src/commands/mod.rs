@@ -72,6 +72,8 @@ enum Command {
     Events(live::ask::EventsArgs),
     Info(info::Args),
     Note(live::ask::NoteArgs),
+    #[cfg(feature = "pedal")]
+    Pedal(live::pedal::Args),
     Recover(recover::Args),
     #[cfg(feature = "live")]
     Run(live::run::Args),
@@ -98,6 +100,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Events(args)) => live::ask::events(args),
         Some(Command::Info(args)) => info::run(args),
         Some(Command::Note(args)) => live::ask::note(args),
+        #[cfg(feature = "pedal")]
+        Some(Command::Pedal(args)) => live::pedal::run(args),
         Some(Command::Recover(args)) => recover::run(args),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),

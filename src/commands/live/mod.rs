@@ -1,6 +1,8 @@
 //! Commands that concern a live rig: the daemon itself, and those that ask it.
 
 pub mod ask;
+#[cfg(feature = "pedal")]
+pub mod pedal;
 #[cfg(feature = "live")]
 mod models;
 #[cfg(feature = "live")]

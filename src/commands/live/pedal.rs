@@ -1,0 +1,116 @@
+//! `scand pedal`: a foot switch asks the daemon for captures.
+
+use crate::log;
+use crate::pedal::{Action, Daemon, Device, Keys, Switch, Watch, key_code};
+use crate::trigger::{Reply, SOCKET};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, UNIX_EPOCH};
+
+/// Ask the daemon for a capture at each press of a foot switch. The switch is held alone: it types nowhere meanwhile.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The foot switch, an input device such as /dev/input/by-id/…-event-kbd.
+    #[arg(long, value_name = "PATH")]
+    device: PathBuf,
+    /// The daemon's socket.
+    #[arg(long, value_name = "PATH", default_value = SOCKET)]
+    socket: PathBuf,
+    /// A key that asks for a capture, such as KEY_B; may be given several times. Without it all keys do.
+    #[arg(long, value_name = "KEY", value_parser = key_code)]
+    key: Vec<u16>,
+    /// A key that marks the last capture as rejected; may be given several times.
+    #[arg(long, value_name = "KEY", value_parser = key_code)]
+    reject_key: Vec<u16>,
+    /// How long a key must be quiet before a press counts, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 50)]
+    quiet_ms: u64,
+}
+
+/// Most presses that are waited for at a time; the daemon answers all but one of them at once.
+const MOST: usize = 8;
+
+/// Reads the foot switch until it is pulled out.
+///
+/// # Errors
+/// If it cannot be opened, or is pulled out.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let mut device = Device::open(&args.device)?;
+    log::info!("{}: {}", args.device.display(), device.name());
+    let daemon = Daemon::new(&args.socket);
+    let watched = daemon.clone();
+    let watch = std::thread::Builder::new().name("daemon".into());
+    watch.spawn(move || tell_whether_there(&watched))?;
+    let keys = Keys {
+        trigger: args.key.into_iter().collect(),
+        reject: args.reject_key.into_iter().collect(),
+    };
+    let mut switch = Switch::new(keys, Duration::from_millis(args.quiet_ms));
+    let running: Arc<AtomicUsize> = Arc::default();
+    loop {
+        let input = device.next()?;
+        let Some(action) = switch.edge(input.code, input.value, input.time) else {
+            continue;
+        };
+        if running.fetch_add(1, Ordering::AcqRel) >= MOST {
+            running.fetch_sub(1, Ordering::AcqRel);
+            log::error!("the daemon does not answer: this press is ignored");
+            continue;
+        }
+        let since = input.time.duration_since(UNIX_EPOCH).unwrap_or_default();
+        let press_id = format!("pedal-{}", since.as_nanos());
+        let (daemon, ended) = (daemon.clone(), running.clone());
+        std::thread::Builder::new().spawn(move || {
+            match action {
+                Action::Trigger => press(&daemon, &press_id),
+                Action::Reject => reject(&daemon),
+            }
+            ended.fetch_sub(1, Ordering::AcqRel);
+        })?;
+    }
+}
+
+fn tell_whether_there(daemon: &Daemon) {
+    // Once when it changes.
+    let mut there = None;
+    daemon.watch(|watch| {
+        let now = matches!(watch, Watch::There);
+        if there != Some(now) {
+            match watch {
+                Watch::There => log::notice!("the daemon is there"),
+                Watch::Away(error) => log::warning!("the daemon is away: {error}"),
+            }
+        }
+        there = Some(now);
+        true
+    });
+}
+
+fn press(daemon: &Daemon, press_id: &str) {
+    let end = daemon.press(press_id, &mut |reply| {
+        if let Reply::Captured { capture, .. } = reply {
+            log::info!("{capture}: captured, hands may move");
+        }
+    });
+    match end {
+        Ok(Reply::Durable { capture, .. }) => log::notice!("{capture}: durable"),
+        Ok(Reply::Failed { capture, reason }) => log::error!("{capture}: failed: {reason}"),
+        Ok(Reply::Busy) => log::warning!("busy: a capture is being taken"),
+        Ok(Reply::Refused { reason }) => log::error!("refused: {reason}"),
+        Ok(reply) => log::warning!("{reply:?}"),
+        Err(error) => log::error!("no capture was taken: {error}"),
+    }
+}
+
+fn reject(daemon: &Daemon) {
+    match daemon.reject_last() {
+        Ok(None) => log::warning!("no capture to reject since this program began"),
+        Ok(Some((capture, Reply::Refused { reason }))) => {
+            log::error!("{capture} is not marked as rejected: {reason}");
+        }
+        Ok(Some((capture, _))) => log::notice!("{capture}: rejected"),
+        Err(error) => log::error!("the last capture is not marked as rejected: {error}"),
+    }
+}

@@ -1,0 +1,250 @@
+//! What a press asks the daemon, and whether the daemon is there. A press whose connection breaks is sent again under
+//! its own name, which makes it the same press; one that could not be begun at once is given up, because hands come back
+//! into the picture.
+
+use crate::trigger::{Client, Error, Event, Reply, Request, Until};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How long a press may wait to be begun: a daemon that systemd starts again is there by then.
+const BEGIN: Duration = Duration::from_secs(2);
+/// How long the end of a capture that was begun is asked for again.
+const END: Duration = Duration::from_secs(30);
+/// How long a reply is waited for.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Pause before an attempt is repeated.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// The daemon, from a foot switch.
+#[derive(Clone, Debug)]
+pub struct Daemon {
+    socket: PathBuf,
+    /// The last capture that came to the disk, whoever asked for it.
+    last: Arc<Mutex<Option<String>>>,
+}
+
+/// What watching the daemon found.
+#[derive(Debug)]
+pub enum Watch {
+    /// It is there.
+    There,
+    /// It is not, and why.
+    Away(Error),
+}
+
+impl Daemon {
+    /// The one that listens there.
+    pub fn new(socket: &Path) -> Self {
+        Self {
+            socket: socket.into(),
+            last: Arc::default(),
+        }
+    }
+
+    /// Asks for a capture and waits for its end, `progress` hearing of it.
+    ///
+    /// # Errors
+    /// If the daemon is away, and stays so.
+    pub fn press(&self, press_id: &str, progress: &mut dyn FnMut(&Reply)) -> Result<Reply, Error> {
+        let request = Request::Trigger {
+            source: "pedal".into(),
+            press_id: Some(press_id.into()),
+            subject: None,
+            until: Until::Durable,
+        };
+        let begin = Instant::now();
+        let mut begun = false;
+        loop {
+            let error = match self.attempt(&request, &mut begun, progress) {
+                Ok(reply) => return Ok(reply),
+                Err(error) => error,
+            };
+            let at_most = if begun { END } else { BEGIN };
+            if begin.elapsed() >= at_most {
+                return Err(error);
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+
+    fn attempt(
+        &self,
+        request: &Request,
+        begun: &mut bool,
+        progress: &mut dyn FnMut(&Reply),
+    ) -> Result<Reply, Error> {
+        let mut client = Client::connect(&self.socket, Some(PATIENCE))?;
+        client.send(request)?;
+        loop {
+            let reply = client.reply()?;
+            *begun |= matches!(reply, Reply::Accepted { .. });
+            progress(&reply);
+            if reply.is_end(Until::Durable) {
+                if let Reply::Durable { capture, .. } = &reply {
+                    self.remember(capture);
+                }
+                return Ok(reply);
+            }
+        }
+    }
+
+    /// Notes that the last capture is not to be used; `None` where there was none since this program began.
+    ///
+    /// # Errors
+    /// If the daemon is away.
+    pub fn reject_last(&self) -> Result<Option<(String, Reply)>, Error> {
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(capture) = last.clone() else {
+            return Ok(None);
+        };
+        drop(last);
+        let request = Request::Note {
+            capture: capture.clone(),
+            kind: "reject".into(),
+            text: "foot switch".into(),
+        };
+        let mut client = Client::connect(&self.socket, Some(PATIENCE))?;
+        client.send(&request)?;
+        Ok(Some((capture, client.reply()?)))
+    }
+
+    /// Listens to what happens, as long as `go_on` says so of what was found; connects again when the daemon is away.
+    pub fn watch(&self, mut go_on: impl FnMut(Watch) -> bool) {
+        let longest = Duration::from_secs(5);
+        let mut pause = PAUSE;
+        loop {
+            let mut was_there = false;
+            let listened = self.listen(&mut || {
+                was_there = true;
+                go_on(Watch::There)
+            });
+            let Err(error) = listened else { return };
+            pause = if was_there {
+                PAUSE
+            } else {
+                (pause * 2).min(longest)
+            };
+            if !go_on(Watch::Away(error)) {
+                return;
+            }
+            std::thread::sleep(pause);
+        }
+    }
+
+    /// Listens until the connection breaks, or nobody wants to.
+    fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<(), Error> {
+        let mut client = Client::connect(&self.socket, None)?;
+        client.send(&Request::Events {})?;
+        client.reply()?;
+        if !there() {
+            return Ok(());
+        }
+        loop {
+            if let Event::Durable { capture, .. } = client.event()? {
+                self.remember(&capture);
+            }
+        }
+    }
+
+    fn remember(&self, capture: &str) {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = Some(capture.to_owned());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{BufRead, BufReader, Write};
+    use std::os::unix::net::UnixListener;
+    use std::sync::mpsc::{Receiver, channel};
+
+    /// Serves one connection after the other with the lines of each; a request is handed over as it came.
+    fn serve(path: &Path, connections: &[&[&str]]) -> Receiver<String> {
+        let listener = UnixListener::bind(path).unwrap();
+        let (sender, requests) = channel();
+        let connections: Vec<Vec<String>> = connections
+            .iter()
+            .map(|lines| lines.iter().map(ToString::to_string).collect())
+            .collect();
+        std::thread::spawn(move || {
+            for lines in connections {
+                let (mut stream, _) = listener.accept().unwrap();
+                let mut request = String::new();
+                BufReader::new(&stream).read_line(&mut request).unwrap();
+                sender.send(request).unwrap();
+                for line in lines {
+                    writeln!(stream, "{line}").unwrap();
+                }
+            }
+        });
+        requests
+    }
+
+    const ACCEPTED: &str = r#"{"type":"accepted","capture":"a-0001"}"#;
+    const DURABLE: &str = r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#;
+
+    #[test]
+    fn a_press_whose_connection_breaks_is_sent_again_under_its_own_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let requests = serve(
+            &socket,
+            &[
+                &[],
+                &[ACCEPTED],
+                &[ACCEPTED, DURABLE],
+                &[r#"{"type":"ok","words":"done"}"#],
+            ],
+        );
+        let daemon = Daemon::new(&socket);
+        let mut heard = 0;
+        let end = daemon.press("pedal-7", &mut |_| heard += 1).unwrap();
+        assert!(matches!(end, Reply::Durable { .. }), "{end:?}");
+        assert_eq!(heard, 3);
+        let sent: Vec<String> = requests.iter().take(3).collect();
+        assert!(
+            sent[0].contains("pedal-7") && sent[0].contains("\"pedal\""),
+            "{sent:?}"
+        );
+        assert!(sent[0] == sent[1] && sent[1] == sent[2], "{sent:?}");
+        let (capture, _) = daemon.reject_last().unwrap().unwrap();
+        assert_eq!(capture, "a-0001");
+        let note = requests.recv().unwrap();
+        assert!(note.contains("reject") && note.contains("a-0001"), "{note}");
+    }
+
+    #[test]
+    fn a_press_that_cannot_be_begun_is_given_up_soon() {
+        let folder = tempfile::tempdir().unwrap();
+        let daemon = Daemon::new(&folder.path().join("none"));
+        let begin = Instant::now();
+        let error = daemon.press("p", &mut |_| ()).unwrap_err();
+        assert!(
+            error.to_string().contains("is the daemon running"),
+            "{error}"
+        );
+        assert!(begin.elapsed() < 4 * BEGIN);
+        assert!(daemon.reject_last().unwrap().is_none());
+    }
+
+    #[test]
+    fn who_watches_hears_that_the_daemon_is_away_and_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let daemon = Daemon::new(&socket);
+        let mut found = Vec::new();
+        let mut requests = None;
+        daemon.watch(|watch| {
+            found.push(matches!(watch, Watch::There));
+            if found.len() == 1 {
+                let listening = r#"{"type":"listening"}"#;
+                requests = Some(serve(&socket, &[&[listening, DURABLE], &[listening]]));
+            }
+            found.len() < 4
+        });
+        assert_eq!(found, [false, true, false, true]);
+        assert_eq!(daemon.last.lock().unwrap().as_deref(), Some("a-0001"));
+    }
+}
