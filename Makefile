@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo rig-demo deps test bench lint kinect-driver
+.PHONY: help demo rig-demo deps test bench lint deb deb-test kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -29,6 +29,12 @@ lint: ## format, clippy and documentation without warnings
 	$(CARGO) clippy --locked --all-targets -- -D warnings
 	$(CARGO) clippy --locked --all-targets --features rig -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps --features rig
+
+deb: deps ## build the Debian package into target/debian
+	CARGO=$(CARGO) scripts/deb.sh
+
+deb-test: deb ## install the package on a clean Debian 12 in a folder, run it, purge it (as root)
+	scripts/deb-test.sh
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

@@ -6,6 +6,8 @@
 //! one; the commands join them. ARCHITECTURE.md has the table of what each room may use.
 
 pub mod calibration;
+#[cfg(feature = "live")]
+pub mod check;
 pub mod commands;
 pub mod config;
 pub mod daemon;

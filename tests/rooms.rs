@@ -52,6 +52,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
         ],
     ),
+    ("check", &[]),
     ("log", &[]),
     (
         "workers",

@@ -267,7 +267,7 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.configure("[capture]\nretyr = 3\n");
     stand.signal("-HUP");
     stand.until_logged("retyr");
-    stand.configure("[capture]\nretry = 3\n[hull]\nresolution = 100\n");
+    stand.configure("[capture]\nretry = 3\npatience_ms = 700\n");
     stand.signal("-HUP");
     stand.until_logged("was read again");
     stand.end();
@@ -378,4 +378,61 @@ fn a_foot_switch_that_bounces_is_one_press() {
     assert_eq!(presses.len(), 1, "{presses:?}");
     drop(switch);
     assert!(!pedal.wait().unwrap().success());
+}
+
+fn check(stand: &Stand, more: &[&str]) -> (Option<i32>, String) {
+    let mut command = scand();
+    command
+        .args(["check", "--config", "rig.toml", "--no-speed"])
+        .args(more);
+    let output = command.current_dir(stand.folder.path()).output().unwrap();
+    let words = String::from_utf8(output.stdout).unwrap();
+    (output.status.code(), words)
+}
+
+#[test]
+fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
+    let mut stand = Stand::new("");
+    std::fs::create_dir(stand.path("recordings")).unwrap();
+    let (code, words) = check(&stand, &[]);
+    assert_eq!(code, Some(1), "{words}");
+    for expected in [
+        "ok     configuration: rig.toml, 2 cameras",
+        "none runs",
+        "WRONG  camera c00: ",
+        "/dev/none-1",
+        "ok     recordings' folder",
+        "WRONG  background plates: there are none\n       → clear the rig",
+    ] {
+        assert!(words.contains(expected), "{expected}: {words}");
+    }
+    let (code, words) = check(&stand, &["--json", "--set", "capture.retyr=1"]);
+    let json: serde_json::Value = serde_json::from_str(&words).unwrap();
+    assert_eq!(code, Some(78));
+    assert_eq!(json["wrong"], true);
+    assert!(
+        json["findings"][0]["found"]
+            .as_str()
+            .unwrap()
+            .contains("retyr"),
+        "{json}"
+    );
+    stand.start(run());
+    stand.until_logged("listening");
+    let (code, words) = check(&stand, &["--bundle", "bundle.tar.zst"]);
+    assert_eq!(code, Some(1));
+    assert!(words.contains("ok     daemon: it answers on"), "{words}");
+    assert!(words.contains("WRONG  camera c01: "), "{words}");
+    let packed = std::fs::File::open(stand.path("bundle.tar.zst")).unwrap();
+    let tar = zstd::decode_all(packed).unwrap();
+    let holds = |text: &[u8]| tar.windows(text.len()).any(|window| window == text);
+    for expected in [
+        "check.txt",
+        "status.json",
+        "rig.toml",
+        "calibration.toml",
+        "/dev/none-0",
+    ] {
+        assert!(holds(expected.as_bytes()), "{expected}");
+    }
 }

@@ -67,6 +67,8 @@ enum Command {
     Background(live::ask::BackgroundArgs),
     Board(board::Args),
     Calibrate(Box<calibrate::Args>),
+    #[cfg(feature = "live")]
+    Check(live::check::Args),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Events(live::ask::EventsArgs),
@@ -95,6 +97,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Background(args)) => live::ask::background(args),
         Some(Command::Board(args)) => board::run(args),
         Some(Command::Calibrate(args)) => calibrate::run(*args),
+        #[cfg(feature = "live")]
+        Some(Command::Check(args)) => live::check::run(args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::ask::events(args),

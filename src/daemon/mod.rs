@@ -37,6 +37,8 @@ mod service_tests;
 #[cfg(feature = "live")]
 mod status;
 #[cfg(feature = "live")]
+mod survey;
+#[cfg(feature = "live")]
 mod systemd;
 #[cfg(all(test, feature = "live"))]
 mod tests;
@@ -62,5 +64,7 @@ pub use rig::{Kind, Rig, Station};
 pub use service::Service;
 #[cfg(feature = "live")]
 pub use status::{CameraStatus, Status};
+#[cfg(feature = "live")]
+pub use survey::survey;
 #[cfg(feature = "live")]
 pub use systemd::{Heart, Notifier, Pulse, handed_over};

@@ -289,6 +289,32 @@ fn what_was_acknowledged_survives_a_kill_at_any_moment() {
 }
 
 #[test]
+fn a_daemon_that_is_told_to_end_finishes_the_capture_first() {
+    network::alone(
+        "a_daemon_that_is_told_to_end_finishes_the_capture_first",
+        || {
+            let stand = Stand::start(&["sync.depth_frames=10"]);
+            let mut press = stand.begin_press();
+            let accepted = press.reply().unwrap();
+            assert!(matches!(accepted, Reply::Accepted { .. }), "{accepted:?}");
+            let (end, folder) = stand.end_during(press);
+            let (Reply::Durable { capture, .. } | Reply::Failed { capture, .. }) = &end else {
+                panic!("{end:?}");
+            };
+            // Complete under its final name, whichever it was.
+            let files = recordings(&folder.path().join("recordings"));
+            let recording = Recording::open(&files[0]).unwrap();
+            assert_eq!(recording.damage(), []);
+            let records = recording.messages(&Topic::Capture).iter();
+            let ids: Vec<String> = records
+                .map(|m| recording.capture_record(m).unwrap().id)
+                .collect();
+            assert!(ids.contains(capture), "{end:?}: {ids:?}");
+        },
+    );
+}
+
+#[test]
 fn a_full_disk_fails_a_capture_and_no_other() {
     network::alone("a_full_disk_fails_a_capture_and_no_other", || {
         let settings = [

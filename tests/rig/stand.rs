@@ -309,14 +309,30 @@ impl Stand {
 
     /// Ends the daemon as systemd does, and the cameras; what was recorded.
     pub fn end(mut self) -> tempfile::TempDir {
+        self.terminate();
+        self.ended()
+    }
+
+    /// The same while a press is being carried out: what its client hears last.
+    pub fn end_during(mut self, mut press: Client) -> (Reply, tempfile::TempDir) {
+        self.terminate();
+        let end = loop {
+            let reply = press.reply();
+            let reply = reply.unwrap_or_else(|e| panic!("{e}: {}", self.log()));
+            if reply.is_end(Until::Durable) {
+                break reply;
+            }
+        };
+        (end, self.ended())
+    }
+
+    fn terminate(&self) {
         let pid = self.daemon.id().to_string();
-        assert!(
-            Command::new("kill")
-                .args(["-TERM", &pid])
-                .status()
-                .unwrap()
-                .success()
-        );
+        let sent = Command::new("kill").args(["-TERM", &pid]).status();
+        assert!(sent.unwrap().success());
+    }
+
+    fn ended(&mut self) -> tempfile::TempDir {
         let ended = self.daemon.wait().unwrap();
         assert!(ended.success(), "{}", self.log());
         self.folder.take().unwrap()

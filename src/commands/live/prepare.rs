@@ -30,6 +30,8 @@ pub(super) struct Prepared {
     pub stations: Vec<Station>,
     pub preamble: Preamble,
     pub pool: Pool,
+    /// Where the calibration is.
+    pub calibration: PathBuf,
 }
 
 impl Source {
@@ -66,6 +68,7 @@ impl Source {
             stations,
             preamble,
             pool,
+            calibration: file,
         })
     }
 

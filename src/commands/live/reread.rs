@@ -12,28 +12,18 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use toml::{Table, Value};
 
-/// Sections and keys that may change while the daemon runs. What the reconstruction goes by is no matter of cameras: it
-/// is written into the next recording. A new calibration may be read as well.
+/// Keys that may change while the daemon runs, and the calibration's contents. All others belong to cameras and workers
+/// that were started with them.
 const MAY_CHANGE: &[&str] = &[
     "capture.largest_skew_ms",
     "capture.patience_ms",
     "capture.retry",
-    "depth",
-    "glb",
-    "hull",
-    "method",
     "recording.keep_free_mb",
     "recording.largest_file_mb",
-    "region",
-    "restoration",
     "rig.calibration",
     "rig.name",
     "rig.volume",
     "service",
-    "silhouette",
-    "texture",
-    "verdict",
-    "vertices",
 ];
 
 /// What the daemon was started with.
@@ -150,7 +140,7 @@ mod tests {
         ];
         assert_eq!(keys, all);
         let fixed: Vec<_> = keys.into_iter().filter(|key| !may_change(key)).collect();
-        assert_eq!(fixed, all[..2]);
+        assert_eq!(fixed, all[..3]);
         assert!(changed(&before, &before).unwrap().is_empty());
     }
 

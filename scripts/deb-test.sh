@@ -1,0 +1,83 @@
+#!/usr/bin/env bash
+# Installs the package on a clean Debian 12 in a folder of its own, looks whether it runs, and removes it again. Run as
+# root; needs mmdebstrap. The clean Debian is kept below target for the next time.
+#
+#   scripts/deb-test.sh target/debian/scand_0.1.0-1_amd64.deb
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+say() { echo "deb-test: $*" >&2; }
+if [ "$(id -u)" -ne 0 ]; then
+	say "it makes a Debian of its own: run it as root"
+	exit 1
+fi
+package=$(realpath "${1:-$(ls -t target/debian/scand_*.deb | head -n 1)}")
+mirror=${MIRROR:-http://deb.debian.org/debian}
+base=target/debian/bookworm.tar
+command -v mmdebstrap >/dev/null || apt-get install -y -qq --no-install-recommends mmdebstrap >/dev/null
+
+if [ ! -e "$base" ]; then
+	say "making a clean Debian 12"
+	mmdebstrap --quiet --variant=minbase --include=systemd,udev --aptopt='Apt::Install-Recommends "false"' \
+		bookworm "${base%.tar}.part.tar" "deb $mirror bookworm main"
+	mv "${base%.tar}.part.tar" "$base"
+fi
+root=$(mktemp -d)
+cleanup() {
+	umount "$root/proc" 2>/dev/null || true
+	rm -rf --one-file-system "$root"
+}
+trap cleanup EXIT
+tar -xf "$base" -C "$root"
+mount -t proc proc "$root/proc"
+cp /etc/resolv.conf "$root/etc/resolv.conf"
+cp "$package" "$root/tmp/scand.deb"
+cp recordings/cup.mcap "$root/tmp/cup.mcap"
+inside() { chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C PATH=/usr/sbin:/usr/bin:/sbin:/bin "$@"; }
+files() { (cd "$root" && find . -xdev -path ./proc -prune -o -print | grep -vE '^\./(tmp|var/(cache|log|lib/(apt|dpkg|systemd))|run|root)(/|$)' | sort); }
+
+fail() {
+	say "FAILED: $*"
+	exit 1
+}
+
+say "installing"
+inside apt-get update -qq
+# What it needs first, so that what is compared at the end is the package alone.
+inside apt-get install -y -qq --no-install-recommends $(dpkg-deb -f "$package" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//') >/dev/null
+before=$(files)
+users=$(cat "$root/etc/passwd" "$root/etc/group")
+inside apt-get install -y -qq --no-install-recommends /tmp/scand.deb >/dev/null
+
+say "running"
+inside scand --version
+[ "$(inside ldd /usr/bin/scand | grep -c 'not found')" -eq 0 ] || fail "libraries are missing"
+inside scand pedal --help >/dev/null
+inside scand --replay /tmp/cup.mcap --out /tmp/out --quiet || fail "the replay"
+find "$root/tmp/out" -name model.glb | grep -q . || fail "no model"
+words=$(inside systemd-analyze verify scand.service scand.socket scand-pedal@event0.service 2>&1) || fail "$words"
+[ -z "$words" ] || fail "$words"
+for unit in scand.service scand-pedal@.service; do
+	inside systemd-analyze security --offline=true --threshold=20 "/lib/systemd/system/$unit" >/dev/null ||
+		fail "$unit is too open"
+done
+inside getent passwd scand >/dev/null || fail "no user scand"
+[ -L "$root/etc/systemd/system/sockets.target.wants/scand.socket" ] || fail "the socket is not enabled"
+[ "$(inside stat -c '%U:%G %a' /var/lib/scand/recordings)" = "scand:scand 750" ] || fail "the recordings' folder"
+code=0
+inside scand check --config /usr/share/doc/scand/examples/rig.toml >/dev/null 2>&1 || code=$?
+[ "$code" -eq 78 ] || fail "check: exit code $code, expected 78 (no calibration)"
+
+say "removing"
+cp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap"
+mkdir -p "$root/etc/scand" && echo "# mine" >"$root/etc/scand/rig.toml"
+mkdir -p "$root/var/lib/scand/models" && touch "$root/var/lib/scand/models/a"
+inside apt-get remove -y -qq scand >/dev/null
+[ -e "$root/etc/scand/rig.toml" ] || fail "removing took the configuration"
+inside apt-get purge -y -qq scand >/dev/null
+left=$(diff <(echo "$before") <(files) | grep '^[<>]' || true)
+expected=$'> ./var/lib/scand\n> ./var/lib/scand/recordings\n> ./var/lib/scand/recordings/kept.mcap'
+[ "$left" = "$expected" ] || fail "left behind: $left"
+[ "$users" = "$(cat "$root/etc/passwd" "$root/etc/group")" ] || fail "users are left"
+cmp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap" || fail "the recording"
+say "ok: installed, ran, and left nothing but recordings"

@@ -1,0 +1,124 @@
+//! What support wants to see, in one file of a bounded size: a tar archive packed with zstd. The archive's form is the
+//! oldest one that everything reads (POSIX ustar).
+
+use std::io::{Error, ErrorKind, Result, Write};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Most bytes of one file in a bundle; of a longer one the end is kept.
+pub const LARGEST_FILE: usize = 4 << 20;
+/// Most files in a bundle.
+const MOST_FILES: usize = 32;
+
+/// Files that belong together.
+#[derive(Clone, Debug, Default)]
+pub struct Bundle {
+    files: Vec<(String, Vec<u8>)>,
+}
+
+impl Bundle {
+    /// Adds a file; of one that is too long, the end, which is where logs are new.
+    pub fn add(&mut self, name: &str, contents: impl Into<Vec<u8>>) {
+        let mut contents = contents.into();
+        if self.files.len() >= MOST_FILES {
+            return;
+        }
+        if let Some(before) = contents.len().checked_sub(LARGEST_FILE) {
+            contents.drain(..before);
+        }
+        self.files.push((name.to_owned(), contents));
+    }
+
+    /// Writes the archive, complete or not at all, for its owner alone.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        use std::os::unix::fs::OpenOptionsExt;
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(".part");
+        let part = path.with_file_name(name);
+        let mut options = std::fs::File::options();
+        options.write(true).create(true).truncate(true).mode(0o600);
+        let file = options.open(&part)?;
+        let mut packed = zstd::Encoder::new(file, 6)?;
+        self.write(&mut packed)?;
+        packed.finish()?.sync_all()?;
+        std::fs::rename(&part, path)
+    }
+
+    fn write(&self, to: &mut impl Write) -> Result<()> {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let seconds = now.unwrap_or_default().as_secs();
+        for (name, contents) in &self.files {
+            to.write_all(&header(name, contents.len(), seconds)?)?;
+            to.write_all(contents)?;
+            to.write_all(&vec![
+                0;
+                contents.len().next_multiple_of(512) - contents.len()
+            ])?;
+        }
+        to.write_all(&[0; 1024])
+    }
+}
+
+/// The 512 bytes before a file's contents: POSIX.1-1988, ustar.
+fn header(name: &str, length: usize, seconds: u64) -> Result<[u8; 512]> {
+    let mut header = [0; 512];
+    let mut put = |at: usize, text: &str| {
+        header[at..at + text.len()].copy_from_slice(text.as_bytes());
+    };
+    if name.len() > 99 {
+        return Err(Error::new(ErrorKind::InvalidInput, "a name is too long"));
+    }
+    put(0, name);
+    put(100, "0000600\0");
+    put(108, "0000000\0");
+    put(116, "0000000\0");
+    put(124, &format!("{length:011o}\0"));
+    put(136, &format!("{seconds:011o}\0"));
+    // The checksum is taken with blanks in its own place.
+    put(148, "        ");
+    put(156, "0");
+    put(257, "ustar\x0000");
+    let sum: u32 = header.iter().map(|&byte| u32::from(byte)).sum();
+    header[148..156].copy_from_slice(format!("{sum:06o}\0 ").as_bytes());
+    Ok(header)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::{Command, Stdio};
+
+    #[test]
+    fn tar_reads_what_was_packed_and_nothing_is_longer_than_allowed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bundle.tar.zst");
+        let mut bundle = Bundle::default();
+        bundle.add("check.txt", "ok\n");
+        let mut long = vec![b'a'; LARGEST_FILE];
+        long.extend(b"the end");
+        bundle.add("journal.txt", long);
+        (0..100).for_each(|n| bundle.add(&format!("more-{n}"), Vec::new()));
+        bundle.save(&path).unwrap();
+        let tar = zstd::decode_all(std::fs::File::open(&path).unwrap()).unwrap();
+        let mut child = Command::new("tar")
+            .args(["-x", "-f", "-"])
+            .current_dir(folder.path())
+            .stdin(Stdio::piped())
+            .spawn()
+            .unwrap();
+        child.stdin.take().unwrap().write_all(&tar).unwrap();
+        assert!(child.wait().unwrap().success());
+        let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+        assert_eq!(read("check.txt"), b"ok\n");
+        assert_eq!(read("journal.txt").len(), LARGEST_FILE);
+        assert!(read("journal.txt").ends_with(b"the end"));
+        // Those two, the archive, and thirty more.
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            MOST_FILES + 1
+        );
+    }
+}

@@ -1,0 +1,91 @@
+//! What the cameras say: of the daemon's status, or of cameras that were opened for the check.
+
+use super::{Finding, State};
+use serde_json::Value;
+
+/// Judges the cameras of a status (`cameras`, as docs/socket.md has it).
+pub fn cameras(cameras: &Value) -> Vec<Finding> {
+    let all = cameras.as_object().into_iter().flatten();
+    all.flat_map(|(id, camera)| one(id, camera)).collect()
+}
+
+fn one(id: &str, camera: &Value) -> Vec<Finding> {
+    let subject = format!("camera {id}");
+    let words = camera["words"].as_str().unwrap_or("");
+    if camera["state"] != "ready" {
+        let found = if words.is_empty() { "no answer" } else { words };
+        let remedy = "power, cable, address; docs/cameras.md has each message";
+        return vec![Finding::not_ok(State::Wrong, subject, found, remedy)];
+    }
+    let mut findings = vec![Finding::ok(subject.clone(), words)];
+    let texts = |key: &str| camera[key].as_array().cloned().unwrap_or_default();
+    for setting in texts("settings") {
+        let part = |i: usize| setting[i].as_str().unwrap_or("").to_owned();
+        if part(1) != part(2) {
+            let found = format!("{}: asked for {}, has {}", part(0), part(1), part(2));
+            findings.push(Finding::ok(subject.clone(), found));
+        }
+    }
+    for remark in texts("remarks") {
+        let remark = remark.as_str().unwrap_or("");
+        findings.push(judge_remark(&subject, remark));
+    }
+    let lost = camera["lost_frames"].as_u64().unwrap_or(0);
+    if lost > 0 {
+        let found = format!("it lost {lost} frames since the daemon began");
+        let remedy = "its link: cable, switch, packet_delay_ns, receive buffers";
+        findings.push(Finding::not_ok(State::Advice, subject, found, remedy));
+    }
+    findings
+}
+
+/// A camera's own remark is advice, but for a PTP clock: one that follows is in order, another is not.
+fn judge_remark(subject: &str, remark: &str) -> Finding {
+    let Some(state) = remark.strip_prefix("PTP: ") else {
+        let remedy = "docs/cameras.md";
+        return Finding::not_ok(State::Advice, subject, remark, remedy);
+    };
+    let follows = state.starts_with("Master") || state.starts_with("Slave");
+    if follows && !state.contains("more than") {
+        return Finding::ok(subject, remark);
+    }
+    let remedy = "a PTP master on its network (ptp4l, or a camera), and half a minute to settle";
+    Finding::not_ok(State::Wrong, subject, remark, remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_camera_that_is_away_is_wrong_and_remarks_are_judged() {
+        let status = json!({
+            "c00": {"state": "ready", "words": "Maker M1", "settings": [["exposure", "0.008", "0.008"]],
+                "remarks": ["PTP: Slave, 120 ns from its master"], "lost_frames": 0},
+            "c01": {"state": "ready", "words": "Maker M1", "settings": [["gain", "3.0", "2.9"]],
+                "remarks": ["PTP: Listening, expected Slave or Master"], "lost_frames": 7},
+            "c02": {"state": "away", "words": "no answer from 10.0.1.3"},
+            "c03": {"state": "ready", "words": "Maker M2", "remarks": ["its packets have 1500 bytes"]},
+        });
+        let findings = cameras(&status);
+        let of = |id: &str| -> Vec<State> {
+            let subject = format!("camera {id}");
+            let own = findings.iter().filter(|f| f.subject == subject);
+            own.map(|f| f.state).collect()
+        };
+        assert_eq!(of("c00"), [State::Ok, State::Ok]);
+        assert_eq!(
+            of("c01"),
+            [State::Ok, State::Ok, State::Wrong, State::Advice]
+        );
+        assert_eq!(of("c02"), [State::Wrong]);
+        assert_eq!(of("c03"), [State::Ok, State::Advice]);
+        assert!(
+            findings
+                .iter()
+                .any(|f| f.found == "gain: asked for 3.0, has 2.9")
+        );
+        assert!(cameras(&Value::Null).is_empty());
+    }
+}

@@ -1,0 +1,178 @@
+//! The folder of recordings: whether captures find a way into it, room, and speed.
+
+use super::{Finding, State};
+use std::io::Write;
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Bytes that are written to measure a disk.
+const SAMPLE: usize = 64 << 20;
+/// A capture should be on the disk within so many seconds, or presses wait for it.
+const LONGEST_SECONDS: f64 = 3.0;
+
+/// Whether a file can be made in a folder, by who runs this.
+pub fn folder(path: &Path) -> Finding {
+    let subject = "recordings' folder";
+    let trial = path.join(format!(".scand-check-{}", std::process::id()));
+    let made = std::fs::File::create_new(&trial);
+    let _ = std::fs::remove_file(&trial);
+    match made {
+        Ok(_) => Finding::ok(subject, path.display().to_string()),
+        Err(cause) => Finding::not_ok(
+            State::Wrong,
+            subject,
+            format!("{}: {cause}", path.display()),
+            "make it, and give it to the daemon's user: install -d -o scand -g scand -m 750 FOLDER",
+        ),
+    }
+}
+
+/// Whether captures of so many bytes find room, with what is kept free.
+pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> Finding {
+    let subject = "disk: space";
+    let free = match free {
+        Ok(free) => free,
+        Err(cause) => {
+            return Finding::not_ok(State::Wrong, subject, cause.to_string(), "is it mounted?");
+        }
+    };
+    let usable = free.saturating_sub(keep_free);
+    let mut found = format!("{} GB free", free / 1_000_000_000);
+    let Some(captures) = usable.checked_div(capture_bytes) else {
+        return Finding::ok(subject, found);
+    };
+    found += &format!(", room for {captures} captures");
+    let remedy = "move old recordings elsewhere; recording.keep_free_mb says what is never used";
+    match captures {
+        0 => Finding::not_ok(State::Wrong, subject, found, remedy),
+        1..100 => Finding::not_ok(State::Advice, subject, found, remedy),
+        _ => Finding::ok(subject, found),
+    }
+}
+
+/// Measures how fast a folder's disk takes what must be durable, and what that means for a capture. Writes 64 MiB and
+/// removes them.
+pub fn speed(path: &Path, capture_bytes: u64) -> Finding {
+    let subject = "disk: speed";
+    let trial = path.join(format!(".scand-check-{}", std::process::id()));
+    let measured = write(&trial);
+    let _ = std::fs::remove_file(&trial);
+    match measured {
+        Ok(took) => judge_speed(SAMPLE as f64 / took.as_secs_f64().max(1e-6), capture_bytes),
+        Err(cause) => {
+            let found = format!("{}: {cause}", path.display());
+            Finding::not_ok(State::Wrong, subject, found, "captures could not be kept")
+        }
+    }
+}
+
+fn write(path: &Path) -> std::io::Result<Duration> {
+    // Nothing that a disk could pack.
+    let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+    let block: Vec<u8> = std::iter::repeat_with(|| {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        seed.to_le_bytes()
+    })
+    .take((4 << 20) / 8)
+    .flatten()
+    .collect();
+    let mut file = std::fs::File::create_new(path)?;
+    let begin = Instant::now();
+    for _ in 0..SAMPLE / block.len() {
+        file.write_all(&block)?;
+    }
+    file.sync_data()?;
+    Ok(begin.elapsed())
+}
+
+fn judge_speed(bytes_a_second: f64, capture_bytes: u64) -> Finding {
+    let seconds = capture_bytes as f64 / bytes_a_second;
+    let found = format!(
+        "{:.0} MB/s: a capture of {} MB takes {seconds:.1} s",
+        bytes_a_second / 1e6,
+        capture_bytes / 1_000_000
+    );
+    if seconds <= LONGEST_SECONDS {
+        return Finding::ok("disk: speed", found);
+    }
+    let remedy =
+        "a faster disk, or slower presses: what waits for the disk is bounded by capture.waiting";
+    Finding::not_ok(State::Advice, "disk: speed", found, remedy)
+}
+
+/// How old the plates of the empty rig are: the newest set below the recordings' folder.
+pub fn plates(recordings: &Path) -> Finding {
+    let subject = "background plates";
+    let files = std::fs::read_dir(recordings.join("plates"));
+    let files = files.into_iter().flatten().flatten();
+    let plates = files.filter(|f| f.path().extension().is_some_and(|e| e == "mcap"));
+    let newest = plates
+        .filter_map(|f| f.metadata().ok()?.modified().ok())
+        .max();
+    let remedy = "clear the rig and take them: scand background";
+    let Some(newest) = newest else {
+        return Finding::not_ok(State::Wrong, subject, "there are none", remedy);
+    };
+    let hours = SystemTime::now()
+        .duration_since(newest)
+        .unwrap_or_default()
+        .as_secs()
+        / 3600;
+    let found = format!("{hours} hours old");
+    if hours < 12 {
+        return Finding::ok(subject, found);
+    }
+    Finding::not_ok(State::Advice, subject, found, remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_is_counted_in_captures() {
+        let of = |free| space(Ok(free), 100_000_000, 1_000_000_000);
+        assert_eq!(of(100_000_000_000).state, State::Ok);
+        assert_eq!(of(5_000_000_000).state, State::Advice);
+        assert!(of(5_000_000_000).found.contains("room for 40 captures"));
+        assert_eq!(of(1_050_000_000).state, State::Wrong);
+        assert_eq!(space(Ok(7), 0, 0).state, State::Ok);
+        assert_eq!(
+            space(Err(std::io::ErrorKind::NotFound.into()), 1, 1).state,
+            State::Wrong
+        );
+    }
+
+    #[test]
+    fn a_slow_disk_is_told_by_what_a_capture_takes() {
+        assert_eq!(judge_speed(400e6, 100_000_000).state, State::Ok);
+        let slow = judge_speed(20e6, 100_000_000);
+        assert_eq!(slow.state, State::Advice);
+        assert!(slow.found.contains("takes 5.0 s"), "{slow:?}");
+    }
+
+    #[test]
+    fn a_folder_is_tried_and_left_as_it_was() {
+        let at = tempfile::tempdir().unwrap();
+        assert_eq!(folder(at.path()).state, State::Ok);
+        assert_eq!(speed(at.path(), 1).state, State::Ok);
+        assert_eq!(std::fs::read_dir(at.path()).unwrap().count(), 0);
+        let missing = at.path().join("none");
+        assert_eq!(folder(&missing).state, State::Wrong);
+        assert_eq!(speed(&missing, 1).state, State::Wrong);
+    }
+
+    #[test]
+    fn plates_have_an_age() {
+        let at = tempfile::tempdir().unwrap();
+        assert_eq!(plates(at.path()).state, State::Wrong);
+        std::fs::create_dir(at.path().join("plates")).unwrap();
+        let file = std::fs::File::create(at.path().join("plates/a.mcap")).unwrap();
+        assert_eq!(plates(at.path()).state, State::Ok);
+        let yesterday = SystemTime::now() - Duration::from_secs(86_400);
+        file.set_modified(yesterday).unwrap();
+        assert_eq!(plates(at.path()).state, State::Advice);
+    }
+}

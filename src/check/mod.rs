@@ -1,0 +1,132 @@
+//! What can be known to be wrong before work begins. Each thing that was looked at is a finding: in order, or with what
+//! to do about it. Here is looked and judged; what the cameras say is asked elsewhere and handed in.
+
+mod bundle;
+mod cameras;
+mod disk;
+mod host;
+
+pub use bundle::{Bundle, LARGEST_FILE};
+pub use cameras::cameras;
+pub use disk::{folder, plates, space, speed};
+pub use host::Host;
+
+use std::time::{Duration, SystemTime};
+
+/// How a thing is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// As it should be.
+    Ok,
+    /// It works, and could be better.
+    Advice,
+    /// It does not work, or loses captures.
+    Wrong,
+}
+
+/// Something that was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Finding {
+    /// What was looked at.
+    pub subject: String,
+    /// How it is.
+    pub state: State,
+    /// What was found.
+    pub found: String,
+    /// What to do, where it is not as it should be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
+}
+
+impl Finding {
+    /// In order.
+    pub fn ok(subject: impl Into<String>, found: impl Into<String>) -> Self {
+        Self {
+            subject: subject.into(),
+            state: State::Ok,
+            found: found.into(),
+            remedy: None,
+        }
+    }
+
+    /// Not as it should be, and what to do.
+    pub fn not_ok(
+        state: State,
+        subject: impl Into<String>,
+        found: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            state,
+            remedy: Some(remedy.into()),
+            ..Self::ok(subject, found)
+        }
+    }
+
+    /// A line for people.
+    pub fn line(&self) -> String {
+        let word = match self.state {
+            State::Ok => "ok    ",
+            State::Advice => "advice",
+            State::Wrong => "WRONG ",
+        };
+        let mut line = format!("{word} {}: {}", self.subject, self.found);
+        if let Some(remedy) = &self.remedy {
+            line += &format!("\n       → {remedy}");
+        }
+        line
+    }
+}
+
+/// How old a calibration is by its file. The oldest that is taken without a word is 90 days.
+pub fn calibration(modified: std::io::Result<SystemTime>) -> Finding {
+    let subject = "calibration";
+    let age = modified.map(|time| time.elapsed().unwrap_or_default());
+    match age {
+        Ok(age) if age <= Duration::from_secs(90 * 86_400) => {
+            Finding::ok(subject, format!("{} days old", age.as_secs() / 86_400))
+        }
+        Ok(age) => Finding::not_ok(
+            State::Advice,
+            subject,
+            format!("{} days old", age.as_secs() / 86_400),
+            "calibrate again if anything was touched since: docs/calibration.md",
+        ),
+        Err(cause) => {
+            let remedy = "rig.calibration names the file that scand calibrate wrote";
+            Finding::not_ok(State::Wrong, subject, cause.to_string(), remedy)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_what_to_do() {
+        let finding = Finding::not_ok(State::Wrong, "disk", "full", "remove something");
+        assert_eq!(
+            finding.line(),
+            "WRONG  disk: full\n       → remove something"
+        );
+        assert_eq!(
+            Finding::ok("disk", "room for 7").line(),
+            "ok     disk: room for 7"
+        );
+    }
+
+    #[test]
+    fn an_old_calibration_is_told() {
+        let days = |n: u64| Ok(SystemTime::now() - Duration::from_secs(n * 86_400));
+        assert_eq!(calibration(days(3)).state, State::Ok);
+        let old = calibration(days(200));
+        assert_eq!(
+            (old.state, old.found.as_str()),
+            (State::Advice, "200 days old")
+        );
+        let none = std::io::ErrorKind::NotFound.into();
+        assert_eq!(calibration(Err(none)).state, State::Wrong);
+    }
+}

@@ -1,0 +1,258 @@
+//! `scand check`: everything that can be known to be wrong before work begins, and a bundle of it for support.
+
+use super::prepare::{Prepared, Source};
+use crate::check::{self, Bundle, Finding, Host, State};
+use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
+use crate::config::Config;
+use crate::daemon::{free_bytes, survey};
+use crate::drivers::live::HostClock;
+use crate::trigger::{Client, Reply, Request};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::Duration;
+
+/// How long cameras are waited for.
+const CAMERAS: Duration = Duration::from_secs(15);
+/// How long a running daemon is waited for.
+const DAEMON: Duration = Duration::from_secs(10);
+
+/// Look at everything that can be known to be wrong before work begins: each line is ok, or says what to do. Asks a
+/// running daemon for its cameras; where none runs, opens them itself.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(flatten)]
+    source: Source,
+    /// Print the findings as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Pack the findings with configuration, logs and versions into FILE (.tar.zst), for support.
+    #[arg(long, value_name = "FILE")]
+    bundle: Option<PathBuf>,
+    /// Do not measure the disk's speed.
+    #[arg(long)]
+    no_speed: bool,
+}
+
+/// What was found.
+struct Findings {
+    all: Vec<Finding>,
+    /// The running daemon's own words.
+    status: Option<Value>,
+    bad_configuration: bool,
+}
+
+/// Checks. The exit code is 0 where nothing is wrong (advice may be given), 78 for a bad configuration, else 1.
+///
+/// # Errors
+/// If the bundle cannot be written.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let findings = findings(&args);
+    let wrong = findings.all.iter().any(|f| f.state == State::Wrong);
+    let as_json = json!({ "findings": &findings.all, "wrong": wrong });
+    let as_lines: Vec<String> = findings.all.iter().map(Finding::line).collect();
+    let as_lines = as_lines.join("\n");
+    if args.json {
+        say!("{as_json:#}");
+    } else {
+        say!("{as_lines}");
+    }
+    if let Some(path) = &args.bundle {
+        let status = findings.status.unwrap_or_default();
+        pack(&args.source, &as_lines, &as_json, &status).save(path)?;
+    }
+    Ok(match (findings.bad_configuration, wrong) {
+        (true, _) => ExitCode::from(EXIT_CONFIGURATION),
+        (_, true) => ExitCode::FAILURE,
+        _ => ExitCode::SUCCESS,
+    })
+}
+
+fn findings(args: &Args) -> Findings {
+    let clock = HostClock::start();
+    match args.source.prepare(clock) {
+        Ok(prepared) => prepared_findings(args, prepared, clock),
+        Err(error) => {
+            let found = format!("{error:#}");
+            let remedy = "mend the file; config/rig.toml shows every section";
+            Findings {
+                all: vec![Finding::not_ok(
+                    State::Wrong,
+                    "configuration",
+                    found,
+                    remedy,
+                )],
+                status: None,
+                bad_configuration: error.is::<BadConfiguration>(),
+            }
+        }
+    }
+}
+
+fn prepared_findings(args: &Args, prepared: Prepared, clock: HostClock) -> Findings {
+    let Prepared {
+        config,
+        stations,
+        calibration,
+        ..
+    } = prepared;
+    let words = format!(
+        "{}, {} cameras",
+        args.source.config.display(),
+        stations.len()
+    );
+    let mut all = vec![Finding::ok("configuration", words)];
+    all.push(check::calibration(modified(&calibration)));
+    let status = ask(&config.socket.path);
+    all.push(match &status {
+        Some(_) => Finding::ok(
+            "daemon",
+            format!("it answers on {}", config.socket.path.display()),
+        ),
+        None => Finding::ok("daemon", "none runs: the cameras are opened for this check"),
+    });
+    let cameras = match &status {
+        Some(status) => Ok(status["cameras"].clone()),
+        None => survey(stations, clock, CAMERAS)
+            .map(|cameras| serde_json::to_value(cameras).unwrap_or_default()),
+    };
+    match &cameras {
+        Ok(cameras) => all.extend(check::cameras(cameras)),
+        Err(cause) => all.push(Finding::not_ok(
+            State::Wrong,
+            "cameras",
+            cause.to_string(),
+            "restart",
+        )),
+    }
+    all.extend(host(&config));
+    let capture_bytes = status.as_ref().and_then(|s| s["capture_bytes"].as_u64());
+    let capture_bytes = capture_bytes.filter(|bytes| *bytes > 0);
+    all.extend(disk(args, &config, capture_bytes.unwrap_or(100_000_000)));
+    Findings {
+        all,
+        status,
+        bad_configuration: false,
+    }
+}
+
+fn modified(path: &Path) -> std::io::Result<std::time::SystemTime> {
+    std::fs::metadata(path)?.modified()
+}
+
+/// The status of a daemon that runs.
+fn ask(socket: &Path) -> Option<Value> {
+    let mut client = Client::connect(socket, Some(DAEMON)).ok()?;
+    client.send(&Request::Status {}).ok()?;
+    match client.reply().ok()? {
+        Reply::Status { status } => Some(status),
+        _ => None,
+    }
+}
+
+fn host(config: &Config) -> Vec<Finding> {
+    let host = Host::default();
+    let mut findings = Vec::new();
+    let gige = config.aravis.each().unwrap_or_default();
+    if !gige.is_empty() {
+        findings.push(host.receive_buffers());
+    }
+    for (id, parameters) in &gige {
+        if let Some(address) = parameters.address {
+            findings.push(host.packet_size(id, address, parameters.packet_size));
+        }
+    }
+    if !config.openni2.cameras.is_empty() {
+        findings.push(host.kinect_driver());
+        findings.extend(host.kinects());
+    }
+    findings
+}
+
+fn disk(args: &Args, config: &Config, capture_bytes: u64) -> Vec<Finding> {
+    let folder = &config.recording.folder;
+    let mut findings = vec![check::folder(folder)];
+    let keep_free = config.recording.keep_free_mb * 1_000_000;
+    findings.push(check::space(free_bytes(folder), capture_bytes, keep_free));
+    if !args.no_speed && findings.iter().all(|f| f.state != State::Wrong) {
+        findings.push(check::speed(folder, capture_bytes));
+    }
+    findings.push(check::plates(folder));
+    findings
+}
+
+/// Everything that support wants to see. What is not there is left out.
+fn pack(source: &Source, lines: &str, findings: &Value, status: &Value) -> Bundle {
+    let mut bundle = Bundle::default();
+    bundle.add("check.txt", format!("{lines}\n"));
+    bundle.add("check.json", format!("{findings:#}\n"));
+    bundle.add("status.json", format!("{status:#}\n"));
+    bundle.add(
+        "version.txt",
+        concat!("scand ", env!("CARGO_PKG_VERSION"), "\n"),
+    );
+    let mut file = |name: &str, path: &Path| {
+        if std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < 1 << 30)
+            && let Ok(contents) = std::fs::read(path)
+        {
+            bundle.add(name, contents);
+        }
+    };
+    file("rig.toml", &source.config);
+    if let Ok(prepared) = source.prepare(HostClock::start()) {
+        file("calibration.toml", &prepared.calibration);
+    }
+    file("os-release", Path::new("/etc/os-release"));
+    file("kernel.txt", Path::new("/proc/version"));
+    file("memory.txt", Path::new("/proc/meminfo"));
+    file("modules.txt", Path::new("/proc/modules"));
+    let journal = [
+        "-u",
+        "scand*",
+        "--since",
+        "-3 days",
+        "-n",
+        "20000",
+        "--no-pager",
+        "-o",
+        "short-iso",
+    ];
+    for (name, program, arguments) in [
+        ("journal.txt", "journalctl", &journal[..]),
+        (
+            "kernel-log.txt",
+            "journalctl",
+            &["-k", "-b", "-n", "5000", "--no-pager"],
+        ),
+        (
+            "service.txt",
+            "systemctl",
+            &[
+                "status",
+                "--no-pager",
+                "-l",
+                "scand.service",
+                "scand.socket",
+            ],
+        ),
+        ("network.txt", "ip", &["-s", "address"]),
+        ("usb.txt", "lsusb", &["-t"]),
+        ("disks.txt", "df", &["-h"]),
+        (
+            "packages.txt",
+            "dpkg",
+            &[
+                "-l",
+                "scand",
+                "libaravis-0.8-0",
+                "libopenni2-0",
+                "libusb-1.0-0",
+            ],
+        ),
+    ] {
+        if let Ok(output) = Command::new(program).args(arguments).output() {
+            bundle.add(name, [output.stdout, output.stderr].concat());
+        }
+    }
+    bundle
+}
