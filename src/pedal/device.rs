@@ -98,7 +98,7 @@ impl Device {
     ///
     /// # Errors
     /// If the device is gone.
-    pub fn next(&mut self) -> Result<Input, Error> {
+    pub fn wait(&mut self) -> Result<Input, Error> {
         loop {
             if let Some(input) = self.inputs.pop_front() {
                 return Ok(input);

@@ -50,7 +50,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut switch = Switch::new(keys, Duration::from_millis(args.quiet_ms));
     let running: Arc<AtomicUsize> = Arc::default();
     loop {
-        let input = device.next()?;
+        let input = device.wait()?;
         let Some(action) = switch.edge(input.code, input.value, input.time) else {
             continue;
         };
