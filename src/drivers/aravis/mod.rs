@@ -29,4 +29,6 @@ pub use action::{ActionCommand, ActionGroup, send_action};
 pub use camera::GigeDriver;
 #[cfg(feature = "live")]
 pub use gvcp::{Answer, Identity, Message, identify};
-pub use parameters::{Activation, ExposureMark, FeatureValue, Parameters, Region, TriggerMode};
+pub use parameters::{
+    Activation, ExposureMark, FeatureValue, Parameters, Region, TriggerMode, code, format_of,
+};

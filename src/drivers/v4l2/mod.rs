@@ -15,4 +15,4 @@ mod settings;
 
 #[cfg(feature = "v4l2")]
 pub use camera::V4l2Driver;
-pub use parameters::{Parameters, TriggerMode};
+pub use parameters::{Parameters, TriggerMode, four_letters};
