@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # A rig without hardware: eleven GigE Vision cameras and a depth camera play a recording to the daemon, which takes the
-# plates of the empty rig and one capture; the capture becomes a model. No root: it runs in a network namespace of its
-# own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it takes N captures, one after the
-# other, and prints how long each took from the command to the disk; only the first becomes a model.
+# plates of the empty rig and one capture and makes a model of it; a replay of the recording makes another. No root: it
+# runs in a network namespace of its own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it
+# takes N captures, one after the other, and prints how long each took from the command to the disk; only the first
+# becomes a model, by the replay.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,6 +21,8 @@ if [ -e "$out" ]; then
 	exit 1
 fi
 mkdir -p "$out"
+presses=${PRESSES:-1}
+models=$((presses > 1 ? 0 : 1))
 libraries=$(tests/openni2-sensor/stage.sh)
 
 cp config/loopback.toml "$out/rig.toml"
@@ -50,7 +53,7 @@ until_said() {
 }
 until_said serving cameras.log
 
-LD_LIBRARY_PATH=$libraries SCAND_OPENNI2_FRAMES=$out/frames "$scand" run --config rig.toml 2>daemon.log &
+LD_LIBRARY_PATH=$libraries SCAND_OPENNI2_FRAMES=$out/frames "$scand" run --config rig.toml --set workers.count=$models 2>daemon.log &
 daemon=$!
 until_said listening daemon.log
 for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "camera $camera: ready" daemon.log; done
@@ -58,10 +61,12 @@ for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "c
 "$scand" background --socket scand.sock
 echo captures >&3
 "$scand" session start demo --socket scand.sock
-"$scand" trigger --socket scand.sock --subject demo
-if [ "${PRESSES:-1}" -gt 1 ]; then
+if [ "$presses" -eq 1 ]; then
+	"$scand" trigger --socket scand.sock --subject demo --until done
+else
+	"$scand" trigger --socket scand.sock --subject demo
 	begin=$EPOCHREALTIME
-	for _ in $(seq 2 "$PRESSES"); do
+	for _ in $(seq 2 "$presses"); do
 		pressed=$EPOCHREALTIME
 		"$scand" trigger --socket scand.sock >/dev/null
 		echo "$(((${EPOCHREALTIME/./} - ${pressed/./}) / 1000))"
@@ -78,4 +83,4 @@ fi
 kill -TERM "$daemon"
 wait "$daemon"
 daemon=
-"$scand" --replay recordings/demo.mcap --capture demo-0001 --out models
+"$scand" --replay recordings/demo.mcap --capture demo-0001 --out replayed
