@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 version=3.8.0
 cargo=${CARGO:-cargo}
 tools=target/tools
-if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qxF "$version"; then
+if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 	# It runs for seconds: a short build is worth more than a fast program.
 	CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off "$cargo" install cargo-deb --version "$version" --locked --root "$tools" --target-dir "$tools/build" --quiet
 	rm -rf "$tools/build"
