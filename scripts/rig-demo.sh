@@ -3,7 +3,7 @@
 # plates of the empty rig and one capture and makes a model of it; a replay of the recording makes another. No root: it
 # runs in a network namespace of its own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it
 # takes N captures, one after the other, and prints how long each took from the command to the disk; only the first
-# becomes a model, by the replay.
+# becomes a model, by the replay. UNTIL=captured or UNTIL=done times them up to there; with done all become models.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -22,7 +22,9 @@ if [ -e "$out" ]; then
 fi
 mkdir -p "$out"
 presses=${PRESSES:-1}
-models=$((presses > 1 ? 0 : 1))
+until=${UNTIL:-durable}
+models=0
+if [ "$presses" -eq 1 ] || [ "$until" = done ]; then models=1; fi
 libraries=$(tests/openni2-sensor/stage.sh)
 
 cp config/loopback.toml "$out/rig.toml"
@@ -68,14 +70,14 @@ else
 	begin=$EPOCHREALTIME
 	for _ in $(seq 2 "$presses"); do
 		pressed=$EPOCHREALTIME
-		"$scand" trigger --socket scand.sock >/dev/null
+		"$scand" trigger --socket scand.sock --until "$until" >/dev/null
 		echo "$(((${EPOCHREALTIME/./} - ${pressed/./}) / 1000))"
 	done | sort -n >latencies
 	took=$(((${EPOCHREALTIME/./} - ${begin/./}) / 1000))
-	awk -v took="$took" '{ ms[NR] = $1 } END {
+	awk -v took="$took" -v until="$until" '{ ms[NR] = $1 } END {
 		p99 = int(NR * 0.99 + 0.999)
-		printf "%d captures: trigger to durable p50 %d ms, p99 %d ms; %.2f captures a second\n", \
-			NR, ms[int((NR + 1) / 2)], ms[p99], NR * 1000 / took
+		printf "%d captures: trigger to %s p50 %d ms, p99 %d ms; %.2f captures a second\n", \
+			NR, until, ms[int((NR + 1) / 2)], ms[p99], NR * 1000 / took
 	}' latencies
 fi
 "$scand" status --socket scand.sock
