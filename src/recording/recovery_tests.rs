@@ -45,6 +45,53 @@ fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
 }
 
 #[test]
+fn a_recording_that_was_just_begun_is_completed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let _writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
+    let elsewhere = tempfile::tempdir().unwrap();
+    let bytes = std::fs::read(folder.path().join("a.mcap.part")).unwrap();
+    let recovered = recover(&part_of(elsewhere.path(), &bytes)).unwrap();
+    assert_eq!((recovered.messages, recovered.tail), (0, None));
+}
+
+#[test]
+fn a_chunk_that_was_growing_is_kept_apart_and_what_was_synced_before_it_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
+    let rig = Rig::new();
+    rig.write_to(&mut writer);
+    rig.write_capture(&mut writer, "cup-1", 100, 3);
+    writer.sync().unwrap();
+    let part = folder.path().join("a.mcap.part");
+    let synced = std::fs::read(&part).unwrap();
+    // Frames that are larger than what is gathered: the chunk they are in is on its way when the machine stops.
+    let frame = crate::frame::Frame {
+        camera: camera_id("c00"),
+        stream: crate::frame::Stream::Color,
+        timestamp: at(5000),
+        picture: crate::frame::Picture::Raw {
+            width: 640,
+            height: 480,
+            encoding: "mono8".into(),
+            step: 640,
+            data: vec![7; 640 * 480].into(),
+        },
+    };
+    writer.frame(&frame).unwrap();
+    let bytes = std::fs::read(&part).unwrap();
+    assert!(bytes.len() > synced.len() + 300_000, "{}", bytes.len());
+    let elsewhere = tempfile::tempdir().unwrap();
+    let before = messages(&part_of(elsewhere.path(), &synced));
+    let recovered = recover(&part_of(elsewhere.path(), &bytes)).unwrap();
+    assert_eq!(messages(&recovered.path), before);
+    let (tail, length) = recovered.tail.unwrap();
+    assert_eq!(length as usize, bytes.len() - synced.len());
+    assert!(std::fs::read(tail).unwrap() == bytes[synced.len()..]);
+}
+
+#[test]
 fn a_recording_cut_off_anywhere_is_completed_and_keeps_every_byte() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());

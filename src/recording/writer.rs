@@ -124,6 +124,8 @@ impl Writer {
         };
         let format = [("format", "1"), ("writer", program)];
         writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
+        // Whatever happens from here on leaves a recording, not an empty file.
+        writer.finish_chunk()?;
         Ok(writer)
     }
 
