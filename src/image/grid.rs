@@ -1,6 +1,7 @@
 //! The one container for pictures: a dense, row-major grid of pixels of any type.
 
 use super::PixelRect;
+use rayon::prelude::*;
 use std::ops::{Index, IndexMut};
 
 /// A row-major picture of `width` x `height` pixels. Pixel centres are at whole numbers: the centre of the
@@ -45,6 +46,25 @@ impl<T> Grid<T> {
                 pixels.push(f(x, y));
             }
         }
+        Self {
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// [`Self::from_fn`] on all threads: worth it for pixels that take long.
+    pub fn from_fn_parallel(
+        width: usize,
+        height: usize,
+        f: impl Fn(usize, usize) -> T + Sync,
+    ) -> Self
+    where
+        T: Send,
+    {
+        let rows = (0..height).into_par_iter().with_min_len(16);
+        let row = |y| (0..width).map(move |x| (x, y));
+        let pixels = rows.flat_map_iter(row).map(|(x, y)| f(x, y)).collect();
         Self {
             width,
             height,

@@ -36,12 +36,34 @@ pub fn rasterize(
     width: usize,
     height: usize,
 ) -> Grid<Fragment> {
+    rasterize_if(projected, triangles, (width, height), |_| true)
+}
+
+/// [`rasterize`] for a closed surface that the camera is outside of: what faces away from it is never in front, and
+/// is not drawn.
+pub fn rasterize_closed(
+    projected: &[[f32; 3]],
+    triangles: &[[u32; 3]],
+    width: usize,
+    height: usize,
+) -> Grid<Fragment> {
+    // Counter-clockwise in space is clockwise in a picture whose y points down.
+    let faces_camera = |[a, b, c]: [[f32; 3]; 3]| edge(a, b, c[0], c[1]) < 0.0;
+    rasterize_if(projected, triangles, (width, height), faces_camera)
+}
+
+fn rasterize_if(
+    projected: &[[f32; 3]],
+    triangles: &[[u32; 3]],
+    (width, height): (usize, usize),
+    is_drawn: impl Fn([[f32; 3]; 3]) -> bool,
+) -> Grid<Fragment> {
     let mut buffer = Grid::filled(width, height, Fragment::EMPTY);
     for (index, triangle) in triangles.iter().enumerate() {
         let corners = triangle.map(|v| projected[v as usize]);
         // A sum is finite only if all its parts are.
         let sum: f32 = corners.as_flattened().iter().sum();
-        if sum.is_finite() && corners.iter().all(|c| c[2] > 0.0) {
+        if sum.is_finite() && corners.iter().all(|c| c[2] > 0.0) && is_drawn(corners) {
             draw(&mut buffer, corners, index as u32);
         }
     }

@@ -8,7 +8,7 @@ use crate::job::{self, CaptureFacts, Session};
 use crate::output::{self, StagedFolder};
 use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
 use crate::recording;
-use crate::report::{self, Verdict};
+use crate::report::{self, Measurements, Verdict};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -146,12 +146,12 @@ impl Reconstruct<'_> {
             reconstruct::reconstruct(&scene, &self.config.reconstruction(), &clock)?;
         clock.begin("report");
         let made = Made {
-            scene: &scene,
-            facts: &facts,
-            reconstruction: &reconstruction,
+            scene,
+            facts,
+            reconstruction,
         };
         let origin = self.origin(session, &digest);
-        let verdict = self.write(&target, &made, &origin, &clock)?;
+        let verdict = self.write(&target, made, &origin, &clock)?;
         outcome.verdict = Some(verdict.level.name().to_lowercase());
         outcome.reasons = verdict.reasons.into_iter().map(|r| r.words).collect();
         outcome.seconds = clock.seconds();
@@ -197,40 +197,52 @@ impl Reconstruct<'_> {
     fn write(
         &self,
         target: &Path,
-        made: &Made,
+        made: Made,
         origin: &report::Origin,
         clock: &StageClock,
     ) -> anyhow::Result<Verdict> {
-        let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
-        let judged = || {
-            let measured = report::measure(made.scene, made.reconstruction, self.config.method);
-            let verdict = report::judge(&measured, made.facts, &self.config.verdict);
-            let sheet = report::preview(made.scene, made.reconstruction, &verdict, id);
-            (measured, verdict, output::encode_png(&sheet))
-        };
-        let glb = || output::glb::encode(model, id, &self.config.glb);
-        let ply = || output::ply::encode(model, id);
-        let ((measured, verdict, preview), (glb, ply)) =
-            rayon::join(judged, || rayon::join(glb, ply));
-        clock.begin("files");
         let staged = StagedFolder::create(target)?;
-        staged.write("model.glb", &glb?)?;
-        staged.write("model.ply", &ply?)?;
-        staged.write("preview.png", &preview?)?;
-        let report = report::Report::new(origin, made.facts, &measured, &verdict, clock.timing());
-        staged.write("report.json", report::to_json(&report)?.as_bytes())?;
-        staged
-            .commit(true)
-            .with_context(|| target.display().to_string())?;
+        let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
+        let judged = || -> anyhow::Result<(Measurements, Verdict)> {
+            let measured = report::measure(&made.scene, &made.reconstruction, self.config.method);
+            let verdict = report::judge(&measured, &made.facts, &self.config.verdict);
+            let sheet = report::preview(&made.scene, &made.reconstruction, &verdict, id);
+            staged.write("preview.png", &output::encode_png(&sheet)?)?;
+            Ok((measured, verdict))
+        };
+        let glb = || {
+            staged.write(
+                "model.glb",
+                &output::glb::encode(model, id, &self.config.glb)?,
+            )
+        };
+        let ply = || staged.write("model.ply", &output::ply::encode(model, id)?);
+        let (judged, (glb, ply)) = rayon::join(judged, || rayon::join(glb, ply));
+        let (measured, verdict) = judged?;
+        glb.and(ply)?;
+        clock.begin("files");
+        let Made {
+            scene,
+            facts,
+            reconstruction,
+        } = made;
+        let finish = || -> anyhow::Result<()> {
+            let report = report::Report::new(origin, &facts, &measured, &verdict, clock.timing());
+            staged.write("report.json", report::to_json(&report)?.as_bytes())?;
+            let place = || target.display().to_string();
+            staged.commit(true).with_context(place)
+        };
+        // Giving back the pictures' memory takes as long as the disk does.
+        rayon::join(finish, || drop((scene, reconstruction))).0?;
         Ok(verdict)
     }
 }
 
 /// A capture and what was made of it.
-struct Made<'a> {
-    scene: &'a Scene,
-    facts: &'a CaptureFacts,
-    reconstruction: &'a Reconstruction,
+struct Made {
+    scene: Scene,
+    facts: CaptureFacts,
+    reconstruction: Reconstruction,
 }
 
 /// A string member of a report's outermost object; empty where there is none.

@@ -3,6 +3,7 @@
 use super::burst::Burst;
 use crate::image::{Grid, RgbImage};
 use crate::reconstruct::DepthView;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Intensity in [0, 1] of a picture in the window: the mean of its three channels.
@@ -15,22 +16,19 @@ pub fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
 
 /// Mean intensity over a burst's pictures, each counted once however many frames share it.
 pub fn mean(view: &DepthView, burst: &Burst) -> Grid<f32> {
+    let mut different: Vec<&Arc<RgbImage>> = view.frames.iter().map(|f| &f.color).collect();
+    different.dedup_by(|a, b| Arc::ptr_eq(a, b));
+    let pictures = different.par_iter().map(|color| intensity(color, burst));
+    let pictures: Vec<Grid<f32>> = pictures.collect();
     let mut sum = Grid::filled(burst.width, burst.height, 0.0f32);
-    let mut count = 0.0;
-    let mut last: Option<&Arc<RgbImage>> = None;
-    for frame in &view.frames {
-        if last.is_some_and(|last| Arc::ptr_eq(last, &frame.color)) {
-            continue;
-        }
-        last = Some(&frame.color);
-        count += 1.0;
-        let picture = intensity(&frame.color, burst);
+    for picture in &pictures {
         for (sum, value) in sum.pixels_mut().iter_mut().zip(picture.pixels()) {
             *sum += value;
         }
     }
+    let count = pictures.len().max(1) as f32;
     for value in sum.pixels_mut() {
-        *value /= f32::max(count, 1.0);
+        *value /= count;
     }
     sum
 }

@@ -5,6 +5,7 @@ use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::mesh::{Fragment, Mesh, rasterize};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// Renderings of the hull, of the size of the depth camera's pictures.
 #[derive(Clone, Debug)]
@@ -29,13 +30,17 @@ impl Front {
             camera.camera.intrinsics.width,
             camera.camera.intrinsics.height,
         );
-        let projected: Vec<_> = hull
-            .vertices
-            .iter()
-            .map(|&v| camera.project_for_raster(v))
-            .collect();
+        let vertices = hull.vertices.par_iter();
+        let projected: Vec<_> = vertices.map(|&v| camera.project_for_raster(v)).collect();
         let in_front = front_vertices(hull, normals, camera.camera.center().cast(), threshold);
-        let nearest = rasterize(&projected, &hull.triangles, width, height);
+        let away = || -> Vec<[u32; 3]> {
+            let triangles = hull.triangles.iter().copied();
+            triangles.filter(|t| faces_away(&projected, t)).collect()
+        };
+        let (nearest, exit) = rayon::join(
+            || rasterize(&projected, &hull.triangles, width, height),
+            || rasterize(&projected, &away(), width, height).map(|f: &Fragment| f.depth),
+        );
         let is_front = nearest.map(|fragment| {
             fragment.is_covered()
                 && hull.triangles[fragment.triangle as usize]
@@ -44,13 +49,6 @@ impl Front {
                     .count()
                     >= 2
         });
-        let away: Vec<_> = hull
-            .triangles
-            .iter()
-            .copied()
-            .filter(|t| faces_away(&projected, t))
-            .collect();
-        let exit = rasterize(&projected, &away, width, height).map(|f: &Fragment| f.depth);
         Self {
             depth: nearest.map(|f| f.depth),
             exit,

@@ -35,7 +35,7 @@ pub(super) fn depth_below_rims(depth: &EnhancedDepth, object: &Mask) -> Grid<f32
 fn inverse_depth(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
     let usable =
         |x: usize, y: usize| depth.kind[(x, y)] == DepthKind::Measured && object[(x, y)] >= 128;
-    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         if !usable(x, y) {
             return 0.0;
         }

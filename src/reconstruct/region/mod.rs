@@ -123,11 +123,14 @@ pub fn find(
     };
     if sigma_difference > 1e-3 * parameters.alpha_mm {
         let beyond = |k| beyond_noise(&regions, depth, k, parameters);
-        let hollow = hollow::depth_below_rims(depth, object);
+        let (hollow, behind) = rayon::join(
+            || hollow::depth_below_rims(depth, object),
+            || behind_the_hull(&regions, depth, parameters),
+        );
         let evidence = segment::Evidence {
             significant: &beyond(parameters.significance),
             belongs: &beyond(parameters.growing_significance),
-            behind: &behind_the_hull(&regions, depth, parameters),
+            behind: &behind,
             hollow: &hollow,
         };
         let (labels, count) = segment::regions(&regions.difference, &evidence, parameters);
@@ -138,7 +141,7 @@ pub fn find(
 
 /// F = Dk - Ds; NaN where either is missing.
 fn difference(front: &Front, depth: &EnhancedDepth) -> Grid<f32> {
-    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         if depth.kind[(x, y)] == DepthKind::None || !front.is_front[(x, y)] {
             return f32::NAN;
         }
@@ -171,7 +174,7 @@ fn beyond_noise(
 ) -> Grid<bool> {
     let least = 1e-3 * parameters.least_difference_mm;
     let remaining = regions.bias.remaining as f32;
-    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         let f = regions.difference[(x, y)];
         if !f.is_finite() {
             return false;
@@ -193,7 +196,7 @@ fn behind_the_hull(
 ) -> Grid<bool> {
     let least = 1e-3 * parameters.least_difference_mm;
     let offset = (regions.bias.metres + regions.bias.remaining) as f32;
-    Grid::from_fn(depth.depth.width(), depth.depth.height(), |x, y| {
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         let f = depth.depth[(x, y)] - regions.front.depth[(x, y)];
         let sigma = parameters.growing_significance * depth.sigma[(x, y)];
         depth.kind[(x, y)] != DepthKind::None && f > sigma.max(least) + offset

@@ -119,7 +119,7 @@ fn adaptive_threshold(difference: &Grid<f32>, window: f32) -> Mask {
         integral(difference, |_| 1.0),
     );
     let half = (window * extent(difference) as f32).ceil().max(1.0) as usize;
-    Grid::from_fn(width, height, |x, y| {
+    Grid::from_fn_parallel(width, height, |x, y| {
         let f = difference[(x, y)];
         if !f.is_finite() {
             return 0;
@@ -178,7 +178,7 @@ pub(super) fn dilate(mask: &Mask) -> Mask {
 }
 
 fn around(mask: &Mask, pick: fn(u8, u8) -> u8) -> Mask {
-    Grid::from_fn(mask.width(), mask.height(), |x, y| {
+    Grid::from_fn_parallel(mask.width(), mask.height(), |x, y| {
         let neighbours = [(-1, 0), (1, 0), (0, -1), (0, 1)];
         neighbours
             .iter()

@@ -3,7 +3,7 @@
 
 use crate::calibration::Volume;
 use crate::image::Grid;
-use crate::mesh::{Mesh, rasterize};
+use crate::mesh::{Mesh, rasterize_closed};
 use crate::reconstruct::hull::{Carving, Cone, Hull};
 use crate::reconstruct::surface::{Solid, Undecided};
 use nalgebra::{Point2, Point3, Vector3};
@@ -49,7 +49,7 @@ fn openings<'a>(
         [x * scale as f32, y * scale as f32, z]
     };
     let projected: Vec<_> = carved.vertices.iter().map(project).collect();
-    let covered = rasterize(&projected, &carved.triangles, width, height);
+    let covered = rasterize_closed(&projected, &carved.triangles, width, height);
     let pixels = (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)));
     pixels
         .filter(move |&(x, y)| !covered[(x, y)].is_covered())

@@ -3,8 +3,10 @@
 
 use crate::mesh::Mesh;
 use faer::linalg::solvers::Solve;
-use faer::sparse::{SparseColMat, Triplet};
+use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use faer::{Mat, Side};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// A system that could not be solved.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -33,25 +35,43 @@ impl Patch {
         }
         let mut neighbours = vec![Vec::new(); inner];
         for t in &mesh.triangles {
-            // In an oriented mesh each edge is met once in either direction.
             for i in 0..3 {
-                let (a, b) = (t[i], t[(i + 1) % 3]);
-                let from = index[a as usize];
-                if (from as usize) < inner {
-                    if index[b as usize] == u32::MAX {
-                        index[b as usize] = vertices.len() as u32;
-                        vertices.push(b);
+                for (a, b) in [(t[i], t[(i + 1) % 3]), (t[(i + 1) % 3], t[i])] {
+                    let from = index[a as usize] as usize;
+                    if from < inner {
+                        if index[b as usize] == u32::MAX {
+                            index[b as usize] = vertices.len() as u32;
+                            vertices.push(b);
+                        }
+                        neighbours[from].push(index[b as usize]);
                     }
-                    neighbours[from as usize].push(index[b as usize]);
                 }
             }
         }
-        neighbours.iter_mut().for_each(|n| n.sort_unstable());
+        for around in &mut neighbours {
+            around.sort_unstable();
+            around.dedup();
+        }
         Self {
             vertices,
             inner,
             neighbours,
         }
+    }
+
+    /// Weight of each neighbour in the row of L of an inner vertex.
+    fn share(&self, i: usize) -> f64 {
+        -1.0 / self.neighbours[i].len().max(1) as f64
+    }
+
+    /// The row of L of an inner vertex, as far as it is over inner vertices: columns and weights.
+    fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
+        let around = &self.neighbours[i];
+        let share = self.share(i);
+        let own = (!around.is_empty()).then_some((i, 1.0));
+        let others = around.iter().map(|&j| j as usize);
+        let inner = others.filter(|&j| j < self.inner);
+        own.into_iter().chain(inner.map(move |j| (j, share)))
     }
 
     /// Equation 7 with uniform weights: each inner value less the mean of its neighbours' values. `values`
@@ -89,17 +109,15 @@ pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, S
         return Ok(Vec::new());
     }
     let singular = || Singular(n);
-    let mut triplets = Vec::with_capacity(60 * n);
-    let mut right = Mat::<f64>::zeros(n, 3);
-    for i in 0..n {
-        triplets.push(Triplet::new(i, i, system.target_weight[i]));
-        for k in 0..3 {
-            right[(i, k)] += system.target_weight[i] * system.target[i][k];
-        }
-        add_row(patch, system, i, &mut triplets, &mut right);
-    }
-    let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &triplets)
-        .map_err(|_| singular())?;
+    let known: Vec<[f64; 3]> = (0..n).map(|i| known_side(patch, system, i)).collect();
+    let columns: Vec<Columns> = (0..n.div_ceil(COLUMNS))
+        .into_par_iter()
+        .map(|task| task * COLUMNS..n.min((task + 1) * COLUMNS))
+        .map(|range| Columns::new(patch, system, &known, range))
+        .collect();
+    let rights: Vec<&[f64; 3]> = columns.iter().flat_map(|c| &c.right).collect();
+    let right = Mat::from_fn(n, 3, |i, k| rights[i][k]);
+    let matrix = joined(n, &columns);
     let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| singular())?;
     let x = factor.solve(&right);
     let solution: Vec<[f64; 3]> = (0..n).map(|i| std::array::from_fn(|k| x[(i, k)])).collect();
@@ -111,45 +129,73 @@ pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, S
     }
 }
 
-/// Adds μ (row i of L)ᵀ (row i of L) and its share of the right side; the ring's values are known.
-fn add_row(
-    patch: &Patch,
-    system: &Screened,
-    i: usize,
-    triplets: &mut Vec<Triplet<usize, usize, f64>>,
-    right: &mut Mat<f64>,
-) {
-    let around = &patch.neighbours[i];
-    if around.is_empty() {
-        return;
-    }
-    let share = -1.0 / around.len() as f64;
+/// δᵢ less what the ring adds to row i of L x: the part of the row that is known.
+fn known_side(patch: &Patch, system: &Screened, i: usize) -> [f64; 3] {
+    let share = patch.share(i);
     let mut known = system.delta[i];
-    let mut row = vec![(i, 1.0)];
-    for &j in around {
-        let j = j as usize;
-        if j < patch.inner {
-            row.push((j, share));
-        } else {
-            for (value, ring) in known.iter_mut().zip(system.ring[j - patch.inner]) {
-                *value -= share * ring;
-            }
+    for &j in &patch.neighbours[i] {
+        if let Some(ring) = (j as usize).checked_sub(patch.inner) {
+            (0..3).for_each(|k| known[k] -= share * system.ring[ring][k]);
         }
     }
-    for &(a, weight_a) in &row {
-        for k in 0..3 {
-            right[(a, k)] += system.delta_weight * weight_a * known[k];
-        }
-        for &(b, weight_b) in &row {
-            if b <= a {
-                triplets.push(Triplet::new(
-                    a,
-                    b,
-                    system.delta_weight * weight_a * weight_b,
-                ));
+    known
+}
+
+/// Columns that one task makes.
+const COLUMNS: usize = 1024;
+
+/// Some columns of the lower half of diag(w) + μ LᵀL, and their right sides. They are made one after the other, in
+/// order: summing up entries that come in any order took as long as the factorisation.
+#[derive(Default)]
+struct Columns {
+    lengths: Vec<usize>,
+    rows: Vec<usize>,
+    values: Vec<f64>,
+    right: Vec<[f64; 3]>,
+}
+
+impl Columns {
+    fn new(patch: &Patch, system: &Screened, known: &[[f64; 3]], range: Range<usize>) -> Self {
+        let mut columns = Self::default();
+        let mut entries = Vec::new();
+        for b in range {
+            let weight = system.target_weight[b];
+            let mut right = system.target[b].map(|t| weight * t);
+            entries.clear();
+            entries.push((b, weight));
+            // The rows of L that hold b: its own, and those of its neighbours, of whom it is one.
+            for i in patch.row(b).map(|(i, _)| i) {
+                let here = if i == b { 1.0 } else { patch.share(i) };
+                let here = system.delta_weight * here;
+                (0..3).for_each(|k| right[k] += here * known[i][k]);
+                let below = patch.row(i).filter(|&(a, _)| a >= b);
+                entries.extend(below.map(|(a, there)| (a, here * there)));
             }
+            entries.sort_by_key(|&(a, _)| a);
+            let before = columns.rows.len();
+            for group in entries.chunk_by(|x, y| x.0 == y.0) {
+                columns.rows.push(group[0].0);
+                columns.values.push(group.iter().map(|&(_, v)| v).sum());
+            }
+            columns.lengths.push(columns.rows.len() - before);
+            columns.right.push(right);
         }
+        columns
     }
+}
+
+/// All columns as a matrix.
+fn joined(n: usize, columns: &[Columns]) -> SparseColMat<usize, f64> {
+    let mut starts = vec![0];
+    let lengths = columns.iter().flat_map(|c| &c.lengths);
+    starts.extend(lengths.scan(0, |end, &length| {
+        *end += length;
+        Some(*end)
+    }));
+    let rows = columns.iter().flat_map(|c| &c.rows).copied().collect();
+    let values = columns.iter().flat_map(|c| &c.values).copied().collect();
+    let pattern = SymbolicSparseColMat::new_checked(n, n, starts, None, rows);
+    SparseColMat::new(pattern, values)
 }
 
 #[cfg(test)]

@@ -4,9 +4,10 @@ use super::Source;
 use crate::mesh::vertex_normals;
 use crate::reconstruct::depth::DepthKind;
 use crate::reconstruct::hull::{Carving, Hull, carving_of, is_floor};
-use crate::reconstruct::surface::Surface;
+use crate::reconstruct::surface::{Constraint, Surface};
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point2, Point3};
+use rayon::prelude::*;
 
 /// Cosine between normal and view above which a carved vertex faces the depth camera.
 const FACING: f32 = 0.15;
@@ -18,24 +19,22 @@ const STEP_PX: f32 = 4.0;
 /// their order.
 pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[Source]) -> Model {
     let normals = vertex_normals(&surface.mesh);
-    let mut provenance = Vec::with_capacity(normals.len());
-    let mut expected_error = Vec::with_capacity(normals.len());
-    for (v, &constraint) in surface.constraints.iter().enumerate() {
+    let of_vertex = |(v, &constraint): (usize, &Constraint)| {
         let p = surface.mesh.vertices[v];
-        let footprint = hull.pixel_footprint(p.cast()) as f32;
-        let (from, error) = match carving_of(constraint) {
+        let footprint = || hull.pixel_footprint(p.cast()) as f32;
+        match carving_of(constraint) {
             Some(i) => {
                 let source = &sources[i];
                 let eye = carvings[i].camera().camera.center().cast::<f32>();
                 let facing = normals[v].dot(&(eye - p).normalize());
                 of_carved(p, facing, source)
             }
-            None if is_floor(constraint) => (Provenance::Table, footprint),
-            None => (Provenance::Hull, footprint),
-        };
-        provenance.push(from);
-        expected_error.push(error);
-    }
+            None if is_floor(constraint) => (Provenance::Table, footprint()),
+            None => (Provenance::Hull, footprint()),
+        }
+    };
+    let vertices = surface.constraints.par_iter().enumerate();
+    let (provenance, expected_error) = vertices.map(of_vertex).unzip();
     Model {
         mesh: surface.mesh,
         normals,

@@ -4,7 +4,7 @@
 use super::Parameters;
 use super::view::{View, bounds};
 use crate::image::Grid;
-use crate::mesh::{Fragment, Mesh, rasterize};
+use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -147,16 +147,9 @@ impl DepthBuffer {
             .iter()
             .map(|&[x, y, z]| [(x - origin[0]) * scale, (y - origin[1]) * scale, z])
             .collect();
-        // On a closed surface what faces away is never in front.
-        let triangles: Vec<_> = mesh
-            .triangles
-            .iter()
-            .copied()
-            .filter(|t| faces_camera(t.map(|v| view.projected[v as usize])))
-            .collect();
         let [width, height] = size.map(|s| (s * scale).ceil() as usize);
         Self {
-            fragments: rasterize(&shifted, &triangles, width, height),
+            fragments: rasterize_closed(&shifted, &mesh.triangles, width, height),
             origin,
             scale,
         }
@@ -178,10 +171,4 @@ impl DepthBuffer {
         self.at(x, y)
             .is_some_and(|f| f.depth < z || !f.is_covered())
     }
-}
-
-/// Whether a projected triangle shows its outside: counter-clockwise in space is clockwise in a picture
-/// whose y points down, so its signed area is negative.
-fn faces_camera([a, b, c]: [[f32; 3]; 3]) -> bool {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) < 0.0
 }

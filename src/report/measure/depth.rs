@@ -4,7 +4,7 @@
 use super::{median, quantile};
 use crate::frame::CameraId;
 use crate::image::Grid;
-use crate::mesh::{Fragment, Mesh, rasterize};
+use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use crate::reconstruct::depth::{DepthKind, Facts};
 use crate::reconstruct::region::Bias;
 use crate::reconstruct::{DepthResult, DepthView};
@@ -152,7 +152,7 @@ fn draw(view: &DepthView, model: &Mesh) -> Grid<Fragment> {
     let lens = &view.camera.camera.intrinsics;
     let project = |&v| view.camera.project_for_raster(v);
     let projected: Vec<_> = model.vertices.iter().map(project).collect();
-    rasterize(&projected, &model.triangles, lens.width, lens.height)
+    rasterize_closed(&projected, &model.triangles, lens.width, lens.height)
 }
 
 fn share(part: usize, whole: usize) -> f64 {
