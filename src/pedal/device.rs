@@ -32,13 +32,19 @@ pub enum Error {
         /// Why.
         cause: std::io::Error,
     },
-    /// It went away.
-    #[error("{}: {cause}: it was pulled out", path.display())]
-    Gone {
+    /// It does not tell its keys any more.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Read {
         /// The device.
         path: PathBuf,
         /// Why.
         cause: std::io::Error,
+    },
+    /// It went away.
+    #[error("{}: it was pulled out", path.display())]
+    Gone {
+        /// The device.
+        path: PathBuf,
     },
 }
 
@@ -94,19 +100,24 @@ impl Device {
         self.device.name().unwrap_or("an input device")
     }
 
+    /// Lets a device that is gone be. To close it would be to let its keys go, which it cannot any more.
+    pub fn forget(self) {
+        std::mem::forget(self.device);
+    }
+
     /// Waits for the next key.
     ///
     /// # Errors
-    /// If the device is gone.
+    /// If the device is gone, or cannot be read.
     pub fn wait(&mut self) -> Result<Input, Error> {
         loop {
             if let Some(input) = self.inputs.pop_front() {
                 return Ok(input);
             }
-            let events = self.device.fetch_events().map_err(|cause| Error::Gone {
-                path: self.path.clone(),
-                cause,
-            })?;
+            let events = self
+                .device
+                .fetch_events()
+                .map_err(|cause| unread(&self.path, cause))?;
             self.inputs
                 .extend(events.filter_map(|event| match event.destructure() {
                     EventSummary::Key(key, code, value) => Some(Input {
@@ -117,6 +128,15 @@ impl Device {
                     _ => None,
                 }));
         }
+    }
+}
+
+/// Why a device tells nothing any more. ENODEV, for which there is no kind, is one that was pulled out.
+fn unread(path: &Path, cause: std::io::Error) -> Error {
+    let path = path.into();
+    match cause.raw_os_error() {
+        Some(19) => Error::Gone { path },
+        _ => Error::Read { path, cause },
     }
 }
 
@@ -149,6 +169,17 @@ mod tests {
                 .unwrap_err()
                 .contains("KEY_NONE_SUCH")
         );
+    }
+
+    #[test]
+    fn what_was_pulled_out_is_told_from_what_is_broken() {
+        let unread = |errno| {
+            let cause = std::io::Error::from_raw_os_error(errno);
+            unread(Path::new("/dev/input/event3"), cause)
+        };
+        let (gone, broken) = (unread(19), unread(5));
+        assert_eq!(gone.to_string(), "/dev/input/event3: it was pulled out");
+        assert!(matches!(broken, Error::Read { .. }), "{broken}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `scand pedal`: a foot switch asks the daemon for captures.
 
 use crate::log;
-use crate::pedal::{Action, Daemon, Device, Keys, Switch, Watch, key_code};
+use crate::pedal::{Action, Daemon, Device, Error, Keys, Switch, Watch, key_code};
 use crate::trigger::{Reply, SOCKET};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -32,10 +32,10 @@ pub struct Args {
 /// Most presses that are waited for at a time; the daemon answers all but one of them at once.
 const MOST: usize = 8;
 
-/// Reads the foot switch until it is pulled out.
+/// Reads the foot switch until it is pulled out, which is no failure: it is there again when it is plugged in.
 ///
 /// # Errors
-/// If it cannot be opened, or is pulled out.
+/// If it cannot be opened or read.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut device = Device::open(&args.device)?;
     log::info!("{}: {}", args.device.display(), device.name());
@@ -50,7 +50,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut switch = Switch::new(keys, Duration::from_millis(args.quiet_ms));
     let running: Arc<AtomicUsize> = Arc::default();
     loop {
-        let input = device.wait()?;
+        let input = match device.wait() {
+            Err(gone @ Error::Gone { .. }) => {
+                log::notice!("{gone}");
+                device.forget();
+                return Ok(ExitCode::SUCCESS);
+            }
+            input => input?,
+        };
         let Some(action) = switch.edge(input.code, input.value, input.time) else {
             continue;
         };
