@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# Boots the guest that image.sh made into FOLDER, with a package and the test program of the workers in it, and tells what
+# was found there. SCAND is the package's program on this machine, which makes recordings to be played.
+#
+#   tests/rig-vm/boot.sh FOLDER PACKAGE SCAND WORKERS [CHAPTER...]
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+folder=$1 package=$2 scand=$3 workers=$4
+shift 4
+say() { echo "rig-vm: $*" >&2; }
+
+# What is tested, and what tests it, are laid over the guest's root.
+over=$folder/over
+rm -rf "$over"
+mkdir -p "$over/rig-vm" "$over/etc/systemd/system/multi-user.target.wants"
+cp tests/rig-vm/guest/*.py "$over/rig-vm/"
+cp "$package" "$over/rig-vm/scand.deb"
+sensor=$(tests/openni2-sensor/stage.sh)
+cp -L "$sensor/OpenNI2/Drivers/libScandSensor.so.0" "$over/rig-vm/"
+cp "$workers" "$over/rig-vm/workers"
+strip --strip-debug "$over/rig-vm/workers"
+# Recordings whose pictures cameras can play as they are: of a whole rig, and of cameras that give JPEG.
+simulated() {
+	if [ ! -e "$folder/$1" ]; then
+		rm -f "$folder/part.mcap"
+		"$scand" simulate --shape cup --size 640x480 --out "$folder/part.mcap" "${@:2}" >/dev/null
+		mv "$folder/part.mcap" "$folder/$1"
+	fi
+	cp "$folder/$1" "$over/rig-vm/"
+}
+simulated rig.mcap --encoding bayer
+simulated jpeg.mcap --encoding jpeg --cameras 3 --depth-cameras 0
+echo "$@" >"$over/rig-vm/chapters"
+cp tests/rig-vm/guest/rig-vm.service "$over/etc/systemd/system/"
+ln -s ../rig-vm.service "$over/etc/systemd/system/multi-user.target.wants/"
+chmod -R go+rX "$over"
+{
+	cat "$folder/base.cpio"
+	(cd "$over" && find . | cpio --quiet -R 0:0 -o -H newc)
+} >"$folder/all.cpio"
+trap 'rm -rf "$folder/all.cpio" "$over"' EXIT
+
+# Emulated, copying by the processor's own instruction (erms) is slower than by any other way.
+# A microvm has no disk, no screen, no network; its end is a reset. KVM is not asked for: where it half works it hangs.
+log=$folder/log
+rm -f "$log" "$folder"/journal.*
+timeout "${RIG_VM_TIMEOUT:-1500}" qemu-system-x86_64 -M microvm,isa-serial=on,acpi=off \
+	-accel tcg,thread=multi -cpu max,-erms,-fsrm -smp 2 -m 4G -nodefaults -no-user-config -display none -serial stdio -no-reboot \
+	-kernel "$folder/vmlinuz" -initrd "$folder/all.cpio" \
+	-append "console=ttyS0 panic=-1 reboot=t quiet loglevel=3 systemd.show_status=0 mitigations=off" </dev/null |
+	sed -u 's/\r$//' | tee "$log" | sed -u '/^-----BEGIN/,/^-----END/d; /^Rebooting/d; /^\[.*reboot:/d' || true
+if grep -q '^-----BEGIN' "$log"; then
+	sed -n '/^-----BEGIN/,/^-----END/p' "$log" | grep -v '^-----' | base64 -d | gzip -d >"$folder/journal.txt"
+	say "the guest's journal is in $folder/journal.txt"
+fi
+if ! grep -q '^rig-vm: passed' "$log"; then
+	say "FAILED"
+	exit 1
+fi

@@ -1,0 +1,45 @@
+#!/usr/bin/env bash
+# A rig in a guest: boots a Debian 12 with our package under plain qemu, where the kernel plays cameras and foot switches,
+# and looks whether everything works together. One line a check; when one fails, the guest's journal is kept beside the
+# log. Run as root, for what is installed and for the guest's Debian; needs no KVM, no mount and no device.
+#
+# PROFILE=dev takes the program as it was built for the tests, which is there sooner than the one of a release.
+#
+#   tests/rig-vm/run.sh [CHAPTER...]
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+cargo=${CARGO:-cargo}
+profile=${PROFILE:-release}
+folder=$PWD/target/rig-vm
+
+say() { echo "rig-vm: $*" >&2; }
+if [ "$(id -u)" -ne 0 ]; then
+	say "it makes a Debian of its own: run it as root"
+	exit 1
+fi
+mkdir -p "$folder"
+# Installs what is not there yet.
+missing=()
+for name in cpio gcc libelf1 make mmdebstrap qemu-system-x86; do
+	dpkg-query -W -f '${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing+=("$name")
+done
+if [ ${#missing[@]} -ne 0 ]; then
+	say "installing ${missing[*]}"
+	apt-get update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+fi
+
+# The program, its package, and the test of the workers' confinement, to be run in the daemon's own.
+say "building ($profile)"
+output=$folder/debian
+[ "$profile" = dev ] || output=target/debian
+workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig --test workers --no-run --message-format=json 2>"$folder/build.log" |
+	sed -n 's#.*"executable":"\([^"]*/workers-[^"]*\)".*#\1#p') || {
+	tail -n 20 "$folder/build.log" >&2
+	exit 1
+}
+PROFILE=$profile OUTPUT=$output/ scripts/deb.sh >/dev/null
+package=$(ls -t "$output"/scand_*.deb | head -n 1)
+scand=target/${profile/dev/debug}/scand
+tests/rig-vm/image.sh "$folder" "$package"
+tests/rig-vm/boot.sh "$folder" "$package" "$scand" "$workers" "$@"
