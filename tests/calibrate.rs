@@ -133,6 +133,19 @@ fn opencvs_stereo_pairs_give_the_published_lenses_and_baseline() {
     assert!((1e3 * baseline - 83.2).abs() < 0.5, "{baseline}");
     let written = scand::calibration::RigCalibration::load(&out).unwrap();
     assert_eq!(written.cameras.len(), 2);
+    // The published numbers are of the left camera by itself.
+    let alone = folder.path().join("left.mcap");
+    record(&pictures, &["left"], &alone);
+    let board = ["--board", "checkerboard:9x6:25mm", "--json"];
+    let (code, json, errors) = calibrate(&[&[alone.to_str().unwrap()], &board[..]].concat());
+    assert_eq!(code, Some(0), "{errors}");
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let left = &found["cameras"]["left"];
+    let lens = [numbers(&left["focal_px"]), numbers(&left["center_px"])].concat();
+    println!("left alone {lens:?}, {}", left["figures"]);
+    for (ours, theirs) in lens.iter().zip([532.795, 532.919, 342.458, 233.901]) {
+        assert!((ours - theirs).abs() < 1.0, "{lens:?}");
+    }
     // What is there is not replaced.
     let again = scand(&command).arg(&out).output().unwrap();
     assert_eq!(again.status.code(), Some(1));
@@ -294,4 +307,206 @@ fn what_cannot_be_calibrated_says_why() {
     );
     let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:9x6"]);
     assert_eq!(code, Some(2), "{errors}");
+}
+
+/// A recording of one camera, its calibration, and what the command says of it.
+struct Alone {
+    folder: tempfile::TempDir,
+}
+
+impl Alone {
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let alone = Self { folder };
+        let (session, truth) = (alone.path("session.mcap"), alone.path("truth.toml"));
+        #[rustfmt::skip]
+        let simulated = [
+            "simulate", "--calibration-session", "--cameras", "1", "--depth-cameras", "0", "--size", "701x523",
+            "--encoding", "png", "--placements", "30", "--out", &session, "--truth", &truth,
+        ];
+        scand(&simulated).assert().success();
+        alone
+    }
+
+    /// Calibrates with more arguments; what is told as JSON.
+    fn calibrated(&self, arguments: &[&str]) -> Value {
+        let session = self.path("session.mcap");
+        let (code, json, errors) = calibrate(&[&[session.as_str(), "--json"], arguments].concat());
+        assert_eq!(code, Some(0), "{arguments:?}: {errors}");
+        serde_json::from_str(&json).unwrap()
+    }
+
+    /// The error of a run that fails with this code.
+    fn refused(&self, code: i32, arguments: &[&str]) -> String {
+        let session = self.path("session.mcap");
+        let (found, _, errors) = calibrate(&[&[session.as_str()], arguments].concat());
+        assert_eq!(found, Some(code), "{arguments:?}: {errors}");
+        errors
+    }
+}
+
+/// Focal lengths and centre.
+fn lens(told: &Value) -> Vec<f64> {
+    let camera = &told["cameras"]["c00"];
+    [numbers(&camera["focal_px"]), numbers(&camera["center_px"])].concat()
+}
+
+fn rms(told: &Value) -> f64 {
+    told["figures"]["rms_px"].as_f64().unwrap()
+}
+
+#[test]
+fn one_camera_by_itself_is_calibrated_from_any_start_and_with_either_model() {
+    let alone = Alone::new();
+    let [toml, ros, kalibr] = ["calibration.toml", "ros", "camchain.yaml"].map(|n| alone.path(n));
+    let plain = alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
+    let truth = scand::calibration::RigCalibration::load(Path::new(&alone.path("truth.toml")));
+    let truth = truth.unwrap().cameras.into_values().next().unwrap().0;
+    let found = lens(&plain);
+    let truth = truth.intrinsics;
+    assert!(rms(&plain) < 0.1, "{plain:#}");
+    assert!(
+        (found[0] / truth.focal_px.x - 1.0).abs() < 3e-3,
+        "{found:?}, {truth:?}"
+    );
+    assert!(
+        (found[2] - truth.center_px.x).abs() < 5.0,
+        "{found:?}, {truth:?}"
+    );
+
+    // What others write is a start, and leads to the same lens.
+    for file in [&ros, &kalibr, &toml] {
+        let started = lens(&alone.calibrated(&["--start", file]));
+        for (a, b) in found.iter().zip(&started) {
+            assert!((a - b).abs() < 0.05, "{file}: {found:?} {started:?}");
+        }
+    }
+    // It is read: of another camera's pictures it is refused, and so is nonsense.
+    let text = std::fs::read_to_string(Path::new(&ros).join("c00.yaml")).unwrap();
+    let other = alone.path("other.yaml");
+    std::fs::write(&other, text.replace("image_width: 701", "image_width: 640")).unwrap();
+    let errors = alone.refused(1, &["--start", &other]);
+    assert!(
+        errors.contains("camera c00") && errors.contains("640x523"),
+        "{errors}"
+    );
+    std::fs::write(&other, "cam0:\n  intrinsics: [1, 2]\n").unwrap();
+    let errors = alone.refused(78, &["--start", &other]);
+    assert!(
+        errors.contains("other.yaml") && errors.contains("cam0"),
+        "{errors}"
+    );
+    // Lenses that are kept are kept to the last bit.
+    let kept = alone.calibrated(&["--fix-intrinsics", &ros]);
+    assert_eq!(lens(&kept), found);
+
+    let rational = alone.calibrated(&["--model", "rational"]);
+    let camera = &rational["cameras"]["c00"];
+    assert_eq!(camera["distortion_model"], "rational_polynomial");
+    assert_eq!(numbers(&camera["distortion"]).len(), 8);
+    // More terms never fit worse, and the true lens is one of theirs.
+    assert!(rms(&rational) < 1.001 * rms(&plain), "{rational:#}");
+    assert!((lens(&rational)[0] / truth.focal_px.x - 1.0).abs() < 5e-3);
+    let configured = alone.calibrated(&["--set", "calibration.fit.model=rational"]);
+    assert_eq!(lens(&configured), lens(&rational));
+}
+
+#[test]
+fn limits_are_configured_and_exports_need_no_fit() {
+    let alone = Alone::new();
+    let path = |name: &str| alone.path(name);
+    let [toml, ros, kalibr] = ["calibration.toml", "ros", "camchain.yaml"].map(path);
+    alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
+
+    // A verdict is held against what the configuration says.
+    let config = path("rig.toml");
+    let limits = "[calibration.limits]\ngood_px = 0.001\naccepted_px = 0.001\nrefused_px = 0.001\n";
+    std::fs::write(&config, limits).unwrap();
+    let unwritten = path("unwritten.toml");
+    let errors = alone.refused(1, &["--config", &config, "--out", &unwritten]);
+    assert!(
+        errors.contains("is refused") && !Path::new(&unwritten).exists(),
+        "{errors}"
+    );
+    let less = [
+        "--config",
+        &config,
+        "--set",
+        "calibration.limits.refused_px=0.6",
+    ];
+    let told = alone.calibrated(&less);
+    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+    let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
+    assert!(
+        told["missing"].to_string().contains("99 are wanted"),
+        "{told:#}"
+    );
+    let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
+    assert!(
+        errors.contains("calibration.limits.coverage is 20"),
+        "{errors}"
+    );
+    std::fs::write(&config, "[calibration.limits]\ngod_px = 1\n").unwrap();
+    let errors = alone.refused(78, &["--config", &config]);
+    assert!(
+        errors.contains("line 2") && errors.contains("god_px"),
+        "{errors}"
+    );
+
+    // From a calibration file come the same files as from the fit.
+    let [ros_again, kalibr_again, toml_again] = ["ros2", "camchain2.yaml", "again.toml"].map(path);
+    let (code, _, errors) = calibrate(&[
+        "--from",
+        &toml,
+        "--ros",
+        &ros_again,
+        "--kalibr",
+        &kalibr_again,
+        "--out",
+        &toml_again,
+    ]);
+    assert_eq!(code, Some(0), "{errors}");
+    let text = |path: &str| std::fs::read_to_string(path).unwrap();
+    assert_eq!(text(&toml), text(&toml_again));
+    assert_eq!(text(&kalibr), text(&kalibr_again));
+    assert_eq!(
+        text(&format!("{ros}/c00.yaml")),
+        text(&format!("{ros_again}/c00.yaml"))
+    );
+    let (code, _, errors) = calibrate(&["--from", &toml]);
+    assert!(code == Some(1) && errors.contains("give --ros"), "{errors}");
+
+    // And from a recording, with a depth camera whose response no format of others holds.
+    let (scan, out) = (path("scan.mcap"), path("scan.toml"));
+    #[rustfmt::skip]
+    let simulated = [
+        "simulate", "--shape", "ball", "--cameras", "2", "--size", "160x120", "--masks", "--depth-frames", "1",
+        "--depth-response", "written", "--out", &scan,
+    ];
+    scand(&simulated).assert().success();
+    let folder = path("scan-ros");
+    let (code, _, errors) = calibrate(&["--from", &scan, "--ros", &folder, "--out", &out]);
+    assert_eq!(code, Some(0), "{errors}");
+    let info = path("info.toml");
+    scand(&["info", &scan, "--calibration", &info])
+        .assert()
+        .success();
+    assert_eq!(text(&out), text(&info));
+    let kinect = text(&format!("{folder}/kinect.yaml"));
+    assert!(
+        kinect.starts_with("# a reading r is 0.00104 * r + -0.018 metres"),
+        "{kinect}"
+    );
+    let read = scand::calibration::RigCalibration::import(Path::new(&folder)).unwrap();
+    assert_eq!(read.cameras.len(), 3);
+    let session = path("session.mcap");
+    let (code, _, errors) = calibrate(&["--from", &session, "--ros", &folder]);
+    assert!(
+        code == Some(1) && errors.contains("it has no calibration"),
+        "{errors}"
+    );
 }

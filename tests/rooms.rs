@@ -73,6 +73,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "config",
         &[
+            "calibration",
             "daemon",
             "drivers",
             "frame",

@@ -1,6 +1,7 @@
 //! `scand info`: what a recording holds, who took part in it, and what of it is damaged.
 
 use super::EXIT_LOST;
+use super::calibrate::known::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::frame::{CameraId, Timestamp};
 use crate::job::{CaptureSummary, LeftOut, RigAt, Session};
@@ -33,9 +34,7 @@ pub struct Args {
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     if let Some(path) = &args.calibration {
-        let first = recording.messages(&Topic::Trigger).first();
-        let time = first.map_or(Timestamp(u64::MAX), |m| m.log_time());
-        let calibration = RigAt::calibration(&recording, time)?;
+        let calibration = of_recording(&recording)?;
         write_atomically(path, calibration.to_toml().as_bytes())?;
     }
     let session = Session::lenient(recording, &sync::Parameters::default())?;

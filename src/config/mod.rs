@@ -1,7 +1,9 @@
 //! One TOML file made of each room's own parameters, with single values set over it from the command line.
 
+mod calibration;
 mod cameras;
 
+pub use calibration::Calibration;
 pub use cameras::Cameras;
 
 use crate::daemon::{
@@ -41,6 +43,8 @@ pub struct Config {
     pub verdict: report::Parameters,
     /// The model as glTF.
     pub glb: output::glb::Parameters,
+    /// How the rig is calibrated.
+    pub calibration: Calibration,
     /// The live rig.
     pub rig: RigParameters,
     /// How captures are taken.
@@ -311,8 +315,9 @@ mod tests {
         // By way of its text, in which 0.3 is 0.3 whatever its width.
         let mut defaults: Table =
             toml::from_str(&toml::to_string(&Config::default()).unwrap()).unwrap();
-        // What a replay has no use for; rig.toml shows it.
+        // What a replay has no use for; calibrate.toml and rig.toml show it.
         for live in [
+            "calibration",
             "rig",
             "capture",
             "recording",
@@ -328,5 +333,56 @@ mod tests {
             assert!(defaults.remove(live).is_some(), "{live}");
         }
         assert_eq!(shown, defaults);
+    }
+    #[test]
+    fn the_file_for_calibrations_shows_every_default_of_theirs() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/calibrate.toml");
+        let shown: Table = toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+        let defaults: Table =
+            toml::from_str(&toml::to_string(&Config::default()).unwrap()).unwrap();
+        assert_eq!(shown.len(), 1);
+        assert_eq!(shown["calibration"], defaults["calibration"]);
+    }
+
+    #[test]
+    fn what_a_calibration_cannot_be_held_against_is_refused() {
+        assert_eq!(Config::default().calibration.checked(), Ok(()));
+        for (text, named) in [
+            ("calibration.limits.good_px=-1", "limits.good_px is -1"),
+            (
+                "calibration.limits.good_px=0.5",
+                "limits.accepted_px is 0.4",
+            ),
+            (
+                "calibration.limits.refused_px=nan",
+                "limits.refused_px is NaN",
+            ),
+            ("calibration.limits.coverage=20", "limits.coverage is 20"),
+            (
+                "calibration.fit.outlier_ratio=0.0",
+                "fit.outlier_ratio is 0",
+            ),
+            (
+                "calibration.wanted.depths=[1.3, 0.7]",
+                "wanted.depths is 1.3",
+            ),
+            (
+                "calibration.wanted.depth_step=0.0",
+                "wanted.depth_step is 0",
+            ),
+            ("calibration.watch.moved_px=inf", "watch.moved_px is inf"),
+            (
+                "calibration.plane.noise_at_1m=0.0",
+                "plane.noise_at_1m is 0",
+            ),
+        ] {
+            let found = settings(&[text]).unwrap().calibration.checked();
+            let words = found.unwrap_err();
+            assert!(
+                words.contains(named) && words.contains("expected"),
+                "{words}"
+            );
+        }
+        assert!(settings(&["calibration.limits.god_px=0.2"]).is_err());
     }
 }

@@ -1,21 +1,25 @@
 //! Kalibr: the camchain, all cameras of a rig in one file, each with its pose against the one before it, in metres.
 
+use super::response_comment;
 use super::yaml::{Tree, exactly, side, word};
-use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::calibration::{Camera, Distortion, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Point2, Rotation3, Translation3, UnitQuaternion, Vector2,
 };
 use std::fmt::Write;
 
-/// Cameras as a camchain. Its `radtan` lens has k1, k2, p1 and p2 alone: a lens with more terms is fitted by the nearest
-/// one that has no more, and a comment says how far that is off.
-pub fn to_kalibr<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> String {
+/// A rig's cameras as a camchain. Its `radtan` lens has k1, k2, p1 and p2 alone: a lens with more terms is fitted by the nearest
+/// one that has no more, and a comment says how far that is off. What a depth camera's readings mean becomes a comment.
+pub fn to_kalibr(calibration: &RigCalibration) -> String {
     let mut text = String::new();
     let mut before: Option<&Camera> = None;
-    for (k, camera) in cameras.into_iter().enumerate() {
+    for (k, (camera, response)) in calibration.cameras.values().enumerate() {
         let (lens, off) = radtan(&camera.intrinsics);
         let _ = writeln!(text, "cam{k}:");
+        if let Some(response) = response {
+            text += &response_comment("  ", response);
+        }
         if off > 0.0 {
             let _ = writeln!(
                 text,

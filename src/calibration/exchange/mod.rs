@@ -9,7 +9,7 @@ pub use kalibr::to_kalibr;
 pub use ros::to_ros;
 
 use super::file::read_text;
-use super::{Camera, FileError, RigCalibration};
+use super::{Camera, DepthResponse, FileError, RigCalibration};
 use std::path::Path;
 
 impl RigCalibration {
@@ -38,6 +38,16 @@ impl RigCalibration {
         };
         collect(cameras).map_err(parse)
     }
+}
+
+/// A line that tells what no file of others can hold.
+fn response_comment(indent: &str, response: &DepthResponse) -> String {
+    let (slope, intercept) = (response.slope, response.intercept);
+    format!(
+        "{indent}# a reading r is {slope:?} * r + {intercept:?} metres deep, its lateral scale at z metres the polynomial \
+         {:?}\n",
+        response.scale
+    )
 }
 
 fn is_yaml(path: &Path) -> bool {

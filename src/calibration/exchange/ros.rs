@@ -1,20 +1,22 @@
 //! ROS: `camera_info` as camera_info_manager and camera_calibration_parsers read and write it, a file a camera.
 
+use super::response_comment;
 use super::yaml::{Tree, exactly, list, side, word};
-use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
 use crate::frame::CameraId;
 use nalgebra::{Isometry3, Vector2};
 
-/// A camera's lens as ROS keeps it.
-pub fn to_ros(camera: &Camera) -> String {
+/// A camera's lens as ROS keeps it; what a depth camera's readings mean becomes a comment.
+pub fn to_ros(camera: &Camera, response: Option<&DepthResponse>) -> String {
     let lens = &camera.intrinsics;
     let (f, c) = (lens.focal_px, lens.center_px);
     let (model, mut d) = lens.distortion.to_model();
     // ROS has no empty model.
     let model = if model.is_empty() { "plumb_bob" } else { model };
     d.resize(d.len().max(5), 0.0);
+    let comment = response.map_or_else(String::new, |r| response_comment("", r));
     format!(
-        "image_width: {}\nimage_height: {}\ncamera_name: {}\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [{:?}, 0.0, \
+        "{comment}image_width: {}\nimage_height: {}\ncamera_name: {}\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [{:?}, 0.0, \
          {:?}, 0.0, {:?}, {:?}, 0.0, 0.0, 1.0]\ndistortion_model: {model}\ndistortion_coefficients:\n  rows: 1\n  cols: \
          {}\n  data: {d:?}\nrectification_matrix:\n  rows: 3\n  cols: 3\n  data: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, \
          1.0]\nprojection_matrix:\n  rows: 3\n  cols: 4\n  data: [{:?}, 0.0, {:?}, 0.0, 0.0, {:?}, {:?}, 0.0, 0.0, 0.0, \

@@ -31,7 +31,7 @@ fn a_lens_goes_through_ros_without_a_loss() {
         [0.1, 0.2, 0.0, 0.3, 0.1, 0.05],
     ] {
         let camera = camera("c00", radial, 0.2);
-        let read = import("c00.yaml", &to_ros(&camera)).unwrap();
+        let read = import("c00.yaml", &to_ros(&camera, None)).unwrap();
         let (found, _) = read.cameras.values().next().unwrap();
         assert_eq!(found.intrinsics, camera.intrinsics);
         assert_eq!(found.id, camera.id);
@@ -45,7 +45,7 @@ fn a_rig_goes_through_kalibr_with_its_poses() {
         camera("c01", [-0.05, 0.08, 0.0, 0.0, 0.0, 0.0], 0.3),
         camera("c02", [-0.05, 0.08, 0.02, 0.0, 0.0, 0.0], 0.6),
     ];
-    let text = to_kalibr(&cameras);
+    let text = to_kalibr(&collect(cameras.to_vec()).unwrap());
     let read = import("camchain.yml", &text).unwrap();
     for camera in &cameras {
         let (found, _) = &read.cameras[&camera.id];
@@ -94,9 +94,38 @@ fn files_as_others_write_them_are_read() {
 }
 
 #[test]
+fn what_readings_mean_is_a_comment_that_readers_pass_over() {
+    let response = DepthResponse {
+        slope: 0.00104,
+        intercept: -0.018,
+        ..DepthResponse::default()
+    };
+    let kinect = camera("kinect", [0.0; 6], 0.0);
+    let ros = to_ros(&kinect, Some(&response));
+    let mut rig = RigCalibration::default();
+    let entry = (kinect.clone(), Some(response));
+    rig.cameras.insert(kinect.id.clone(), entry);
+    for (name, text) in [("kinect.yaml", ros), ("camchain.yaml", to_kalibr(&rig))] {
+        assert!(
+            text.contains("# a reading r is 0.00104 * r + -0.018 metres"),
+            "{text}"
+        );
+        let read = import(name, &text).unwrap();
+        let (found, _) = read.cameras.values().next().unwrap();
+        assert_eq!(found.intrinsics, kinect.intrinsics);
+    }
+}
+
+#[test]
 fn what_is_wrong_is_named() {
-    let ros = to_ros(&camera("c00", [0.0; 6], 0.0));
-    let kalibr = to_kalibr([&camera("c00", [0.0; 6], 0.0), &camera("c01", [0.0; 6], 0.1)]);
+    let ros = to_ros(&camera("c00", [0.0; 6], 0.0), None);
+    let kalibr = to_kalibr(
+        &collect(vec![
+            camera("c00", [0.0; 6], 0.0),
+            camera("c01", [0.0; 6], 0.1),
+        ])
+        .unwrap(),
+    );
     for (text, named) in [
         (ros.replace("plumb_bob", "fisheye"), "fisheye"),
         (
@@ -139,7 +168,7 @@ fn what_is_wrong_is_named() {
 fn a_folder_of_files_is_one_rig() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["c00", "c01"] {
-        let text = to_ros(&camera(name, [0.0; 6], 0.0));
+        let text = to_ros(&camera(name, [0.0; 6], 0.0), None);
         std::fs::write(folder.path().join(format!("{name}.yaml")), text).unwrap();
     }
     assert_eq!(
@@ -148,7 +177,7 @@ fn a_folder_of_files_is_one_rig() {
     );
     std::fs::write(
         folder.path().join("c02.yaml"),
-        to_ros(&camera("c01", [0.0; 6], 0.0)),
+        to_ros(&camera("c01", [0.0; 6], 0.0), None),
     )
     .unwrap();
     let message = RigCalibration::import(folder.path())

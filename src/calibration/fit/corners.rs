@@ -1,8 +1,10 @@
 //! From a picture to the board's corners: ChESS features refined at their saddle point, a labelled grid of them, held
 //! against the board.
 
+use super::appearance;
 use super::grid::{self, Labelled, Rejection};
-use super::refine;
+use super::polish;
+use super::resize;
 use super::session::Corner;
 use crate::calibration::{Board, BoardKind, Face};
 use crate::image::Grid;
@@ -12,50 +14,61 @@ use calib_targets_chessboard::{
     default_chess_config, detect_corners,
 };
 use chess_corners::ImageRefiner;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
 /// Fewest markers that tell where a ChArUco board is.
 const FEWEST_MARKERS: usize = 3;
 
 /// Shorter side of a picture, in pixels, that is worth looking at in half its size.
 const SMALLEST_HALVED: usize = 600;
-/// Half a window's side over the distance of the next corner.
-const WINDOW_PART: f64 = 0.25;
-/// Half a window's side, in pixels, from which the gradients within it are worth more than a saddle point.
-const SMALLEST_WINDOW: usize = 4;
-/// A picture's side over the largest half of a window's: 19 pixels at 5 MP, as blur and squares grow with pictures.
-const SIDE_PER_WINDOW: usize = 128;
+/// Shorter side of a picture, in pixels, up to which it is magnified where no marker can be read, and by how much: a
+/// square of 10 pixels then has room for the ring that features are found by.
+const LARGEST_MAGNIFIED: usize = 500;
+const MAGNIFIED: f64 = 4.0;
 /// Farthest, in pixels, that a corner may be from its saddle point.
 const LARGEST_MOVE: f64 = 1.5;
 
 /// Finds the board in a grey picture; of a two-sided one, the side that shows. Where it does not show at full size,
-/// because it is blurred, it is looked for in the picture at half and a quarter of its size.
+/// because it is blurred, it is looked for in the picture at half and a quarter of its size; and where its markers are
+/// small, in a small picture magnified.
 ///
 /// # Errors
 /// If there is no board, or what is there is not this board.
 pub fn find_corners(picture: &Grid<u8>, board: &Board) -> Result<(Face, Vec<Corner>), Rejection> {
-    let mut first = find_at_size(picture, board, picture);
+    let mut first = find_at_size(picture, board, picture, 1.0);
+    let side = picture.width().min(picture.height());
+    if first.is_err() && board.kind != BoardKind::Checkerboard && side <= LARGEST_MAGNIFIED {
+        let large = resize::magnified(picture, MAGNIFIED);
+        first = better(first, find_at_size(&large, board, picture, 1.0 / MAGNIFIED));
+    }
     let mut smaller = picture;
     let mut halved;
-    for _ in 0..2 {
+    for scale in [2.0, 4.0] {
         if first.is_ok() || smaller.width().min(smaller.height()) < SMALLEST_HALVED {
             break;
         }
-        halved = half_size(smaller);
+        halved = resize::half_size(smaller);
         smaller = &halved;
-        let found = find_at_size(smaller, board, picture);
-        if found.is_ok() || first == Err(Rejection::Nothing) {
-            first = found;
-        }
+        first = better(first, find_at_size(smaller, board, picture, scale));
     }
     first
 }
 
-/// Finds the board in a picture that is `full` or a half or quarter of its size; the corners are those of `full`.
+/// What was found; of two errors the one that says more.
+fn better<T>(first: Result<T, Rejection>, second: Result<T, Rejection>) -> Result<T, Rejection> {
+    match (&first, &second) {
+        (Ok(_), _) => first,
+        (Err(Rejection::Nothing), _) | (_, Ok(_)) => second,
+        _ => first,
+    }
+}
+
+/// Finds the board in a picture a pixel of which is `scale` pixels of `full` long; the corners are those of `full`.
 fn find_at_size(
     picture: &Grid<u8>,
     board: &Board,
     full: &Grid<u8>,
+    scale: f64,
 ) -> Result<(Face, Vec<Corner>), Rejection> {
     if picture.width() < 16 || picture.height() < 16 {
         return Err(Rejection::Nothing);
@@ -68,28 +81,15 @@ fn find_at_size(
     let features = detect_corners(&view, &features_config());
     let (face, mut corners) = match board.kind {
         BoardKind::Checkerboard => (Face::Front, checkerboard(picture, &features, board)?),
-        BoardKind::Charuco(_) => charuco(&view, &features, board)?,
+        BoardKind::Charuco(_) => charuco(picture, &view, &features, board)?,
     };
     // Pixel centres are at whole numbers: the centre of a pixel of half size lies between two.
-    let scale = (full.width() / picture.width()) as f64;
-    let shift = nalgebra::Vector2::repeat((scale - 1.0) / 2.0);
+    let shift = Vector2::repeat((scale - 1.0) / 2.0);
     for corner in &mut corners {
         corner.pixel = corner.pixel * scale + shift;
     }
-    if board.kind == BoardKind::Checkerboard {
-        corners = polished(full, corners, scale * LARGEST_MOVE);
-    }
-    Ok((face, corners))
-}
-
-/// Each pixel the mean of four.
-fn half_size(picture: &Grid<u8>) -> Grid<u8> {
-    let (width, height) = (picture.width() / 2, picture.height() / 2);
-    Grid::from_fn(width, height, |x, y| {
-        let [top, bottom] = [2 * y, 2 * y + 1].map(|y| &picture.row(y)[2 * x..2 * x + 2]);
-        let sum: u16 = top.iter().chain(bottom).map(|&v| u16::from(v)).sum();
-        ((sum + 2) / 4) as u8
-    })
+    let largest_move = scale.max(1.0) * LARGEST_MOVE;
+    Ok((face, polish::polished(full, corners, board, largest_move)))
 }
 
 fn features_config() -> DetectorConfig {
@@ -113,12 +113,6 @@ fn checkerboard(
             continue;
         };
         for component in detector.detect_all(features) {
-            let label = |c: &calib_targets_chessboard::ChessboardCorner| {
-                (
-                    (c.grid.u, c.grid.v),
-                    Point2::new(f64::from(c.position.x), f64::from(c.position.y)),
-                )
-            };
             let labelled: Labelled = component.corners.iter().map(label).collect();
             let found = grid::read(labelled, board, |at| brightness(picture, at));
             if is_better(&found, &best) {
@@ -158,6 +152,7 @@ fn brightness(picture: &Grid<u8>, at: Point2<f64>) -> f64 {
 }
 
 fn charuco(
+    picture: &Grid<u8>,
     view: &GrayImageView<'_>,
     features: &[ChessCorner],
     board: &Board,
@@ -169,7 +164,44 @@ fn charuco(
     let count =
         |found: &(Face, Result<Vec<Corner>, Rejection>)| found.1.as_ref().map_or(0, Vec::len);
     let best = of_faces.max_by_key(count).ok_or(Rejection::Nothing)?;
-    best.1.map(|corners| (best.0, corners))
+    let by_markers = best.1.map(|corners| (best.0, corners));
+    by_markers.or_else(|why| by_appearance(picture, features, board).ok_or(why))
+}
+
+/// The part of a ChArUco board that a grid of corners is most like, where markers are too small to be read.
+fn by_appearance(
+    picture: &Grid<u8>,
+    features: &[ChessCorner],
+    board: &Board,
+) -> Option<(Face, Vec<Corner>)> {
+    // Markers' own corners are weaker than those of squares.
+    let mut strict = ChessboardParams::default();
+    strict.min_corner_strength = 60.0;
+    let mut found = Vec::new();
+    for parameters in [ChessboardParams::default(), strict] {
+        let Ok(detector) = ChessboardDetector::new(parameters) else {
+            continue;
+        };
+        let grids = detector.detect_all(features);
+        let grids = grids
+            .iter()
+            .filter(|grid| grid.corners.len() >= 4 * FEWEST_MARKERS);
+        found.extend(grids.filter_map(|grid| {
+            let labelled = grid.corners.iter().map(label).collect();
+            appearance::read(labelled, board, |at| resize::between(picture, at))
+        }));
+    }
+    let large = |found: &(Face, Vec<Corner>)| found.1.len() >= 4 * FEWEST_MARKERS;
+    found
+        .into_iter()
+        .filter(large)
+        .max_by_key(|found| found.1.len())
+}
+
+/// A detected corner's label and pixel.
+fn label(corner: &calib_targets_chessboard::ChessboardCorner) -> ((i32, i32), Point2<f64>) {
+    let pixel = Point2::new(f64::from(corner.position.x), f64::from(corner.position.y));
+    ((corner.grid.u, corner.grid.v), pixel)
 }
 
 fn charuco_face(
@@ -224,34 +256,10 @@ fn charuco_face(
     Ok(corners)
 }
 
-/// Corners moved to where all gradients around them say that they are, which strays less than saddle points do; the
-/// window stays clear of the next corners, and where there is too little room the saddle point stays. Between markers
-/// there never is.
-fn polished(picture: &Grid<u8>, mut corners: Vec<Corner>, largest_move: f64) -> Vec<Corner> {
-    let side = picture.width().max(picture.height());
-    let largest = (side / SIDE_PER_WINDOW).max(SMALLEST_WINDOW);
-    let all: Vec<Point2<f64>> = corners.iter().map(|c| c.pixel).collect();
-    for corner in &mut corners {
-        let distances = all
-            .iter()
-            .map(|p| (p - corner.pixel).norm())
-            .filter(|d| *d > 0.0);
-        let nearest = distances.fold(f64::INFINITY, f64::min);
-        let half = ((nearest * WINDOW_PART) as usize).min(largest);
-        let refined = (half >= SMALLEST_WINDOW)
-            .then(|| refine::refined(picture, corner.pixel, half as i32))
-            .flatten();
-        if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < largest_move) {
-            corner.pixel = at;
-        }
-    }
-    corners
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+    use nalgebra::{Isometry3, Point3, Vector3};
 
     /// A board as a pinhole camera of 700 px sees it, each pixel the mean of 5x5 samples, blurred by averaging.
     fn picture(board: &Board, pose: &Isometry3<f64>, size: [usize; 2]) -> Grid<u8> {

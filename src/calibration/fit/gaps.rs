@@ -2,7 +2,7 @@
 
 use super::result::Fit;
 use super::session::Session;
-use crate::calibration::Camera;
+use crate::calibration::{Camera, within};
 use crate::frame::CameraId;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
@@ -32,6 +32,24 @@ impl Default for Wanted {
             depth_step: 0.15,
             tilts_degrees: [15.0, 35.0],
         }
+    }
+}
+
+impl Wanted {
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// If there is one: its field, what it is, and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        within("views", self.views as f64, 0.0..=1000.0)?;
+        within("shared", self.shared as f64, 0.0..=1000.0)?;
+        let [near, far] = self.depths;
+        within("depths", near, 0.0..=far.min(20.0))?;
+        within("depths", far, 0.0..=20.0)?;
+        within("depth_step", self.depth_step, 0.01..=20.0)?;
+        let [flat, tilted] = self.tilts_degrees;
+        within("tilts_degrees", flat, 0.0..=90.0)?;
+        within("tilts_degrees", tilted, 0.0..=90.0)
     }
 }
 

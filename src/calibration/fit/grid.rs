@@ -126,19 +126,9 @@ pub(super) fn read(
         found: labelled.len(),
         needed,
     };
-    let (Some(columns), Some(rows)) = (extent(&labelled, |at| at.0), extent(&labelled, |at| at.1))
-    else {
+    let Some((inside, size)) = bounded(labelled) else {
         return Err(few);
     };
-    let inside: Labelled = labelled
-        .into_iter()
-        .filter(|((i, j), _)| {
-            (columns[0]..=columns[1]).contains(i) && (rows[0]..=rows[1]).contains(j)
-        })
-        .map(|((i, j), pixel)| ((i - columns[0], j - rows[0]), pixel))
-        .collect();
-    let size = [columns, rows].map(|[first, last]| (last - first + 1) as usize);
-    let inside = right_handed(inside, size[0] as i32 - 1);
     let expected = [board.columns, board.rows];
     if size != expected && size != [expected[1], expected[0]] {
         let found = [size[0].max(size[1]), size[0].min(size[1])];
@@ -174,6 +164,22 @@ pub(super) fn read(
     Ok(inside.into_iter().map(named).collect())
 }
 
+/// A grid without outermost lines that hardly have corners, right-handed and labelled from (0, 0) on, with its columns
+/// and rows.
+pub(super) fn bounded(labelled: Labelled) -> Option<(Labelled, [usize; 2])> {
+    let columns = extent(&labelled, |at| at.0)?;
+    let rows = extent(&labelled, |at| at.1)?;
+    let inside: Labelled = labelled
+        .into_iter()
+        .filter(|((i, j), _)| {
+            (columns[0]..=columns[1]).contains(i) && (rows[0]..=rows[1]).contains(j)
+        })
+        .map(|((i, j), pixel)| ((i - columns[0], j - rows[0]), pixel))
+        .collect();
+    let size = [columns, rows].map(|[first, last]| (last - first + 1) as usize);
+    Some((right_handed(inside, size[0] as i32 - 1), size))
+}
+
 /// Flips columns where the grid runs the wrong way round: seen from the front, rows are to the right of columns.
 fn right_handed(labelled: Labelled, last_column: i32) -> Labelled {
     if handedness(&labelled) >= 0.0 {
@@ -196,7 +202,11 @@ pub(super) fn handedness(labelled: &Labelled) -> f64 {
 }
 
 /// Where a corner of a grid of `size` is named once the grid is turned.
-fn turned((i, j): (usize, usize), [w, h]: [usize; 2], quarters: usize) -> (usize, usize) {
+pub(super) fn turned(
+    (i, j): (usize, usize),
+    [w, h]: [usize; 2],
+    quarters: usize,
+) -> (usize, usize) {
     match quarters {
         1 => (j, w - 1 - i),
         2 => (w - 1 - i, h - 1 - j),

@@ -3,6 +3,7 @@
 
 mod adjust;
 mod alone;
+mod appearance;
 mod corners;
 mod frame;
 mod gaps;
@@ -13,7 +14,9 @@ mod links;
 mod moved;
 mod outliers;
 mod planar;
+mod polish;
 mod refine;
+mod resize;
 mod result;
 mod session;
 mod solve;
@@ -32,6 +35,7 @@ pub use session::{Corner, Session, Subject, View};
 pub use solve::fit;
 pub use verdict::{Judgement, Level, Limits, judge};
 
+use super::within;
 use crate::frame::CameraId;
 
 /// How a calibration is fitted.
@@ -66,6 +70,21 @@ impl Default for Parameters {
             false_corner_deviations: 5.0,
             folds: 5,
         }
+    }
+}
+
+impl Parameters {
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// If there is one: its field, what it is, and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        within("min_views", self.min_views as f64, 1.0..=1000.0)?;
+        within("min_corners", self.min_corners as f64, 4.0..=10_000.0)?;
+        within("outlier_ratio", self.outlier_ratio, 1.0..=1000.0)?;
+        let deviations = self.false_corner_deviations;
+        within("false_corner_deviations", deviations, 1.0..=1000.0)?;
+        within("folds", self.folds as f64, 0.0..=1000.0)
     }
 }
 

@@ -7,7 +7,7 @@ use super::outliers::mild_loss;
 use super::planar;
 use super::result::Figures;
 use super::session::{Session, View};
-use crate::calibration::{Camera, Face, RigCalibration};
+use crate::calibration::{Camera, Face, RigCalibration, within};
 use crate::frame::CameraId;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 use rayon::prelude::*;
@@ -28,6 +28,17 @@ impl Default for Watch {
             moved_px: 0.4,
             ratio: 3.0,
         }
+    }
+}
+
+impl Watch {
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// If there is one: its field, what it is, and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        within("moved_px", self.moved_px, 0.001..=1000.0)?;
+        within("ratio", self.ratio, 1.0..=1000.0)
     }
 }
 

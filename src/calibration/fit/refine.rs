@@ -10,15 +10,23 @@ const STEPS: usize = 30;
 /// Step, in pixels, that counts as none.
 const STILL: f64 = 1e-3;
 
-/// Moves a corner to where the gradients within `half` pixels say that it is; `None` if they say nothing or lead more
-/// than `half` pixels away.
-pub(super) fn refined(picture: &Grid<u8>, start: Point2<f64>, half: i32) -> Option<Point2<f64>> {
+/// Moves a corner to where the gradients within `half` pixels say that it is, those that `counts` keeps of them by their
+/// offset from the corner; `None` if they say nothing or lead more than `half` pixels away.
+pub(super) fn refined(
+    picture: &Grid<u8>,
+    start: Point2<f64>,
+    half: i32,
+    counts: impl Fn(Vector2<f64>) -> bool,
+) -> Option<Point2<f64>> {
     let mut at = start;
     for _ in 0..STEPS {
         let (mut a, mut b) = (Matrix2::zeros(), Vector2::zeros());
         for dy in -half..=half {
             for dx in -half..=half {
                 let offset = Vector2::new(f64::from(dx), f64::from(dy));
+                if !counts(offset) {
+                    continue;
+                }
                 let reach = f64::from(half);
                 let weight = (-offset.norm_squared() / (reach * reach)).exp();
                 let gradient = gradient(picture, at + offset)?;

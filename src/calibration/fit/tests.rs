@@ -2,8 +2,8 @@
 
 use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;
-use crate::calibration::Board;
-use nalgebra::{Point2, Point3, Vector3};
+use crate::calibration::{Board, Distortion, Intrinsics};
+use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 fn checkerboard() -> Board {
     Board::checkerboard(11, 8, 0.025).unwrap()
@@ -337,6 +337,39 @@ fn a_lens_to_start_from_is_improved_and_leads_to_the_same_fit() {
         let apart = (a.focal_px - b.focal_px).norm() / a.focal_px.norm();
         assert!(apart < 1e-4, "{} {}", a.focal_px, b.focal_px);
     }
+}
+
+#[test]
+fn a_lens_that_no_polynomial_describes_is_found_with_the_rational_model() {
+    let distortion = Distortion {
+        radial: [6.0, 2.0, 0.1, 7.0, 4.0, 0.6],
+        tangential: [0.0; 2],
+    };
+    let (focal, center) = (Vector2::repeat(1300.0), Vector2::new(1221.0, 1019.0));
+    let lens = Intrinsics::new(2448, 2048, focal, center, distortion).unwrap();
+    let mut truth = truth(checkerboard(), 24, 5);
+    truth.cameras = [-0.12, 0.0, 0.12]
+        .into_iter()
+        .enumerate()
+        .map(|(i, x)| {
+            let from = Point3::new(x, 0.05, 0.5);
+            looking(&format!("c{i:02}"), lens, from, Point3::new(0.0, 0.0, 0.1))
+        })
+        .collect();
+    let session = truth.session(0.1, &mut Random(7));
+    let rms = |model| {
+        let parameters = Parameters {
+            model,
+            folds: 0,
+            ..Parameters::default()
+        };
+        fit(&session, &parameters).unwrap().figures.rms_px
+    };
+    let rational = rms(Model::Rational);
+    // 0.1 px in each of two coordinates.
+    assert!((rational - 0.1414).abs() < 0.004, "{rational}");
+    let polynomial = rms(Model::PlumbBob);
+    assert!(polynomial > 1.3 * rational, "{polynomial} {rational}");
 }
 
 #[test]

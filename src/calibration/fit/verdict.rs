@@ -1,6 +1,7 @@
 //! What a fit is worth, in words. Limits are parameters; nothing is estimated here.
 
 use super::result::{Fit, FittedCamera, FittedPlacement};
+use crate::calibration::within;
 
 /// When a calibration is good.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -30,6 +31,22 @@ impl Default for Limits {
             coverage: 0.2,
             views: 6,
         }
+    }
+}
+
+impl Limits {
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// If there is one: its field, what it is, and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        const MOST_PX: f64 = 100.0;
+        within("good_px", self.good_px, 0.0..=MOST_PX)?;
+        within("accepted_px", self.accepted_px, self.good_px..=MOST_PX)?;
+        within("refused_px", self.refused_px, self.accepted_px..=MOST_PX)?;
+        within("held_out_ratio", self.held_out_ratio, 1.0..=1000.0)?;
+        within("coverage", self.coverage, 0.0..=1.0)?;
+        within("views", self.views as f64, 0.0..=1000.0)
     }
 }
 

@@ -3,7 +3,7 @@
 
 use super::correction::Correction;
 use super::{ResponseError, too_little};
-use crate::calibration::{Board, DepthResponse, Intrinsics};
+use crate::calibration::{Board, DepthResponse, Intrinsics, within};
 use crate::image::Grid;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
@@ -49,6 +49,21 @@ impl Default for PlaneParameters {
             scale_expected: 0.02,
             correlated_pixels: 100.0,
         }
+    }
+}
+
+impl PlaneParameters {
+    /// Refuses values that cannot be meant.
+    ///
+    /// # Errors
+    /// If there is one: its field, what it is, and what was expected.
+    pub fn checked(&self) -> Result<(), String> {
+        within("steepest_degrees", self.steepest_degrees, 1.0..=89.0)?;
+        within("min_views", self.min_views as f64, 1.0..=1000.0)?;
+        within("min_span", self.min_span, 1.0..=1000.0)?;
+        within("noise_at_1m", self.noise_at_1m, 1e-6..=1.0)?;
+        within("scale_expected", self.scale_expected, 1e-6..=1.0)?;
+        within("correlated_pixels", self.correlated_pixels, 1.0..=1e6)
     }
 }
 

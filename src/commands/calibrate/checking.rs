@@ -10,10 +10,11 @@ use std::process::ExitCode;
 pub(super) fn run(
     sight: &Sight,
     known: &RigCalibration,
+    watch: &Watch,
     json: bool,
     quiet: bool,
 ) -> anyhow::Result<ExitCode> {
-    let checked = check(&sight.session, known, &Watch::default())?;
+    let checked = check(&sight.session, known, watch)?;
     let unknown = sight
         .session
         .cameras

@@ -51,6 +51,7 @@ pub(super) fn respond(
     recordings: &[Placements],
     fit: &Fit,
     depth_cameras: &[CameraId],
+    parameters: &PlaneParameters,
 ) -> anyhow::Result<Depth> {
     let mut depth = Depth::default();
     match (args.depth_response, &args.depth_table) {
@@ -63,7 +64,7 @@ pub(super) fn respond(
                 .iter()
                 .filter(|c| depth_cameras.contains(&c.camera.id));
             for camera in fitted {
-                depth.add_planes(recordings, fit, camera);
+                depth.add_planes(recordings, fit, camera, parameters);
             }
         }
         _ => {}
@@ -78,7 +79,13 @@ impl Depth {
         plane.or_else(|| self.paper.as_ref().and_then(|fit| fit.response().ok()))
     }
 
-    fn add_planes(&mut self, recordings: &[Placements], fit: &Fit, camera: &FittedCamera) {
+    fn add_planes(
+        &mut self,
+        recordings: &[Placements],
+        fit: &Fit,
+        camera: &FittedCamera,
+        parameters: &PlaneParameters,
+    ) {
         let id = &camera.camera.id;
         let views = self.views(recordings, fit, camera);
         let views: Vec<PlaneView<'_>> = views
@@ -89,8 +96,7 @@ impl Depth {
                 readings,
             })
             .collect();
-        let parameters = PlaneParameters::default();
-        match fit_plane(&camera.camera.intrinsics, &fit.board, &views, &parameters) {
+        match fit_plane(&camera.camera.intrinsics, &fit.board, &views, parameters) {
             Ok(found) => {
                 let left_out = found.left_out.iter();
                 let words = left_out.map(|(name, why)| {

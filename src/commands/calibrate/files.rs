@@ -2,6 +2,7 @@
 
 use super::depth::Depth;
 use super::sight::Sight;
+use crate::calibration::RigCalibration;
 use crate::calibration::exchange::{to_kalibr, to_ros};
 use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::output::write_atomically;
@@ -29,7 +30,7 @@ impl FileArgs {
         sessions: &[PathBuf],
         sight: &Sight,
         fit: &Fit,
-        judgement: &Judgement,
+        (judgement, limits): (&Judgement, &Limits),
         missing: &[String],
         depth: &Depth,
     ) -> anyhow::Result<()> {
@@ -52,7 +53,7 @@ impl FileArgs {
         let page = CalibrationPage {
             fit,
             judgement,
-            limits: &Limits::default(),
+            limits,
             missing,
             lost: &lost,
             depths: &depths,
@@ -62,19 +63,23 @@ impl FileArgs {
         Ok(write_atomically(path, calibration_page(&page).as_bytes())?)
     }
 
+    /// Whether the calibration is wanted for others.
+    pub(super) fn exports(&self) -> bool {
+        self.ros.is_some() || self.kalibr.is_some()
+    }
+
     /// Writes the calibration for others.
-    pub(super) fn write_exports(&self, fit: &Fit) -> anyhow::Result<()> {
+    pub(super) fn write_exports(&self, calibration: &RigCalibration) -> anyhow::Result<()> {
         if let Some(folder) = &self.ros {
             std::fs::create_dir_all(folder)
                 .with_context(|| format!("making {}", folder.display()))?;
-            for camera in &fit.cameras {
-                let path = folder.join(format!("{}.yaml", camera.camera.id));
-                write_atomically(&path, to_ros(&camera.camera).as_bytes())?;
+            for (id, (camera, response)) in &calibration.cameras {
+                let text = to_ros(camera, response.as_ref());
+                write_atomically(&folder.join(format!("{id}.yaml")), text.as_bytes())?;
             }
         }
         if let Some(path) = &self.kalibr {
-            let cameras = fit.cameras.iter().map(|c| &c.camera);
-            write_atomically(path, to_kalibr(cameras).as_bytes())?;
+            write_atomically(path, to_kalibr(calibration).as_bytes())?;
         }
         Ok(())
     }

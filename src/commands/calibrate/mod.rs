@@ -3,14 +3,17 @@
 mod checking;
 mod depth;
 mod files;
+pub(super) mod known;
 mod sight;
 mod words;
 
 use super::{BadConfiguration, EXIT_LOST};
-use crate::calibration::fit::{Fit, Level, Limits, Model, Parameters, Wanted, fit, judge, missing};
+use crate::calibration::fit::{Fit, Level, Model, Parameters, fit, judge, missing};
 use crate::calibration::{Board, DepthResponse, RigCalibration};
+use crate::config::Config;
 use crate::frame::CameraId;
 use crate::output::write_atomically;
+use crate::sync;
 use indicatif::{ProgressBar, ProgressStyle};
 use sight::Sight;
 use std::collections::BTreeMap;
@@ -23,8 +26,13 @@ use words::Told;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Recordings: each trigger is a placement of the board
-    #[arg(required = true, value_name = "SESSION.mcap")]
+    #[arg(required_unless_present = "from", value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
+    /// Fit nothing: write the calibration that this calibration file or recording has, with --ros, --kalibr or --out
+    #[arg(long, value_name = "FILE", conflicts_with_all = [
+        "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "report", "check", "json",
+    ])]
+    from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
     /// the recordings say
     #[arg(long, value_name = "BOARD")]
@@ -35,15 +43,17 @@ pub struct Args {
     /// Replace the file that is there, and write a calibration that is refused
     #[arg(long)]
     force: bool,
-    /// Lenses to keep, from a calibration file, ROS camera_info or a Kalibr camchain (YAML), or a folder of them; those of cameras that are not in it are fitted
+    /// Lenses to keep, from a calibration file, a recording, ROS camera_info or a Kalibr camchain (YAML), or a folder of
+    /// them; those of cameras that are not in it are fitted
     #[arg(long, value_name = "FILE")]
     fix_intrinsics: Option<PathBuf>,
     /// Lenses to start from, in the same formats
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
-    /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2)
-    #[arg(long, value_enum, default_value_t = LensModel::PlumbBob)]
-    model: LensModel,
+    /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2); by default what the configuration says,
+    /// or plumb_bob
+    #[arg(long, value_enum)]
+    model: Option<LensModel>,
     /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
     #[arg(long, value_name = "ID")]
     table_placement: Option<String>,
@@ -58,9 +68,15 @@ pub struct Args {
     /// The exit code is 1 if one moved
     #[arg(long, requires = "against", conflicts_with_all = ["out", "fix_intrinsics", "start", "table_placement"])]
     check: bool,
-    /// The calibration to check against
+    /// The calibration to check against: a calibration file, or a recording that has one
     #[arg(long, value_name = "FILE", requires = "check")]
     against: Option<PathBuf>,
+    /// Configuration (TOML); config/calibrate.toml shows what a calibration takes of it
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Set one value over the configuration, such as calibration.limits.good_px=0.2; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
@@ -92,13 +108,26 @@ impl From<LensModel> for Model {
 /// already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace(args.out.as_deref(), args.force)?;
-    let fixed = args.fix_intrinsics.as_deref().map(import).transpose()?;
+    if let Some(from) = &args.from {
+        return known::export(from, args.out.as_deref(), &args.files, args.quiet);
+    }
+    let config = configuration(&args)?;
+    let fixed = args
+        .fix_intrinsics
+        .as_deref()
+        .map(known::import)
+        .transpose()?;
     let known = match fixed {
         Some(fixed) => Some(fixed),
-        None => args.against.as_deref().map(load).transpose()?,
+        None => args.against.as_deref().map(known::load).transpose()?,
     };
-    let start = args.start.as_deref().map(import).transpose()?;
-    let recordings = sight::open(&args.sessions, args.nearest)?;
+    let start = args.start.as_deref().map(known::import).transpose()?;
+    let synchronisation = sync::Parameters {
+        nearest_color: args.nearest || config.sync.nearest_color,
+        ..config.sync
+    };
+    let config = config.calibration;
+    let recordings = sight::open(&args.sessions, &synchronisation)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
     let sight = sight::look(
@@ -116,44 +145,51 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             .for_each(|words| eprintln!("scand: {words}"));
     }
     if let (true, Some(known)) = (args.check, &known) {
-        return checking::run(&sight, known, args.json, args.quiet);
+        return checking::run(&sight, known, &config.watch, args.json, args.quiet);
     }
     let parameters = Parameters {
-        model: args.model.into(),
-        table_placement: args.table_placement.clone(),
-        ..Parameters::default()
+        model: args.model.map_or(config.fit.model, Into::into),
+        table_placement: args.table_placement.clone().or(config.fit.table_placement),
+        ..config.fit
     };
     let fitted = fit(&sight.session, &parameters);
     let lacking = missing(
         &sight.session,
         fitted.as_ref().ok(),
         &sight.depth_cameras,
-        &Wanted::default(),
+        &config.wanted,
     );
     let fitted = match fitted {
         Ok(fitted) => fitted,
         Err(error) => return Err(unfinished(&sight, &lacking, error.into())),
     };
-    let depth = depth::respond(&args.depth, &recordings, &fitted, &sight.depth_cameras)?;
-    let judgement = judge(&fitted, &Limits::default());
+    let depth = depth::respond(
+        &args.depth,
+        &recordings,
+        &fitted,
+        &sight.depth_cameras,
+        &config.plane,
+    )?;
+    let judgement = judge(&fitted, &config.limits);
     args.files.write_report(
         &args.sessions,
         &sight,
         &fitted,
-        &judgement,
+        (&judgement, &config.limits),
         &lacking,
         &depth,
     )?;
     let refused = judgement.level == Level::Refused && !args.force;
-    if !refused {
-        args.files.write_exports(&fitted)?;
-    }
     let out = args.out.as_deref().filter(|_| !refused);
-    if let Some(path) = out {
+    if !refused {
         let mut responses = known.map(responses).unwrap_or_default();
         let found = sight.depth_cameras.iter();
         responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
-        write_atomically(path, calibration(&fitted, &responses).to_toml().as_bytes())?;
+        let calibration = calibration(&fitted, &responses);
+        args.files.write_exports(&calibration)?;
+        if let Some(path) = out {
+            write_atomically(path, calibration.to_toml().as_bytes())?;
+        }
     }
     let told = Told {
         sight: &sight,
@@ -185,12 +221,13 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     })
 }
 
-fn load(path: &Path) -> anyhow::Result<RigCalibration> {
-    RigCalibration::load(path).map_err(|e| BadConfiguration(e.into()).into())
-}
-
-fn import(path: &Path) -> anyhow::Result<RigCalibration> {
-    RigCalibration::import(path).map_err(|e| BadConfiguration(e.into()).into())
+/// The configuration, with values that can be meant.
+fn configuration(args: &Args) -> anyhow::Result<Config> {
+    let config =
+        Config::load(args.config.as_deref(), &args.set).map_err(|e| BadConfiguration(e.into()))?;
+    let checked = config.calibration.checked();
+    checked.map_err(|words| BadConfiguration(words.into()))?;
+    Ok(config)
 }
 
 /// A calibration that is there is worth more than one that nobody has seen.

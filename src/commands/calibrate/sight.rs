@@ -34,12 +34,11 @@ pub(super) struct Rejected {
 }
 
 /// Opens the recordings.
-pub(super) fn open(paths: &[PathBuf], nearest: bool) -> anyhow::Result<Vec<Placements>> {
-    let parameters = sync::Parameters {
-        nearest_color: nearest,
-        ..sync::Parameters::default()
-    };
-    let open = |path: &PathBuf| Ok(Placements::open(path, &parameters)?);
+pub(super) fn open(
+    paths: &[PathBuf],
+    parameters: &sync::Parameters,
+) -> anyhow::Result<Vec<Placements>> {
+    let open = |path: &PathBuf| Ok(Placements::open(path, parameters)?);
     paths.iter().map(open).collect()
 }
 
