@@ -15,6 +15,7 @@ pub mod diff;
 pub mod evaluate;
 pub mod info;
 pub mod live;
+pub mod pack;
 pub mod recover;
 pub mod replay;
 pub mod simulate;
@@ -74,6 +75,7 @@ enum Command {
     Events(live::ask::EventsArgs),
     Info(info::Args),
     Note(live::ask::NoteArgs),
+    Pack(pack::Args),
     #[cfg(feature = "pedal")]
     Pedal(live::pedal::Args),
     Recover(recover::Args),
@@ -104,6 +106,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Events(args)) => live::ask::events(args),
         Some(Command::Info(args)) => info::run(args),
         Some(Command::Note(args)) => live::ask::note(args),
+        Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "pedal")]
         Some(Command::Pedal(args)) => live::pedal::run(args),
         Some(Command::Recover(args)) => recover::run(args),

@@ -17,6 +17,8 @@ mod hostile_tests;
 mod link;
 #[cfg(feature = "live")]
 mod names;
+#[cfg(feature = "live")]
+mod packing;
 mod parameters;
 #[cfg(feature = "live")]
 mod plates;
@@ -52,6 +54,8 @@ pub use disk::free_bytes;
 #[cfg(feature = "live")]
 pub use hooks::Hooks;
 pub use link::{Budget, Link, Transmission, budget};
+#[cfg(feature = "live")]
+pub use packing::Packing;
 pub use parameters::{
     CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
     SocketParameters,

@@ -41,6 +41,9 @@ pub struct RecordingParameters {
     pub largest_file_mb: u64,
     /// Megabytes of the disk that captures never use. Default 1000.
     pub keep_free_mb: u64,
+    /// Seconds for which the rig has nothing to do before complete recordings are packed, in place and without loss;
+    /// read at the start. Default 0: they stay as they are.
+    pub pack_after_idle_s: u64,
 }
 
 impl Default for RecordingParameters {
@@ -49,6 +52,7 @@ impl Default for RecordingParameters {
             folder: "/var/lib/scand/recordings".into(),
             largest_file_mb: 4000,
             keep_free_mb: 1000,
+            pack_after_idle_s: 0,
         }
     }
 }

@@ -336,3 +336,54 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
     );
     assert!(jobs.next().is_none());
 }
+
+#[test]
+fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
+    let stand = start(|_| ());
+    let parameters = RecordingParameters {
+        folder: stand.folder.path().into(),
+        keep_free_mb: 1,
+        pack_after_idle_s: 1,
+        ..RecordingParameters::default()
+    };
+    for _ in 0..3 {
+        assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
+    }
+    stand.ask(Order::Close).unwrap();
+    let is_packed = || recordings(stand.folder.path())[0].is_packed();
+    let before = captures(&recordings(stand.folder.path())[0]);
+    assert_eq!(before.len(), 3);
+    let packing = Packing::start(&stand.capturing, &parameters).unwrap();
+    // An order is being carried out for longer than the rest that is asked for.
+    stand.mood("c00", Mood::VerySlow);
+    assert!(matches!(
+        stand.press().last(),
+        Some(Reply::Durable { .. } | Reply::Failed { .. })
+    ));
+    assert!(!is_packed());
+    stand.mood("c00", Mood::Sound);
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while !is_packed() {
+        assert!(Instant::now() < deadline);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(captures(&recordings(stand.folder.path())[0]), before);
+    // The session that is recorded is nobody's to pack.
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
+    drop(packing);
+    let (folder, _) = stand.stop();
+    let all = recordings(folder.path());
+    let packed = all.iter().filter(|recording| recording.is_packed());
+    assert_eq!((all.len(), packed.count()), (2, 1));
+}
+
+#[test]
+fn nothing_is_packed_unless_it_is_asked_for() {
+    let stand = start(|_| ());
+    let parameters = RecordingParameters::default();
+    assert!(
+        Packing::start(&stand.capturing, &parameters)
+            .unwrap()
+            .is_none()
+    );
+}

@@ -2,13 +2,16 @@
 //! the only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
 
 mod chunk;
+mod entries;
 mod error;
 mod index;
 mod json;
+mod packing;
 mod proto;
 mod reader;
 mod records;
 mod recovery;
+mod rewriting;
 mod schemas;
 mod session;
 mod source;
@@ -20,6 +23,7 @@ mod writer;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Transfer};
+pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
 pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
@@ -29,6 +33,8 @@ pub use writer::{Compression, Writer};
 
 #[cfg(test)]
 mod damage_tests;
+#[cfg(test)]
+mod packing_tests;
 #[cfg(test)]
 mod recovery_tests;
 #[cfg(test)]

@@ -202,6 +202,12 @@ impl Recording {
         }
     }
 
+    /// Whether all of its chunks are packed.
+    pub fn is_packed(&self) -> bool {
+        let chunks = &self.index.chunks;
+        chunks.iter().all(|chunk| !chunk.compression.is_empty())
+    }
+
     /// Reads and checks every chunk.
     ///
     /// # Errors

@@ -109,20 +109,25 @@ fn set_limit(what: &'static str, resource: Resource, most: u64) -> Result<(), Co
 
 /// Lets everybody else come first: at the processors, at the disk, and when memory runs out.
 fn come_last(nice: u32) -> Vec<String> {
+    let mut missing = thread_comes_last(nice);
+    if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {
+        missing.push(format!("the first place when memory runs out: {error}"));
+    }
+    let words = |what| format!("a worker cannot have {what}");
+    missing.into_iter().map(words).collect()
+}
+
+/// Lets all other threads come before this one, at the processors and at the disk; what cannot be had, and why.
+pub fn thread_comes_last(nice: u32) -> Vec<String> {
     let niced = rustix::process::setpriority_process(None, nice as i32).map_err(Into::into);
     let steps = [
         ("nice", niced),
         ("the scheduler's batch class", system::schedule_as_batch()),
         ("the disk's idle class", system::use_idle_disk()),
-        (
-            "the first place when memory runs out",
-            std::fs::write("/proc/self/oom_score_adj", "1000"),
-        ),
     ];
-    let failed = steps.into_iter().filter_map(|(what, done)| {
-        let error = done.err()?;
-        Some(format!("a worker cannot have {what}: {error}"))
-    });
+    let failed = steps
+        .into_iter()
+        .filter_map(|(what, done)| Some(format!("{what}: {}", done.err()?)));
     failed.collect()
 }
 

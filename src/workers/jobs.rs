@@ -128,6 +128,12 @@ impl Jobs {
         Ok(())
     }
 
+    /// Whether nothing waits and nothing is being done.
+    pub fn is_idle(&self) -> bool {
+        let state = lock(&self.state);
+        state.waiting == 0 && state.running.is_empty()
+    }
+
     /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
     /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is said.
     pub fn offer_missing(&self, recordings: &[PathBuf], models: &Path) {

@@ -23,7 +23,7 @@ mod system;
 mod tests;
 
 #[cfg(feature = "live")]
-pub use confine::{ConfineError, Limits, confine, part_from};
+pub use confine::{ConfineError, Limits, confine, part_from, thread_comes_last};
 #[cfg(feature = "live")]
 pub use job::Job;
 #[cfg(feature = "live")]

@@ -6,7 +6,8 @@ use super::reread::Running;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Hooks, Kind, Notifier, Plan, Pulse, Rig, Service, Station, handed_over, serve,
+    Capturing, Hooks, Kind, Notifier, Packing, Plan, Pulse, Rig, Service, Station, handed_over,
+    serve,
 };
 use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
@@ -82,6 +83,7 @@ fn serve_rig(
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
     let workers = models.map(|models| models.start(&config, events));
     let workers = workers.transpose()?;
+    let packing = Packing::start(&capturing, &config.recording)?;
     let running = Running {
         source,
         config,
@@ -94,6 +96,7 @@ fn serve_rig(
     log::notice!("ending");
     // Models are made after the next start: the capture in progress has the machine to itself.
     drop(workers);
+    drop(packing);
     let stuck = capturing.stop();
     clients.finish(Duration::from_secs(1));
     hooks.into_iter().for_each(Hooks::stop);

@@ -238,6 +238,12 @@ impl Capturing {
         self.busy.load(Ordering::Acquire)
     }
 
+    /// Whether there is nothing to do: no order, no capture that waits for the disk, no model to be made.
+    pub(super) fn is_idle(&self) -> bool {
+        let jobs = || self.jobs.as_ref().is_none_or(|jobs| jobs.is_idle());
+        !self.is_busy() && lock(&self.status).waiting == 0 && jobs()
+    }
+
     /// Whether a press may wait for its model.
     pub fn makes_models(&self) -> bool {
         self.models

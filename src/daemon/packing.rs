@@ -1,0 +1,128 @@
+//! The thread that packs complete recordings while the rig has nothing to do, one after the other, if that is wanted. A
+//! press ends it at once; what was begun is begun again later.
+
+use super::capturing::Capturing;
+use super::disk::free_bytes;
+use super::parameters::RecordingParameters;
+use crate::log;
+use crate::recording::{Packed, pack};
+use crate::workers::thread_comes_last;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How often is asked whether the rig has nothing to do.
+const ASKED: Duration = Duration::from_millis(250);
+
+/// The thread, from outside. Dropped, it gives up what it is packing and ends.
+pub struct Packing {
+    stopped: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Packing {
+    /// Starts the thread; `None` where recordings stay as they are.
+    ///
+    /// # Errors
+    /// If the system has no thread left.
+    pub fn start(
+        capturing: &Arc<Capturing>,
+        parameters: &RecordingParameters,
+    ) -> std::io::Result<Option<Self>> {
+        if parameters.pack_after_idle_s == 0 {
+            return Ok(None);
+        }
+        let stopped: Arc<AtomicBool> = Arc::default();
+        let mut packer = Packer {
+            capturing: capturing.clone(),
+            folder: parameters.folder.clone(),
+            rest: Duration::from_secs(parameters.pack_after_idle_s),
+            keep_free: parameters.keep_free_mb.saturating_mul(1_000_000),
+            stopped: stopped.clone(),
+            done: BTreeSet::new(),
+        };
+        let thread = std::thread::Builder::new().name("packing".into());
+        let thread = thread.spawn(move || packer.run())?;
+        Ok(Some(Self {
+            stopped,
+            thread: Some(thread),
+        }))
+    }
+}
+
+impl Drop for Packing {
+    fn drop(&mut self) {
+        self.stopped.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Packer {
+    capturing: Arc<Capturing>,
+    folder: PathBuf,
+    /// How long the rig has had nothing to do before anything is packed.
+    rest: Duration,
+    keep_free: u64,
+    stopped: Arc<AtomicBool>,
+    /// Recordings that need not be looked at again.
+    done: BTreeSet<PathBuf>,
+}
+
+impl Packer {
+    fn run(&mut self) {
+        for missing in thread_comes_last(19) {
+            log::warning!("packing: {missing}");
+        }
+        let mut since = Instant::now();
+        while !self.stopped.load(Ordering::Acquire) {
+            if !self.capturing.is_idle() {
+                since = Instant::now();
+            } else if since.elapsed() >= self.rest
+                && let Some(path) = self.next()
+            {
+                self.pack(path);
+                continue;
+            }
+            std::thread::sleep(ASKED);
+        }
+    }
+
+    /// The first of the recordings that has not been looked at and for whose copy there is room.
+    fn next(&self) -> Option<PathBuf> {
+        let entries = std::fs::read_dir(&self.folder).ok()?.flatten();
+        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        paths.retain(|path| path.extension().is_some_and(|e| e == "mcap"));
+        paths.sort();
+        let mut left = paths.into_iter().filter(|path| !self.done.contains(path));
+        left.find(|path| self.has_room(path))
+    }
+
+    fn has_room(&self, path: &Path) -> bool {
+        let (length, free) = (std::fs::metadata(path), free_bytes(&self.folder));
+        match (length, free) {
+            (Ok(length), Ok(free)) => free >= length.len().saturating_add(self.keep_free),
+            _ => false,
+        }
+    }
+
+    fn pack(&mut self, path: PathBuf) {
+        let goes_on = || !self.stopped.load(Ordering::Acquire) && self.capturing.is_idle();
+        match pack(&path, goes_on) {
+            Ok(Packed::GivenUp) => return,
+            Ok(Packed::Smaller(before, after)) => log::notice!(
+                "{}: packed, {} MB are {} MB now",
+                path.display(),
+                before / 1_000_000,
+                after / 1_000_000
+            ),
+            Ok(Packed::Already | Packed::NotWorthwhile) => {}
+            Err(error) => log::warning!("not packed: {error}"),
+        }
+        self.done.insert(path);
+    }
+}
