@@ -55,7 +55,7 @@ def names():
     run("udevadm", "control", "--reload")
 
 
-@chapter.step("eleven cameras of 2560x1920 in seven formats take a capture, each picture as it was fed, byte for byte")
+@chapter.step("eleven cameras of 2560x1920 in six formats take a capture, each picture as it was fed, byte for byte")
 def eleven():
     vivid.unload()
     vivid.load([vivid.CABLE] * 11)
