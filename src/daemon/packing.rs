@@ -80,13 +80,15 @@ impl Packer {
         }
         let mut since = Instant::now();
         while !self.stopped.load(Ordering::Acquire) {
-            if !self.capturing.is_idle() {
+            if self.capturing.is_idle() && since.elapsed() >= self.rest {
+                if let Some(path) = self.next() {
+                    self.pack(path);
+                    continue;
+                }
+                // There is nothing to pack; it is looked again after as long.
                 since = Instant::now();
-            } else if since.elapsed() >= self.rest
-                && let Some(path) = self.next()
-            {
-                self.pack(path);
-                continue;
+            } else if !self.capturing.is_idle() {
+                since = Instant::now();
             }
             std::thread::sleep(ASKED);
         }

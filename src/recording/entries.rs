@@ -2,6 +2,7 @@
 //! attachments. What they mean is not asked.
 
 use super::rewriting::io;
+use super::walk::LARGEST_RECORD;
 use super::writer::Writer;
 use super::{Damage, Error};
 use mcap::records::Record;
@@ -12,9 +13,6 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Arc;
-
-/// Largest record that is read: a chunk may hold a whole capture.
-const LARGEST_RECORD: usize = 256 << 20;
 
 /// What a recording is made of.
 pub(super) enum Entry<'a> {
@@ -94,7 +92,7 @@ pub(super) fn each_entry(
     let options = LinearReaderOptions::default()
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LARGEST_RECORD);
+        .with_record_length_limit(LARGEST_RECORD as usize);
     let mut reader = LinearReader::new_with_options(options);
     let mut known = Known::default();
     let unreadable = |cause: mcap::McapError| Error::Damaged {

@@ -36,8 +36,10 @@ pub enum Packed {
 /// If it is no complete and undamaged recording, or is being written or packed; or the packed copy cannot be written,
 /// or does not hold the same. The recording is then as it was.
 pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
-    let mut file = File::open(path).map_err(io(path))?;
+    // A link stays one.
+    let path = &path.canonicalize().map_err(io(path))?;
     let recording = Recording::open(path)?;
+    let mut file = File::open(path).map_err(io(path))?;
     lock(&file, path)?;
     if recording.is_packed() {
         return Ok(Packed::Already);

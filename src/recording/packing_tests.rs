@@ -161,3 +161,14 @@ fn two_do_not_pack_one() {
     };
     assert!(matches!(pack(&path, goes_on).unwrap(), Packed::Smaller(..)));
 }
+
+#[test]
+fn a_link_to_a_recording_stays_a_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = recorded(folder.path());
+    let link = folder.path().join("link.mcap");
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    assert!(matches!(pack(&link, || true).unwrap(), Packed::Smaller(..)));
+    assert!(link.symlink_metadata().unwrap().is_symlink());
+    assert!(Recording::open(&path).unwrap().is_packed());
+}
