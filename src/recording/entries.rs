@@ -80,7 +80,7 @@ impl Entry<'_> {
 }
 
 /// Hands out the entries of the first `readable` bytes of a recording, in their order, while `each` says that it wants
-/// more; whether it did to the end. The metadata record `scand` is left out: each writer writes its own.
+/// more; whether it did to the end.
 pub(super) fn each_entry(
     file: &mut File,
     path: &Path,
@@ -167,7 +167,6 @@ impl Known {
                     data,
                 }))
             }
-            Record::Metadata(metadata) if metadata.name == "scand" => None,
             Record::Metadata(metadata) => Some(Entry::Metadata(metadata)),
             Record::Attachment { header, data, .. } => Some(Entry::Attachment(mcap::Attachment {
                 log_time: header.log_time,

@@ -58,12 +58,12 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
     }
     let (_, program) = recording.written_by();
     let mut made = || {
-        let mut writer = Writer::create_at(packed, packing, program, Compression::Zstd)?;
+        let mut writer = Writer::bare(packed, packing, program, Compression::Zstd)?;
         let Some(content) = copy(&mut file, path, &mut writer, &goes_on)? else {
             return Ok(Packed::GivenUp);
         };
         writer.finish()?;
-        check(packed, content)?;
+        check(packed, content, recording.written_by())?;
         put_into_place(&file, path, packed)
     };
     let made = made();
@@ -97,14 +97,15 @@ fn copy(
 }
 
 /// Whether the packed copy holds what it is to hold.
-fn check(packed: &Path, expected: [u8; 32]) -> Result<(), Error> {
+fn check(packed: &Path, expected: [u8; 32], written_by: (&str, &str)) -> Result<(), Error> {
     let mut file = File::open(packed).map_err(io(packed))?;
     let mut digest = Sha256::new();
     each_entry(&mut file, packed, u64::MAX, |entry| {
         entry.add_to(&mut digest);
         Ok(true)
     })?;
-    if <[u8; 32]>::from(digest.finalize()) == expected {
+    let same = <[u8; 32]>::from(digest.finalize()) == expected;
+    if same && Recording::open(packed)?.written_by() == written_by {
         return Ok(());
     }
     let differs = std::io::Error::other("what was packed does not unpack to the same");

@@ -172,3 +172,25 @@ fn a_link_to_a_recording_stays_a_link() {
     assert!(link.symlink_metadata().unwrap().is_symlink());
     assert!(Recording::open(&path).unwrap().is_packed());
 }
+
+#[test]
+fn what_another_program_wrote_of_itself_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let part = folder.path().join("a.mcap.part");
+    let mut writer = Writer::bare(&path, &part, "other 7", Compression::None).unwrap();
+    let own = [
+        ("format", "1"),
+        ("writer", "scand 1.2.3"),
+        ("more", "words"),
+    ];
+    let own = own.map(|(k, v)| (k.to_owned(), v.to_owned()));
+    writer.metadata("scand", &own.into()).unwrap();
+    Rig::new().write_to(&mut writer);
+    Rig::new().write_capture(&mut writer, "cup-1", 100, 40);
+    writer.finish().unwrap();
+    let before = content(&path);
+    assert!(matches!(pack(&path, || true).unwrap(), Packed::Smaller(..)));
+    assert_eq!(content(&path), before);
+    assert_eq!(Recording::open(&path).unwrap().written_by().1, "other 7");
+}

@@ -85,6 +85,21 @@ impl Writer {
         program: &str,
         compression: Compression,
     ) -> Result<Self, Error> {
+        let mut writer = Self::bare(path, part, program, compression)?;
+        let format = [("format", "1"), ("writer", program)];
+        writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
+        // Whatever happens from here on leaves a recording, not an empty file.
+        writer.finish_chunk()?;
+        Ok(writer)
+    }
+
+    /// The same without the metadata record `scand`: for a copy of a recording that has its own.
+    pub(super) fn bare(
+        path: &Path,
+        part: &Path,
+        program: &str,
+        compression: Compression,
+    ) -> Result<Self, Error> {
         let part = part.to_owned();
         let io = |path: &Path| {
             let path = path.to_owned();
@@ -113,7 +128,7 @@ impl Writer {
                 path: part.clone(),
                 cause,
             })?;
-        let mut writer = Self {
+        Ok(Self {
             path: path.into(),
             part,
             file,
@@ -121,12 +136,7 @@ impl Writer {
             channels: BTreeMap::new(),
             chunk: Chunk::default(),
             message: Vec::new(),
-        };
-        let format = [("format", "1"), ("writer", program)];
-        writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
-        // Whatever happens from here on leaves a recording, not an empty file.
-        writer.finish_chunk()?;
-        Ok(writer)
+        })
     }
 
     /// Writes a metadata record: a name and pairs. `session` and `board` are of the format.
