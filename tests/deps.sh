@@ -32,8 +32,9 @@ fi
 need pkg-config libaravis-dev libusb-1.0-0-dev
 # Depth cameras; and V4L2, whose headers are read with clang.
 need libopenni2-dev libclang-dev
-# Tests on networks of their own, and on a disk that is slow.
-need iproute2 util-linux strace
+# Tests on networks of their own, bad ones among them, and on disks that are slow, refuse, or lose their power;
+# and under clocks that step.
+need iproute2 nftables util-linux strace e2fsprogs mount libfaketime
 # The service: its units are judged, and its socket handed over, by systemd's own programs.
 need systemd
 

@@ -319,7 +319,7 @@ fn a_storm_harms_neither_the_capture_nor_the_memory_nor_the_log() {
     let after = memory(daemon.id());
     let log = std::fs::read_to_string(folder.path().join("log")).unwrap();
     println!(
-        "offered {rate:.0} requests a second; memory {before} to {after}; the capture's end after {took:?}; {} lines",
+        "shown: offered {rate:.0} requests a second; memory {before} to {after}; the capture's end after {took:?}; {} lines",
         log.lines().count()
     );
     let _ = daemon.kill();

@@ -6,6 +6,8 @@
 mod capturing;
 #[cfg(feature = "live")]
 mod control;
+#[cfg(all(test, feature = "live"))]
+mod disaster_tests;
 #[cfg(feature = "live")]
 mod disk;
 #[cfg(feature = "live")]

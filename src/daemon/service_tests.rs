@@ -28,7 +28,7 @@ pub(super) fn service(change: impl FnOnce(&mut Plan)) -> Service {
 }
 
 /// A daemon over recordings that outlive it.
-fn service_over(folder: &Path, change: impl FnOnce(&mut Plan)) -> Service {
+pub(super) fn service_over(folder: &Path, change: impl FnOnce(&mut Plan)) -> Service {
     let stand = start_in(tempfile::tempdir().unwrap(), 4_000_000, |plan| {
         plan.recording.folder = folder.join("recordings");
         change(plan);
@@ -129,7 +129,7 @@ fn capture_of(replies: &[Reply]) -> &str {
     }
 }
 
-fn is_durable(replies: &[Reply]) -> bool {
+pub(super) fn is_durable(replies: &[Reply]) -> bool {
     matches!(replies.last(), Some(Reply::Durable { .. }))
 }
 
@@ -142,8 +142,14 @@ pub(super) fn inside() -> Option<PathBuf> {
 
 /// A daemon in a process of its own: a test, by its whole name, that runs itself again.
 pub(super) fn daemon(test: &str, folder: &Path) -> (Child, PathBuf) {
+    let command = Command::new(std::env::current_exe().unwrap());
+    daemon_by(command, test, folder)
+}
+
+/// The same by way of a command that wants the arguments of a test.
+pub(super) fn daemon_by(mut command: Command, test: &str, folder: &Path) -> (Child, PathBuf) {
     let log = std::fs::File::create(folder.join("log")).unwrap();
-    let child = Command::new(std::env::current_exe().unwrap())
+    let child = command
         .args(["--exact", test, "--nocapture", "--test-threads=1"])
         .env(INSIDE, folder)
         .stdout(std::process::Stdio::null())
@@ -159,6 +165,8 @@ pub(super) fn daemon(test: &str, folder: &Path) -> (Child, PathBuf) {
 pub(super) fn be_a_daemon(folder: &Path, mood: Mood) -> ! {
     let stand = start_in(tempfile::tempdir().unwrap(), 4_000_000, |plan| {
         plan.recording.folder = folder.join("recordings");
+        // Some twenty captures a file.
+        plan.recording.largest_file_mb = 5;
         plan.sync.window_ms = 3000.0;
         plan.models = true;
     });
@@ -306,6 +314,13 @@ fn told_to_end_it_finishes_the_capture_and_every_client_has_its_end() {
     assert_eq!(found.iter().flat_map(captures).count(), 1);
 }
 
+/// How often a test does something: so often in the gate, and so often, times the variable's number, where
+/// `SCAND_TORTURE` asks for more.
+pub(super) fn times(gate: u64, torture: u64) -> u64 {
+    let asked = std::env::var("SCAND_TORTURE");
+    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
+}
+
 /// Numbers that look random and are the same in each run.
 pub(super) struct Dice(pub(super) u64);
 
@@ -341,6 +356,7 @@ fn press_and_stray(service: &Service, name: &str, dice: &mut Dice) -> Reply {
 
 #[test]
 fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
+    let presses = times(1000, 10_000) as usize;
     let service = service(|plan| plan.recording.largest_file_mb = 20);
     let next = AtomicUsize::new(0);
     let strand = |seed| {
@@ -348,7 +364,7 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
         let mut ends = BTreeMap::new();
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
-            if number >= 1000 {
+            if number >= presses {
                 return ends;
             }
             let name = format!("p-{number}");
@@ -363,7 +379,7 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
             .flat_map(|s| s.join().unwrap())
             .collect()
     });
-    assert_eq!(ends.len(), 1000);
+    assert_eq!(ends.len(), presses);
     // Whoever asks again hears the same.
     for (name, end) in ends.iter().step_by(50) {
         assert_eq!(service.press(Some(name)).last(), Some(end));
@@ -385,7 +401,10 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
         };
         assert_eq!(taken.get(name), Some(capture), "{name}");
     }
-    assert_eq!(taken.len(), 1000);
+    assert_eq!(taken.len(), presses);
+    println!(
+        "shown: {presses} presses whose clients go away at any moment: one last answer and one capture each"
+    );
 }
 
 /// Printed for who wants to know (`--nocapture`); figures that depend on the machine are nothing to be held.

@@ -47,18 +47,16 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     let path = finished_name(part).ok_or_else(|| Error::NotUnfinished { path: part.into() })?;
     let mut file = File::open(part).map_err(io(part))?;
     lock(&file, part)?;
-    let recording = Recording::open_cut_off(part)?;
-    let damage = recording.verify()?;
-    let length = recording.file_length();
-    // Damage of no length, such as a name defined twice, makes nothing unreadable.
-    let first = damage.iter().find(|d| d.length > 0);
-    let readable = first.map_or(length, |d| d.offset);
-    let (_, program) = recording.written_by();
+    let Readable {
+        bytes: readable,
+        length,
+        program,
+    } = readable(&file, part)?;
     let tail = (readable < length).then(|| (with_ending(&path, "tail"), length - readable));
 
     let staged = with_ending(&path, "recovering");
     remove_stale(&staged)?;
-    let mut writer = Writer::create_at(&path, &staged, program, Compression::None)?;
+    let mut writer = Writer::create_at(&path, &staged, &program, Compression::None)?;
     let put_into_place = || {
         let messages = copy(&mut file, part, readable, &mut writer)?;
         if path.try_exists().map_err(io(&path))? {
@@ -86,6 +84,36 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     })
 }
 
+/// What can be read of a recording that was cut off.
+struct Readable {
+    /// Up to the first damage.
+    bytes: u64,
+    length: u64,
+    /// Name and version of what wrote it.
+    program: String,
+}
+
+fn readable(file: &File, part: &Path) -> Result<Readable, Error> {
+    // Cut off before its first byte was on the disk.
+    if file.metadata().map_err(io(part))?.len() == 0 {
+        return Ok(Readable {
+            bytes: 0,
+            length: 0,
+            program: String::new(),
+        });
+    }
+    let recording = Recording::open_cut_off(part)?;
+    let damage = recording.verify()?;
+    let length = recording.file_length();
+    // Damage of no length, such as a name defined twice, makes nothing unreadable.
+    let first = damage.iter().find(|d| d.length > 0);
+    Ok(Readable {
+        bytes: first.map_or(length, |d| d.offset),
+        length,
+        program: recording.written_by().1.to_owned(),
+    })
+}
+
 /// A crash between the recording's getting its name and the removal of its `.part` leaves both: then the one under its
 /// name holds it all, and there is nothing to do. Another recording is never touched.
 fn check_equal(path: &Path, messages: u64) -> Result<(), Error> {
@@ -100,6 +128,9 @@ fn check_equal(path: &Path, messages: u64) -> Result<(), Error> {
 /// Copies all records of the first `readable` bytes; how many messages there were.
 fn copy(file: &mut File, part: &Path, readable: u64, writer: &mut Writer) -> Result<u64, Error> {
     let mut messages = 0;
+    if readable == 0 {
+        return Ok(messages);
+    }
     each_entry(file, part, readable, |entry| {
         match entry {
             // The writer has written its own, which is the same.

@@ -56,6 +56,16 @@ fn a_recording_that_was_just_begun_is_completed() {
 }
 
 #[test]
+fn one_that_was_cut_off_before_its_first_byte_is_completed_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let recovered = recover(&part_of(folder.path(), b"")).unwrap();
+    assert_eq!((recovered.messages, recovered.tail), (0, None));
+    let recording = Recording::open(&recovered.path).unwrap();
+    assert_eq!(recording.verify().unwrap(), []);
+    assert!(unfinished(folder.path()).unwrap().is_empty());
+}
+
+#[test]
 fn a_chunk_that_was_growing_is_kept_apart_and_what_was_synced_before_it_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
