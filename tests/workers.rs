@@ -252,6 +252,55 @@ fn a_killed_daemon_takes_its_processes_along_and_loses_no_job() {
     }
 }
 
+/// How often a test does something: so often in the gate, and so often, times the variable's number, where
+/// `SCAND_TORTURE` asks for more.
+fn times(gate: u64, torture: u64) -> u64 {
+    let asked = std::env::var("SCAND_TORTURE");
+    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
+}
+
+#[test]
+fn a_killed_worker_fails_its_job_alone_and_leaves_no_half_model() {
+    let home = tempfile::tempdir().unwrap();
+    let jobs = jobs(home.path());
+    let path = home.path().join("recordings/cup.mcap");
+    std::fs::copy(simulated(), &path).unwrap();
+    let [(capture, trigger_ns), _] = captures();
+    let job = Job::new(&path, &capture, trigger_ns, "test");
+    let target = home.path().join("models/cup").join(&capture);
+    let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
+    let (kills, mut killed) = (times(3, 20), 0);
+    for kill in 0..kills {
+        jobs.offer(&job).unwrap();
+        until("nothing runs", || !processes(home.path()).is_empty());
+        std::thread::sleep(Duration::from_millis(kill * 173 % 1500));
+        for process in processes(home.path()) {
+            let pid = rustix::process::Pid::from_raw(process.parse().unwrap()).unwrap();
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL);
+        }
+        match next(&heard).model {
+            Ok(_) => {}
+            Err(reason) => {
+                assert!(reason.contains("signal 9"), "{reason}");
+                assert_eq!(report(&target)["reason"], reason.as_str());
+                assert!(!target.join("model.glb").exists());
+                killed += 1;
+            }
+        }
+        until("not finished", || {
+            jobs.backlog().waiting == 0 && jobs.backlog().running.is_empty()
+        });
+        std::fs::remove_dir_all(&target).unwrap();
+    }
+    assert!(killed > 0, "no kill came in time");
+    // The pool is as large as before.
+    jobs.offer(&job).unwrap();
+    assert!(next(&heard).model.is_ok());
+    println!(
+        "shown: {kills} kills of a worker: {killed} jobs failed with a report, 0 half models, the next one is made"
+    );
+}
+
 /// What a confined process tries, with what came of it: `may` or `may not`.
 fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
     let (outside, recording) = (folder.join("outside"), folder.join("recording"));

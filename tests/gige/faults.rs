@@ -198,7 +198,7 @@ fn nothing_leaks_over_many_reconnects() {
         let before = held();
         (0..rounds).for_each(round);
         let after = held();
-        println!("{rounds} reconnects: {before:?} kB and files before, {after:?} after");
+        println!("shown: {rounds} reconnects: {before:?} kB and files before, {after:?} after");
         assert!(after.1 <= before.1 + 2, "{before:?} {after:?}");
         assert!(after.0 <= before.0 + 2_000, "{before:?} {after:?}");
     });

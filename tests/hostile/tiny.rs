@@ -7,7 +7,8 @@ use scand::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrins
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::image::Grid;
 use scand::job::Session;
-use scand::reconstruct::{Parameters, Silent, reconstruct};
+use scand::queue;
+use scand::reconstruct::{Parameters, Progress, Silent, Stage, reconstruct};
 use scand::recording::{Compression, Recording, Writer};
 use scand::sync;
 use std::path::{Path, PathBuf};
@@ -111,6 +112,13 @@ fn frame(writer: &mut Writer, camera: &Camera, stream: Stream, ms: u64, picture:
     writer.frame(&frame).unwrap();
 }
 
+/// How many a test takes: so many in the gate, and so many, times the variable's number, where `SCAND_TORTURE` asks for
+/// more.
+fn times(gate: usize, torture: usize) -> usize {
+    let asked = std::env::var("SCAND_TORTURE");
+    asked.map_or(gate, |n| torture * n.parse::<usize>().unwrap())
+}
+
 struct Place {
     folder: TempDir,
     path: PathBuf,
@@ -204,6 +212,51 @@ fn the_sound_one_becomes_a_model() {
     assert_eq!(fates, expected, "{}", place.folder.path().display());
 }
 
+/// Panics where a stage begins.
+struct PanicsAt(Option<Stage>);
+
+impl Progress for PanicsAt {
+    fn stage(&self, stage: Stage) {
+        assert!(Some(stage) != self.0, "a bug in {}", stage.name());
+    }
+}
+
+#[test]
+fn a_panic_in_any_stage_fails_one_capture_alone() {
+    let place = Place::new();
+    let session = Recording::open(&place.folder.path().join("sound.mcap")).unwrap();
+    let parameters = sync::Parameters {
+        min_depth_frames: 1,
+        ..sync::Parameters::default()
+    };
+    let session = Session::of(session, &parameters).unwrap();
+    let (scene, _) = session.load(&session.captures()[0].id).unwrap();
+    let mut parameters = Parameters::default();
+    parameters.hull.resolution = 24.0;
+    let made = |stage| reconstruct(&scene, &parameters, &PanicsAt(stage)).map(|r| r.model.mesh);
+    let sound = made(None).unwrap();
+    for workers in [1, 3] {
+        // Each stage's panic between two that are sound.
+        let count = 2 * Stage::ALL.len() + 1;
+        let ends = queue::run(workers, count, |i| {
+            made((i % 2 == 1).then(|| Stage::ALL[i / 2]))
+        });
+        for (i, end) in ends.into_iter().enumerate() {
+            match end {
+                Ok(mesh) => assert!(i % 2 == 0 && mesh.unwrap() == sound, "{i}"),
+                Err(panicked) => {
+                    let stage = Stage::ALL[i / 2].name();
+                    assert!(i % 2 == 1 && panicked.0.contains(stage), "{i}: {panicked}");
+                }
+            }
+        }
+    }
+    println!(
+        "shown: a panic in each of {} stages fails one capture, and no other",
+        Stage::ALL.len()
+    );
+}
+
 #[test]
 fn a_file_cut_off_at_any_byte_is_refused_or_read_up_to_there() {
     let place = Place::new();
@@ -214,7 +267,10 @@ fn a_file_cut_off_at_any_byte_is_refused_or_read_up_to_there() {
         assert!(fates.loaded >= loaded, "cut at {length}");
         loaded = fates.loaded;
     }
-    println!("{} bytes: {fates:?}", place.sound.len());
+    println!(
+        "shown: cut at each of {} bytes: {fates:?}",
+        place.sound.len()
+    );
     // All but the magic bytes are damaged files; only the very end may be missing.
     assert_eq!(fates.damaged, place.sound.len() - 8);
     assert!(fates.loaded > 0 && fates.refused > 100, "{fates:?}");
@@ -226,12 +282,12 @@ fn thousands_of_flipped_bits_do_no_harm() {
     let mut fates = Fates::default();
     let bits = 8 * place.sound.len();
     // A step that shares no factor with 8, so that every bit of a byte has its turn.
-    for bit in (0..bits).step_by((bits / 4000) | 1) {
+    for bit in (0..bits).step_by((bits / times(4000, 40_000)) | 1) {
         let mut broken = place.sound.clone();
         broken[bit / 8] ^= 1 << (bit % 8);
         place.try_all(&broken, &mut fates, false);
     }
-    println!("{bits} bits: {fates:?}");
+    println!("shown: bits flipped one by one in a file of {bits}: {fates:?}");
     assert!(
         fates.loaded > 0 && fates.refused > 0 && fates.damaged > 1000,
         "{fates:?}"
@@ -245,13 +301,13 @@ fn flipped_bits_that_the_checksums_do_not_know_do_no_harm() {
     let sound = Messages::read(&place.sound);
     for (i, message) in sound.0.iter().enumerate() {
         let bits = 8 * message.data.len();
-        for bit in (0..bits).step_by((bits / 50) | 1) {
+        for bit in (0..bits).step_by((bits / times(50, 200)) | 1) {
             let mut broken = sound.clone();
             broken.0[i].data[bit / 8] ^= 1 << (bit % 8);
             place.try_all(&broken.bytes(), &mut fates, true);
         }
     }
-    println!("{fates:?}");
+    println!("shown: bits flipped behind the checksums: {fates:?}");
     assert_eq!(fates.damaged, 0);
     assert!(fates.models > 100 && fates.failed > 50, "{fates:?}");
 }

@@ -2,9 +2,11 @@
 //! camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
 
 mod configuration;
+mod faults;
 #[path = "../gige/network.rs"]
 #[allow(dead_code, reason = "what the camera's own tests want beside")]
 mod network;
+mod plot;
 #[path = "../openni2-sensor/stage.rs"]
 mod stage;
 mod stand;
@@ -263,16 +265,18 @@ fn what_was_acknowledged_survives_a_kill_at_any_moment() {
         || {
             let mut stand = Stand::start(&["sync.depth_frames=10"]);
             let mut acknowledged = BTreeSet::new();
-            for round in 0..6 {
+            let rounds =
+                std::env::var("SCAND_TORTURE").map_or(6, |n| 15 * n.parse::<u64>().unwrap());
+            for round in 0..rounds {
                 if let Reply::Durable { capture, .. } = stand.press() {
                     acknowledged.insert(capture);
                 }
                 // The next one is killed in its middle, each round at another place.
                 stand.begin_press();
-                std::thread::sleep(Duration::from_millis(40 * round));
+                std::thread::sleep(Duration::from_millis(40 * round % 500));
                 stand.kill_and_restart();
             }
-            assert!(acknowledged.len() >= 5, "{}", stand.log());
+            assert!(acknowledged.len() as u64 >= rounds - 1, "{}", stand.log());
             let folder = stand.end();
             let mut found = BTreeSet::new();
             for file in recordings(&folder.path().join("recordings")) {
@@ -284,6 +288,10 @@ fn what_was_acknowledged_survives_a_kill_at_any_moment() {
             }
             let lost: Vec<_> = acknowledged.difference(&found).collect();
             assert!(lost.is_empty(), "{lost:?}");
+            let kept = acknowledged.len();
+            println!(
+                "shown: {rounds} kills of a rig of twelve cameras: 0 of {kept} durable captures lost"
+            );
         },
     );
 }

@@ -277,6 +277,20 @@ impl Stand {
         pages * 4096
     }
 
+    /// Bytes of memory, open files and threads that the daemon has.
+    pub fn daemon_holds(&self) -> (u64, usize, usize) {
+        let count = |what: &str| {
+            let folder = format!("/proc/{}/{what}", self.daemon.id());
+            std::fs::read_dir(folder).unwrap().count()
+        };
+        (self.daemon_memory(), count("fd"), count("task"))
+    }
+
+    /// Where it records.
+    pub fn recordings(&self) -> PathBuf {
+        self.path().join("recordings")
+    }
+
     /// Fills the disk but for `left` bytes while a capture is being taken; how that ended.
     pub fn fill_disk_while_capturing(&self, left: u64) -> Reply {
         let filler = self.path().join("recordings/filler");

@@ -1,0 +1,281 @@
+//! Disasters of who makes models and of who mends recordings, through the real program: killed at random moments, or
+//! refused by the disk. What has its final name is complete, and a second run makes what the first would have made.
+//! `make torture` asks for more of each.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::time::Instant;
+
+fn times(gate: u64, torture: u64) -> u64 {
+    let asked = std::env::var("SCAND_TORTURE");
+    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
+}
+
+fn scand() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_scand"))
+}
+
+/// Numbers that look random and are the same in each run.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, limit: u64) -> u64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (self.0 >> 33) % limit
+    }
+}
+
+/// A recording that is simulated once, with these arguments.
+fn simulated(name: &str, arguments: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let path = folder.join(format!("{name}.mcap"));
+    static ONE: Mutex<()> = Mutex::new(());
+    let _one = ONE.lock();
+    if !path.exists() {
+        let own = folder.join(format!("{name}-{}.mcap", std::process::id()));
+        let mut simulate = scand();
+        simulate
+            .args(["simulate", "--shape", "cup"])
+            .args(arguments.split(' '));
+        let made = simulate.arg("--out").arg(&own).output().unwrap();
+        let said = String::from_utf8_lossy(&made.stderr);
+        assert!(made.status.success(), "{said}");
+        std::fs::rename(&own, &path).unwrap();
+    }
+    path
+}
+
+/// Three captures that take no time worth mentioning.
+fn small() -> PathBuf {
+    let arguments =
+        "--cameras 4 --size 160x120 --depth-frames 3 --captures 3 --masks --encoding bayer";
+    simulated("disasters", arguments)
+}
+
+fn replay(recording: &Path, out: &Path) -> Command {
+    let mut command = scand();
+    command
+        .args([Path::new("--replay"), recording])
+        .args([Path::new("--out"), out])
+        .args([
+            "--set",
+            "hull.resolution=30",
+            "--set",
+            "sync.min_depth_frames=1",
+            "--quiet",
+        ])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    command
+}
+
+/// The files of each capture below `out`, by their names, a report without what may differ between two runs; only those
+/// under final names.
+fn captures(out: &Path) -> BTreeMap<PathBuf, BTreeMap<String, Vec<u8>>> {
+    let entries = |folder: &Path| -> Vec<PathBuf> {
+        let read = std::fs::read_dir(folder).into_iter().flatten();
+        let all = read.map(|entry| entry.unwrap().path());
+        let hidden = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().starts_with('.');
+        all.filter(|path| !hidden(path)).collect()
+    };
+    let mut found = BTreeMap::new();
+    for capture in entries(out).iter().flat_map(|recording| entries(recording)) {
+        let files = entries(&capture).into_iter().map(|file| {
+            let name = file.file_name().unwrap().to_str().unwrap().to_owned();
+            let mut bytes = std::fs::read(&file).unwrap();
+            if name == "report.json" {
+                let mut report: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+                report.as_object_mut().unwrap().remove("timing");
+                bytes = report.to_string().into_bytes();
+            }
+            (name, bytes)
+        });
+        let place = capture.strip_prefix(out).unwrap().to_owned();
+        found.insert(place, files.collect());
+    }
+    found
+}
+
+/// All files below a folder, also those under temporary names.
+fn left(folder: &Path) -> Vec<PathBuf> {
+    let mut folders = vec![folder.to_owned()];
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                &mut folders
+            } else {
+                &mut files
+            }
+            .push(path);
+        }
+    }
+    files
+}
+
+#[test]
+fn a_replay_that_is_killed_leaves_whole_models_or_none_and_the_next_one_makes_the_rest() {
+    let recording = small();
+    let home = tempfile::tempdir().unwrap();
+    let whole = home.path().join("whole");
+    let begin = Instant::now();
+    assert!(replay(&recording, &whole).status().unwrap().success());
+    let takes = begin.elapsed();
+    let expected = captures(&whole);
+    assert_eq!(expected.len(), 3);
+    let (kills, mut dice) = (times(4, 40), Dice(21));
+    let mut of_each = BTreeMap::<usize, u64>::new();
+    let out = home.path().join("out");
+    for kill in 0..kills {
+        let mut process = replay(&recording, &out).spawn().unwrap();
+        std::thread::sleep(takes.mul_f64(dice.below(1000) as f64 / 900.0));
+        process.kill().unwrap();
+        process.wait().unwrap();
+        let found = captures(&out);
+        for (capture, files) in &found {
+            assert!(
+                files == &expected[capture],
+                "{}: {:?}",
+                capture.display(),
+                files.keys()
+            );
+        }
+        *of_each.entry(found.len()).or_default() += 1;
+        // Every other time the next one goes on where this one was.
+        if kill % 2 == 1 || kill + 1 == kills {
+            assert!(replay(&recording, &out).status().unwrap().success());
+            assert!(captures(&out) == expected);
+            assert_eq!(left(&out).len(), left(&whole).len(), "{:?}", left(&out));
+            std::fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    assert!(
+        of_each.len() > 1,
+        "all kills came at one place: {of_each:?}"
+    );
+    println!(
+        "shown: {kills} kills of a replay: whole models or none, the next run makes the same bytes"
+    );
+}
+
+/// A replay by way of strace, which lets a call of any thread fail at its `number`th time for a file below `out`.
+fn refused(recording: &Path, out: &Path, call: &str, error: &str, number: u64) -> Command {
+    let inner = replay(recording, out);
+    let mut strace = Command::new("strace");
+    strace
+        .args(["-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e"])
+        .arg(format!("trace={call}"))
+        .arg("-e")
+        .arg(format!("inject={call}:error={error}:when={number}"))
+        .arg(inner.get_program())
+        .args(inner.get_args())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    strace
+}
+
+#[test]
+fn a_replay_whose_disk_refuses_any_call_leaves_whole_models_and_says_why_there_are_no_more() {
+    let recording = small();
+    let home = tempfile::tempdir().unwrap();
+    let whole = home.path().join("whole");
+    assert!(replay(&recording, &whole).status().unwrap().success());
+    let expected = captures(&whole);
+    let (mut count, mut failed) = (0, 0);
+    for (call, error) in [
+        ("fsync", "EIO"),
+        ("fsync", "ENOSPC"),
+        ("rename", "EIO"),
+        ("mkdir", "ENOSPC"),
+    ] {
+        for number in 1..=times(2, 6) {
+            let out = home.path().join("out");
+            let ended = refused(&recording, &out, call, error, number)
+                .output()
+                .unwrap();
+            let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+            let place = format!("{call} {number}: {error}");
+            assert!(
+                matches!(ended.status.code(), Some(0 | 1 | 3)),
+                "{place}: {said}"
+            );
+            assert!(!said.contains("panicked"), "{place}: {said}");
+            let found = captures(&out);
+            let models = found
+                .iter()
+                .filter(|(_, files)| files.contains_key("model.glb"));
+            for (capture, files) in models.clone() {
+                assert!(
+                    files == &expected[capture],
+                    "{place}: {}",
+                    capture.display()
+                );
+            }
+            if models.count() < expected.len() {
+                failed += 1;
+                assert_ne!(ended.status.code(), Some(0), "{place}: nothing was said");
+                assert!(said.contains("os error"), "{place}: {said}");
+            }
+            count += 1;
+            assert!(
+                replay(&recording, &out).status().unwrap().success(),
+                "{place}"
+            );
+            assert!(captures(&out) == expected, "{place}");
+            std::fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    assert!(failed > 0, "nothing was refused");
+    println!(
+        "shown: {count} refused calls of a replay (fsync, rename, mkdir): {failed} runs failed and said so, 0 half outputs"
+    );
+}
+
+fn seconds(command: &mut Command) -> f64 {
+    let begin = Instant::now();
+    let done = command.output().unwrap();
+    // 3: what a cut left of the file's end is kept apart.
+    assert!(matches!(done.status.code(), Some(0 | 3)), "{done:?}");
+    begin.elapsed().as_secs_f64()
+}
+
+/// The ratio depends on the machine and is printed for who wants to know; what is held is that it is of the same order.
+#[test]
+fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
+    // A capture of a rig's size, several times.
+    let arguments = "--cameras 4 --size 1280x960 --encoding bayer --captures 1 --depth-frames 30";
+    let sound = simulated("recovered", arguments);
+    let home = tempfile::tempdir().unwrap();
+    let bytes = std::fs::read(&sound).unwrap();
+    let part = home.path().join("a.mcap.part");
+    let mut ratios: Vec<f64> = (0..times(3, 7))
+        .map(|_| {
+            let copy = home.path().join("copy");
+            std::fs::write(&part, &bytes[..bytes.len() - 100]).unwrap();
+            std::fs::File::open(&part).unwrap().sync_all().unwrap();
+            let copying = seconds(
+                Command::new("sh")
+                    .args(["-c", "cp \"$0\" \"$1\" && sync \"$1\""])
+                    .args([&part, &copy]),
+            );
+            let recovering = seconds(scand().arg("recover").arg(&part));
+            std::fs::remove_file(home.path().join("a.mcap")).unwrap();
+            let _ = std::fs::remove_file(home.path().join("a.mcap.tail"));
+            std::fs::remove_file(copy).unwrap();
+            copying / recovering
+        })
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    let ratio = ratios[ratios.len() / 2];
+    println!(
+        "shown: recovery of {} MB at {ratio:.2} times the speed of copying it",
+        bytes.len() / 1_000_000
+    );
+    assert!(ratio > 0.05, "{ratios:?}");
+}
