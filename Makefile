@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo rig-demo deps test bench lint deb deb-test rig-vm kinect-driver
+.PHONY: help demo rig-demo deps test bench lint deb deb-test rig-vm torture kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -38,6 +38,9 @@ deb-test: deb ## install the package on a clean Debian 12 in a folder, run it, p
 
 rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot switches (as root on Debian; CHAPTERS="video pedal")
 	CARGO=$(CARGO) tests/rig-vm/run.sh $(CHAPTERS)
+
+torture: deps ## put each promise of docs/promises.md to the test (as root on Debian; N=60 for hours; CHAPTERS="power disk")
+	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

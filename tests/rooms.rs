@@ -293,6 +293,60 @@ fn mcap_and_foxglove_are_named_in_one_room() {
     }
 }
 
+/// Files that have `unsafe`, and how often. design/security.md says why each has it.
+const UNSAFE: &[(&str, usize)] = &[
+    ("drivers/aravis/stream", 1),
+    ("drivers/openni2/device", 11),
+    ("drivers/openni2/library", 13),
+    ("drivers/openni2/recorder", 4),
+    ("drivers/openni2/stream", 12),
+    ("drivers/v4l2/device", 16),
+    ("simulate/serve/gige", 4),
+    ("workers/system", 3),
+];
+
+#[test]
+fn unsafe_stands_where_the_list_says_each_time_with_its_reason() {
+    let mut found = Vec::new();
+    for file in sources().iter().filter(|f| !is_test(&place(f))) {
+        let text = fs::read_to_string(file).unwrap();
+        let blocks = |line: &&str| line.contains("unsafe {") || line.contains("unsafe impl");
+        let count = code(file).lines().filter(blocks).count();
+        let reasons = text.matches("// SAFETY: ").count();
+        if count > 0 {
+            assert!(
+                reasons >= count,
+                "{}: {count} and {reasons} reasons",
+                file.display()
+            );
+            found.push((place(file).join("/"), count));
+        }
+    }
+    let listed: Vec<_> = UNSAFE
+        .iter()
+        .map(|(name, n)| ((*name).to_owned(), *n))
+        .collect();
+    assert_eq!(found, listed);
+}
+
+/// Files that have sockets of the network, which are clients' or of cameras that are played.
+const NETWORK: [&str; 3] = [
+    "drivers/aravis/find",
+    "drivers/aravis/gvcp",
+    "simulate/serve/color",
+];
+
+#[test]
+fn nothing_listens_on_a_network() {
+    for file in sources().iter().filter(|f| !is_test(&place(f))) {
+        let code = code(file);
+        assert!(!code.contains("TcpListener"), "{}", file.display());
+        let place = place(file).join("/");
+        let known = NETWORK.contains(&place.as_str());
+        assert_eq!(known, code.contains("UdpSocket::bind"), "{place}");
+    }
+}
+
 #[test]
 fn paths_are_found_in_any_form() {
     let code =
