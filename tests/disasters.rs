@@ -156,7 +156,7 @@ fn a_replay_that_is_killed_leaves_whole_models_or_none_and_the_next_one_makes_th
         }
     }
     assert!(
-        of_each.len() > 1,
+        kills < 20 || of_each.len() > 1,
         "all kills came at one place: {of_each:?}"
     );
     println!(
