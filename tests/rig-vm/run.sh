@@ -17,6 +17,12 @@ if [ "$(id -u)" -ne 0 ]; then
 	say "it makes a Debian of its own: run it as root"
 	exit 1
 fi
+for chapter in "$@"; do
+	if ! grep -qs '^chapter = ' "tests/rig-vm/guest/$chapter.py"; then
+		say "no chapter $chapter, but$(grep -l '^chapter = ' tests/rig-vm/guest/*.py | sed 's#.*/# #; s#\.py$##' | tr -d '\n')"
+		exit 1
+	fi
+done
 mkdir -p "$folder"
 # Installs what is not there yet.
 missing=()

@@ -10,9 +10,10 @@ import pedal
 import sandbox
 import service
 import video
+import webcam
 from harness import run
 
-CHAPTERS = [service.chapter, sandbox.chapter, video.chapter, pedal.chapter]
+CHAPTERS = [service.chapter, sandbox.chapter, webcam.chapter, video.chapter, pedal.chapter]
 
 
 def tell(line):

@@ -118,9 +118,13 @@ def camera(name):
 
 
 def becomes(name, state, seconds=120):
-    """Waits for a camera's state, and gives its words."""
-    until(f"camera {name} is {state}, it is {camera(name)}", lambda: camera(name)[0] == state, seconds)
-    return camera(name)[1]
+    """Waits for a camera's state, and gives its words of that moment."""
+
+    def reached():
+        found = camera(name)
+        return [found[1]] if found[0] == state else None
+
+    return until(f"camera {name} is {state}", reached, seconds)[0]
 
 
 def captures():
@@ -208,8 +212,8 @@ def field(message, number):
 
 def pictures(path, topic):
     """The pictures on a topic of a recording, as they lie there."""
-    # foxglove.RawImage has them in its sixth field, foxglove.CompressedImage in its third.
-    numbers = {"RawImage": 6, "CompressedImage": 3}
+    # foxglove.RawImage has them in its sixth field, foxglove.CompressedImage in its second.
+    numbers = {"RawImage": 6, "CompressedImage": 2}
     return [field(data, numbers[schema]) for name, schema, data in messages(path) if name == topic]
 
 
