@@ -1,6 +1,7 @@
 //! A driver's cameras in the configuration: what they share, and over it what each has of its own. A camera that is set
 //! wrongly is named before anything is opened.
 
+use super::of_table;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -35,7 +36,7 @@ impl<P: Default + Serialize + DeserializeOwned> Cameras<P> {
         let one = |(id, own): (&String, &P)| {
             let mut all = defaults.clone();
             lay_over(&mut all, table(own)?);
-            let merged = all.try_into().map_err(|e| format!("camera {id}: {e}"))?;
+            let merged = of_table(&all).map_err(|e| format!("camera {id}: {e}"))?;
             Ok((id.clone(), merged))
         };
         self.cameras.iter().map(one).collect()
@@ -44,7 +45,8 @@ impl<P: Default + Serialize + DeserializeOwned> Cameras<P> {
 
 /// What is set of it; what is not set has no key.
 fn table<P: Serialize>(parameters: &P) -> Result<Table, String> {
-    Table::try_from(parameters).map_err(|e| e.to_string())
+    let text = toml::to_string(parameters).map_err(|e| e.to_string())?;
+    toml::from_str(&text).map_err(|e| e.to_string())
 }
 
 fn lay_over(below: &mut Table, above: Table) {

@@ -12,6 +12,7 @@ use crate::daemon::{
 };
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::{output, reconstruct, report, sync, workers};
+use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -110,18 +111,12 @@ impl Config {
         };
         let mut config = Self::default();
         if file.is_some() {
-            config = table
-                .clone()
-                .try_into()
-                .map_err(|e: toml::de::Error| setting("", e))?;
+            config = of_table(&table).map_err(|e| setting("", e))?;
         }
         for text in settings {
             set(&mut table, text)?;
             // Checked one by one, so that the message names the one that is wrong.
-            config = table
-                .clone()
-                .try_into()
-                .map_err(|e: toml::de::Error| setting(text, e))?;
+            config = of_table(&table).map_err(|e| setting(text, e))?;
         }
         Ok(config)
     }
@@ -165,6 +160,13 @@ fn setting(text: &str, error: impl std::fmt::Display) -> Error {
         setting: text.into(),
         message: error.to_string().trim_end().into(),
     }
+}
+
+/// What a table says. By way of its text, so that what reads a configuration is compiled for texts alone.
+fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
+    let text = toml::to_string(table).map_err(|e| e.to_string())?;
+    // Its place in that text would say nothing to who wrote another.
+    toml::from_str(&text).map_err(|e| e.message().to_owned())
 }
 
 /// Largest configuration file, in bytes.
