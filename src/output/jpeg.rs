@@ -3,8 +3,7 @@
 
 use super::Error;
 use crate::image::RgbImage;
-use ::image::codecs::jpeg::JpegEncoder;
-use ::image::{ExtendedColorType, ImageError};
+use jpeg_encoder::{ColorType, Encoder, EncodingError, SamplingFactor};
 use rayon::prelude::*;
 
 /// Side of a block in pixels.
@@ -34,7 +33,8 @@ pub fn encode(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, Error> {
         .pixels()
         .par_chunks(width * rows_of_blocks * BLOCK)
         .map(|pixels| strip(pixels.as_flattened(), width, quality))
-        .collect::<Result<_, ImageError>>()?;
+        .collect::<Result<_, EncodingError>>()?;
+
     join(&strips, height, blocks_across * rows_of_blocks).ok_or_else(|| Error::BadModel {
         what: "atlas",
         found: "a JPEG strip without a frame or a scan".into(),
@@ -42,15 +42,12 @@ pub fn encode(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, Error> {
     })
 }
 
-fn strip(pixels: &[u8], width: usize, quality: u8) -> Result<Vec<u8>, ImageError> {
+fn strip(pixels: &[u8], width: usize, quality: u8) -> Result<Vec<u8>, EncodingError> {
     let mut bytes = Vec::with_capacity(pixels.len() / 8);
     let height = pixels.len() / 3 / width;
-    JpegEncoder::new_with_quality(&mut bytes, quality.clamp(1, 100)).encode(
-        pixels,
-        width as u32,
-        height as u32,
-        ExtendedColorType::Rgb8,
-    )?;
+    let mut encoder = Encoder::new(&mut bytes, quality.clamp(1, 100));
+    encoder.set_sampling_factor(SamplingFactor::R_4_4_4);
+    encoder.encode(pixels, width as u16, height as u16, ColorType::Rgb)?;
     Ok(bytes)
 }
 

@@ -50,7 +50,7 @@ pub enum Error {
     },
     /// The atlas could not be compressed.
     #[error("cannot encode the texture as JPEG: {0}")]
-    Jpeg(#[from] ::image::ImageError),
+    Jpeg(#[from] jpeg_encoder::EncodingError),
     /// A picture could not be compressed.
     #[error("cannot encode a picture as PNG: {0}")]
     Png(#[source] ::image::ImageError),

@@ -1,14 +1,10 @@
 //! Laplacian coordinates (equation 7) on a patch of a mesh, and the screened systems that turn them back into
-//! positions. The factorisation is `faer`'s sparse Cholesky.
+//! positions. `factor` and `iterate` solve them.
 
+use crate::array::three;
 use crate::mesh::Mesh;
-use faer::linalg::solvers::Solve;
-use faer::sparse::{SparseColMat, SymbolicSparseColMat};
-use faer::{Mat, Side};
-use rayon::prelude::*;
-use std::ops::Range;
 
-/// A system that could not be solved.
+/// A system that has no solution.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("the Laplacian system of {0} vertices is singular: a part of the patch has no anchor")]
 pub struct Singular(pub usize);
@@ -59,19 +55,15 @@ impl Patch {
         }
     }
 
-    /// Weight of each neighbour in the row of L of an inner vertex.
-    fn share(&self, i: usize) -> f64 {
-        -1.0 / self.neighbours[i].len().max(1) as f64
+    /// The inner neighbours of an inner vertex.
+    pub(super) fn inner_neighbours(&self, i: usize) -> impl Iterator<Item = usize> {
+        let around = self.neighbours[i].iter().map(|&j| j as usize);
+        around.filter(|&j| j < self.inner)
     }
 
-    /// The row of L of an inner vertex, as far as it is over inner vertices: columns and weights.
-    fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
-        let around = &self.neighbours[i];
-        let share = self.share(i);
-        let own = (!around.is_empty()).then_some((i, 1.0));
-        let others = around.iter().map(|&j| j as usize);
-        let inner = others.filter(|&j| j < self.inner);
-        own.into_iter().chain(inner.map(move |j| (j, share)))
+    /// Weight of each neighbour in the row of L of an inner vertex, less its sign.
+    pub(super) fn share(&self, i: usize) -> f64 {
+        1.0 / self.neighbours[i].len().max(1) as f64
     }
 
     /// Equation 7 with uniform weights: each inner value less the mean of its neighbours' values. `values`
@@ -79,7 +71,7 @@ impl Patch {
     pub(super) fn laplacian(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let of = |i: usize| {
             let around = &self.neighbours[i];
-            std::array::from_fn(|k| {
+            three(|k| {
                 let sum: f64 = around.iter().map(|&j| values[j as usize][k]).sum();
                 values[i][k] - sum / around.len().max(1) as f64
             })
@@ -88,7 +80,7 @@ impl Patch {
     }
 }
 
-/// What a screened system asks of the inner vertices of a patch.
+/// A screened system over the inner vertices of a patch: minimise Σ wᵢ |xᵢ - tᵢ|² + μ Σ |L x - δ|², the ring held.
 pub(super) struct Screened<'a> {
     /// Laplacian coordinates wanted at each inner vertex.
     pub(super) delta: &'a [[f64; 3]],
@@ -102,109 +94,35 @@ pub(super) struct Screened<'a> {
     pub(super) ring: &'a [[f64; 3]],
 }
 
-/// Minimises Σ wᵢ |xᵢ - tᵢ|² + μ Σ |L x - δ|² over the inner vertices of a patch, the ring held.
-pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, Singular> {
-    let n = patch.inner;
-    if n == 0 {
-        return Ok(Vec::new());
-    }
-    let singular = || Singular(n);
-    let known: Vec<[f64; 3]> = (0..n).map(|i| known_side(patch, system, i)).collect();
-    let columns: Vec<Columns> = (0..n.div_ceil(COLUMNS))
-        .into_par_iter()
-        .map(|task| task * COLUMNS..n.min((task + 1) * COLUMNS))
-        .map(|range| Columns::new(patch, system, &known, range))
-        .collect();
-    let rights: Vec<&[f64; 3]> = columns.iter().flat_map(|c| &c.right).collect();
-    let right = Mat::from_fn(n, 3, |i, k| rights[i][k]);
-    let matrix = joined(n, &columns);
-    let factor = matrix.sp_cholesky(Side::Lower).map_err(|_| singular())?;
-    let x = factor.solve(&right);
-    let solution: Vec<[f64; 3]> = (0..n).map(|i| std::array::from_fn(|k| x[(i, k)])).collect();
-    let finite = solution.iter().flatten().all(|v| v.is_finite());
-    if finite {
-        Ok(solution)
-    } else {
-        Err(singular())
-    }
-}
-
-/// δᵢ less what the ring adds to row i of L x: the part of the row that is known.
-fn known_side(patch: &Patch, system: &Screened, i: usize) -> [f64; 3] {
-    let share = patch.share(i);
-    let mut known = system.delta[i];
-    for &j in &patch.neighbours[i] {
-        if let Some(ring) = (j as usize).checked_sub(patch.inner) {
-            (0..3).for_each(|k| known[k] -= share * system.ring[ring][k]);
+impl Screened<'_> {
+    /// Half of how steeply the sum falls along each inner vertex' coordinates, at positions `x` of the inner
+    /// vertices: W (t - x) + μ Lᵀ (δ - L x), which is zero at the solution.
+    pub(super) fn descent(&self, patch: &Patch, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let all: Vec<[f64; 3]> = x.iter().chain(self.ring).copied().collect();
+        let mut off = patch.laplacian(&all);
+        for (off, delta) in off.iter_mut().zip(self.delta) {
+            *off = three(|k| delta[k] - off[k]);
         }
-    }
-    known
-}
-
-/// Columns that one task makes.
-const COLUMNS: usize = 1024;
-
-/// Some columns of the lower half of diag(w) + μ LᵀL, and their right sides. They are made one after the other, in
-/// order: summing up entries that come in any order took as long as the factorisation.
-#[derive(Default)]
-struct Columns {
-    lengths: Vec<usize>,
-    rows: Vec<usize>,
-    values: Vec<f64>,
-    right: Vec<[f64; 3]>,
-}
-
-impl Columns {
-    fn new(patch: &Patch, system: &Screened, known: &[[f64; 3]], range: Range<usize>) -> Self {
-        let mut columns = Self::default();
-        let mut entries = Vec::new();
-        for b in range {
-            let weight = system.target_weight[b];
-            let mut right = system.target[b].map(|t| weight * t);
-            entries.clear();
-            entries.push((b, weight));
-            // The rows of L that hold b: its own, and those of its neighbours, of whom it is one.
-            for i in patch.row(b).map(|(i, _)| i) {
-                let here = if i == b { 1.0 } else { patch.share(i) };
-                let here = system.delta_weight * here;
-                (0..3).for_each(|k| right[k] += here * known[i][k]);
-                let below = patch.row(i).filter(|&(a, _)| a >= b);
-                entries.extend(below.map(|(a, there)| (a, here * there)));
+        let of = |i: usize| {
+            let mut sum = off[i];
+            for j in patch.inner_neighbours(i) {
+                let share = patch.share(j);
+                sum = three(|k| sum[k] - share * off[j][k]);
             }
-            entries.sort_by_key(|&(a, _)| a);
-            let before = columns.rows.len();
-            for group in entries.chunk_by(|x, y| x.0 == y.0) {
-                columns.rows.push(group[0].0);
-                columns.values.push(group.iter().map(|&(_, v)| v).sum());
-            }
-            columns.lengths.push(columns.rows.len() - before);
-            columns.right.push(right);
-        }
-        columns
+            let weight = self.target_weight[i];
+            three(|k| weight * (self.target[i][k] - x[i][k]) + self.delta_weight * sum[k])
+        };
+        (0..patch.inner).map(of).collect()
     }
-}
-
-/// All columns as a matrix.
-fn joined(n: usize, columns: &[Columns]) -> SparseColMat<usize, f64> {
-    let mut starts = vec![0];
-    let lengths = columns.iter().flat_map(|c| &c.lengths);
-    starts.extend(lengths.scan(0, |end, &length| {
-        *end += length;
-        Some(*end)
-    }));
-    let rows = columns.iter().flat_map(|c| &c.rows).copied().collect();
-    let values = columns.iter().flat_map(|c| &c.values).copied().collect();
-    let pattern = SymbolicSparseColMat::new_checked(n, n, starts, None, rows);
-    SparseColMat::new(pattern, values)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod testing {
     use super::*;
     use nalgebra::Point3;
 
     /// A square sheet of n x n vertices.
-    pub(crate) fn sheet(n: u32) -> Mesh {
+    pub(in super::super) fn sheet(n: u32) -> Mesh {
         let vertices = (0..n * n)
             .map(|i| Point3::new((i % n) as f32, (i / n) as f32, 0.0))
             .collect();
@@ -221,11 +139,19 @@ mod tests {
         }
     }
 
-    fn inner_of(mesh: &Mesh, n: u32) -> Patch {
+    /// All of it but its border.
+    pub(in super::super) fn inner_of(mesh: &Mesh, n: u32) -> Patch {
         Patch::new(mesh, |v| {
             (1..n - 1).contains(&(v % n)) && (1..n - 1).contains(&(v / n))
         })
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::factor::solve;
+    use super::testing::{inner_of, sheet};
+    use super::*;
 
     fn positions(patch: &Patch, f: impl Fn(f64, f64) -> f64, mesh: &Mesh) -> Vec<[f64; 3]> {
         let at = |&v: &u32| {

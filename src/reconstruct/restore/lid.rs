@@ -6,7 +6,8 @@
 //! of the method: soft weights towards H where the depth was measured, and the border where M meets the rest
 //! of the hull.
 
-use super::laplacian::{Patch, Screened, Singular, solve};
+use super::factor::solve;
+use super::laplacian::{Patch, Screened, Singular};
 use super::{Parameters, Source};
 use crate::image::Grid;
 use crate::mesh::{Mesh, vertex_normals};

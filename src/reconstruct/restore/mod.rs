@@ -6,6 +6,8 @@
 
 mod carve;
 mod consistency;
+mod factor;
+mod iterate;
 mod laplacian;
 mod lid;
 mod provenance;

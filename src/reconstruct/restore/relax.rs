@@ -2,7 +2,8 @@
 //! system: detail comes from the depth, weighted by how well each pixel is known, and what noise and the
 //! pixels' raster leave is smoothed away. Walls and everything else stay where the carving put them.
 
-use super::laplacian::{Patch, Screened, Singular, solve};
+use super::iterate::solve;
+use super::laplacian::{Patch, Screened, Singular};
 use super::{Parameters, Source};
 use crate::mesh::vertex_normals;
 use crate::reconstruct::{Model, Provenance};
