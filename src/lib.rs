@@ -5,6 +5,7 @@
 //! Data flows one way: `drivers` → `sync` → `recording` → `reconstruct` → `output`. No room names the next
 //! one; the commands join them. ARCHITECTURE.md has the table of what each room may use.
 
+pub mod array;
 pub mod calibration;
 #[cfg(feature = "live")]
 pub mod check;

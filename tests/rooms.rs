@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 /// Each room and the rooms it may use, itself aside.
 const ROOMS: &[(&str, &[&str])] = &[
-    ("image", &[]),
-    ("mesh", &["image"]),
+    ("array", &[]),
+    ("image", &["array"]),
+    ("mesh", &["array", "image"]),
     ("frame", &[]),
     ("calibration", &["frame"]),
     ("calibration/fit", &["calibration", "frame", "image"]),
@@ -27,7 +28,10 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
         ],
     ),
-    ("reconstruct", &["image", "mesh", "frame", "calibration"]),
+    (
+        "reconstruct",
+        &["array", "image", "mesh", "frame", "calibration"],
+    ),
     (
         "report",
         &[

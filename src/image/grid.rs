@@ -73,11 +73,13 @@ impl<T> Grid<T> {
     }
 
     /// Width in pixels.
+    #[inline]
     pub fn width(&self) -> usize {
         self.width
     }
 
     /// Height in pixels.
+    #[inline]
     pub fn height(&self) -> usize {
         self.height
     }
@@ -88,17 +90,20 @@ impl<T> Grid<T> {
     }
 
     /// The pixel at (x, y), or `None` outside the grid.
+    #[inline]
     pub fn get(&self, x: isize, y: isize) -> Option<&T> {
         let inside = x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height;
         inside.then(|| &self.pixels[y as usize * self.width + x as usize])
     }
 
     /// Row `y`, left to right.
+    #[inline]
     pub fn row(&self, y: usize) -> &[T] {
         &self.pixels[y * self.width..(y + 1) * self.width]
     }
 
     /// Row `y`, to be written.
+    #[inline]
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.pixels[y * self.width..(y + 1) * self.width]
     }
@@ -155,6 +160,7 @@ impl<T> Grid<T> {
 impl<T> Index<(usize, usize)> for Grid<T> {
     type Output = T;
 
+    #[inline]
     fn index(&self, (x, y): (usize, usize)) -> &T {
         debug_assert!(x < self.width);
         &self.pixels[y * self.width + x]
@@ -162,6 +168,7 @@ impl<T> Index<(usize, usize)> for Grid<T> {
 }
 
 impl<T> IndexMut<(usize, usize)> for Grid<T> {
+    #[inline]
     fn index_mut(&mut self, (x, y): (usize, usize)) -> &mut T {
         debug_assert!(x < self.width);
         &mut self.pixels[y * self.width + x]

@@ -25,11 +25,13 @@ impl PixelRect {
     }
 
     /// Columns.
+    #[inline]
     pub fn width(&self) -> usize {
         self.x1.saturating_sub(self.x0)
     }
 
     /// Rows.
+    #[inline]
     pub fn height(&self) -> usize {
         self.y1.saturating_sub(self.y0)
     }
@@ -40,6 +42,7 @@ impl PixelRect {
     }
 
     /// Whether a pixel lies in it.
+    #[inline]
     pub fn contains(&self, x: usize, y: usize) -> bool {
         (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
     }

@@ -1,11 +1,13 @@
 //! From sRGB-encoded values to linear light and back (IEC 61966-2-1). Light mixes linearly: a pixel that a
 //! contour halves is the mean of both sides' linear values.
 
+use crate::array::three;
 use std::sync::LazyLock;
 
 static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|v| exact(v as f32)));
 
 /// Linear light, in [0, 1], of all 256 encoded values.
+#[inline]
 pub fn linear_from_srgb() -> &'static [f32; 256] {
     &LINEAR
 }
@@ -23,8 +25,20 @@ fn exact(srgb: f32) -> f32 {
 /// 1e-5.
 #[inline]
 pub fn decode(srgb: f32) -> f32 {
+    interpolated(linear_from_srgb(), srgb)
+}
+
+/// [`decode`] of a pixel's three values.
+#[inline]
+pub fn decode_pixel(srgb: [f32; 3]) -> [f32; 3] {
+    let linear = linear_from_srgb();
+    three(|c| interpolated(linear, srgb[c]))
+}
+
+#[inline]
+fn interpolated(linear: &[f32; 256], srgb: f32) -> f32 {
     let low = srgb.clamp(0.0, 254.0) as usize;
-    let [a, b] = [LINEAR[low], LINEAR[low + 1]];
+    let (a, b) = (linear[low], linear[low + 1]);
     a + (b - a) * (srgb - low as f32)
 }
 

@@ -27,6 +27,7 @@ pub use raster::{Fragment, rasterize, rasterize_closed, rasterize_mesh};
 pub use shade::{Drawn, Eye, Style, View, four_sides, parallel_view, render, vertex_paint};
 pub use simplify::{Simplified, SimplifyError, simplify};
 
+use crate::array::three;
 use nalgebra::Point3;
 
 /// An indexed triangle mesh. Triangles are counter-clockwise seen from outside. Positions in metres.
@@ -41,6 +42,6 @@ pub struct Mesh {
 impl Mesh {
     /// The three corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [Point3<f32>; 3] {
-        self.triangles[t].map(|v| self.vertices[v as usize])
+        three(|i| self.vertices[self.triangles[t][i] as usize])
     }
 }

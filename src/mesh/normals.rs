@@ -1,6 +1,7 @@
 //! Normals of vertices.
 
 use super::Mesh;
+use crate::array::three;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -10,7 +11,7 @@ pub fn vertex_normals(mesh: &Mesh) -> Vec<Vector3<f32>> {
     let shares: Vec<[Vector3<f32>; 3]> = mesh
         .triangles
         .par_iter()
-        .map(|t| shares_of(t.map(|v| mesh.vertices[v as usize])))
+        .map(|t| shares_of(three(|i| mesh.vertices[t[i] as usize])))
         .collect();
     let mut sums = vec![Vector3::<f32>::zeros(); mesh.vertices.len()];
     for (triangle, shares) in mesh.triangles.iter().zip(shares) {
@@ -29,7 +30,7 @@ fn shares_of(corners: [Point3<f32>; 3]) -> [Vector3<f32>; 3] {
     let Some(normal) = face.try_normalize(f32::MIN_POSITIVE) else {
         return [Vector3::zeros(); 3];
     };
-    [0, 1, 2].map(|i| {
+    three(|i| {
         let a = corners[(i + 1) % 3] - corners[i];
         let b = corners[(i + 2) % 3] - corners[i];
         normal * a.angle(&b)

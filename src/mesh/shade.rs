@@ -2,6 +2,7 @@
 //! the projection, so it knows no camera.
 
 use super::{Fragment, Mesh, rasterize};
+use crate::array::three;
 use crate::image::{Grid, RgbImage};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -104,10 +105,12 @@ impl<'a> Drawn<'a> {
                 return style.background;
             }
             let triangle = fragment.triangle as usize;
-            let corners = self.mesh.triangles[triangle].map(|v| self.projected[v as usize]);
+            let vertices = self.mesh.triangles[triangle];
+            let corners = three(|i| self.projected[vertices[i] as usize]);
             let weights = weights_at(corners, x as f32, y as f32, self.eye);
             let light = light(self.mesh, triangle, weights, self.eye, style);
-            paint(triangle, weights).map(|c| (f32::from(c) * light + 0.5) as u8)
+            let color = paint(triangle, weights);
+            three(|c| (f32::from(color[c]) * light + 0.5) as u8)
         };
         average(&self.buffer, self.samples, shade)
     }
@@ -119,8 +122,8 @@ pub fn vertex_paint<'a>(
     colors: &'a [[u8; 3]],
 ) -> impl Fn(usize, [f32; 3]) -> [u8; 3] + Sync + 'a {
     move |triangle, weights| {
-        let corners = mesh.triangles[triangle].map(|v| colors[v as usize]);
-        std::array::from_fn(|channel| {
+        let corners = three(|i| colors[mesh.triangles[triangle][i] as usize]);
+        three(|channel| {
             let blended = (0..3).map(|i| weights[i] * f32::from(corners[i][channel]));
             (blended.sum::<f32>() + 0.5) as u8
         })
@@ -183,7 +186,7 @@ fn supersampled([x, y, depth]: [f32; 3], samples: usize) -> [f32; 3] {
 
 /// The weights of a triangle's corners at a pixel it covers, of sum 1 and within [0, 1].
 fn weights_at(corners: [[f32; 3]; 3], x: f32, y: f32, eye: Eye) -> [f32; 3] {
-    let [a, b, c] = corners.map(|p| [p[0] - x, p[1] - y]);
+    let [a, b, c] = three(|i| [corners[i][0] - x, corners[i][1] - y]);
     let cross = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
     let mut weights = [cross(b, c), cross(c, a), cross(a, b)];
     if let Eye::At(_) = eye {
@@ -192,15 +195,17 @@ fn weights_at(corners: [[f32; 3]; 3], x: f32, y: f32, eye: Eye) -> [f32; 3] {
         }
     }
     let sum: f32 = weights.iter().sum();
-    weights.map(|w| (w / sum).clamp(0.0, 1.0))
+    three(|i| (weights[i] / sum).clamp(0.0, 1.0))
 }
 
 fn light(mesh: &Mesh, triangle: usize, weights: [f32; 3], eye: Eye, style: &Style) -> f32 {
     let [a, b, c] = mesh.corners(triangle);
     let normal = match style.normals {
         Some(normals) => {
-            let at = mesh.triangles[triangle].map(|v| normals[v as usize]);
-            at[0] * weights[0] + at[1] * weights[1] + at[2] * weights[2]
+            let [i, j, k] = mesh.triangles[triangle];
+            normals[i as usize] * weights[0]
+                + normals[j as usize] * weights[1]
+                + normals[k as usize] * weights[2]
         }
         None => (b - a).cross(&(c - a)),
     };
@@ -232,7 +237,7 @@ fn average(
             }
         }
         let count = (samples * samples) as u32;
-        sum.map(|s| ((s + count / 2) / count) as u8)
+        three(|i| ((sum[i] + count / 2) / count) as u8)
     };
     let mut picture = RgbImage::filled(width, height, [0; 3]);
     let rows = picture.pixels_mut().par_chunks_mut(width.max(1));

@@ -46,6 +46,7 @@ impl<'a> Cone<'a> {
     }
 
     /// Whether a pixel is inside the silhouette by more than the contour's uncertainty.
+    #[inline]
     pub fn is_well_inside(&self, pixel: Point2<f64>) -> bool {
         const WELL_INSIDE: f32 = 250.0;
         self.camera.intrinsics.contains(pixel) && self.sample(pixel) > WELL_INSIDE

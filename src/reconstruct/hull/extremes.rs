@@ -41,6 +41,7 @@ impl<T: Copy + PartialOrd> Extremes<T> {
     }
 }
 
+#[inline(always)]
 fn join<T: Copy + PartialOrd>(a: [T; 2], b: [T; 2]) -> [T; 2] {
     [
         if b[0] < a[0] { b[0] } else { a[0] },
@@ -49,36 +50,33 @@ fn join<T: Copy + PartialOrd>(a: [T; 2], b: [T; 2]) -> [T; 2] {
 }
 
 fn halve<T: Copy + PartialOrd>(fine: &Grid<[T; 2]>) -> Grid<[T; 2]> {
-    let (width, height) = (fine.width().div_ceil(2), fine.height().div_ceil(2));
-    let mut blocks = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let (top, bottom) = (
-            fine.row(2 * y),
-            fine.row((2 * y + 1).min(fine.height() - 1)),
-        );
-        let rows = top.chunks(2).zip(bottom.chunks(2));
-        blocks.extend(rows.map(|(a, b)| {
-            let last = a.len() - 1;
-            join(join(a[0], a[last]), join(b[0], b[last]))
-        }));
-    }
-    Grid::from_pixels(width, height, blocks)
+    halved(fine, join)
 }
 
 /// The first level, without pairing each pixel with itself first.
 fn halve_picture<T: Copy + PartialOrd>(picture: &Grid<T>) -> Grid<[T; 2]> {
-    let (width, height) = (picture.width().div_ceil(2), picture.height().div_ceil(2));
+    halved(picture, |a, b| join([a; 2], [b; 2]))
+}
+
+/// Joins pixels of two columns and two rows, of one where there is no second.
+#[inline(always)]
+fn halved<P: Copy, T: Copy + PartialOrd>(
+    fine: &Grid<P>,
+    pair: impl Fn(P, P) -> [T; 2],
+) -> Grid<[T; 2]> {
+    let (width, height) = (fine.width().div_ceil(2), fine.height().div_ceil(2));
     let mut blocks = Vec::with_capacity(width * height);
     for y in 0..height {
-        let (top, bottom) = (
-            picture.row(2 * y),
-            picture.row((2 * y + 1).min(picture.height() - 1)),
-        );
-        let rows = top.chunks(2).zip(bottom.chunks(2));
-        blocks.extend(rows.map(|(a, b)| {
-            let last = a.len() - 1;
-            join(join([a[0]; 2], [a[last]; 2]), join([b[0]; 2], [b[last]; 2]))
-        }));
+        let top = fine.row(2 * y);
+        let bottom = fine.row((2 * y + 1).min(fine.height() - 1));
+        let (tops, bottoms) = (top.as_chunks::<2>().0, bottom.as_chunks::<2>().0);
+        for (a, b) in tops.iter().zip(bottoms) {
+            blocks.push(join(pair(a[0], a[1]), pair(b[0], b[1])));
+        }
+        if fine.width() % 2 == 1 {
+            let (a, b) = (top[fine.width() - 1], bottom[fine.width() - 1]);
+            blocks.push(pair(a, b));
+        }
     }
     Grid::from_pixels(width, height, blocks)
 }

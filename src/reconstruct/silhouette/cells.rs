@@ -1,6 +1,7 @@
 //! Means of picture and plate over small cells: less noise and less work for the coarse decision.
 
 use super::region::Region;
+use crate::array::three;
 use crate::image::{Grid, PixelRect, RgbImage};
 use std::ops::Range;
 
@@ -157,5 +158,5 @@ fn mean_of(sums: &[u16], lines: usize) -> [f32; 3] {
         }
     }
     let scale = 3.0 / (sums.len() * lines) as f32;
-    total.map(|t| t as f32 * scale)
+    three(|c| total[c] as f32 * scale)
 }

@@ -5,6 +5,7 @@
 use super::Parameters;
 use super::cells::Cells;
 use super::photometry::Photometry;
+use crate::array::three;
 use crate::image::{Grid, PixelRect, srgb};
 
 /// Evidence is cut off here: one cell cannot outweigh all its neighbours.
@@ -97,21 +98,20 @@ struct Light {
 
 impl Light {
     fn new(picture: [f32; 3], plate: [f32; 3], photometry: &Photometry) -> Self {
+        let backdrop = srgb::decode_pixel(plate);
         Self {
-            picture: picture.map(srgb::decode),
-            expected: std::array::from_fn(|c| photometry.gain[c] * srgb::decode(plate[c])),
-            variance: std::array::from_fn(|c| photometry.variance_of_light(c, plate[c])),
+            picture: srgb::decode_pixel(picture),
+            expected: three(|c| photometry.gain[c] * backdrop[c]),
+            variance: three(|c| photometry.variance_of_light(c, plate[c])),
         }
     }
 
     fn log_ratio(&self) -> [f32; 3] {
-        std::array::from_fn(|c| ((self.picture[c] + DARK) / (self.expected[c] + DARK)).ln())
+        three(|c| ((self.picture[c] + DARK) / (self.expected[c] + DARK)).ln())
     }
 
     fn log_variance(&self) -> [f32; 3] {
-        std::array::from_fn(|c| {
-            self.variance[c] / (self.expected[c].min(self.picture[c]) + DARK).powi(2)
-        })
+        three(|c| self.variance[c] / (self.expected[c].min(self.picture[c]) + DARK).powi(2))
     }
 
     fn evidence(&self, parameters: &Parameters, hint: f32) -> f32 {

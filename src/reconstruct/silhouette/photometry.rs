@@ -58,15 +58,18 @@ impl Photometry {
 
     /// Variance of the linear light of a cell where the plate has the encoded value `plate`. A channel that
     /// is overexposed in the plate says less.
+    #[inline]
     pub fn variance_of_light(&self, c: usize, plate: f32) -> f32 {
         self.variance(c, plate, self.noise[c])
     }
 
     /// The same of a single pixel.
+    #[inline]
     pub fn variance_of_pixel(&self, c: usize, plate: f32) -> f32 {
         self.variance(c, plate, self.pixel_noise[c])
     }
 
+    #[inline]
     fn variance(&self, c: usize, plate: f32, noise: f32) -> f32 {
         let clipped = ((plate - 248.0) / 7.0).clamp(0.0, 1.0) * 0.05;
         let noise = noise * slope(plate) * self.gain[c].max(1.0);

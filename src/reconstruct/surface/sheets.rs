@@ -102,7 +102,9 @@ fn ambiguous_faces(
     let (inside, at) = (cut.inside(cell), cells.position(cell));
     (0..6)
         .filter(move |&face| {
-            let [a, b, c, d] = FACE_CORNERS[face].map(|i| inside >> i & 1);
+            let [i, j, k, l] = FACE_CORNERS[face];
+            let (a, b) = (inside >> i & 1, inside >> j & 1);
+            let (c, d) = (inside >> k & 1, inside >> l & 1);
             a == c && b == d && a != b
         })
         .map(move |face| (face_key(at, face), cell))
@@ -128,18 +130,18 @@ fn face_edge(face: usize, i: usize) -> usize {
 fn loops(inside: u8, middle_is_inside: impl Fn(usize) -> bool) -> Sheets {
     let mut next = [u8::MAX; 12];
     for face in 0..6 {
-        let corner = FACE_CORNERS[face].map(|i| inside >> i & 1 == 1);
-        let leaves: [bool; 4] = std::array::from_fn(|i| corner[i] && !corner[(i + 1) % 4]);
-        let enters: [bool; 4] = std::array::from_fn(|i| !corner[i] && corner[(i + 1) % 4]);
-        let ambiguous = leaves.iter().filter(|&&l| l).count() == 2;
+        let corner = |i: usize| inside >> FACE_CORNERS[face][i % 4] & 1 == 1;
+        let leaves = |i: usize| corner(i) && !corner(i + 1);
+        let enters = |i: usize| !corner(i) && corner(i + 1);
+        let ambiguous = (0..4).filter(|&i| leaves(i)).count() == 2;
         // Around a lone inside corner the run goes back to the edge before it; around a lone outside corner
         // on to the edge after it. With only two cut edges both searches find the same one.
         let backwards = !ambiguous || !middle_is_inside(face);
-        for i in (0..4).filter(|&i| leaves[i]) {
+        for i in (0..4).filter(|&i| leaves(i)) {
             let step = if backwards { 3 } else { 1 };
             let other = (1..4)
                 .map(|k| (i + k * step) % 4)
-                .find(|&j| enters[j])
+                .find(|&j| enters(j))
                 .expect("runs pair up");
             next[face_edge(face, i)] = face_edge(face, other) as u8;
         }

@@ -5,6 +5,7 @@ use super::blend::{Blend, Share};
 use super::charts::{Chart, Layout, Plane};
 use super::exposure::Gain;
 use super::{Surface, to_bytes};
+use crate::array::{three, two};
 use crate::image::{Grid, RgbImage};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -58,14 +59,14 @@ impl Paint<'_> {
         let mut sources = Vec::new();
         for &triangle in &chart.triangles {
             let vertices = self.surface.mesh.triangles[triangle as usize];
-            let corners = Corners(vertices.map(|v| layout.in_chart(self.surface, chart, v)));
+            let corners = Corners(three(|i| layout.in_chart(self.surface, chart, vertices[i])));
             match chart.plane {
                 Plane::View(view) => {
                     self.gather(vertices, view, &mut sources);
                     self.fill_seen(&mut tile, (layout, chart), &corners, &sources);
                 }
                 Plane::Axis(_) => {
-                    let colors = vertices.map(|v| self.vertex_colors[v as usize]);
+                    let colors = three(|i| self.vertex_colors[vertices[i] as usize]);
                     tile.fill(&corners, |_, shares| interpolate(&colors, shares));
                 }
             }
@@ -94,7 +95,7 @@ impl Paint<'_> {
                     // The middle of a triangle that holds no texel may lie between pixels.
                     let (x, y) = ((x + left + 0.5) as usize, (y + top + 0.5) as usize);
                     let pixel = image.row(y.min(bottom))[x.min(right)];
-                    let color = Vector3::from(pixel.map(f32::from));
+                    let color = Vector3::from(three(|c| f32::from(pixel[c])));
                     color.component_mul(&gain) + interpolate(&only.offsets, shares)
                 });
             }
@@ -135,7 +136,7 @@ impl Paint<'_> {
             view,
             weights: [0.0; 3],
             offsets: [Vector3::zeros(); 3],
-            pixels: (view != own).then(|| vertices.map(pixel)),
+            pixels: (view != own).then(|| three(|i| pixel(vertices[i]))),
         })
     }
 
@@ -236,7 +237,7 @@ impl Tile {
             }
         }
         if !painted {
-            let middle = [0, 1].map(|i| (a[i] + b[i] + c[i]) / 3.0);
+            let middle = two(|i| (a[i] + b[i] + c[i]) / 3.0);
             let x = ((middle[0] + 0.5) as usize).min(width - 1);
             let y = ((middle[1] + 0.5) as usize).min(height - 1);
             if self.distance[(x, y)] == EMPTY {

@@ -5,6 +5,7 @@
 use super::labels::{UNSEEN, regions};
 use super::pack::pack;
 use super::{Parameters, Surface};
+use crate::array::two;
 use nalgebra::{Point3, Vector3};
 
 /// What a chart's coordinates are a projection into.
@@ -133,21 +134,21 @@ impl Layout {
             }
             Plane::Axis(axis) => {
                 let p = surface.mesh.vertices[vertex];
-                [p[(axis + 1) % 3], p[(axis + 2) % 3]].map(|c| c / self.axis_texel)
+                two(|i| p[(axis + 1 + i) % 3] / self.axis_texel)
             }
         };
-        p.map(|c| if c.is_finite() { c } else { 0.0 })
+        two(|i| if p[i].is_finite() { p[i] } else { 0.0 })
     }
 
     /// A vertex in a chart, in texels from the chart's top left texel's centre.
     pub fn in_chart(&self, surface: &Surface, chart: &Chart, vertex: u32) -> [f32; 2] {
         let p = self.project(surface, chart.plane, vertex);
-        [0, 1].map(|i| p[i] - chart.low[i] + self.gutter as f32)
+        two(|i| p[i] - chart.low[i] + self.gutter as f32)
     }
 
     /// The pixel of a view's picture that a chart's texel shows.
     pub fn pixel(&self, chart: &Chart, texel: [f32; 2]) -> [f32; 2] {
-        [0, 1].map(|i| (texel[i] + chart.low[i] - self.gutter as f32) / self.scale)
+        two(|i| (texel[i] + chart.low[i] - self.gutter as f32) / self.scale)
     }
 
     /// For each triangle the places of its corners in the atlas, 0 to 1.
@@ -158,7 +159,7 @@ impl Layout {
                 let corners = surface.mesh.triangles[triangle as usize];
                 uv[triangle as usize] = corners.map(|v| {
                     let p = self.in_chart(surface, chart, v);
-                    [0, 1].map(|i| (p[i] + chart.place[i] as f32 + 0.5) / self.size[i] as f32)
+                    two(|i| (p[i] + chart.place[i] as f32 + 0.5) / self.size[i] as f32)
                 });
             }
         }

@@ -54,7 +54,7 @@ fn compare(surface: &Surface, views: [usize; 2]) -> Option<Pair> {
     let step = common.len().div_ceil(MOST_SAMPLES).max(1);
     let mut ratios = [const { Vec::new() }; 3];
     for &v in common.iter().step_by(step) {
-        let [p, q] = [a, b].map(|view| mean_at(view, v));
+        let (p, q) = (mean_at(a, v), mean_at(b, v));
         for (channel, ratios) in ratios.iter_mut().enumerate() {
             if USABLE.contains(&p[channel]) && USABLE.contains(&q[channel]) {
                 ratios.push((p[channel] / q[channel]).ln());

@@ -4,6 +4,7 @@
 use super::rings::NONE;
 use super::visibility::{Sight, facing};
 use super::{Parameters, Surface};
+use crate::array::three;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -99,7 +100,7 @@ fn fill_row(surface: &Surface, triangle: usize, row: &mut [f32]) {
     let normal = t.map(|v| surface.normals[v as usize]).iter().sum();
     let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
     for (view, score) in row.iter_mut().enumerate() {
-        let sights = t.map(|v| surface.sights[view][v as usize]);
+        let sights = three(|i| surface.sights[view][t[i] as usize]);
         let worst = sights.into_iter().min().unwrap_or(Sight::Hidden);
         let view = &surface.views[view];
         let cosine = facing(view.center, middle, normal) / normal.norm().max(1e-6);
@@ -126,7 +127,10 @@ fn sweep(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], smoothness: f
         if own == UNSEEN {
             continue;
         }
-        let around = across[triangle].map(|n| labels.get(n as usize).copied().unwrap_or(UNSEEN));
+        let around = three(|i| {
+            let neighbour = across[triangle][i] as usize;
+            labels.get(neighbour).copied().unwrap_or(UNSEEN)
+        });
         if around.iter().all(|&label| label == own) {
             continue;
         }

@@ -2,6 +2,7 @@
 //! cameras' own colour look the same from here on.
 
 use super::super::{DepthView, Scene};
+use crate::array::{three, two};
 use crate::calibration::DepthCamera;
 use crate::image::{Mask, RgbImage};
 use crate::mesh::Mesh;
@@ -102,7 +103,7 @@ fn mean_color<'a>(view: &'a DepthView, projected: &[[f32; 3]]) -> Option<Cow<'a,
         }
         let row = &mut mean.row_mut(y)[low[0]..high[0]];
         for (pixel, sum) in row.iter_mut().zip(&sums) {
-            *pixel = sum.map(|s| ((s + count / 2) / count) as u8);
+            *pixel = three(|c| ((sum[c] + count / 2) / count) as u8);
         }
     }
     Some(Cow::Owned(mean))
@@ -152,8 +153,8 @@ impl View<'_> {
         let lower = &self.image.row(row + 1)[column..column + 2];
         let mut color = Vector3::zeros();
         for channel in 0..3 {
-            let [a, b] = [upper[0], upper[1]].map(|p| f32::from(p[channel]));
-            let [c, d] = [lower[0], lower[1]].map(|p| f32::from(p[channel]));
+            let [a, b] = two(|i| f32::from(upper[i][channel]));
+            let [c, d] = two(|i| f32::from(lower[i][channel]));
             let (top, low) = (a + (b - a) * fx, c + (d - c) * fx);
             color[channel] = top + (low - top) * fy;
         }
@@ -171,6 +172,6 @@ impl View<'_> {
                 }
             }
         }
-        Vector3::from(sum.map(|s| s as f32 / 9.0))
+        Vector3::from(three(|c| sum[c] as f32 / 9.0))
     }
 }

@@ -165,6 +165,7 @@ pub(super) fn in_color(model: &Model, drawn: &Drawn) -> RgbImage {
 }
 
 /// The atlas at a point of a triangle.
+#[inline]
 fn sample(atlas: &RgbImage, corners: [[f32; 2]; 3], weights: [f32; 3]) -> [u8; 3] {
     let at = |axis: usize, size: usize| {
         let uv: f32 = (0..3).map(|i| corners[i][axis] * weights[i]).sum();

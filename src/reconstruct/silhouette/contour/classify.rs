@@ -2,6 +2,7 @@
 //! for the object, so that a bright rim beside a dark wall hides neither.
 
 use super::{Band, Colors};
+use crate::array::three;
 use crate::image::{Grid, Mask, PixelRect, srgb};
 
 /// Colours that stand for the object beside a cell.
@@ -93,14 +94,14 @@ fn beside(
     offsets: &[(isize, isize)],
 ) -> Beside {
     const FAR: f32 = 1e3;
-    let plate = band.cells.plate[(cx, cy)].map(|p| (p + 0.5) as usize);
-    let weight: [f32; 3] = std::array::from_fn(|c| colors.weight[c][plate[c]]);
+    let plate = three(|c| (band.cells.plate[(cx, cy)][c] + 0.5) as usize);
+    let weight = three(|c| colors.weight[c][plate[c]]);
     let mut beside = Beside {
         object: [[FAR; SAMPLES]; 3],
         weight: [[1.0; SAMPLES]; 3],
         objects: 0,
         shade: [1.0; 3],
-        backdrop_weight: std::array::from_fn(|c| textured(weight[c], colors.expected[c][plate[c]])),
+        backdrop_weight: three(|c| textured(weight[c], colors.expected[c][plate[c]])),
     };
     let (mut seen, mut expected, mut backdrops) = ([1e-3f32; 3], [1e-3f32; 3], 0);
     for &(dx, dy) in offsets {
@@ -109,14 +110,14 @@ fn beside(
             continue;
         }
         if band.object[(x, y)] && beside.objects < SAMPLES {
-            let light = band.cells.picture[(x, y)].map(srgb::decode);
+            let light = srgb::decode_pixel(band.cells.picture[(x, y)]);
             for c in 0..3 {
                 beside.object[c][beside.objects] = light[c];
                 beside.weight[c][beside.objects] = textured(weight[c], light[c]);
             }
             beside.objects += 1;
         } else if !band.object[(x, y)] && backdrops < SAMPLES {
-            let light = band.cells.picture[(x, y)].map(srgb::decode);
+            let light = srgb::decode_pixel(band.cells.picture[(x, y)]);
             let plate = band.cells.plate[(x, y)];
             for c in 0..3 {
                 seen[c] += light[c];
@@ -128,7 +129,7 @@ fn beside(
             break;
         }
     }
-    beside.shade = std::array::from_fn(|c| seen[c] / expected[c]);
+    beside.shade = three(|c| seen[c] / expected[c]);
     beside
 }
 

@@ -2,6 +2,7 @@
 //! its colour, the object's colour just inside and the backdrop's just outside.
 
 use super::{Band, Colors, ContourFacts, clip};
+use crate::array::three;
 use crate::image::{Mask, PixelRect};
 use crate::reconstruct::silhouette::photometry::median;
 use std::ops::Range;
@@ -215,8 +216,8 @@ impl Sides {
             }
         }
         let mut sides = Self {
-            object: object.map(|o| o / objects.max(1e-9)),
-            shade: std::array::from_fn(|c| seen[c] / expected[c]),
+            object: three(|c| object[c] / objects.max(1e-9)),
+            shade: three(|c| seen[c] / expected[c]),
             contrast: 0.0,
         };
         if objects > FEWEST && backdrops > FEWEST {

@@ -8,6 +8,7 @@ mod mixture;
 
 use super::cells::Cells;
 use super::photometry::Photometry;
+use crate::array::three;
 use crate::image::{Grid, Mask, RgbImage, srgb};
 
 /// Half the width in pixels of the band that is searched for the contour.
@@ -155,22 +156,19 @@ impl<'a> Colors<'a> {
     #[inline]
     fn light(&self, x: usize, y: usize) -> [f32; 3] {
         let linear = srgb::linear_from_srgb();
-        self.picture[(x, y)].map(|v| linear[usize::from(v)])
+        let pixel = self.picture[(x, y)];
+        three(|c| linear[usize::from(pixel[c])])
     }
 
     #[inline]
     fn expected(&self, x: usize, y: usize) -> [f32; 3] {
-        let [r, g, b] = self.plate[(x, y)].map(usize::from);
-        [
-            self.expected[0][r],
-            self.expected[1][g],
-            self.expected[2][b],
-        ]
+        let pixel = self.plate[(x, y)];
+        three(|c| self.expected[c][usize::from(pixel[c])])
     }
 
     #[inline]
     fn weight(&self, x: usize, y: usize) -> [f32; 3] {
-        let [r, g, b] = self.plate[(x, y)].map(usize::from);
-        [self.weight[0][r], self.weight[1][g], self.weight[2][b]]
+        let pixel = self.plate[(x, y)];
+        three(|c| self.weight[c][usize::from(pixel[c])])
     }
 }
