@@ -2,7 +2,7 @@
 //! before it takes the place of the original; until then the original is not touched.
 
 use super::entries::each_entry;
-use super::rewriting::{io, lock, remove_stale, with_ending};
+use super::rewriting::{dress, io, lock, remove_stale, with_ending};
 use super::writer::{Compression, Writer, sync_folder};
 use super::{Error, Recording};
 use sha2::{Digest, Sha256};
@@ -30,7 +30,7 @@ pub enum Packed {
 }
 
 /// Packs a complete recording. All that is in it stays, byte for byte and in the same order, and so do its name, its
-/// time and its permissions. It is given up as soon as `goes_on` says so, which is asked often.
+/// time, its owner and its permissions. It is given up as soon as `goes_on` says so, which is asked often.
 ///
 /// # Errors
 /// If it is no complete and undamaged recording, or is being written or packed; or the packed copy cannot be written,
@@ -128,7 +128,7 @@ fn put_into_place(file: &File, path: &Path, packed: &Path) -> Result<Packed, Err
     }
     let dressed = || {
         let copy = File::options().write(true).open(packed)?;
-        copy.set_permissions(original.permissions())?;
+        dress(&copy, &original)?;
         copy.set_times(FileTimes::new().set_modified(original.modified()?))?;
         copy.sync_all()?;
         std::fs::rename(packed, path)?;

@@ -5,7 +5,7 @@ use super::*;
 use crate::frame::Timestamp;
 use std::cell::Cell;
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -71,6 +71,9 @@ fn a_packed_recording_is_smaller_and_holds_the_same() {
     let taken = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
     fs::File::open(&path).unwrap().set_modified(taken).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o640)).unwrap();
+    // Only root can: what others pack is theirs.
+    let _ = chown(&path, Some(12_345), Some(23_456));
+    let owner = fs::metadata(&path).map(|m| (m.uid(), m.gid())).unwrap();
 
     let Packed::Smaller(was, is) = pack(&path, || true).unwrap() else {
         panic!("it shrinks")
@@ -81,6 +84,7 @@ fn a_packed_recording_is_smaller_and_holds_the_same() {
     assert_eq!(content(&path), before);
     assert_eq!(after.modified().unwrap(), taken);
     assert_eq!(after.permissions().mode() & 0o777, 0o640);
+    assert_eq!((after.uid(), after.gid()), owner);
     assert_eq!(names(folder.path()), ["a.mcap"]);
     let recording = Recording::open(&path).unwrap();
     assert_eq!(recording.written_by(), ("scand", "scand 1.2.3"));

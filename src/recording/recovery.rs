@@ -2,7 +2,7 @@
 //! into `NAME.mcap`, what cannot be read into `NAME.mcap.tail`. Nothing is removed before both are on the disk.
 
 use super::entries::{Entry, each_entry};
-use super::rewriting::{io, lock, remove_stale, with_ending};
+use super::rewriting::{dress, io, lock, remove_stale, with_ending};
 use super::writer::{Compression, PART, Writer, sync_folder};
 use super::{Error, Recording};
 use std::fs::File;
@@ -66,6 +66,9 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
         if let Some((tail, _)) = &tail {
             keep_tail(&mut file, part, readable, tail)?;
         }
+        // Who may not give it away keeps it: an owner is no reason to leave a recording cut off.
+        let copy = File::options().write(true).open(&staged);
+        let _ = copy.and_then(|copy| dress(&copy, &file.metadata()?));
         writer.finish()?;
         Ok(messages)
     };
@@ -151,6 +154,7 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, tail: &Path) -> Result<(),
         file.seek(SeekFrom::Start(from))?;
         let mut copy = File::create_new(&staged)?;
         std::io::copy(file, &mut copy)?;
+        let _ = dress(&copy, &file.metadata()?);
         copy.sync_all()?;
         std::fs::rename(&staged, tail)?;
         sync_folder(tail)

@@ -3,6 +3,7 @@
 use super::testing::*;
 use super::*;
 use crate::frame::Timestamp;
+use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 
 /// A recording that was synced after each of two captures, and then the machine stopped: its bytes.
@@ -42,6 +43,22 @@ fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
         }
     }
     all
+}
+
+#[test]
+fn a_recovered_recording_and_its_tail_belong_to_whom_the_part_belonged() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let part = part_of(folder.path(), &bytes[..bytes.len() - 1]);
+    std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
+    // Only root can.
+    let _ = chown(&part, Some(12_345), Some(23_456));
+    let of = |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
+    let expected = of(&part).unwrap();
+    let recovered = recover(&part).unwrap();
+    let (tail, _) = recovered.tail.unwrap();
+    assert_eq!(of(&recovered.path).unwrap(), expected);
+    assert_eq!(of(&tail).unwrap(), expected);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! What making a recording anew beside itself needs, whether after a crash or to pack it: names, locks, errors.
 
 use super::Error;
-use std::fs::{File, TryLockError};
+use std::fs::{File, Metadata, TryLockError};
+use std::os::unix::fs::{MetadataExt, fchown};
 use std::path::{Path, PathBuf};
 
 /// A recording that is being written is locked.
@@ -27,6 +28,19 @@ pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
     name.push(".");
     name.push(ending);
     name.into()
+}
+
+/// Gives a copy the owner, the group and the permissions of the original: an administrator makes copies, too, and they
+/// are to stay the daemon's.
+pub(super) fn dress(copy: &File, original: &Metadata) -> std::io::Result<()> {
+    let now = copy.metadata()?;
+    let differing = |now: u32, wanted: u32| (now != wanted).then_some(wanted);
+    let owner = differing(now.uid(), original.uid());
+    let group = differing(now.gid(), original.gid());
+    if owner.is_some() || group.is_some() {
+        fchown(copy, owner, group)?;
+    }
+    copy.set_permissions(original.permissions())
 }
 
 pub(super) fn io(path: &Path) -> impl Fn(std::io::Error) -> Error {
