@@ -213,7 +213,7 @@ fn a_press_is_told_to_all_who_listen() {
 
 #[test]
 fn the_thirty_third_client_is_told_that_there_is_no_room() {
-    let service = service(|plan| plan.models = true);
+    let service = service(|plan| plan.models = Some(plan.recording.folder.join("models")));
     let request = Request::Status {};
     // Places of those who have just gone are free a moment later.
     let served = || {

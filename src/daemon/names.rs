@@ -46,6 +46,19 @@ fn date(days: i64) -> [i64; 3] {
     [year_of_era + era * 400 + i64::from(month <= 2), month, day]
 }
 
+/// Checks that no models of an earlier session are where those of a new one go: its recording may have been moved, and
+/// captures of both have the same names.
+pub(super) fn check_models(folder: &Path) -> Result<(), String> {
+    let mut models = std::fs::read_dir(folder).into_iter().flatten();
+    if models.next().is_none() {
+        return Ok(());
+    }
+    let folder = folder.display();
+    Err(format!(
+        "{folder} has models of an earlier session of this name: move them, or take another name"
+    ))
+}
+
 /// Checks a session's name.
 pub(super) fn check_session(name: &str) -> Result<(), String> {
     CaptureId::new(name)
@@ -83,6 +96,18 @@ mod tests {
         assert_eq!(name(), "19700101-000000-2");
         std::fs::write(folder.path().join("19700101-000000-2.mcap"), "").unwrap();
         assert_eq!(name(), "19700101-000000-3");
+    }
+
+    #[test]
+    fn a_name_is_refused_where_models_of_an_earlier_session_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let models = folder.path().join("amphora");
+        assert_eq!(check_models(&models), Ok(()));
+        std::fs::create_dir(&models).unwrap();
+        assert_eq!(check_models(&models), Ok(()));
+        std::fs::create_dir(models.join("amphora-0001")).unwrap();
+        let refused = check_models(&models).unwrap_err();
+        assert!(refused.contains(&models.display().to_string()), "{refused}");
     }
 
     #[test]

@@ -183,7 +183,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
         pool: pool.clone(),
         program: "scand test".into(),
         events: events::Events::default(),
-        models: false,
+        models: None,
         jobs: None,
         pulse: Pulse::default(),
     }

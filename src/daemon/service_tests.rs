@@ -168,7 +168,7 @@ pub(super) fn be_a_daemon(folder: &Path, mood: Mood) -> ! {
         // Some twenty captures a file.
         plan.recording.largest_file_mb = 5;
         plan.sync.window_ms = 3000.0;
-        plan.models = true;
+        plan.models = Some(plan.recording.folder.join("models"));
     });
     stand.mood("c00", mood);
     let clients = listen(folder.join("0.sock"), &stand.capturing);
@@ -210,7 +210,7 @@ fn the_same_press_id_is_the_same_capture_while_it_lasts_later_and_after_a_restar
 
 #[test]
 fn a_press_waits_for_what_it_asked_for_and_no_longer() {
-    let service = service(|plan| plan.models = true);
+    let service = service(|plan| plan.models = Some(plan.recording.folder.join("models")));
     let heard = replies(&mut service.client(), &trigger(Some("p"), Until::Captured));
     assert!(
         matches!(heard.last(), Some(Reply::Captured { .. })),

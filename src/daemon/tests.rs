@@ -267,6 +267,25 @@ fn plates_are_kept_known_after_a_restart_and_in_every_recording() {
 }
 
 #[test]
+fn a_recording_that_was_moved_keeps_its_models() {
+    let folder = tempfile::tempdir().unwrap();
+    let models = folder.path().join("models");
+    std::fs::create_dir_all(models.join("amphora/amphora-0001")).unwrap();
+    let stand = start_in(folder, 4_000_000, |plan| plan.models = Some(models.clone()));
+    let begin = |name: &'static str| {
+        stand.ask(move |answer| Order::Begin(name.into(), BTreeMap::new(), answer))
+    };
+    let refused = begin("amphora").unwrap_err();
+    assert!(
+        refused.contains("models of an earlier session"),
+        "{refused}"
+    );
+    begin("krater").unwrap();
+    std::fs::rename(models.join("amphora"), models.join("kept")).unwrap();
+    begin("amphora").unwrap();
+}
+
+#[test]
 fn sessions_begin_are_noted_and_close() {
     let stand = start(|_| ());
     let begin = |name: &'static str| {

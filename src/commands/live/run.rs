@@ -72,7 +72,7 @@ fn serve_rig(
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
         pulse: pulse.clone(),
-        models: models.is_some(),
+        models: models.as_ref().map(|_| config.workers.folder.clone()),
         jobs: models.as_ref().map(|models| models.jobs.clone()),
     };
     let (events, jobs) = (plan.events.clone(), plan.jobs.clone());

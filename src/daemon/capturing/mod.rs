@@ -89,8 +89,8 @@ pub struct Plan {
     pub events: Events,
     /// Where its threads show that they live.
     pub pulse: Pulse,
-    /// Whether models are made of captures, so that a press may wait for its model.
-    pub models: bool,
+    /// Where models of captures go; `None` where none are made, so that no press can wait for its model.
+    pub models: Option<PathBuf>,
     /// Where the jobs of making models go; `None` where none are made.
     pub jobs: Option<Arc<Jobs>>,
 }
@@ -151,7 +151,7 @@ impl Capturing {
         std::fs::create_dir_all(&folder).map_err(io)?;
         let left = recover_all(&folder)?;
         let presses = Arc::new(Presses::open(&folder.join("presses"), &left));
-        let models = plan.models;
+        let models = plan.models.is_some();
         let (orders, queue) = bounded(1);
         let (busy, status) = (Arc::default(), Arc::default());
         let recorder =

@@ -429,6 +429,9 @@ impl Worker {
             preamble,
         );
         let session = Box::new(session.map_err(|e| e.to_string())?);
+        if let Some(models) = &self.plan.models {
+            names::check_models(&models.join(name))?;
+        }
         if !self.recorder.hand_over(Work::Begin(session, done)) {
             return Err("the disk is behind".into());
         }
