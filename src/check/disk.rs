@@ -10,21 +10,26 @@ const SAMPLE: usize = 64 << 20;
 /// A capture should be on the disk within so many seconds, or presses wait for it.
 const LONGEST_SECONDS: f64 = 3.0;
 
-/// Whether a file can be made in a folder, by who runs this.
-pub fn folder(path: &Path) -> Finding {
+/// Whether a file can be made in a folder, and whether its speed can be measured. Where the daemon answers, whoever runs
+/// this need not be allowed to write there.
+pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
     let subject = "recordings' folder";
     let trial = path.join(format!(".scand-check-{}", std::process::id()));
     let made = std::fs::File::create_new(&trial);
     let _ = std::fs::remove_file(&trial);
-    match made {
-        Ok(_) => Finding::ok(subject, path.display().to_string()),
-        Err(cause) => Finding::not_ok(
-            State::Wrong,
-            subject,
-            format!("{}: {cause}", path.display()),
-            "make it, and give it to the daemon's user: install -d -o scand -g scand -m 750 FOLDER",
-        ),
+    let found = path.display().to_string();
+    let cause = match made {
+        Ok(_) => return (Finding::ok(subject, found), true),
+        Err(cause) => cause,
+    };
+    if daemon_answers && cause.kind() == std::io::ErrorKind::PermissionDenied && path.is_dir() {
+        let found = format!("{found}: the daemon's alone; sudo scand check measures its speed");
+        return (Finding::ok(subject, found), false);
     }
+    let remedy =
+        "make it, and give it to the daemon's user: install -d -o scand -g scand -m 750 FOLDER";
+    let found = format!("{found}: {cause}");
+    (Finding::not_ok(State::Wrong, subject, found, remedy), false)
 }
 
 /// Whether captures of so many bytes find room, with what is kept free.
@@ -156,11 +161,11 @@ mod tests {
     #[test]
     fn a_folder_is_tried_and_left_as_it_was() {
         let at = tempfile::tempdir().unwrap();
-        assert_eq!(folder(at.path()).state, State::Ok);
+        assert_eq!(folder(at.path(), false).0.state, State::Ok);
         assert_eq!(speed(at.path(), 1).state, State::Ok);
         assert_eq!(std::fs::read_dir(at.path()).unwrap().count(), 0);
         let missing = at.path().join("none");
-        assert_eq!(folder(&missing).state, State::Wrong);
+        assert_eq!(folder(&missing, true).0.state, State::Wrong);
         assert_eq!(speed(&missing, 1).state, State::Wrong);
     }
 

@@ -6,8 +6,9 @@ use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
 use crate::config::Config;
 use crate::daemon::{free_bytes, survey};
 use crate::drivers::live::HostClock;
-use crate::trigger::{Client, Reply, Request};
+use crate::trigger::{Client, Error, Reply, Request};
 use serde_json::{Value, json};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
@@ -103,14 +104,20 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: HostClock) -> Findi
     );
     let mut all = vec![Finding::ok("configuration", words)];
     all.push(check::calibration(modified(&calibration)));
-    let status = ask(&config.socket.path);
-    all.push(match &status {
-        Some(_) => Finding::ok(
-            "daemon",
-            format!("it answers on {}", config.socket.path.display()),
-        ),
-        None => Finding::ok("daemon", "none runs: the cameras are opened for this check"),
-    });
+    let (daemon, status) = match ask(&config.socket.path) {
+        Ok(answered) => answered,
+        Err(denied) => {
+            // Nothing of the rig can be seen by who is not of its group.
+            all.push(denied);
+            all.extend(host(&config));
+            return Findings {
+                all,
+                status: None,
+                bad_configuration: false,
+            };
+        }
+    };
+    all.push(daemon);
     let cameras = match &status {
         Some(status) => Ok(status["cameras"].clone()),
         None => survey(stations, clock, CAMERAS)
@@ -128,7 +135,8 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: HostClock) -> Findi
     all.extend(host(&config));
     let capture_bytes = status.as_ref().and_then(|s| s["capture_bytes"].as_u64());
     let capture_bytes = capture_bytes.filter(|bytes| *bytes > 0);
-    all.extend(disk(args, &config, capture_bytes.unwrap_or(100_000_000)));
+    let capture_bytes = capture_bytes.unwrap_or(100_000_000);
+    all.extend(disk(args, &config, capture_bytes, status.is_some()));
     Findings {
         all,
         status,
@@ -140,13 +148,30 @@ fn modified(path: &Path) -> std::io::Result<std::time::SystemTime> {
     std::fs::metadata(path)?.modified()
 }
 
-/// The status of a daemon that runs.
-fn ask(socket: &Path) -> Option<Value> {
-    let mut client = Client::connect(socket, Some(DAEMON)).ok()?;
-    client.send(&Request::Status {}).ok()?;
-    match client.reply().ok()? {
-        Reply::Status { status } => Some(status),
-        _ => None,
+/// Whether a daemon runs, and its status. An error is that it may not be asked.
+fn ask(socket: &Path) -> Result<(Finding, Option<Value>), Finding> {
+    let status = || -> Result<Option<Value>, Error> {
+        let mut client = Client::connect(socket, Some(DAEMON))?;
+        client.send(&Request::Status {})?;
+        Ok(match client.reply()? {
+            Reply::Status { status } => Some(status),
+            _ => None,
+        })
+    };
+    match status() {
+        Ok(Some(status)) => {
+            let found = format!("it answers on {}", socket.display());
+            Ok((Finding::ok("daemon", found), Some(status)))
+        }
+        Err(Error::Away { path, cause }) if cause.kind() == ErrorKind::PermissionDenied => {
+            let found = format!("{}: {cause}", path.display());
+            let remedy = "be of its group: sudo adduser YOU scand, from the next login on";
+            Err(Finding::not_ok(State::Wrong, "daemon", found, remedy))
+        }
+        _ => {
+            let found = "none runs: the cameras are opened for this check";
+            Ok((Finding::ok("daemon", found), None))
+        }
     }
 }
 
@@ -169,12 +194,13 @@ fn host(config: &Config) -> Vec<Finding> {
     findings
 }
 
-fn disk(args: &Args, config: &Config, capture_bytes: u64) -> Vec<Finding> {
+fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) -> Vec<Finding> {
     let folder = &config.recording.folder;
-    let mut findings = vec![check::folder(folder)];
+    let (finding, writable) = check::folder(folder, daemon_answers);
+    let mut findings = vec![finding];
     let keep_free = config.recording.keep_free_mb * 1_000_000;
     findings.push(check::space(free_bytes(folder), capture_bytes, keep_free));
-    if !args.no_speed && findings.iter().all(|f| f.state != State::Wrong) {
+    if !args.no_speed && writable && findings.iter().all(|f| f.state != State::Wrong) {
         findings.push(check::speed(folder, capture_bytes));
     }
     findings.push(check::plates(folder));
