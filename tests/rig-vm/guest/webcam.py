@@ -1,6 +1,9 @@
-"""Two webcams: controls, what is refused, and what becomes of one that loses frames, breaks or goes."""
+"""Two webcams: controls, what is refused, and what becomes of one that loses frames, breaks or goes; and a camera of
+JPEG pictures in the place of one of them."""
 
+import subprocess
 import time
+from pathlib import Path
 
 import scand
 import vivid
@@ -8,10 +11,14 @@ from harness import Chapter, Unexpected, contains, expect, run, until
 from video import DEFAULTS, name, section
 
 SIZES = [(640, 360), (1280, 720)]
+LOOPBACK = Path("/dev/video90")
+LINK = Path("/dev/rig/loopback")
 
 
 def end():
     scand.clear()
+    LINK.unlink(missing_ok=True)
+    run("modprobe", "-r", "v4l2loopback", expected=None)
     vivid.unload()
 
 
@@ -111,3 +118,34 @@ def wrapped():
         if "c00" in line and "never came" in line:
             raise Unexpected(line)
     vivid.control(0, wrap_sequence_number=0)
+
+
+@chapter.step("a camera of JPEG pictures (v4l2loopback): each is a whole file, as it was written")
+def jpeg():
+    run("systemctl", "stop", "scand.service")
+    run("modprobe", "v4l2loopback", "video_nr=90", "card_label=loopback", "exclusive_caps=0", "max_buffers=6")
+    run("udevadm", "settle")
+    LINK.symlink_to(LOOPBACK)
+    # Kept while nobody has it open.
+    run("v4l2-ctl", "-d", LOOPBACK, "--set-ctrl", "keep_format=1")
+    run("v4l2-ctl", "-d", LOOPBACK, "--set-fmt-video-out=width=640,height=480,pixelformat=MJPG")
+    feeder = subprocess.Popen(["python3", "-B", "/rig-vm/feed.py", str(LOOPBACK)], stdin=subprocess.DEVNULL)
+    try:
+        webcams(device=str(LINK), size=[640, 480], pixel_format="mjpeg")
+        scand.start()
+        scand.ask("session", "start", "jpeg")
+        scand.ask("trigger")
+        scand.ask("session", "close")
+    finally:
+        feeder.terminate()
+        feeder.wait()
+    fed, found = jpegs(), scand.pictures(scand.recording("jpeg"), "/color/c00/image")
+    if not found or not set(found) <= set(fed):
+        raise Unexpected(f"{len(found)} frames, which are not all of the {len(fed)} files that were fed")
+    return f"{len(found)} frames"
+
+
+def jpegs():
+    """The JPEG files that are fed."""
+    cameras = [f"/color/c{index:02d}/image" for index in range(3)]
+    return [file for camera in cameras for file in scand.pictures("/rig-vm/jpeg.mcap", camera)]
