@@ -80,18 +80,18 @@ impl Entry<'_> {
 }
 
 /// Hands out the entries of the first `readable` bytes of a recording, in their order, while `each` says that it wants
-/// more; whether it did to the end.
+/// more; whether it did to the end. Unless it `is_checked`, each chunk is before its first entry is handed out.
 pub(super) fn each_entry(
     file: &mut File,
     path: &Path,
-    readable: u64,
+    (readable, is_checked): (u64, bool),
     mut each: impl FnMut(&Entry) -> Result<bool, Error>,
 ) -> Result<bool, Error> {
     file.seek(SeekFrom::Start(0)).map_err(io(path))?;
     let mut source = file.take(readable);
     let options = LinearReaderOptions::default()
         .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
+        .with_prevalidate_chunk_crcs(!is_checked)
         .with_record_length_limit(LARGEST_RECORD as usize);
     let mut reader = LinearReader::new_with_options(options);
     let mut known = Known::default();

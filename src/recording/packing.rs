@@ -83,7 +83,7 @@ fn copy(
 ) -> Result<Option<[u8; 32]>, Error> {
     let mut digest = Sha256::new();
     let mut since_sync = 0;
-    let whole = each_entry(file, path, u64::MAX, |entry| {
+    let whole = each_entry(file, path, (u64::MAX, false), |entry| {
         entry.add_to(&mut digest);
         entry.write_to(writer)?;
         since_sync += entry.length();
@@ -100,7 +100,7 @@ fn copy(
 fn check(packed: &Path, expected: [u8; 32], written_by: (&str, &str)) -> Result<(), Error> {
     let mut file = File::open(packed).map_err(io(packed))?;
     let mut digest = Sha256::new();
-    each_entry(&mut file, packed, u64::MAX, |entry| {
+    each_entry(&mut file, packed, (u64::MAX, false), |entry| {
         entry.add_to(&mut digest);
         Ok(true)
     })?;

@@ -38,6 +38,8 @@ pub struct Recording {
     /// Messages of each topic in the order of their log times.
     topics: BTreeMap<Topic, Vec<MessageRef>>,
     cache: Mutex<ChunkCache>,
+    /// Every chunk was read and checked to find what is in the file.
+    is_checked: bool,
 }
 
 impl Recording {
@@ -60,7 +62,8 @@ impl Recording {
 
     fn of(source: Source) -> Result<Self, Error> {
         let mut index = walk(&source)?;
-        if !index.is_trustworthy() {
+        let is_checked = !index.is_trustworthy();
+        if is_checked {
             scan_chunks(&source, &mut index)?;
         }
         index.tell_too_many();
@@ -71,6 +74,7 @@ impl Recording {
             index,
             topics,
             cache: Mutex::default(),
+            is_checked,
         })
     }
 
@@ -218,10 +222,11 @@ impl Recording {
             Err(error) => Err(error),
             Ok(_) => Ok(None),
         };
-        let found: Vec<Option<Damage>> =
-            each_chunk(&self.index.chunks, 0, |_, chunk| check(chunk))?;
         let mut damage: Vec<Damage> = self.index.damage.clone();
-        damage.extend(found.into_iter().flatten());
+        if !self.is_checked {
+            let found = each_chunk(&self.index.chunks, 0, |_, chunk| check(chunk))?;
+            damage.extend(found.into_iter().flatten());
+        }
         damage.sort_by_key(|d| d.offset);
         damage.dedup();
         Ok(damage)

@@ -134,7 +134,7 @@ fn copy(file: &mut File, part: &Path, readable: u64, writer: &mut Writer) -> Res
     if readable == 0 {
         return Ok(messages);
     }
-    each_entry(file, part, readable, |entry| {
+    each_entry(file, part, (readable, true), |entry| {
         match entry {
             // The writer has written its own, which is the same.
             Entry::Metadata(metadata) if metadata.name == "scand" => return Ok(true),

@@ -67,6 +67,15 @@ pub enum Error {
         /// A camera that sees nothing of the object within the volume, if there is one.
         empty: Option<String>,
     },
+    /// Something in the volume, but nothing that a cell could hold.
+    #[error(
+        "the visual hull is thinner than its cells of {cell_size:.2e} m everywhere: expected an object, or a \
+         smaller hull.cell_size"
+    )]
+    Thin {
+        /// Edge of a cell.
+        cell_size: f64,
+    },
     /// Silhouettes that are no object's.
     #[error(
         "the hull's surface crosses {cells} cells, expected at most {most} for an object of this size: \
@@ -141,7 +150,7 @@ const MOST_CELLS: f64 = 10.0;
 /// Extracts the hull's surface and drops stray pieces.
 ///
 /// # Errors
-/// If the surface is so ragged that it would take more work than any object's.
+/// If there is no surface, or one so ragged that it would take more work than any object's.
 pub fn extract(
     hull: &Hull,
     lattice: &Lattice,
@@ -150,6 +159,9 @@ pub fn extract(
     let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
     let most = (MOST_CELLS * cells.norm_squared()) as usize;
     match surface::extract(hull, lattice, most) {
+        Ok((surface, _)) if surface.mesh.triangles.is_empty() => Err(Error::Thin {
+            cell_size: lattice.cell_size,
+        }),
         Ok(surface) => Ok(without_stray_pieces(surface, parameters)),
         Err(cells) => Err(Error::Ragged {
             cells,
