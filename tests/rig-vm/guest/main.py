@@ -6,6 +6,7 @@ import gzip
 import sys
 import time
 
+import mixed
 import pedal
 import sandbox
 import service
@@ -13,7 +14,7 @@ import video
 import webcam
 from harness import run
 
-CHAPTERS = [service.chapter, sandbox.chapter, webcam.chapter, video.chapter, pedal.chapter]
+CHAPTERS = [module.chapter for module in (service, sandbox, webcam, video, pedal, mixed)]
 
 
 def tell(line):

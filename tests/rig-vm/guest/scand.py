@@ -32,10 +32,11 @@ keep_free_mb = 50
 """
 
 
-def configure(cameras, sizes, more="", models=0):
+def configure(cameras, sizes, more="", models=0, retry=0):
     """Writes a configuration, and a calibration of plain cameras of these sizes."""
     CONFIGURATION.parent.mkdir(exist_ok=True)
-    CONFIGURATION.write_text(f"{PATIENT}[workers]\ncount = {models}\n{more}\n{cameras}")
+    patient = PATIENT.replace("retry = 0", f"retry = {retry}")
+    CONFIGURATION.write_text(f"{patient}[workers]\ncount = {models}\n{more}\n{cameras}")
     calibration = "format = 1\n"
     for index, (name, (width, height)) in enumerate(sorted(sizes.items())):
         calibration += f"""

@@ -1,0 +1,121 @@
+"""A whole rig: V4L2 and GigE Vision cameras and a depth camera play a recording, and a foot switch is pressed. What is
+captured is what was played, and a model is made of it."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import scand
+import vivid
+from gige import Cameras
+from harness import Chapter, Unexpected, contains, expect, run, until
+from switch import Switch
+
+SOURCE = Path("/rig-vm/rig.mcap")
+SIZE = (640, 480)
+CABLES, CAMERAS = 3, 11
+DRIVERS = Path("/usr/lib/x86_64-linux-gnu/OpenNI2/Drivers")
+FRAMES = Path("/run/rig-vm-frames")
+parts = {}
+
+
+def end():
+    if "switch" in parts:
+        parts.pop("switch").remove()
+    scand.clear()
+    for cable in parts.pop("cables", []):
+        cable.stop()
+    if "cameras" in parts:
+        parts.pop("cameras").stop()
+    vivid.unload()
+
+
+chapter = Chapter("mixed", end)
+
+
+def show(what):
+    """Lets all cameras see the rig, empty (`background`) or with an object in it (`image`)."""
+    for index, cable in enumerate(parts["cables"]):
+        cable.feed(scand.pictures(SOURCE, f"/color/c{index:02d}/{what}")[0])
+    parts["cameras"].order({"background": "background", "image": "captures"}[what])
+
+
+def configuration(models):
+    cameras = ""
+    for index in range(CAMERAS):
+        if index < CABLES:
+            cameras += f'[v4l2.cameras.c{index:02d}]\ndevice = "{vivid.capture(index)}"\nsize = {list(SIZE)}\n'
+            cameras += 'pixel_format = "bayer_rggb8"\nsilence_ms = 30000.0\n'
+        else:
+            cameras += f'[aravis.cameras.c{index:02d}]\naddress = "127.0.1.{index + 1}"\n'
+    cameras += '[aravis.defaults]\ntransfer = "srgb"\npacket_size = 9000\n[openni2.cameras.kinect]\ndevice = "any"\n'
+    cameras += "silence_ms = 30000.0\n"
+    # A GigE Vision camera may miss a heartbeat on a machine that is slow, and is back soon.
+    scand.configure(cameras, {}, "time_limit_s = 1500\n", models, retry=3)
+    run("scand", "info", SOURCE, "--calibration", scand.CONFIGURATION.parent / "calibration.toml")
+
+
+@chapter.step("eight GigE Vision cameras, three V4L2 ones and a depth camera are one rig, ready for work")
+def ready():
+    shutil.copy("/rig-vm/libScandSensor.so.0", DRIVERS)
+    parts["cameras"] = Cameras(SOURCE, "--sensor-frames", FRAMES)
+    vivid.load([vivid.CABLE] * CABLES)
+    parts["cables"] = [vivid.Cable(index, *SIZE, "RGGB") for index in range(CABLES)]
+    show("background")
+    scand.drop_in(f"[Service]\nEnvironment=SCAND_OPENNI2_FRAMES={FRAMES}\n")
+    configuration(models=1)
+    scand.start()
+    contains(scand.unit("scand.service", "StatusText")[0], "ready: 12 of 12 cameras")
+
+
+@chapter.step("scand check finds nothing wrong but that there are no plates, which are taken then")
+def plates():
+    until("only the plates are wrong", lambda: [f["subject"] for f in wrong()] == ["background plates"], 120)
+    until("plates are taken", lambda: "plates in" in scand.ask("background", expected=None), 120)
+    until("nothing is wrong", lambda: not wrong(), 120)
+
+
+def wrong():
+    """What `scand check` finds wrong."""
+    findings = json.loads(scand.ask("check", "--json", "--no-speed", expected=None))["findings"]
+    return [finding for finding in findings if finding["state"] == "wrong"]
+
+
+@chapter.step("a foot switch is pressed: all take one capture together, of what was played to them")
+def pressed():
+    show("image")
+    scand.ask("session", "start", "cup")
+    parts["since"] = scand.now()
+    parts["switch"] = Switch()
+    unit = parts["switch"].unit
+    until("the switch found the daemon", lambda: "the daemon is there" in scand.said(parts["since"], unit))
+    before = scand.captures()
+    parts["switch"].press()
+    scand.next_capture(before, parts["since"])
+    scand.ask("session", "close")
+    recording = scand.recording("cup")
+    for index in range(CAMERAS):
+        topic = f"/color/c{index:02d}/image"
+        played, found = scand.pictures(SOURCE, topic), scand.pictures(recording, topic)
+        if not found or found[-1] not in played:
+            raise Unexpected(f"camera c{index:02d}: {len(found)} pictures, the last of which was not played")
+    depth = len(scand.pictures(recording, "/depth/kinect/image"))
+    if depth < 10:
+        raise Unexpected(f"{depth} depth frames")
+    return f"{CAMERAS} pictures byte for byte, {depth} depth frames"
+
+
+@chapter.step("and a model is made of it, under systemd, in the workers' sandbox")
+def modelled():
+    done = until(
+        "the model is made",
+        lambda: re.search(r"capture (cup-0001): (.*?), (/.*)|there is no model: .*", scand.said(parts["since"])),
+        900,
+    )
+    if not done[1]:
+        raise Unexpected(done[0])
+    folder = Path(done[3])
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    expect((folder / "model.glb").read_bytes()[:4], b"glTF", "the model")
+    return f"{done[2]}: {', '.join(r['words'] for r in report['verdict']['reasons']) or 'nothing to remark'}"
