@@ -330,8 +330,9 @@ fn a_full_disk_fails_a_capture_and_no_other() {
             "capture.retry=0",
             "recording.keep_free_mb=0",
         ];
-        // Room for some captures of 18 MB. Another program fills it while nobody looks.
-        let stand = Stand::start_on_small_disk(&settings, 120);
+        // Room for many captures of 18 MB, also for those that fail until all cameras are well. Another program fills it
+        // while nobody looks.
+        let stand = Stand::start_on_small_disk(&settings, 400);
         assert!(matches!(stand.press(), Reply::Durable { .. }));
         let reply = stand.fill_disk_while_capturing(9_000_000);
         let (Reply::Failed { reason, .. } | Reply::Refused { reason }) = &reply else {
