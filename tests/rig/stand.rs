@@ -294,13 +294,16 @@ impl Stand {
     /// Fills the disk but for `left` bytes while a capture is being taken; how that ended.
     pub fn fill_disk_while_capturing(&self, left: u64) -> Reply {
         let filler = self.path().join("recordings/filler");
-        let mut client = self.begin_press();
-        let accepted = client.reply().unwrap();
-        assert!(matches!(accepted, Reply::Accepted { .. }), "{accepted:?}");
         let file = std::fs::File::create(&filler).unwrap();
         let free = || scand::daemon::free_bytes(&self.path().join("recordings")).unwrap();
         let zeros = vec![0; 1 << 20];
-        while free() > left && (&file).write_all(&zeros).is_ok() {}
+        let fill = |left| while free() > left && (&file).write_all(&zeros).is_ok() {};
+        // What a press is accepted with stays until it is: the rest must be gone before its frames are there.
+        fill(left + 32_000_000);
+        let mut client = self.begin_press();
+        let accepted = client.reply().unwrap();
+        assert!(matches!(accepted, Reply::Accepted { .. }), "{accepted:?}");
+        fill(left);
         loop {
             let reply = client.reply().unwrap();
             if reply.is_end(Until::Durable) {
