@@ -1,6 +1,6 @@
 //! Screened systems in which the depth holds every vertex: conjugate gradients, preconditioned by the diagonal
-//! (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.1), the three coordinates side by side. Some
-//! dozen steps do what a factorisation of the same matrix does in a multiple of the time.
+//! (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.1), the three coordinates side by side. A
+//! factorisation of the same matrix takes longer.
 
 use super::laplacian::{Patch, Screened, Singular};
 use crate::array::three;
