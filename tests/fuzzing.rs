@@ -111,8 +111,8 @@ fn png() -> Vec<u8> {
 
 fn jpeg() -> Vec<u8> {
     let mut bytes = Vec::new();
-    let mut encoder = image::codecs::jpeg::JpegEncoder::new(&mut bytes);
-    let color = image::ExtendedColorType::Rgb8;
+    let encoder = jpeg_encoder::Encoder::new(&mut bytes, 75);
+    let color = jpeg_encoder::ColorType::Rgb;
     encoder.encode(&pixels(), 64, 48, color).unwrap();
     bytes
 }

@@ -2,7 +2,8 @@
 
 use super::decode::*;
 use super::{Grid, RgbImage};
-use ::image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder, ImageFormat, Luma, Rgb};
+use ::image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb};
+use jpeg_encoder::{ColorType, Encoder};
 use std::io::Cursor;
 
 fn raw<'a>(size: (usize, usize), encoding: &'a str, step: usize, data: &'a [u8]) -> RawPixels<'a> {
@@ -121,9 +122,9 @@ fn gradient() -> RgbImage {
 fn jpeg(picture: &RgbImage) -> Vec<u8> {
     let mut data = Vec::new();
     let bytes = picture.pixels().as_flattened();
-    let (w, h) = (picture.width() as u32, picture.height() as u32);
-    ::image::codecs::jpeg::JpegEncoder::new_with_quality(&mut data, 95)
-        .write_image(bytes, w, h, ExtendedColorType::Rgb8)
+    let (w, h) = (picture.width() as u16, picture.height() as u16);
+    Encoder::new(&mut data, 95)
+        .encode(bytes, w, h, ColorType::Rgb)
         .unwrap();
     data
 }
@@ -151,8 +152,8 @@ fn picture_files_are_read() {
     assert!(largest_difference(&read, &picture) < 12);
     let mut grey = Vec::new();
     let bytes: Vec<u8> = picture.pixels().iter().map(|p| p[0]).collect();
-    ::image::codecs::jpeg::JpegEncoder::new_with_quality(&mut grey, 95)
-        .write_image(&bytes, 48, 40, ExtendedColorType::L8)
+    Encoder::new(&mut grey, 95)
+        .encode(&bytes, 48, 40, ColorType::Luma)
         .unwrap();
     let read = rgb_from_file("jpeg", &grey, size).unwrap();
     assert!(largest_difference(&read, &picture.map(|p| [p[0]; 3])) < 8);

@@ -9,8 +9,8 @@ use crate::image::Grid;
 use bytes::Bytes;
 use image::ExtendedColorType;
 use image::ImageEncoder;
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::sync::LazyLock;
 
 /// Exposes a rendered scene: `gains` multiply red, green and blue, `key` is what the noise derives from.
@@ -57,24 +57,23 @@ pub(super) fn expose(
             let rgb = developed(rendered, sensor, gains, key);
             let mut data = Vec::new();
             let quality = sensor.jpeg_quality.clamp(1, 100);
-            let encoder = JpegEncoder::new_with_quality(&mut data, quality);
-            compressed("jpeg", data_of(encoder, &rgb, width, height), data)
+            let mut encoder = Encoder::new(&mut data, quality);
+            encoder.set_sampling_factor(SamplingFactor::R_4_4_4);
+            let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
+            let is_complete =
+                size.is_some_and(|(w, h)| encoder.encode(&rgb, w, h, ColorType::Rgb).is_ok());
+            compressed("jpeg", is_complete, data)
         }
         Encoding::Png => {
             let rgb = developed(rendered, sensor, gains, key);
             let mut data = Vec::new();
             let encoder =
                 PngEncoder::new_with_quality(&mut data, CompressionType::Fast, FilterType::Up);
-            compressed("png", data_of(encoder, &rgb, width, height), data)
+            let (w, h) = (width as u32, height as u32);
+            let written = encoder.write_image(&rgb, w, h, ExtendedColorType::Rgb8);
+            compressed("png", written.is_ok(), data)
         }
     }
-}
-
-fn data_of(encoder: impl ImageEncoder, rgb: &[u8], width: usize, height: usize) -> bool {
-    let size = (width as u32, height as u32);
-    encoder
-        .write_image(rgb, size.0, size.1, ExtendedColorType::Rgb8)
-        .is_ok()
 }
 
 /// A picture file. Writing to memory fails only for sizes that a file's header cannot hold; such a picture

@@ -159,15 +159,14 @@ mod tests {
     use super::*;
     use crate::image::rgb_from_file;
 
-    /// A picture that `image` compressed, which uses the tables of annex K.
+    /// A picture whose encoder uses the tables of annex K.
     fn picture() -> Vec<u8> {
-        let (width, height) = (48, 32);
-        let pixels: Vec<u8> = (0..width * height)
+        let pixels: Vec<u8> = (0..48 * 32)
             .flat_map(|p: u32| [(p % 48 * 5) as u8, (p / 48 * 7) as u8, (p * 11 % 251) as u8])
             .collect();
         let mut file = Vec::new();
-        image::codecs::jpeg::JpegEncoder::new_with_quality(&mut file, 90)
-            .encode(&pixels, width, height, image::ExtendedColorType::Rgb8)
+        jpeg_encoder::Encoder::new(&mut file, 90)
+            .encode(&pixels, 48, 32, jpeg_encoder::ColorType::Rgb)
             .unwrap();
         file
     }
