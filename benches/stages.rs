@@ -12,7 +12,7 @@ use scand::mesh::vertex_normals;
 use scand::output::{self, StagedFolder};
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
-    Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
+    DepthView, Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
 };
 use scand::report;
 use std::path::PathBuf;
@@ -53,11 +53,16 @@ fn cones() -> Vec<hull::Cone<'static>> {
         .collect()
 }
 
-fn objects() -> Vec<Mask> {
-    let views = LOADED.0.depths.iter();
-    views
-        .map(|view| region::object_pixels(&MADE.hull, &view.camera, OBJECT_MARGIN_PX))
-        .collect()
+/// What each depth camera sees of the hull, and the pixels that the object can cover.
+fn fronts() -> Vec<(region::Front, Mask)> {
+    let normals = vertex_normals(&MADE.hull);
+    let threshold = CONFIG.region.front_threshold;
+    let front = |view: &DepthView| {
+        let front = region::Front::render(&MADE.hull, &normals, &view.camera, threshold);
+        let object = front.object_pixels(OBJECT_MARGIN_PX);
+        (front, object)
+    };
+    LOADED.0.depths.iter().map(front).collect()
 }
 
 /// From the file to decoded pictures.
@@ -96,9 +101,9 @@ fn c_hull(bencher: Bencher) {
 fn d_depth(bencher: Bencher) {
     LazyLock::force(&MADE);
     bencher.bench_local(|| {
-        let views = LOADED.0.depths.iter().zip(objects());
+        let views = LOADED.0.depths.iter().zip(fronts());
         views
-            .map(|(view, object)| depth::enhance(view, &object, &CONFIG.depth))
+            .map(|(view, (_, object))| depth::enhance(view, &object, &CONFIG.depth))
             .collect::<Vec<_>>()
     });
 }
@@ -107,17 +112,12 @@ fn d_depth(bencher: Bencher) {
 #[divan::bench]
 fn e_region(bencher: Bencher) {
     let (scene, made) = (&LOADED.0, &*MADE);
-    let objects = objects();
-    bencher.bench_local(|| {
-        let normals = vertex_normals(&made.hull);
-        let views = scene.depths.iter().zip(&made.depths).zip(&objects);
+    bencher.with_inputs(fronts).bench_local_values(|fronts| {
+        let views = scene.depths.iter().zip(&made.depths).zip(fronts);
         views
-            .map(|((view, found), object)| {
+            .map(|((view, found), (front, object))| {
                 let (enhanced, volume) = (&found.enhanced, &scene.volume);
-                let parameters = &CONFIG.region;
-                region::find(
-                    &made.hull, &normals, view, enhanced, volume, object, parameters,
-                )
+                region::find(front, view, enhanced, volume, &object, &CONFIG.region)
             })
             .collect::<Vec<_>>()
     });

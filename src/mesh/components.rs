@@ -1,6 +1,6 @@
 //! The connected pieces of a mesh: which vertex belongs to which, how large each is, and taking one out.
 
-use super::edges::{edges, is_sound, sorted_sides};
+use super::edges::is_sound;
 use super::{Mesh, measure};
 
 /// The connected pieces of a mesh. Triangles that share a vertex are connected.
@@ -17,8 +17,6 @@ pub struct Components {
 pub struct Component {
     /// Vertices that its triangles use.
     pub vertices: usize,
-    /// Edges.
-    pub edges: usize,
     /// Triangles, without those that name a vertex twice.
     pub triangles: usize,
     /// Signed volume in cubic metres: negative for a cavity, or where it is inside out.
@@ -28,14 +26,11 @@ pub struct Component {
 }
 
 impl Component {
-    /// V − E + F: 2 for a sphere, 0 for a torus.
-    pub fn euler_characteristic(&self) -> i64 {
-        self.vertices as i64 - self.edges as i64 + self.triangles as i64
-    }
-
-    /// Number of handles, if the piece is closed and manifold.
+    /// Number of handles, if the piece is closed and manifold: its triangles share their three sides in pairs, so
+    /// V − E + F (2 for a sphere, 0 for a torus) is V − F / 2.
     pub fn genus(&self) -> i64 {
-        1 - self.euler_characteristic().div_euclid(2)
+        let euler_characteristic = self.vertices as i64 - self.triangles as i64 / 2;
+        1 - euler_characteristic.div_euclid(2)
     }
 }
 
@@ -88,9 +83,6 @@ pub fn components(mesh: &Mesh) -> Components {
         part.triangles += 1;
         part.volume += volume;
         part.area += area;
-    }
-    for edge in edges(&sorted_sides(&mesh.triangles, count)) {
-        parts[labels[edge[0].low as usize] as usize].edges += 1;
     }
     Components { labels, parts }
 }

@@ -1,7 +1,7 @@
 //! Pictures of meshes for people: coloured, shaded by a light at the eye, smooth at the edges. It is given
 //! the projection, so it knows no camera.
 
-use super::{Fragment, Mesh, rasterize};
+use super::{Fragment, Mesh, rasterize, rasterize_closed};
 use crate::array::three;
 use crate::image::{Grid, RgbImage};
 use nalgebra::{Point3, Vector3};
@@ -77,6 +77,24 @@ pub struct Drawn<'a> {
 impl<'a> Drawn<'a> {
     /// Draws `mesh` as `view` sees it, with so many samples a pixel along each axis (1 to 8).
     pub fn new<P: Fn(Point3<f32>) -> [f32; 3]>(
+        mesh: &'a Mesh,
+        view: &View<P>,
+        samples: usize,
+    ) -> Self {
+        Self::by(rasterize, mesh, view, samples)
+    }
+
+    /// [`Self::new`] for a closed surface that the eye is outside of, in half the time.
+    pub fn closed<P: Fn(Point3<f32>) -> [f32; 3]>(
+        mesh: &'a Mesh,
+        view: &View<P>,
+        samples: usize,
+    ) -> Self {
+        Self::by(rasterize_closed, mesh, view, samples)
+    }
+
+    fn by<P: Fn(Point3<f32>) -> [f32; 3]>(
+        rasterize: impl Fn(&[[f32; 3]], &[[u32; 3]], usize, usize) -> Grid<Fragment>,
         mesh: &'a Mesh,
         view: &View<P>,
         samples: usize,

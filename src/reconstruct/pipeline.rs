@@ -2,7 +2,7 @@
 
 use super::depth::{self, EnhancedDepth};
 use super::hull::{self, Cone, Hull};
-use super::region::{self, Regions};
+use super::region::{self, Front, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Surface;
@@ -205,36 +205,22 @@ fn depths(
     if parameters.method == Method::Hull {
         return Ok(Vec::new());
     }
-    let objects: Vec<Mask> = scene
-        .depths
-        .iter()
-        .map(|view| region::object_pixels(&hull.mesh, &view.camera, OBJECT_MARGIN_PX))
-        .collect();
-    let mut enhanced = Vec::with_capacity(objects.len());
-    for (view, object) in scene.depths.iter().zip(&objects) {
-        enhanced.push(depth::enhance(view, object, &parameters.depth)?);
+    let normals = vertex_normals(&hull.mesh);
+    let threshold = parameters.region.front_threshold;
+    let mut enhanced: Vec<(Front, Mask, EnhancedDepth)> = Vec::new();
+    for view in &scene.depths {
+        let front = Front::render(&hull.mesh, &normals, &view.camera, threshold);
+        let object = front.object_pixels(OBJECT_MARGIN_PX);
+        let depth = depth::enhance(view, &object, &parameters.depth)?;
+        enhanced.push((front, object, depth));
     }
     begin(Stage::Region)?;
-    let normals = vertex_normals(&hull.mesh);
-    let find = |((view, enhanced), object): ((_, EnhancedDepth), _)| {
-        let regions = region::find(
-            &hull.mesh,
-            &normals,
-            view,
-            &enhanced,
-            &scene.volume,
-            object,
-            &parameters.region,
-        );
-        DepthResult { enhanced, regions }
+    let (volume, parameters) = (&scene.volume, &parameters.region);
+    let find = |(view, (front, object, enhanced)): (_, (_, _, EnhancedDepth))| DepthResult {
+        regions: region::find(front, view, &enhanced, volume, &object, parameters),
+        enhanced,
     };
-    Ok(scene
-        .depths
-        .iter()
-        .zip(enhanced)
-        .zip(&objects)
-        .map(find)
-        .collect())
+    Ok(scene.depths.iter().zip(enhanced).map(find).collect())
 }
 
 /// The model with fewer vertices, each of which it had before.

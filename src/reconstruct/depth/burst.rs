@@ -69,16 +69,44 @@ impl Burst {
             count: Grid::filled(self.width, self.height, 0),
             facts: Facts::default(),
         };
+        let width = self.width.max(1);
+        let (depth, deviation) = (fused.depth.pixels_mut(), fused.deviation.pixels_mut());
+        let rows = depth
+            .par_chunks_mut(width)
+            .zip(deviation.par_chunks_mut(width))
+            .zip(fused.count.pixels_mut().par_chunks_mut(width));
+        fused.facts = rows
+            .enumerate()
+            .map(|(y, ((depth, deviation), count))| {
+                self.fuse_row(y, [depth, deviation], count, parameters)
+            })
+            .reduce(Facts::default, |a, b| Facts {
+                region: a.region + b.region,
+                without_reading: a.without_reading + b.without_reading,
+                spread_too_much: a.spread_too_much + b.spread_too_much,
+                read_too_rarely: a.read_too_rarely + b.read_too_rarely,
+                ..a
+            });
+        fused
+    }
+
+    /// One row of [`Self::fuse`].
+    fn fuse_row(
+        &self,
+        y: usize,
+        [depth, deviation]: [&mut [f32]; 2],
+        count: &mut [u16],
+        parameters: &Parameters,
+    ) -> Facts {
+        let mut facts = Facts::default();
         let mut sorted = Vec::with_capacity(self.frames.len());
         let least = (parameters.least_share * self.frames.len() as f32).max(1.0);
-        for i in 0..self.width * self.height {
-            if !self.inside.pixels()[i] {
-                continue;
-            }
-            fused.facts.region += 1;
+        for x in (0..self.width).filter(|&x| self.inside[(x, y)]) {
+            let i = y * self.width + x;
+            facts.region += 1;
             let mut readings = Readings::at(&self.frames, i, |_| true);
             if readings.count == 0 {
-                fused.facts.without_reading += 1;
+                facts.without_reading += 1;
                 continue;
             }
             if parameters.spread == Spread::Majority {
@@ -86,17 +114,17 @@ impl Burst {
                 let near = parameters.majority_mm * 1e-3;
                 readings = Readings::at(&self.frames, i, |z| (z - middle).abs() <= near);
             }
-            fused.count.pixels_mut()[i] = readings.count as u16;
+            count[x] = readings.count as u16;
             if readings.spread() * 1e3 > parameters.spread_limit_mm {
-                fused.facts.spread_too_much += 1;
+                facts.spread_too_much += 1;
             } else if (readings.count as f32) < least {
-                fused.facts.read_too_rarely += 1;
+                facts.read_too_rarely += 1;
             } else {
-                fused.depth.pixels_mut()[i] = readings.mean();
-                fused.deviation.pixels_mut()[i] = readings.deviation();
+                depth[x] = readings.mean();
+                deviation[x] = readings.deviation();
             }
         }
-        fused
+        facts
     }
 }
 

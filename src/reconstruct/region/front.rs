@@ -32,14 +32,19 @@ impl Front {
         );
         let vertices = hull.vertices.par_iter();
         let projected: Vec<_> = vertices.map(|&v| camera.project_for_raster(v)).collect();
-        let in_front = front_vertices(hull, normals, camera.camera.center().cast(), threshold);
+        let eye = camera.camera.center().cast();
         let away = || -> Vec<[u32; 3]> {
             let triangles = hull.triangles.iter().copied();
             triangles.filter(|t| faces_away(&projected, t)).collect()
         };
-        let (nearest, exit) = rayon::join(
-            || rasterize(&projected, &hull.triangles, width, height),
-            || rasterize(&projected, &away(), width, height).map(|f: &Fragment| f.depth),
+        let ((nearest, exit), in_front) = rayon::join(
+            || {
+                rayon::join(
+                    || rasterize(&projected, &hull.triangles, width, height),
+                    || rasterize(&projected, &away(), width, height).map(|f: &Fragment| f.depth),
+                )
+            },
+            || front_vertices(hull, normals, eye, threshold),
         );
         let is_front = nearest.map(|fragment| {
             fragment.is_covered()
@@ -54,6 +59,15 @@ impl Front {
             exit,
             is_front,
         }
+    }
+
+    /// The pixels that the object can cover: the hull's image, grown by `margin_px`. 255 and 0.
+    pub fn object_pixels(&self, margin_px: usize) -> Mask {
+        let mut mask = self.depth.map(|d| if d.is_finite() { 255 } else { 0 });
+        for _ in 0..margin_px {
+            mask = super::segment::dilate(&mask);
+        }
+        mask
     }
 
     /// Whether the hull's outline passes within two pixels.
@@ -87,29 +101,35 @@ pub fn front_vertices(
     eye: Point3<f32>,
     threshold: f32,
 ) -> Vec<bool> {
-    let facing: Vec<f32> = mesh
-        .vertices
-        .iter()
-        .zip(normals)
-        .map(|(v, n)| {
-            n.dot(
-                &(eye - v)
-                    .try_normalize(1e-12)
-                    .unwrap_or_else(Vector3::zeros),
-            )
-        })
-        .collect();
-    let mut around: Vec<Vec<f32>> = facing.iter().map(|&f| vec![f]).collect();
+    let facing = |(v, n): (&Point3<f32>, &Vector3<f32>)| {
+        let towards = (eye - v).try_normalize(1e-12);
+        n.dot(&towards.unwrap_or_else(Vector3::zeros))
+    };
+    let facing: Vec<f32> = mesh.vertices.iter().zip(normals).map(facing).collect();
+    // All vertices' values one after the other: each vertex's own, then those of its neighbours.
+    let mut starts = vec![0; facing.len() + 1];
+    for &v in mesh.triangles.as_flattened() {
+        starts[v as usize + 1] += 1;
+    }
+    for v in 0..facing.len() {
+        starts[v + 1] += starts[v] + 1;
+    }
+    let mut values = vec![0.0; starts[facing.len()]];
+    let mut next = starts.clone();
+    for (&own, next) in facing.iter().zip(&mut next) {
+        values[*next] = own;
+        *next += 1;
+    }
     for t in &mesh.triangles {
         // Each edge is met from both of its triangles; taking it in one direction lists a neighbour once.
         for i in 0..3 {
-            around[t[i] as usize].push(facing[t[(i + 1) % 3] as usize]);
+            let next = &mut next[t[i] as usize];
+            values[*next] = facing[t[(i + 1) % 3] as usize];
+            *next += 1;
         }
     }
-    around
-        .iter_mut()
-        .map(|values| median(values) > threshold)
-        .collect()
+    let of_vertex = |range: &[usize]| median(&mut values[range[0]..range[1]]) > threshold;
+    starts.windows(2).map(of_vertex).collect()
 }
 
 /// The median; of an even number of values the lower one.
@@ -126,21 +146,6 @@ pub(super) fn median(values: &mut [f32]) -> f32 {
 fn faces_away(projected: &[[f32; 3]], triangle: &[u32; 3]) -> bool {
     let [a, b, c] = triangle.map(|v| projected[v as usize]);
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
-}
-
-/// The pixels of a depth camera that the object can cover: the hull's image, grown by `margin_px`. 255 and
-/// 0.
-pub fn object_pixels(hull: &Mesh, camera: &DepthCamera, margin_px: usize) -> Mask {
-    let (width, height) = (
-        camera.camera.intrinsics.width,
-        camera.camera.intrinsics.height,
-    );
-    let image = crate::mesh::rasterize_mesh(hull, |v| camera.project_for_raster(v), width, height);
-    let mut mask = image.map(|f| if f.is_covered() { 255 } else { 0 });
-    for _ in 0..margin_px {
-        mask = super::segment::dilate(&mask);
-    }
-    mask
 }
 
 /// Whether a rig's volume stands on the table: z = 0 on rigs of ours.

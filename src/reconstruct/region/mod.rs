@@ -13,14 +13,12 @@ mod hollow;
 mod segment;
 
 pub use bias::{Bias, BiasSource};
-pub use front::{Front, front_vertices, object_pixels};
+pub use front::{Front, front_vertices};
 
-use crate::calibration::{DepthCamera, Volume};
+use crate::calibration::Volume;
 use crate::image::{Grid, Mask};
-use crate::mesh::Mesh;
 use crate::reconstruct::DepthView;
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
-use nalgebra::Vector3;
 
 /// How regions are found. Lengths in millimetres where the name says so.
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
@@ -96,19 +94,16 @@ impl Regions {
     }
 }
 
-/// Finds the regions that one depth camera sees of a hull with vertex normals `normals`. `object` are the
-/// pixels that [`object_pixels`] gave.
+/// Finds the regions that one depth camera sees of a hull whose `front` it sees. `object` are the pixels that
+/// [`Front::object_pixels`] gave.
 pub fn find(
-    hull: &Mesh,
-    normals: &[Vector3<f32>],
+    front: Front,
     view: &DepthView,
     depth: &EnhancedDepth,
     volume: &Volume,
     object: &Mask,
     parameters: &Parameters,
 ) -> Regions {
-    let camera: &DepthCamera = &view.camera;
-    let front = Front::render(hull, normals, camera, parameters.front_threshold);
     let raw = difference(&front, depth);
     let bias = Bias::estimate(view, &front, &raw, volume, object, parameters);
     let difference = raw.map(|f| f - bias.metres as f32);

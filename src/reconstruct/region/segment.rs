@@ -2,7 +2,7 @@
 //! and their interiors, kept where the difference is significant.
 
 use super::Parameters;
-use crate::image::{Grid, Mask};
+use crate::image::{Grid, Mask, PixelRect};
 
 /// What speaks for a pixel.
 pub(super) struct Evidence<'a> {
@@ -195,9 +195,17 @@ fn fill_interiors(mask: &Mask) -> Mask {
 /// The empty pixels that are 4-connected to the picture's border.
 fn outside_of(empty: &Grid<bool>) -> Grid<bool> {
     let (width, height) = (empty.width(), empty.height());
-    let mut outside = Grid::filled(width, height, false);
-    let border = (0..width).flat_map(|x| [(x, 0), (x, height - 1)]);
-    for start in border.chain((0..height).flat_map(|y| [(0, y), (width - 1, y)])) {
+    // All is outside around the box of what is not empty.
+    let mut outside = Grid::filled(width, height, true);
+    let Some(full) = empty.extent(PixelRect::whole(width, height), |&e| !e) else {
+        return outside;
+    };
+    for y in full.y0..full.y1 {
+        outside.row_mut(y)[full.x0..full.x1].fill(false);
+    }
+    let sides = (full.x0..full.x1).flat_map(|x| [(x, full.y0), (x, full.y1 - 1)]);
+    let ends = (full.y0..full.y1).flat_map(|y| [(full.x0, y), (full.x1 - 1, y)]);
+    for start in sides.chain(ends) {
         if empty[start] && !outside[start] {
             connected(empty, &mut outside, start);
         }

@@ -1,10 +1,10 @@
 //! Regions on renderings whose answer is known.
 
 use super::*;
-use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
+use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};
 use crate::frame::CameraId;
-use crate::mesh::vertex_normals;
-use nalgebra::{Isometry3, Point3, Vector2};
+use crate::mesh::{Mesh, vertex_normals};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 fn overhead() -> DepthCamera {
     let lens = Intrinsics::new(

@@ -2,9 +2,10 @@
 //! a remaining bias or noise would perforate.
 
 use super::{Parameters, Source};
-use crate::image::Grid;
+use crate::image::{Grid, PixelRect};
 use crate::reconstruct::depth::DepthKind;
 use crate::reconstruct::region::Regions;
+use rayon::prelude::*;
 
 /// Depth before which space is empty, for each pixel of the depth camera; 0 where the ray carves nothing.
 /// Around each region there is a ring of pixels at the hull's own depth, so that a wall stands between the
@@ -13,7 +14,7 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     let Source { depth, regions, .. } = source;
     let bias = regions.bias.metres as f32;
     let (width, height) = (depth.depth.width(), depth.depth.height());
-    let mut carving = Grid::from_fn(width, height, |x, y| {
+    let mut carving = Grid::from_fn_parallel(width, height, |x, y| {
         let usable = regions.contains(x, y) && depth.kind[(x, y)] != DepthKind::None;
         if usable {
             depth.depth[(x, y)] - bias
@@ -51,7 +52,8 @@ fn break_through(
     let limit = |x: usize, y: usize| regions.front.exit[(x, y)] - wall;
     let through = -0.5e-3 * parameters.least_wall_mm + regions.bias.remaining as f32;
     let (width, height) = (carving.width(), carving.height());
-    let mut seen = Grid::from_fn(width, height, |x, y| carving[(x, y)] <= limit(x, y));
+    let stays = |x: usize, y: usize| carving[(x, y)] <= limit(x, y);
+    let mut seen = Grid::from_fn_parallel(width, height, stays);
     let mut opened = Grid::filled(width, height, false);
     for y in 0..height {
         for x in 0..width {
@@ -85,15 +87,16 @@ fn break_through(
 /// Leaves walls of `across` metres, measured across them, on all rays that do not break through.
 fn keep_across(carving: &mut Grid<f32>, source: &Source, across: f32, opened: &Grid<bool>) {
     let front = &source.regions.front;
-    for y in 0..carving.height() {
-        for x in 0..carving.width() {
-            let carved = &mut carving[(x, y)];
+    let width = carving.width().max(1);
+    let rows = carving.pixels_mut().par_chunks_mut(width).enumerate();
+    rows.for_each(|(y, row)| {
+        for (x, carved) in row.iter_mut().enumerate() {
             if *carved > 0.0 && !opened[(x, y)] {
                 let deepest = front.exit[(x, y)] - across * slant(source, x, y);
                 *carved = carved.min(deepest.max(front.depth[(x, y)]));
             }
         }
-    }
+    });
 }
 
 /// How much longer a ray's way through a wall is than the wall is thick, where the wall's far side is slanted as
@@ -145,8 +148,13 @@ fn connected(seen: &mut Grid<bool>, start: (usize, usize)) -> Vec<(usize, usize)
 /// of the carving neighbours.
 fn add_ring(carving: &mut Grid<f32>, regions: &Regions) {
     let inner = carving.clone();
-    for y in 0..inner.height() {
-        for x in 0..inner.width() {
+    let (width, height) = (inner.width(), inner.height());
+    let Some(carved) = inner.extent(PixelRect::whole(width, height), |&d| d != 0.0) else {
+        return;
+    };
+    let part = carved.grown(1, width, height);
+    for y in part.y0..part.y1 {
+        for x in part.x0..part.x1 {
             if inner[(x, y)] != 0.0 {
                 continue;
             }

@@ -41,11 +41,13 @@ impl Cells {
             let start = cell(first).floor() as usize;
             start..(cell(last).ceil() as usize).max(start)
         });
+        let of = |image| move || means(image, rect, size);
+        let (picture, plate) = rayon::join(of(picture), of(plate));
         Self {
             size,
             region: rect,
-            picture: means(picture, rect, size),
-            plate: means(plate, rect, size),
+            picture,
+            plate,
             in_volume: in_volume.collect(),
         }
     }

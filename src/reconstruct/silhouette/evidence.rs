@@ -7,6 +7,7 @@ use super::cells::Cells;
 use super::photometry::Photometry;
 use crate::array::three;
 use crate::image::{Grid, PixelRect, srgb};
+use rayon::prelude::*;
 
 /// Evidence is cut off here: one cell cannot outweigh all its neighbours.
 pub(super) const STRONGEST: f32 = 20.0;
@@ -21,6 +22,9 @@ const DARK: f32 = 0.003;
 /// looked at more closely: 19 in 20 cells that show the backdrop alone.
 const AGREES: f32 = 7.8;
 
+/// Rows of cells that are worth a thread.
+const ROWS: usize = 32;
+
 /// Weighs all cells: positive for object, negative for backdrop.
 pub(super) fn of_cells(
     cells: &Cells,
@@ -34,11 +38,13 @@ pub(super) fn of_cells(
     let hint = LEAN * parameters.smoothness / (inside as f32).sqrt().max(1.0);
     let mut object = Grid::filled(columns, rows, -STRONGEST);
     let threshold = parameters.significance.powi(2);
-    for (y, inside) in cells.in_volume.iter().enumerate() {
+    let weighed = object.pixels_mut().par_chunks_mut(columns.max(1));
+    let weighed = weighed.zip(&cells.in_volume).enumerate();
+    weighed.with_min_len(ROWS).for_each(|(y, (row, inside))| {
         let pictures = &cells.picture.row(y)[inside.clone()];
         let plates = &cells.plate.row(y)[inside.clone()];
-        let object = &mut object.row_mut(y)[inside.clone()];
-        for ((object, &picture), &plate) in object.iter_mut().zip(pictures).zip(plates) {
+        let row = &mut row[inside.clone()];
+        for ((object, &picture), &plate) in row.iter_mut().zip(pictures).zip(plates) {
             let deviation = photometry.deviation(picture, plate);
             *object = if deviation < AGREES {
                 deviation - threshold
@@ -46,7 +52,7 @@ pub(super) fn of_cells(
                 Light::new(picture, plate, photometry).evidence(parameters, hint)
             };
         }
-    }
+    });
     object
 }
 
@@ -76,16 +82,21 @@ pub(super) fn ratios(cells: &Cells, photometry: &Photometry) -> Ratios {
         log_ratio: Grid::filled(columns, rows, [0.0; 3]),
         variance: Grid::filled(columns, rows, [0.0; 3]),
     };
-    for y in 0..rows {
-        for x in 0..columns {
-            let (picture, plate) = (cells.picture[(x, y)], cells.plate[(x, y)]);
-            if photometry.deviation(picture, plate) >= AGREES {
-                let light = Light::new(picture, plate, photometry);
-                ratios.log_ratio[(x, y)] = light.log_ratio();
-                ratios.variance[(x, y)] = light.log_variance();
+    let width = columns.max(1);
+    let rows = ratios.log_ratio.pixels_mut().par_chunks_mut(width);
+    let rows = rows.zip(ratios.variance.pixels_mut().par_chunks_mut(width));
+    rows.enumerate()
+        .with_min_len(ROWS)
+        .for_each(|(y, (log_ratios, variances))| {
+            let cells = cells.picture.row(y).iter().zip(cells.plate.row(y));
+            for (x, (&picture, &plate)) in cells.enumerate() {
+                if photometry.deviation(picture, plate) >= AGREES {
+                    let light = Light::new(picture, plate, photometry);
+                    log_ratios[x] = light.log_ratio();
+                    variances[x] = light.log_variance();
+                }
             }
-        }
-    }
+        });
     ratios
 }
 

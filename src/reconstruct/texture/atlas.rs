@@ -9,6 +9,7 @@ use crate::array::{three, two};
 use crate::image::{Grid, RgbImage};
 use nalgebra::Vector3;
 use rayon::prelude::*;
+use std::cmp::Reverse;
 
 /// What texels are painted from.
 pub(super) struct Paint<'a> {
@@ -37,21 +38,29 @@ impl Paint<'_> {
     /// Paints all charts of a layout. Between them lies the mean colour, which compresses well.
     pub fn compose(&self, layout: &Layout) -> RgbImage {
         let count = self.vertex_colors.len().max(1) as f32;
-        let mean = self.vertex_colors.iter().sum::<Vector3<f32>>() / count;
-        let mut atlas = RgbImage::filled(layout.size[0], layout.size[1], to_bytes(mean));
-        let tiles: Vec<Tile> = layout
-            .charts
-            .par_iter()
-            .map(|chart| self.tile(layout, chart, to_bytes(mean)))
-            .collect();
-        for (chart, tile) in layout.charts.iter().zip(&tiles) {
-            let [left, top] = chart.place;
-            for y in 0..tile.colors.height() {
-                let row = &mut atlas.row_mut(top + y)[left..left + tile.colors.width()];
-                row.copy_from_slice(tile.colors.row(y));
+        let mean = to_bytes(self.vertex_colors.iter().sum::<Vector3<f32>>() / count);
+        let tiles = self.tiles(layout, mean);
+        let [width, height] = layout.size;
+        let mut pixels = vec![[0; 3]; width * height];
+        let bands = pixels.par_chunks_mut(width * BAND).enumerate();
+        bands.for_each(|(band, pixels)| {
+            pixels.fill(mean);
+            for (chart, tile) in layout.charts.iter().zip(&tiles) {
+                copy_rows(tile, chart.place, pixels, (band * BAND, width));
             }
-        }
-        atlas
+        });
+        RgbImage::from_pixels(width, height, pixels)
+    }
+
+    /// The charts' pictures; the largest are begun first, so that no thread is left alone with one.
+    fn tiles(&self, layout: &Layout, background: [u8; 3]) -> Vec<RgbImage> {
+        let charts = &layout.charts;
+        let mut order: Vec<usize> = (0..charts.len()).collect();
+        order.sort_by_key(|&i| Reverse(charts[i].size[0] * charts[i].size[1]));
+        let paint = |&i: &usize| (i, self.tile(layout, &charts[i], background).colors);
+        let mut tiles: Vec<_> = order.par_iter().with_max_len(1).map(paint).collect();
+        tiles.sort_by_key(|(i, _)| *i);
+        tiles.into_iter().map(|(_, tile)| tile).collect()
     }
 
     fn tile(&self, layout: &Layout, chart: &Chart, background: [u8; 3]) -> Tile {
@@ -190,6 +199,23 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 fn interpolate(corners: &[Vector3<f32>; 3], shares: [f32; 3]) -> Vector3<f32> {
     corners[0] * shares[0] + corners[1] * shares[1] + corners[2] * shares[2]
+}
+
+/// Rows of the atlas that are put together at once.
+const BAND: usize = 64;
+
+/// Copies what of a tile lies in a band of rows, which starts at row `first` of an atlas of some width.
+fn copy_rows(
+    tile: &RgbImage,
+    [left, top]: [usize; 2],
+    band: &mut [[u8; 3]],
+    (first, width): (usize, usize),
+) {
+    let end = (top + tile.height()).min(first + band.len() / width);
+    for y in top.max(first)..end {
+        let start = (y - first) * width + left;
+        band[start..start + tile.width()].copy_from_slice(tile.row(y - top));
+    }
 }
 
 /// A texel that nothing has painted yet.

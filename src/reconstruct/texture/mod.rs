@@ -88,21 +88,30 @@ pub fn paint(
     parameters: &Parameters,
 ) -> Texture {
     let surface = Surface::new(&model.mesh, scene, silhouettes, parameters);
-    let gains = exposure::even_out(&surface);
-    let samples = exposure::samples(&surface, &gains);
-    let labels = labels::choose(&surface, parameters);
-    let blend = blend::Blend::new(&surface, &labels, &samples, parameters);
-    let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples);
-    let layout = charts::Layout::new(&surface, &labels, parameters);
+    let even = || {
+        let gains = exposure::even_out(&surface);
+        let samples = exposure::samples(&surface, &gains);
+        (gains, samples)
+    };
+    let ((gains, samples), labels) = rayon::join(even, || labels::choose(&surface, parameters));
+    let blend = || {
+        let blend = blend::Blend::new(&surface, &labels, &samples, parameters);
+        let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples);
+        (blend, vertex_colors)
+    };
+    let lay_out = || charts::Layout::new(&surface, &labels, parameters);
+    let ((blend, vertex_colors), layout) = rayon::join(blend, lay_out);
     let painted = atlas::Paint {
         surface: &surface,
         gains: &gains,
         blend: &blend,
         vertex_colors: &vertex_colors,
     };
+    let (atlas, corner_uv) =
+        rayon::join(|| painted.compose(&layout), || layout.corner_uv(&surface));
     Texture {
-        atlas: painted.compose(&layout),
-        corner_uv: layout.corner_uv(&surface),
+        atlas,
+        corner_uv,
         vertex_colors: vertex_colors.iter().map(|&c| to_bytes(c)).collect(),
         seen: labels.iter().map(|&l| l != labels::UNSEEN).collect(),
     }
@@ -115,10 +124,14 @@ impl<'a> Surface<'a> {
         silhouettes: &[&'a Mask],
         parameters: &Parameters,
     ) -> Self {
-        let rings = Rings::new(mesh);
-        let across = rings.across(mesh);
-        let normals = rings.smoothed_normals(mesh, &mesh::vertex_normals(mesh));
-        let views = view::views(mesh, scene, silhouettes);
+        let connect = || {
+            let rings = Rings::new(mesh);
+            let across = rings.across(mesh);
+            let normals = rings.smoothed_normals(mesh, &mesh::vertex_normals(mesh));
+            (rings, across, normals)
+        };
+        let ((rings, across, normals), views) =
+            rayon::join(connect, || view::views(mesh, scene, silhouettes));
         let sights = visibility::sights(mesh, &normals, &views, parameters);
         Self {
             mesh,

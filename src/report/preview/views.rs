@@ -132,7 +132,7 @@ pub(super) fn drawn<'a>(
         eye: Eye::At(eye),
         project,
     };
-    Drawn::new(&model.mesh, &view, 2)
+    Drawn::closed(&model.mesh, &view, 2)
 }
 
 fn style(model: &Model) -> Style<'_> {
