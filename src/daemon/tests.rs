@@ -286,6 +286,24 @@ fn a_recording_that_was_moved_keeps_its_models() {
 }
 
 #[test]
+fn a_name_serves_again_when_its_recording_was_moved() {
+    let stand = start(|_| ());
+    let path = stand.folder.path().join("amphora.mcap");
+    for moved in ["kept.mcap", "too.mcap"] {
+        stand
+            .ask(|answer| Order::Begin("amphora".into(), BTreeMap::new(), answer))
+            .unwrap();
+        let heard = stand.press();
+        assert!(
+            matches!(heard.last(), Some(Reply::Durable { capture, .. }) if capture == "amphora-0001"),
+            "{heard:?}"
+        );
+        stand.ask(Order::Close).unwrap();
+        std::fs::rename(&path, path.with_file_name(moved)).unwrap();
+    }
+}
+
+#[test]
 fn sessions_begin_are_noted_and_close() {
     let stand = start(|_| ());
     let begin = |name: &'static str| {

@@ -282,13 +282,15 @@ impl<H: Clone> Synchronizer<H> {
             })
     }
 
-    /// Closes all captures: nothing more will come.
+    /// Closes all captures: nothing more will come for them. Their ids are free again: a session of the daemon may
+    /// be named like one whose recording has been moved away.
     pub fn finish(&mut self) -> Vec<Capture<H>> {
         let mut done = Vec::new();
         while let Some(first) = self.open.front() {
             let window = self.window_of_first(first);
             done.extend(self.close_first(window));
         }
+        self.seen.clear();
         done
     }
 

@@ -222,6 +222,19 @@ fn a_second_trigger_of_an_id_makes_no_second_capture() {
 }
 
 #[test]
+fn ids_are_free_again_when_all_captures_are_closed() {
+    let mut sync = Synchronizer::new(cameras(false), Parameters::default());
+    for time in [0, 100_000] {
+        assert!(sync.push_trigger(trigger("x", time), Listed::new()));
+        for camera in ["a", "b"] {
+            sync.push_frame(&id(camera), Stream::Color, at(time), time);
+        }
+        let captures = sync.finish();
+        assert!(captures.len() == 1 && captures[0].complete, "{captures:?}");
+    }
+}
+
+#[test]
 fn a_capture_that_has_everything_is_not_kept_waiting() {
     let mut sync = Synchronizer::new(cameras(true), Parameters::default());
     sync.push_trigger(trigger("x", 0), Listed::new());
