@@ -11,8 +11,10 @@ mirror=${MIRROR:-http://deb.debian.org/debian}
 
 # The devices: cameras, foot switches, and the gadgets that play USB devices.
 modules="vivid uinput evdev dummy_hcd libcomposite usb_f_hid usbhid hid-generic videodev videobuf2-vmalloc"
-# What the checks use: Python, video and network tools.
-tools=systemd,systemd-sysv,udev,kmod,iproute2,python3,v4l-utils
+# What hooks use: a speaker and a sound card. Debian's kernel has nothing that plays GPIO lines.
+modules+=" pcspkr snd-dummy"
+# What the checks use: Python, video and network tools, and what hooks start.
+tools=systemd,systemd-sysv,udev,kmod,iproute2,python3,v4l-utils,adduser,zstd,beep,alsa-utils,gpiod,brightnessctl,brightness-udev
 depends=$(dpkg-deb -f "$package" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//; s/ //g' | paste -sd,)
 
 key=$(cat "$here/image.sh" <(echo "$depends") | sha256sum | cut -c1-16)
@@ -29,12 +31,13 @@ say "making a Debian 12 for the guest"
 # The kernel and its headers are unpacked beside it: installed, they would bring tools for a boot that there is not.
 # shellcheck disable=SC2016
 mmdebstrap --quiet --mode=root --variant=minbase --include="$tools,$depends" --aptopt='Apt::Install-Recommends "false"' \
+	--aptopt='Acquire::Retries "5"' \
 	--dpkgopt='path-exclude=/usr/share/doc/*' --dpkgopt='path-exclude=/usr/share/man/*' \
 	--dpkgopt='path-exclude=/usr/share/locale/*' \
 	--customize-hook='version=$(apt-cache depends linux-image-amd64 | sed -n "s/.*Depends: linux-image-//p" | head -n 1);
 		cd "'"$work"'" && apt-get download -qq -o APT::Sandbox::User=root "linux-image-$version" "linux-headers-$version" \
 			"linux-headers-${version%-amd64}-common" "linux-kbuild-${version%%.[0-9]-*}" v4l2loopback-dkms' \
-	--customize-hook='rm -rf "$1"/var/cache/apt/* "$1"/var/lib/apt/lists/*' \
+	--customize-hook='rm -rf "$1"/var/cache/apt/* "$1"/var/lib/apt/lists/* "$1"/etc/dpkg/dpkg.cfg.d/*' \
 	bookworm "$work/root" "deb $mirror bookworm main"
 root=$work/root
 for deb in "$work"/*.deb; do dpkg-deb -x "$deb" "$work/kernel"; done

@@ -26,13 +26,13 @@ done
 mkdir -p "$folder"
 # Installs what is not there yet.
 missing=()
-for name in cpio gcc libelf1 make mmdebstrap qemu-system-x86; do
+for name in cpio dpkg-dev gcc libelf1 make mmdebstrap qemu-system-x86; do
 	dpkg-query -W -f '${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing+=("$name")
 done
 if [ ${#missing[@]} -ne 0 ]; then
 	say "installing ${missing[*]}"
-	apt-get update -qq
-	DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+	apt-get -o Acquire::Retries=5 update -qq
+	DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=5 install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
 
 # The program, its package, and the test of the workers' confinement, to be run in the daemon's own.

@@ -10,7 +10,7 @@ class Unexpected(Exception):
     """Something is not as it should be."""
 
 
-def run(*command, expected=0, timeout=120, **more):
+def run(*command, expected=0, timeout=300, **more):
     """Runs a command and gives what it printed; `expected` is its exit code, `None` any."""
     words = [str(word) for word in command]
     done = subprocess.run(words, capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL, **more)
@@ -20,7 +20,7 @@ def run(*command, expected=0, timeout=120, **more):
     return said
 
 
-def until(what, reached, seconds=60):
+def until(what, reached, seconds=240):
     """Waits until `reached()` gives something, and gives it."""
     end = time.monotonic() + seconds
     while True:
@@ -52,6 +52,7 @@ class Chapter:
         self.name = name
         self.steps = []
         self.end = end
+        self.at = ""
 
     def step(self, words):
         """Makes a function a step, told in these words."""
@@ -66,6 +67,7 @@ class Chapter:
         """Goes through the steps; gives how many passed and which failed."""
         passed, failed = 0, None
         for words, function in self.steps:
+            self.at = words
             begin = time.monotonic()
             slow = threading.Timer(120, tell, [f"...    {self.name}: {words}: still at it after 120 s"])
             slow.daemon = True
@@ -83,9 +85,11 @@ class Chapter:
             more = f" ({found}; {took})" if found else f" ({took})"
             tell(f"ok     {self.name}: {words}{more}")
             passed += 1
+        self.at = "its end"
         try:
             self.end()
         except Exception as error:
             failed = failed or f"{self.name}: its end"
             tell(f"FAILED {self.name}: its end: {error}")
+        self.at = ""
         return passed, failed

@@ -3,18 +3,23 @@ there, too, packed."""
 
 import base64
 import gzip
+import os
+import re
 import sys
+import threading
 import time
 
+import day
 import mixed
 import pedal
+import removal
 import sandbox
 import service
 import video
 import webcam
 from harness import run
 
-CHAPTERS = [module.chapter for module in (service, sandbox, webcam, video, pedal, mixed)]
+CHAPTERS = [module.chapter for module in (service, sandbox, webcam, video, pedal, day, mixed, removal)]
 
 
 def tell(line):
@@ -34,9 +39,26 @@ def journal():
     tell(f"-----BEGIN JOURNAL-----\n{packed}-----END JOURNAL-----")
 
 
+def asked(what):
+    """What the host asks for, on the kernel's command line."""
+    found = re.search(rf"rig-vm\.{what}=(\S*)", open("/proc/cmdline", encoding="ascii").read())
+    return found[1] if found else ""
+
+
+def give_up(chapters):
+    """Ends it all when its time is over, and tells where it was."""
+    at = next((f"{c.name}: {c.at}" for c in chapters if c.at), "between two chapters")
+    tell(f"rig-vm: FAILED: not at its end within {asked('seconds')} s, but at: {at}")
+    journal()
+    os._exit(1)
+
+
 def main():
-    wanted = open("/rig-vm/chapters", encoding="ascii").read().split()
-    chapters = [c for c in CHAPTERS if not wanted or c.name in wanted]
+    wanted = asked("chapters").split(",")
+    chapters = [c for c in CHAPTERS if c.name in wanted]
+    limit = threading.Timer(float(asked("seconds")), give_up, [chapters])
+    limit.daemon = True
+    limit.start()
     service.install()
     passed, failed = 0, []
     for chapter in chapters:

@@ -132,7 +132,7 @@ def real():
     scand.ask("trigger")
     (pid,) = scand.unit("scand.service", "MainPID")
     unit = int(of(Path(f"/proc/{pid}"), "Seccomp_filters"))
-    folder = until("a worker runs that has shut itself in", lambda: worker_process(unit), 120)
+    folder = until("a worker runs that has shut itself in", lambda: worker_process(unit))
     expect(int(of(folder, "Seccomp_filters")), unit + 2, "filters of system calls, of which two are its own")
     expect(of(folder, "NoNewPrivs"), "1", "NoNewPrivs")
     files = [os.readlink(path) for path in (folder / "fd").iterdir()]

@@ -71,7 +71,7 @@ def clear():
         run("find", folder, "-mindepth", "1", "-delete", expected=None)
 
 
-def start(ready=True, seconds=240):
+def start(ready=True, seconds=300):
     """Starts socket and daemon; waits, if it is to, until it is ready for work."""
     run("systemctl", "start", "scand.socket")
     run("systemctl", "start", "--no-block", "scand.service")
@@ -118,7 +118,7 @@ def camera(name):
     return found.get("state"), found.get("words", "")
 
 
-def becomes(name, state, seconds=120):
+def becomes(name, state, seconds=300):
     """Waits for a camera's state, and gives its words of that moment."""
 
     def reached():
@@ -134,7 +134,7 @@ def captures():
     return found["complete"] + found["failed"], found["failed"]
 
 
-def next_capture(before, since, seconds=180):
+def next_capture(before, since, seconds=300):
     """Waits for a capture after those, which is not to fail; `since` is where the journal was then."""
     until("a capture has come to its end", lambda: captures()[0] > before[0], seconds)
     if captures()[1] > before[1]:

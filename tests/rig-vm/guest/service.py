@@ -32,9 +32,9 @@ def end():
 chapter = Chapter("service", end)
 
 
-def install():
+def install(*options):
     """Installs the package; every chapter needs it."""
-    run("dpkg", "--install", "/rig-vm/scand.deb", timeout=300)
+    run("apt-get", "install", "--yes", *options, "/rig-vm/scand.deb", timeout=300)
 
 
 def configure(more="", models=0):

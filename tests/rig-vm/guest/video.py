@@ -1,4 +1,5 @@
-"""Eleven cameras of five megapixels, whose every byte is known: what they are called, and what is captured of them."""
+"""Eleven cameras of five megapixels, whose every byte is known: what they are called, what is captured of them, and what
+becomes of a rig that is unplugged as a whole."""
 
 import json
 import os
@@ -6,11 +7,12 @@ from pathlib import Path
 
 import scand
 import vivid
-from harness import Chapter, Unexpected, expect, run
+from harness import Chapter, Unexpected, contains, expect, run, until
 
 SIZE = (2560, 1920)
 # Formats of the eleven.
 CODES = ["RGGB"] * 6 + ["GRBG", "GREY", "YUYV", "UYVY", "RGB3"]
+DRIVER = Path("/sys/bus/platform/drivers/vivid")
 cables = []
 
 
@@ -22,6 +24,8 @@ def end():
     scand.clear()
     for cable in cables:
         cable.stop()
+    if not (DRIVER / "vivid.0").exists():
+        (DRIVER / "bind").write_text("vivid.0")
     vivid.unload()
 
 
@@ -77,3 +81,20 @@ def eleven():
             raise Unexpected(f"camera {camera}: {len(found)} pictures, which are not the one that was fed")
         frames += len(found)
     return f"{frames} frames"
+
+
+@chapter.step("all are pulled out and plugged in again: named, survived, and the next press works")
+def unbound():
+    since = scand.now()
+    for cable in cables:
+        cable.stop()
+    (DRIVER / "unbind").write_text("vivid.0")
+    words = scand.becomes("c00", "away")
+    contains(scand.ask("trigger", expected=1), "camera c00")
+    until("all are named", lambda: all(f"camera {name(i)}: " in scand.said(since) for i in range(11)))
+    expect(scand.active(), "active", "the daemon")
+    (DRIVER / "bind").write_text("vivid.0")
+    run("udevadm", "settle")
+    until("all are back", lambda: "ready: 11 of 11" in scand.unit("scand.service", "StatusText")[0])
+    contains(scand.ask("trigger"), "durable")
+    return words.split(": ")[-1]

@@ -1,0 +1,69 @@
+"""The package is upgraded and removed while the rig is at work."""
+
+import grp
+import os
+import pwd
+from pathlib import Path
+
+import scand
+import service
+import vivid
+from harness import Chapter, contains, expect, run, until
+from switch import Switch
+
+plugged = []
+
+
+def end():
+    while plugged:
+        plugged.pop().remove()
+    vivid.unload()
+
+
+chapter = Chapter("removal", end)
+
+
+@chapter.step("an upgrade starts the daemon anew; a press meanwhile waits for it, and what was durable is kept")
+def upgraded():
+    vivid.load([vivid.WEBCAM] * 2)
+    service.configure()
+    scand.start()
+    plugged.append(Switch())
+    scand.ask("session", "start", "before")
+    durable = scand.ask("trigger", "--press-id", "before-1")
+    (pid,) = scand.unit("scand.service", "MainPID")
+    service.install("--reinstall")
+    until("the daemon is active", lambda: scand.active() == "active")
+    expect(scand.unit("scand.service", "MainPID")[0] != pid, True, "another process")
+    again = scand.ask("trigger", "--press-id", "before-1")
+    expect(again.splitlines()[-1].split(":")[0], durable.splitlines()[-1].split(":")[0], "the capture of the same press")
+    contains(scand.ask("info", scand.recording("before")), "complete")
+
+
+@chapter.step("removed, it stops all units and leaves configuration and recordings")
+def removed():
+    since = scand.now()
+    scand.ask("session", "start", "last")
+    scand.ask("trigger")
+    unit = plugged[0].unit
+    expect(scand.active(unit), "active", "the foot switch's unit")
+    run("apt-get", "remove", "--yes", "scand", timeout=300)
+    for name in ("scand.service", "scand.socket", unit):
+        expect(scand.active(name), "inactive", name)
+    contains(scand.said(since), "Deactivated successfully")
+    expect(service.SOCKET.exists(), False, "the socket")
+    expect(scand.CONFIGURATION.exists(), True, "the configuration")
+    scand.recording("last")
+    expect([name for name in os.listdir(scand.RECORDINGS) if name.endswith(".part")], [], "recordings not completed")
+
+
+@chapter.step("purged, it leaves the recordings as root's, and no user, no group, no rule")
+def purged():
+    run("apt-get", "purge", "--yes", "scand", timeout=300)
+    expect(scand.CONFIGURATION.exists(), False, "the configuration")
+    path = scand.recording("last")
+    expect((path.stat().st_uid, path.parent.stat().st_uid), (0, 0), "the owner of the recordings")
+    expect([user.pw_name for user in pwd.getpwall() if user.pw_name == "scand"], [], "the user")
+    expect([group.gr_name for group in grp.getgrall() if group.gr_name == "scand"], [], "the group")
+    for folder in ("/lib/udev/rules.d", "/lib/systemd/system", "/usr/lib/sysusers.d", "/etc/systemd/system"):
+        expect([str(path) for path in Path(folder).rglob("*scand*")], [], f"what is left in {folder}")
