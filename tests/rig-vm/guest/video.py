@@ -12,7 +12,6 @@ from harness import Chapter, Unexpected, contains, expect, run, until
 SIZE = (2560, 1920)
 # Formats of the eleven.
 CODES = ["RGGB"] * 6 + ["GRBG", "GREY", "YUYV", "UYVY", "RGB3"]
-DRIVER = Path("/sys/bus/platform/drivers/vivid")
 cables = []
 
 
@@ -24,8 +23,6 @@ def end():
     scand.clear()
     for cable in cables:
         cable.stop()
-    if not (DRIVER / "vivid.0").exists():
-        (DRIVER / "bind").write_text("vivid.0")
     vivid.unload()
 
 
@@ -88,13 +85,12 @@ def unbound():
     since = scand.now()
     for cable in cables:
         cable.stop()
-    (DRIVER / "unbind").write_text("vivid.0")
+    vivid.unbind()
     words = scand.becomes("c00", "away")
     contains(scand.ask("trigger", expected=1), "camera c00")
     until("all are named", lambda: all(f"camera {name(i)}: " in scand.said(since) for i in range(11)))
     expect(scand.active(), "active", "the daemon")
-    (DRIVER / "bind").write_text("vivid.0")
-    run("udevadm", "settle")
+    vivid.bind()
     until("all are back", lambda: "ready: 11 of 11" in scand.unit("scand.service", "StatusText")[0])
     contains(scand.ask("trigger"), "durable")
     return words.split(": ")[-1]

@@ -7,6 +7,7 @@ from pathlib import Path
 from harness import Unexpected, run, until
 
 WEBCAM, CABLE = "webcam", "cable"
+DRIVER = Path("/sys/bus/platform/drivers/vivid")
 # Stable names, which every vivid camera needs: all of them hang on one bus, so that the kernel counts them through.
 RULE = 'SUBSYSTEM=="video4linux", ATTR{name}=="vivid-*-vid-*", SYMLINK+="rig/$attr{name}"\n'
 BYTES = {"RGGB": 1, "GRBG": 1, "GREY": 1, "YUYV": 2, "UYVY": 2, "RGB3": 3, "BGR3": 3}
@@ -50,9 +51,23 @@ def load(kinds):
     until("the cameras have names", lambda: all(capture(i).exists() for i in range(len(kinds))))
 
 
+def unbind():
+    """Pulls all cameras out while somebody has them open."""
+    if (DRIVER / "vivid.0").exists():
+        (DRIVER / "unbind").write_text("vivid.0", encoding="ascii")
+
+
+def bind():
+    """Plugs in again what was pulled out so."""
+    if DRIVER.exists() and not (DRIVER / "vivid.0").exists():
+        (DRIVER / "bind").write_text("vivid.0", encoding="ascii")
+    run("udevadm", "settle")
+
+
 def unload():
-    """Pulls all cameras out."""
-    run("modprobe", "-r", "vivid", timeout=60)
+    """Takes all cameras away."""
+    bind()
+    run("modprobe", "-r", "vivid")
     run("udevadm", "settle")
 
 
