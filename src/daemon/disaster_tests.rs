@@ -235,6 +235,12 @@ fn power_cuts_lose_nothing_that_was_durable() {
 /// folder.
 fn refusing(folder: &Path, call: &str, error: &str, number: u64) -> Command {
     let recordings = folder.join("recordings");
+    let part = recordings.join("t.mcap.part");
+    refusing_of(&[recordings, part], call, error, number)
+}
+
+/// The same for any files.
+fn refusing_of(paths: &[PathBuf], call: &str, error: &str, number: u64) -> Command {
     let mut strace = Command::new("strace");
     // Traced by a grandchild: the process that is started is the daemon.
     strace.args(["-D", "-f", "--seccomp-bpf", "-qq", "-o", "/dev/null"]);
@@ -242,7 +248,7 @@ fn refusing(folder: &Path, call: &str, error: &str, number: u64) -> Command {
     strace
         .arg("-e")
         .arg(format!("inject={call}:error={error}:when={number}"));
-    for path in [recordings.clone(), recordings.join("t.mcap.part")] {
+    for path in paths {
         strace.arg("-P").arg(path);
     }
     strace.arg(std::env::current_exe().unwrap());
@@ -285,9 +291,9 @@ fn a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so() {
     let (runs, mut dice) = (times(1, 8), Dice(13));
     let (mut count, mut failed) = (0, 0);
     for (call, error, most) in [
-        ("write", "ENOSPC", 300),
-        ("write", "EIO", 300),
-        ("lseek", "EIO", 300),
+        ("writev", "ENOSPC", 12),
+        ("writev", "EIO", 12),
+        ("pwrite64", "EIO", 6),
         ("fdatasync", "EIO", 3),
         ("fsync", "EIO", 3),
         ("rename", "ENOSPC", 1),
@@ -323,7 +329,7 @@ fn a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so() {
     }
     assert!(failed > 0, "nothing was refused");
     println!(
-        "shown: {count} refused calls (write, lseek, fdatasync, fsync, rename; ENOSPC, EIO): {failed} captures failed and \
+        "shown: {count} refused calls (writev, pwrite64, fdatasync, fsync, rename; ENOSPC, EIO): {failed} captures failed and \
          said so, 0 falsely acknowledged, all others kept"
     );
 }
@@ -402,5 +408,44 @@ fn a_wall_clock_that_steps_by_an_hour_moves_no_timestamp() {
     assert!(apart.iter().all(|ns| real.contains(ns)), "{apart:?}");
     println!(
         "shown: steps of the wall clock by an hour, forth and back twice: captures are apart by what passed"
+    );
+}
+
+/// The journal of presses holds no capture: where the disk refuses it, every capture is kept all the same and told
+/// truly, and the log says what is not known after a restart.
+#[test]
+fn a_disk_that_refuses_the_journal_of_presses_fails_no_capture_and_is_told_of() {
+    if let Some(folder) = inside() {
+        be_a_daemon(&folder, Mood::Sound);
+    }
+    let test = "daemon::disaster_tests::a_disk_that_refuses_the_journal_of_presses_fails_no_capture_and_is_told_of";
+    let (mut count, mut said) = (0, 0);
+    for (call, error, numbers) in [
+        ("openat", "EACCES", 1..=1),
+        ("write", "ENOSPC", 1..=times(2, 9)),
+        ("write", "EIO", 3..=times(3, 9)),
+        ("fdatasync", "EIO", 1..=times(1, 3)),
+    ] {
+        for number in numbers {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path();
+            let journal = path.join("recordings/presses/presses.jsonl");
+            let told = press_thrice(test, path, refusing_of(&[journal], call, error, number));
+            let place = format!("{call} {number}: {error}");
+            assert_eq!(durable(&told), 3, "{place}: {told:?}");
+            let log = std::fs::read_to_string(path.join("log")).unwrap();
+            let is_said =
+                log.contains("presses.jsonl: cannot") || log.contains("the journal of presses");
+            said += usize::from(is_said);
+            count += 1;
+            let service = service_over(path, |_| ());
+            service.stand.stop();
+            check_recordings(&path.join("recordings"), &told);
+        }
+    }
+    assert!(said * 2 > count, "{said} of {count} were told of");
+    println!(
+        "shown: {count} refused calls of the journal of presses (openat, write, fdatasync): no capture failed, {said} times \
+         said"
     );
 }

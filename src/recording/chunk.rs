@@ -1,7 +1,7 @@
 //! One chunk: its bytes unpacked and checked, and the messages and channels in it.
 
 use super::index::{ChunkInfo, Index, MessageRef};
-use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
+use super::records::{self, MESSAGE_HEADER, RECORD_HEADER, record_at};
 use super::source::Source;
 use super::walk::LARGEST_RECORD;
 use super::{Damage, Error};
@@ -113,14 +113,6 @@ pub(super) fn list(unpacked: &[u8], number: u32, mut index: Index) -> Index {
         index.add_damage(0, 0, what);
     }
     index
-}
-
-/// Opcode and body of the record at `position`.
-fn record_at(bytes: &[u8], position: usize) -> Option<(u8, &[u8])> {
-    let rest = bytes.get(position..)?;
-    let (opcode, length) = records::record_header(rest).ok()?;
-    let body = &rest[RECORD_HEADER..];
-    Some((opcode, body.get(..usize::try_from(length).ok()?)?))
 }
 
 /// The data of the message that `message` stands for, within `bytes` that begin at its record or hold it

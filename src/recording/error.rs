@@ -95,13 +95,13 @@ pub enum Error {
         /// What would do.
         expected: String,
     },
-    /// The writer was used in an order that makes no recording, or the file could not be written.
-    #[error("{path}: writing the recording: {}", words(cause))]
+    /// The file could not be written.
+    #[error("{path}: writing the recording: {cause}")]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the MCAP library said.
-        cause: mcap::McapError,
+        /// What the system said.
+        cause: std::io::Error,
     },
     /// A message that is not fit to be written.
     #[error("{path}: {topic}: {problem}")]
@@ -113,14 +113,6 @@ pub enum Error {
         /// What is wrong with it.
         problem: MessageError,
     },
-}
-
-/// What the MCAP library said, with the system's own words where it has only its own.
-fn words(cause: &mcap::McapError) -> String {
-    match cause {
-        mcap::McapError::Io(system) => system.to_string(),
-        other => other.to_string(),
-    }
 }
 
 /// What is wrong with one message.

@@ -2,6 +2,9 @@
 //! the only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
 
 mod chunk;
+mod completing;
+mod container;
+mod encoding;
 mod entries;
 mod error;
 mod index;
@@ -15,6 +18,7 @@ mod rewriting;
 mod schemas;
 mod session;
 mod source;
+mod summary;
 mod topic;
 mod typed;
 mod walk;
@@ -31,6 +35,8 @@ pub use session::{Kept, Preamble, Session};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::{Compression, Writer};
 
+#[cfg(test)]
+mod container_tests;
 #[cfg(test)]
 mod damage_tests;
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! The messages that are Foxglove's, from their Protobuf bytes and back.
 
 use super::MessageError;
+use super::records::SchemaText;
+use super::schemas::protobuf_schema;
 use crate::calibration::{Distortion, Intrinsics};
 use crate::frame::Picture;
 use bytes::Bytes;
@@ -9,6 +11,7 @@ use foxglove::messages::{
 };
 use nalgebra::{Isometry3, Vector2};
 use prost::Message;
+use prost::encoding::{WireType, encode_key, encode_varint};
 
 /// Where a frame is in its parent's, as a recording has it; not checked yet.
 #[derive(Debug, Clone, PartialEq)]
@@ -158,44 +161,96 @@ pub(super) fn write_pose(
     }
 }
 
-/// A picture of raw rows; a compressed one would be none.
-pub(super) fn write_raw(id: &str, picture: &Picture, log_time: u64) -> RawImage {
-    let mut message = RawImage {
-        timestamp: Some(timestamp(log_time)),
-        frame_id: id.into(),
-        ..RawImage::default()
-    };
-    if let Picture::Raw {
-        width,
-        height,
-        encoding,
-        step,
-        data,
-    } = picture
-    {
-        (message.width, message.height, message.step) = (*width, *height, *step);
-        message.encoding.clone_from(encoding);
-        message.data = data.clone();
+/// A picture's message in two parts, the second of which is the picture's own memory, and its schema. The order of a
+/// message's fields is free: the data are the last.
+pub(super) fn picture<'a>(
+    id: &str,
+    picture: &'a Picture,
+    log_time: u64,
+) -> (SchemaText, Vec<u8>, &'a [u8]) {
+    let time = Some(timestamp(log_time));
+    match picture {
+        Picture::Raw {
+            width,
+            height,
+            encoding,
+            step,
+            data,
+        } => {
+            let message = RawImage {
+                timestamp: time,
+                frame_id: id.into(),
+                width: *width,
+                height: *height,
+                encoding: encoding.clone(),
+                step: *step,
+                data: Bytes::new(),
+            };
+            (protobuf_schema::<RawImage>(), head(&message, 6, data), data)
+        }
+        Picture::Compressed { format, data } => {
+            let message = CompressedImage {
+                timestamp: time,
+                frame_id: id.into(),
+                format: format.clone(),
+                data: Bytes::new(),
+            };
+            let schema = protobuf_schema::<CompressedImage>();
+            (schema, head(&message, 2, data), data)
+        }
     }
-    message
 }
 
-/// A picture file; raw rows would be none.
-pub(super) fn write_compressed(id: &str, picture: &Picture, log_time: u64) -> CompressedImage {
-    let mut message = CompressedImage {
-        timestamp: Some(timestamp(log_time)),
-        frame_id: id.into(),
-        ..CompressedImage::default()
-    };
-    if let Picture::Compressed { format, data } = picture {
-        message.format.clone_from(format);
-        message.data = data.clone();
-    }
-    message
+/// A message that lacks its data, and what announces those: the number of their field and their length.
+fn head(message: &impl Message, data_field: u32, data: &[u8]) -> Vec<u8> {
+    let mut bytes = message.encode_to_vec();
+    encode_key(data_field, WireType::LengthDelimited, &mut bytes);
+    encode_varint(data.len() as u64, &mut bytes);
+    bytes
 }
 
 /// Nanoseconds as seconds and the rest; seconds end in the year 2106.
 pub(super) fn timestamp(nanoseconds: u64) -> foxglove::messages::Timestamp {
     let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
     foxglove::messages::Timestamp::new(seconds, (nanoseconds % 1_000_000_000) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_in_two_parts_is_the_message_that_it_was() {
+        let data = Bytes::from(vec![7; 300]);
+        let raw = Picture::Raw {
+            width: 20,
+            height: 15,
+            encoding: "mono8".into(),
+            step: 20,
+            data: data.clone(),
+        };
+        let compressed = Picture::Compressed {
+            format: "jpeg".into(),
+            data,
+        };
+        for original in [raw, compressed] {
+            let (schema, head, data) = picture("c00", &original, 3_000_000_005);
+            let message = Bytes::from([&head, data].concat());
+            assert_eq!(
+                read_picture(&schema.name, message.clone()).unwrap(),
+                original
+            );
+            let (id, time) = match &original {
+                Picture::Raw { .. } => {
+                    let message = RawImage::decode(message).unwrap();
+                    (message.frame_id, message.timestamp)
+                }
+                Picture::Compressed { .. } => {
+                    let message = CompressedImage::decode(message).unwrap();
+                    (message.frame_id, message.timestamp)
+                }
+            };
+            assert_eq!((id.as_str(), time), ("c00", Some(timestamp(3_000_000_005))));
+        }
+    }
 }

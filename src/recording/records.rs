@@ -2,6 +2,7 @@
 //! Nothing here reads a file or takes memory that the bytes at hand do not justify.
 
 use super::index::ChunkInfo;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// Opcode and length that precede every record's body.
@@ -13,7 +14,7 @@ pub(super) const MESSAGE_HEADER: usize = 22;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Malformed;
 
-type Parsed<T> = Result<T, Malformed>;
+pub(super) type Parsed<T> = Result<T, Malformed>;
 
 /// Reads little-endian values from the front of a slice.
 pub(super) struct Cursor<'a>(pub &'a [u8]);
@@ -78,6 +79,47 @@ impl<'a> Cursor<'a> {
     }
 }
 
+/// Opcode and body of the record at `position`.
+pub(super) fn record_at(bytes: &[u8], position: usize) -> Option<(u8, &[u8])> {
+    let rest = bytes.get(position..)?;
+    let (opcode, length) = record_header(rest).ok()?;
+    let body = &rest[RECORD_HEADER..];
+    Some((opcode, body.get(..usize::try_from(length).ok()?)?))
+}
+
+/// A schema as its record has it, all of it but the number.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct SchemaText {
+    pub name: String,
+    pub encoding: String,
+    pub data: Cow<'static, [u8]>,
+}
+
+/// The same of a channel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct ChannelText {
+    pub schema: u16,
+    pub topic: String,
+    pub encoding: String,
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// First and last log time of some messages, if there are any.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct MessageTimes(Option<(u64, u64)>);
+
+impl MessageTimes {
+    pub(super) fn add(&mut self, time: u64) {
+        let (first, last) = self.0.unwrap_or((time, time));
+        self.0 = Some((first.min(time), last.max(time)));
+    }
+
+    /// As records have them.
+    pub(super) fn or_zeros(self) -> (u64, u64) {
+        self.0.unwrap_or_default()
+    }
+}
+
 /// What a record is and how long its body says it is.
 pub(super) fn record_header(bytes: &[u8]) -> Parsed<(u8, u64)> {
     let mut cursor = Cursor(bytes);
@@ -128,6 +170,31 @@ pub(super) fn channel(body: &[u8]) -> Parsed<Channel> {
     };
     cursor.string_map()?;
     Ok(channel)
+}
+
+/// A schema's number and all that its record has.
+pub(super) fn schema_text(body: &[u8]) -> Parsed<(u16, SchemaText)> {
+    let mut cursor = Cursor(body);
+    let id = cursor.u16()?;
+    let schema = SchemaText {
+        name: cursor.string()?,
+        encoding: cursor.string()?,
+        data: cursor.block()?.to_vec().into(),
+    };
+    Ok((id, schema))
+}
+
+/// A channel's number and all that its record has.
+pub(super) fn channel_text(body: &[u8]) -> Parsed<(u16, ChannelText)> {
+    let mut cursor = Cursor(body);
+    let id = cursor.u16()?;
+    let channel = ChannelText {
+        schema: cursor.u16()?,
+        topic: cursor.string()?,
+        encoding: cursor.string()?,
+        metadata: cursor.string_map()?,
+    };
+    Ok((id, channel))
 }
 
 /// Channel and log time of a message, whose data follow the header.

@@ -1,12 +1,14 @@
-//! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part` goes
-//! into `NAME.mcap`, what cannot be read into `NAME.mcap.tail`. Nothing is removed before both are on the disk.
+//! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part` is in
+//! `NAME.mcap` then, what cannot be read in `NAME.mcap.tail`. A recording that lacks only its end is given one where it
+//! is; of another one a copy is made. Nothing is removed before what is to stay is on the disk.
 
+use super::completing::{Unended, unended};
 use super::entries::{Entry, each_entry};
 use super::rewriting::{dress, io, lock, remove_stale, with_ending};
 use super::writer::{Compression, PART, Writer, sync_folder};
 use super::{Error, Recording};
 use std::fs::File;
-use std::io::{Seek, SeekFrom};
+use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// What became of a recording that was cut off.
@@ -45,6 +47,49 @@ pub fn unfinished(folder: &Path) -> Result<Vec<PathBuf>, Error> {
 /// cannot be written.
 pub fn recover(part: &Path) -> Result<Recovered, Error> {
     let path = finished_name(part).ok_or_else(|| Error::NotUnfinished { path: part.into() })?;
+    match complete(part, &path)? {
+        Some(recovered) => Ok(recovered),
+        None => recover_by_copy(part, path),
+    }
+}
+
+/// Gives a recording that lacks only its end one, and its name; `None` if it lacks more, or cannot be written to, or the
+/// name is taken.
+///
+/// What was whole is never written over, and the rest is cut away when it is on the disk under its own name. So at any
+/// moment a power cut leaves a file of which nothing is lost, and which can be completed.
+fn complete(part: &Path, path: &Path) -> Result<Option<Recovered>, Error> {
+    let Ok(mut file) = File::options().read(true).write(true).open(part) else {
+        return Ok(None);
+    };
+    lock(&file, part)?;
+    if path.try_exists().map_err(io(path))? {
+        return Ok(None);
+    }
+    let Some(found) = unended(&file).map_err(io(part))? else {
+        return Ok(None);
+    };
+    // Of an earlier attempt to copy it.
+    remove_stale(&with_ending(path, "recovering"))?;
+    let Unended { sound, .. } = found;
+    let tail = match found.rest() {
+        0 => None,
+        rest => Some((keep_tail(&mut file, part, sound, path)?, rest)),
+    };
+    found
+        .complete(&file)
+        .and_then(|()| file.sync_all())
+        .and_then(|()| std::fs::rename(part, path))
+        .and_then(|()| sync_folder(path))
+        .map_err(io(part))?;
+    Ok(Some(Recovered {
+        path: path.into(),
+        messages: found.messages,
+        tail,
+    }))
+}
+
+fn recover_by_copy(part: &Path, path: PathBuf) -> Result<Recovered, Error> {
     let mut file = File::open(part).map_err(io(part))?;
     lock(&file, part)?;
     let Readable {
@@ -52,8 +97,7 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
         length,
         program,
     } = readable(&file, part)?;
-    let tail = (readable < length).then(|| (with_ending(&path, "tail"), length - readable));
-
+    let rest = length - readable;
     let staged = with_ending(&path, "recovering");
     remove_stale(&staged)?;
     let mut writer = Writer::create_at(&path, &staged, &program, Compression::None)?;
@@ -61,21 +105,23 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
         let messages = copy(&mut file, part, readable, &mut writer)?;
         if path.try_exists().map_err(io(&path))? {
             check_equal(&path, messages)?;
-            return Ok(messages);
+            let kept = with_ending(&path, "tail");
+            return Ok((messages, (rest > 0).then_some(kept)));
         }
-        if let Some((tail, _)) = &tail {
-            keep_tail(&mut file, part, readable, tail)?;
-        }
+        let tail = match rest {
+            0 => None,
+            _ => Some(keep_tail(&mut file, part, readable, &path)?),
+        };
         // Who may not give it away keeps it: an owner is no reason to leave a recording cut off.
         let copy = File::options().write(true).open(&staged);
         let _ = copy.and_then(|copy| dress(&copy, &file.metadata()?));
         writer.finish()?;
-        Ok(messages)
+        Ok((messages, tail))
     };
     let done = put_into_place();
     // What was begun and not put into place is of no use, and may be what filled the disk.
     let removed = remove_stale(&staged);
-    let messages = done?;
+    let (messages, tail) = done?;
     removed?;
     std::fs::remove_file(part)
         .and_then(|()| sync_folder(part))
@@ -83,7 +129,7 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     Ok(Recovered {
         path,
         messages,
-        tail,
+        tail: tail.map(|tail| (tail, rest)),
     })
 }
 
@@ -146,9 +192,19 @@ fn copy(file: &mut File, part: &Path, readable: u64, writer: &mut Writer) -> Res
     Ok(messages)
 }
 
-/// Copies what could not be read beside the recording, durably.
-fn keep_tail(file: &mut File, part: &Path, from: u64, tail: &Path) -> Result<(), Error> {
-    let staged = with_ending(tail, "recovering");
+/// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept there
+/// stays.
+fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
+    let mut tail = with_ending(path, "tail");
+    let mut number = 1;
+    while tail.try_exists().map_err(io(&tail))? {
+        if is_kept(file, from, &tail).map_err(io(&tail))? {
+            return Ok(tail);
+        }
+        number += 1;
+        tail = with_ending(path, &format!("tail-{number}"));
+    }
+    let staged = with_ending(&tail, "recovering");
     remove_stale(&staged)?;
     let mut copied = || {
         file.seek(SeekFrom::Start(from))?;
@@ -156,10 +212,33 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, tail: &Path) -> Result<(),
         std::io::copy(file, &mut copy)?;
         let _ = dress(&copy, &file.metadata()?);
         copy.sync_all()?;
-        std::fs::rename(&staged, tail)?;
-        sync_folder(tail)
+        std::fs::rename(&staged, &tail)?;
+        sync_folder(&tail)
     };
-    copied().map_err(io(part))
+    copied().map_err(io(part))?;
+    Ok(tail)
+}
+
+/// Whether a tail holds all of the file from `from` on: a recovery that was cut off itself has got so far.
+fn is_kept(file: &mut File, from: u64, tail: &Path) -> std::io::Result<bool> {
+    let tail = File::open(tail)?;
+    if tail.metadata()?.len() != file.metadata()?.len() - from {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::Start(from))?;
+    let (mut kept, mut rest) = (BufReader::new(tail), BufReader::new(file));
+    loop {
+        let (a, b) = (kept.fill_buf()?, rest.fill_buf()?);
+        let length = a.len().min(b.len());
+        if length == 0 {
+            return Ok(a.len() == b.len());
+        }
+        if a[..length] != b[..length] {
+            return Ok(false);
+        }
+        kept.consume(length);
+        rest.consume(length);
+    }
 }
 
 /// The name that a recording gets when it is complete, of one that is not: `NAME.mcap` of `NAME.mcap.part`.

@@ -49,16 +49,23 @@ fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
 fn a_recovered_recording_and_its_tail_belong_to_whom_the_part_belonged() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());
-    let part = part_of(folder.path(), &bytes[..bytes.len() - 1]);
-    std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
-    // Only root can.
-    let _ = chown(&part, Some(12_345), Some(23_456));
-    let of = |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
-    let expected = of(&part).unwrap();
-    let recovered = recover(&part).unwrap();
-    let (tail, _) = recovered.tail.unwrap();
-    assert_eq!(of(&recovered.path).unwrap(), expected);
-    assert_eq!(of(&tail).unwrap(), expected);
+    let mut damaged = bytes.clone();
+    damaged[bytes.len() / 2] ^= 1;
+    // Completed where it is, and copied.
+    for bytes in [&bytes[..bytes.len() - 200], &damaged] {
+        let part = part_of(folder.path(), bytes);
+        std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
+        // Only root can.
+        let _ = chown(&part, Some(12_345), Some(23_456));
+        let of =
+            |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
+        let expected = of(&part).unwrap();
+        let recovered = recover(&part).unwrap();
+        let (tail, _) = recovered.tail.unwrap();
+        assert_eq!(of(&recovered.path).unwrap(), expected);
+        assert_eq!(of(&tail).unwrap(), expected);
+        std::fs::remove_file(&recovered.path).unwrap();
+    }
 }
 
 #[test]
@@ -150,6 +157,105 @@ fn a_recording_cut_off_anywhere_is_completed_and_keeps_every_byte() {
     let recording = Recording::open(&recording.path).unwrap();
     assert_eq!(recording.attachments().len(), 1);
     assert_eq!(recording.metadata().len(), 1);
+}
+
+/// Puts a recording that was cut off there, completes it, and says whether it is the same file still.
+fn completed(folder: &Path, bytes: &[u8]) -> (Recovered, bool) {
+    let part = part_of(folder, bytes);
+    let inode = std::fs::metadata(&part).unwrap().ino();
+    let recovered = recover(&part).unwrap();
+    let is_same = std::fs::metadata(&recovered.path).unwrap().ino() == inode;
+    (recovered, is_same)
+}
+
+#[test]
+fn one_that_lacks_only_its_end_is_not_copied_and_is_what_would_have_been_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let (recovered, in_place) = completed(folder.path(), &bytes);
+    assert!(in_place && recovered.tail.is_none());
+    let complete = std::fs::read(&recovered.path).unwrap();
+    assert!(complete.starts_with(&bytes));
+    std::fs::remove_file(&recovered.path).unwrap();
+
+    // Written to its end without a stop.
+    let path = folder.path().join("a.mcap");
+    let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
+    let rig = Rig::new();
+    writer
+        .attach("rig.toml", "application/toml", at(0), b"a = 1\n")
+        .unwrap();
+    rig.write_to(&mut writer);
+    for (id, ms) in [("cup-1", 100), ("cup-2", 5000)] {
+        rig.write_capture(&mut writer, id, ms, 3);
+        writer.sync().unwrap();
+    }
+    writer.finish().unwrap();
+    assert!(complete == std::fs::read(&path).unwrap());
+
+    // The machine stopped again while the end was being written, at whatever byte of it.
+    for end in (bytes.len()..=complete.len())
+        .step_by(37)
+        .chain([complete.len()])
+    {
+        std::fs::remove_file(&path).unwrap();
+        let (recovered, in_place) = completed(folder.path(), &complete[..end]);
+        assert!(in_place && recovered.tail.is_none(), "{end}");
+        assert!(complete == std::fs::read(&path).unwrap(), "{end}");
+    }
+}
+
+#[test]
+fn what_a_power_cut_made_of_the_end_costs_nothing_that_was_kept_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let path = folder.path().join("a.mcap");
+    let (first, _) = completed(folder.path(), &bytes);
+    let complete = std::fs::read(&path).unwrap();
+    // A first recovery has kept a tail, cut it away, and was stopped while it wrote the end: a block of it is zeros.
+    let tail = folder.path().join("a.mcap.tail");
+    std::fs::write(&tail, b"of the first").unwrap();
+    let mut torn = complete.clone();
+    torn[bytes.len()..].fill(0);
+    std::fs::remove_file(&path).unwrap();
+    let (second, in_place) = completed(folder.path(), &torn);
+    assert!(!in_place);
+    assert_eq!(second.messages, first.messages);
+    assert_eq!(Recording::open(&path).unwrap().verify().unwrap(), []);
+    let (kept, length) = second.tail.unwrap();
+    assert_eq!(length as usize, torn.len() - bytes.len());
+    assert!(std::fs::read(kept).unwrap() == torn[bytes.len()..]);
+    assert_eq!(std::fs::read(&tail).unwrap(), b"of the first");
+}
+
+#[test]
+fn a_recovery_that_was_stopped_before_the_cut_keeps_its_tail_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let cut = &bytes[..bytes.len() - 200];
+    let (first, in_place) = completed(folder.path(), cut);
+    let (tail, length) = first.tail.unwrap();
+    assert!(in_place && length > 0);
+    std::fs::remove_file(&first.path).unwrap();
+    // The tail was on the disk, and the recording as it had been.
+    let (again, _) = completed(folder.path(), cut);
+    assert_eq!(again.tail, Some((tail, length)));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
+fn a_chunks_index_that_lies_is_made_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bytes = cut_off(folder.path());
+    // The last record is an index; its last eight bytes say where the last message is.
+    let last = bytes.len() - 8;
+    bytes[last] ^= 1;
+    let (recovered, in_place) = completed(folder.path(), &bytes);
+    assert!(!in_place);
+    assert_eq!(
+        Recording::open(&recovered.path).unwrap().verify().unwrap(),
+        []
+    );
 }
 
 #[test]

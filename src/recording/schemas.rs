@@ -1,27 +1,20 @@
 //! The schemas that a recording's channels carry, so that any MCAP tool can read it.
 
 use super::Topic;
-use std::borrow::Cow;
-
-/// A schema as a recording holds it.
-pub(super) struct SchemaDefinition {
-    pub name: Cow<'static, str>,
-    pub encoding: &'static str,
-    pub data: Cow<'static, [u8]>,
-}
+use super::records::SchemaText;
 
 /// The schema of a Foxglove message: its FileDescriptorSet.
-pub(super) fn protobuf_schema<M: foxglove::Encode>() -> SchemaDefinition {
+pub(super) fn protobuf_schema<M: foxglove::Encode>() -> SchemaText {
     let (name, data) = M::get_schema().map_or_else(Default::default, |s| (s.name, s.data));
-    SchemaDefinition {
-        name: name.into(),
-        encoding: "protobuf",
+    SchemaText {
+        name,
+        encoding: "protobuf".into(),
         data,
     }
 }
 
 /// The schema of a topic's JSON messages.
-pub(super) fn json_schema(topic: &Topic) -> SchemaDefinition {
+pub(super) fn json_schema(topic: &Topic) -> SchemaText {
     let name = topic.schemas()[0];
     let data = match name {
         "scand.CameraSettings" => CAMERA_SETTINGS,
@@ -31,9 +24,9 @@ pub(super) fn json_schema(topic: &Topic) -> SchemaDefinition {
         "scand.Capture" => CAPTURE,
         _ => NOTE,
     };
-    SchemaDefinition {
+    SchemaText {
         name: name.into(),
-        encoding: "jsonschema",
+        encoding: "jsonschema".into(),
         data: data.as_bytes().into(),
     }
 }

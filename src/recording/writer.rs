@@ -1,8 +1,11 @@
 //! Writes recordings in their plainest form. A recording is written as `NAME.part` beside its place; it gets
 //! its name when it is complete and on the disk.
 
+use super::container::Container;
+use super::encoding::MessageHead;
 use super::json::{self, CameraSettings, CaptureRecord, Note};
-use super::schemas::{self, SchemaDefinition};
+use super::records::{ChannelText, SchemaText};
+use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
 use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp, Trigger};
@@ -10,13 +13,10 @@ use crate::image::Mask;
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 /// Largest chunk that holds more than one message, in bytes before compression.
 const LARGEST_CHUNK: usize = 16 << 20;
-/// Bytes that are gathered before they are written; pictures are larger and pass by.
-const GATHERED: usize = 64 << 10;
 /// Bytes that a message takes in a chunk beside its data.
 const MESSAGE_OVERHEAD: usize = 31;
 
@@ -39,12 +39,11 @@ pub struct Writer {
     part: PathBuf,
     /// The same file, to bring what was written to the disk.
     file: File,
-    mcap: mcap::Writer<BufWriter<File>>,
+    container: Container,
     channels: BTreeMap<String, Channel>,
+    /// Of a recording that is copied: its channels' numbers, and what they are here.
+    copied: BTreeMap<u16, u16>,
     chunk: Chunk,
-    /// Where messages are encoded, one after the other: memory that is touched for the first time costs more than the
-    /// copy.
-    message: Vec<u8>,
 }
 
 /// A channel that was added, and how many messages it has.
@@ -109,33 +108,15 @@ impl Writer {
         // Tells who would recover it that it is not lost. A file system without locks does without.
         let _ = file.try_lock();
         sync_folder(&part).map_err(io(&part))?;
-        let sink = BufWriter::with_capacity(GATHERED, file.try_clone().map_err(io(&part))?);
-        let compression = match compression {
-            Compression::None => None,
-            Compression::Zstd => Some(mcap::Compression::Zstd),
-        };
-        // Chunks are cut here rather than by size, so that a frame is never behind a full chunk. They go into the file as
-        // they grow and get their lengths afterwards: a chunk that a crash cut off has none, and no reader takes it for
-        // whole.
-        let mcap = mcap::WriteOptions::new()
-            .profile("scand")
-            .library(program)
-            .compression(compression)
-            .compression_threads(0)
-            .chunk_size(None)
-            .create(sink)
-            .map_err(|cause| Error::Write {
-                path: part.clone(),
-                cause,
-            })?;
+        let same = file.try_clone().map_err(io(&part))?;
         Ok(Self {
             path: path.into(),
             part,
             file,
-            mcap,
+            container: Container::begin(same, "scand", program, compression),
             channels: BTreeMap::new(),
+            copied: BTreeMap::new(),
             chunk: Chunk::default(),
-            message: Vec::new(),
         })
     }
 
@@ -145,12 +126,8 @@ impl Writer {
     /// If the file cannot be written; so for all that follow.
     pub fn metadata(&mut self, name: &str, pairs: &BTreeMap<String, String>) -> Result<(), Error> {
         self.chunk = Chunk::default();
-        let record = mcap::records::Metadata {
-            name: name.into(),
-            metadata: pairs.clone(),
-        };
-        let written = self.mcap.write_metadata(&record);
-        written.map_err(|source| self.failed(source))
+        let written = self.container.metadata(name, pairs);
+        written.map_err(|cause| self.failed(cause))
     }
 
     /// Writes which board a calibration session shows.
@@ -315,16 +292,8 @@ impl Writer {
         picture: &Picture,
         time: Timestamp,
     ) -> Result<(), Error> {
-        match picture {
-            Picture::Raw { .. } => {
-                let message = proto::write_raw(id.as_str(), picture, time.0);
-                self.protobuf(topic, &message, time)
-            }
-            Picture::Compressed { .. } => {
-                let message = proto::write_compressed(id.as_str(), picture, time.0);
-                self.protobuf(topic, &message, time)
-            }
-        }
+        let (schema, head, data) = proto::picture(id.as_str(), picture, time.0);
+        self.write(topic, schema, "protobuf", [&head, data], time)
     }
 
     /// Brings everything written so far to the disk: what is a capture by then survives a power cut.
@@ -332,24 +301,46 @@ impl Writer {
     pub fn sync(&mut self) -> Result<(), Error> {
         self.finish_chunk()?;
         let synced = self.file.sync_data();
-        synced.map_err(|source| self.io(&self.part, source))
+        synced.map_err(|cause| Error::Io {
+            path: self.part.clone(),
+            cause,
+        })
     }
 
     /// Completes the recording and gives it its name.
     #[allow(clippy::missing_errors_doc)]
-    pub fn finish(mut self) -> Result<(), Error> {
-        let finished = self.mcap.finish();
-        finished.map_err(|source| self.failed(source))?;
-        let renamed = self
-            .file
+    pub fn finish(self) -> Result<(), Error> {
+        let Self {
+            path,
+            part,
+            file,
+            container,
+            ..
+        } = self;
+        let io = |path: &Path, cause| Error::Io {
+            path: path.into(),
+            cause,
+        };
+        let finished = container.finish();
+        finished.map_err(|cause| Error::Write {
+            path: part.clone(),
+            cause,
+        })?;
+        let renamed = file
             .sync_all()
-            .and_then(|()| std::fs::rename(&self.part, &self.path))
-            .and_then(|()| sync_folder(&self.path));
-        renamed.map_err(|source| self.io(&self.path, source))
+            .and_then(|()| std::fs::rename(&part, &path))
+            .and_then(|()| sync_folder(&path));
+        renamed.map_err(|cause| io(&path, cause))
     }
 
     fn json(&mut self, topic: &Topic, data: &[u8], time: Timestamp) -> Result<(), Error> {
-        self.write(topic, schemas::json_schema(topic), "json", data, time)
+        self.write(
+            topic,
+            schemas::json_schema(topic),
+            "json",
+            [data, &[]],
+            time,
+        )
     }
 
     fn protobuf<M: foxglove::Encode + prost::Message>(
@@ -359,50 +350,76 @@ impl Writer {
         time: Timestamp,
     ) -> Result<(), Error> {
         let schema = schemas::protobuf_schema::<M>();
-        let mut bytes = std::mem::take(&mut self.message);
-        bytes.clear();
-        bytes.reserve(prost::Message::encoded_len(message));
-        prost::Message::encode_raw(message, &mut bytes);
-        let written = self.write(topic, schema, "protobuf", &bytes, time);
-        self.message = bytes;
-        written
+        let data = prost::Message::encode_to_vec(message);
+        self.write(topic, schema, "protobuf", [&data, &[]], time)
     }
 
-    /// Writes a message, into a new chunk when the open one is full or of the other kind: small messages
-    /// stay apart from pictures, so that a reader finds the captures without reading every picture.
+    /// Writes a message, whose data are in two parts, into a new chunk when the open one is full or of the other kind:
+    /// small messages stay apart from pictures, so that a reader finds the captures without reading every picture.
     fn write(
         &mut self,
         topic: &Topic,
-        schema: SchemaDefinition,
+        schema: SchemaText,
         encoding: &str,
-        data: &[u8],
+        data: [&[u8]; 2],
         time: Timestamp,
     ) -> Result<(), Error> {
-        self.make_room(&schema.name, data.len())?;
-        let channel = self.channel(topic, &schema, encoding)?;
-        let header = mcap::records::MessageHeader {
-            channel_id: channel.id,
+        self.make_room(&schema.name, data[0].len() + data[1].len())?;
+        let channel = self.channel(topic, schema, encoding)?;
+        let head = MessageHead {
+            channel: channel.id,
             sequence: channel.messages,
             log_time: time.0,
             publish_time: time.0,
         };
-        let written = self.mcap.write_to_known_channel(&header, data);
-        written.map_err(|source| self.failed(source))
+        let written = self.container.message(&head, data);
+        written.map_err(|cause| self.failed(cause))
     }
 
-    /// Writes a message of another recording as it is.
+    /// Writes a message of another recording as it is; all that are copied are of the same one.
     pub(super) fn copy(&mut self, message: &mcap::Message) -> Result<(), Error> {
         let schema = message.channel.schema.as_ref();
         self.make_room(schema.map_or("", |s| &s.name), message.data.len())?;
-        let written = self.mcap.write(message);
-        written.map_err(|source| self.failed(source))
+        let written = self.copied_channel(&message.channel).and_then(|channel| {
+            let head = MessageHead {
+                channel,
+                sequence: message.sequence,
+                log_time: message.log_time,
+                publish_time: message.publish_time,
+            };
+            self.container.message(&head, [&message.data, &[]])
+        });
+        written.map_err(|cause| self.failed(cause))
+    }
+
+    /// The channel that stands for another recording's.
+    fn copied_channel(&mut self, of: &mcap::Channel) -> std::io::Result<u16> {
+        if let Some(&known) = self.copied.get(&of.id) {
+            return Ok(known);
+        }
+        let schema = match &of.schema {
+            None => 0,
+            Some(schema) => self.container.schema(SchemaText {
+                name: schema.name.clone(),
+                encoding: schema.encoding.clone(),
+                data: schema.data.to_vec().into(),
+            })?,
+        };
+        let id = self.container.channel(ChannelText {
+            schema,
+            topic: of.topic.clone(),
+            encoding: of.message_encoding.clone(),
+            metadata: of.metadata.clone(),
+        })?;
+        self.copied.insert(of.id, id);
+        Ok(id)
     }
 
     /// Writes an attachment of another recording as it is.
     pub(super) fn copy_attachment(&mut self, attachment: &mcap::Attachment) -> Result<(), Error> {
-        self.finish_chunk()?;
-        let written = self.mcap.attach(attachment);
-        written.map_err(|source| self.failed(source))
+        self.chunk = Chunk::default();
+        let written = self.container.attach(attachment);
+        written.map_err(|cause| self.failed(cause))
     }
 
     /// Ends the open chunk if a message of `length` bytes has no place in it.
@@ -412,7 +429,9 @@ impl Writer {
         let open = self.chunk;
         let fits = open.pictures == pictures && open.bytes + bytes <= LARGEST_CHUNK;
         if open.bytes > 0 && !fits {
-            self.finish_chunk()?;
+            let ended = self.container.end_chunk();
+            ended.map_err(|cause| self.failed(cause))?;
+            self.chunk = Chunk::default();
         }
         self.chunk.pictures = pictures;
         self.chunk.bytes += bytes;
@@ -423,7 +442,7 @@ impl Writer {
     fn channel(
         &mut self,
         topic: &Topic,
-        schema: &SchemaDefinition,
+        schema: SchemaText,
         encoding: &str,
     ) -> Result<Channel, Error> {
         let key = format!("{topic} {}", schema.name);
@@ -433,16 +452,16 @@ impl Writer {
         }
         // The open chunk holds the definitions too.
         self.chunk.bytes += schema.data.len() + 256;
-        let schema_id = self
-            .mcap
-            .add_schema(&schema.name, schema.encoding, &schema.data);
-        let id = schema_id.and_then(|schema_id| {
-            let topic = topic.to_string();
-            self.mcap
-                .add_channel(schema_id, &topic, encoding, &BTreeMap::new())
+        let id = self.container.schema(schema).and_then(|schema| {
+            self.container.channel(ChannelText {
+                schema,
+                topic: topic.to_string(),
+                encoding: encoding.into(),
+                metadata: BTreeMap::new(),
+            })
         });
         let channel = Channel {
-            id: id.map_err(|source| self.failed(source))?,
+            id: id.map_err(|cause| self.failed(cause))?,
             messages: 0,
         };
         self.channels.insert(key, channel);
@@ -451,20 +470,13 @@ impl Writer {
 
     fn finish_chunk(&mut self) -> Result<(), Error> {
         self.chunk = Chunk::default();
-        let flushed = self.mcap.flush();
-        flushed.map_err(|source| self.failed(source))
+        let flushed = self.container.flush();
+        flushed.map_err(|cause| self.failed(cause))
     }
 
-    fn failed(&self, cause: mcap::McapError) -> Error {
+    fn failed(&self, cause: std::io::Error) -> Error {
         Error::Write {
             path: self.part.clone(),
-            cause,
-        }
-    }
-
-    fn io(&self, path: &Path, cause: std::io::Error) -> Error {
-        Error::Io {
-            path: path.into(),
             cause,
         }
     }
