@@ -6,6 +6,10 @@
 //! the next trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two
 //! captures. Frames that a recording lists for a capture are that capture's whatever its window.
 
+mod free_running;
+
+pub use free_running::FreeRunning;
+
 use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
@@ -18,9 +22,9 @@ pub struct Parameters {
     pub tolerance_ms: f64,
     /// How long after its trigger a capture takes frames, in milliseconds. Default 2000.
     pub window_ms: f64,
-    /// Whether colour cameras run freely, so that the frame nearest to the trigger counts rather than the
-    /// first one after it. Default false.
-    pub nearest_color: bool,
+    /// Which colour cameras run freely, so that the frame nearest to the trigger counts rather than the first
+    /// one after it: true for all, false for none, or a list of names. Default false.
+    pub nearest_color: FreeRunning,
     /// Frames of each depth camera that a capture takes. Default 30.
     pub depth_frames: usize,
     /// Fewest frames of a depth camera that make a capture. Default 10.
@@ -34,7 +38,7 @@ impl Default for Parameters {
         Self {
             tolerance_ms: 5.0,
             window_ms: 2000.0,
-            nearest_color: false,
+            nearest_color: FreeRunning::default(),
             depth_frames: 30,
             min_depth_frames: 10,
             go_on_without_missing: false,
@@ -270,7 +274,8 @@ impl<H: Clone> Synchronizer<H> {
             last.is_some_and(|f| than <= f.timestamp && f.timestamp < settled)
         };
         let colors = self.cameras.colors.iter().all(|camera| {
-            let nearest = self.parameters.nearest_color && !open.listed.contains_key(camera);
+            let runs_freely = self.parameters.nearest_color.contains(camera);
+            let nearest = runs_freely && !open.listed.contains_key(camera);
             let decided = !nearest || later(camera, Stream::Color, open.trigger.time);
             decided && satisfied(camera, Stream::Color, 1).is_some()
         });
@@ -394,7 +399,7 @@ impl<H: Clone> Synchronizer<H> {
             };
             self.open.iter().any(lists)
         };
-        let nearest = stream == Stream::Color && self.parameters.nearest_color;
+        let nearest = stream == Stream::Color && self.parameters.nearest_color.contains(camera);
         let back = trigger.0.saturating_sub(self.parameters.window_ns());
         let start = if nearest { Timestamp(back) } else { window[0] };
         let first = frames.partition_point(|f| f.timestamp < start);

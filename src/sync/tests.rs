@@ -105,12 +105,31 @@ fn a_free_running_camera_may_give_its_nearest_frame() {
         .colors("a", &[50, 90, 115])
         .colors("b", &[60, 101]);
     let parameters = Parameters {
-        nearest_color: true,
+        nearest_color: FreeRunning::All,
         ..Parameters::default()
     };
     let captures = session.run(cameras(false), &parameters);
     assert_eq!(color_ms(&captures[0], "a"), Some(90));
     assert_eq!(color_ms(&captures[0], "b"), Some(101));
+}
+
+#[test]
+fn of_cameras_of_both_kinds_each_gives_what_its_kind_gives() {
+    let session = || {
+        Session::default()
+            .trigger("x", 100)
+            .colors("a", &[50, 90, 115])
+            .colors("b", &[60, 90, 120])
+    };
+    for (free, a, b) in [("a", 90, 120), ("b", 115, 90)] {
+        let parameters = Parameters {
+            nearest_color: FreeRunning::Some([CameraId::new(free).unwrap()].into()),
+            ..Parameters::default()
+        };
+        let captures = session().run(cameras(false), &parameters);
+        assert_eq!(color_ms(&captures[0], "a"), Some(a), "{free}");
+        assert_eq!(color_ms(&captures[0], "b"), Some(b), "{free}");
+    }
 }
 
 #[test]
@@ -296,7 +315,12 @@ fn session() -> impl Strategy<Value = Session> {
 }
 
 fn parameters() -> impl Strategy<Value = Parameters> {
-    (any::<bool>(), 1..8usize, 1..4usize, any::<bool>()).prop_map(
+    let free = prop_oneof![
+        Just(FreeRunning::All),
+        Just(FreeRunning::default()),
+        Just(FreeRunning::Some([CameraId::new("a").unwrap()].into())),
+    ];
+    (free, 1..8usize, 1..4usize, any::<bool>()).prop_map(
         |(nearest_color, depth_frames, min_depth_frames, go_on_without_missing)| Parameters {
             nearest_color,
             depth_frames: depth_frames.max(min_depth_frames),

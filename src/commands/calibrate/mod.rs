@@ -123,7 +123,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let start = args.start.as_deref().map(known::import).transpose()?;
     let synchronisation = sync::Parameters {
-        nearest_color: args.nearest || config.sync.nearest_color,
+        nearest_color: match args.nearest {
+            true => sync::FreeRunning::All,
+            false => config.sync.nearest_color,
+        },
         ..config.sync
     };
     let config = config.calibration;
