@@ -41,6 +41,8 @@ pub(super) struct CameraClock {
     host: HostClock,
     clock: DeviceClock,
     latch: Option<Latch>,
+    /// Whether the bit that asks for a latch was seen to fall back.
+    bit_falls: bool,
     ticks_per_second: u64,
     newest_ns: u64,
     read_at: Option<Instant>,
@@ -55,6 +57,7 @@ impl CameraClock {
             host,
             clock: DeviceClock::default(),
             latch: None,
+            bit_falls: false,
             ticks_per_second: device.timestamp_tick_frequency().unwrap_or(0),
             newest_ns: 0,
             read_at: None,
@@ -78,8 +81,8 @@ impl CameraClock {
     }
 
     /// Whether the clock can be latched: that is, shows two times, one after the other.
-    fn runs(&self, latch: Latch, camera: &Camera, device: &GvDevice) -> bool {
-        let value = || self.latched(latch, camera, device).map(|r| r.device_ns);
+    fn runs(&mut self, latch: Latch, camera: &Camera, device: &GvDevice) -> bool {
+        let mut value = || self.latched(latch, camera, device).map(|r| r.device_ns);
         let first = value();
         std::thread::sleep(Duration::from_millis(1));
         matches!((first, value()), (Some(a), Some(b)) if b > a)
@@ -93,9 +96,13 @@ impl CameraClock {
     /// Reads the clock if the last reading is old, or was doubtful.
     pub fn keep_known(&mut self, camera: &Camera, device: &GvDevice) {
         let fresh = self.read_at.is_some_and(|at| at.elapsed() < STALE);
-        if fresh && self.problem.is_none() {
-            return;
+        if !fresh || self.problem.is_some() {
+            self.read_anew(camera, device);
         }
+    }
+
+    /// Reads the clock, and what is new about it.
+    fn read_anew(&mut self, camera: &Camera, device: &GvDevice) {
         self.read(camera, device);
         if self.problem.is_some() {
             // A clock that jumped goes on from there; one that stands still shows it now.
@@ -117,14 +124,15 @@ impl CameraClock {
         self.clock.add(reading)
     }
 
-    fn latched(&self, latch: Latch, camera: &Camera, device: &GvDevice) -> Option<Reading> {
+    fn latched(&mut self, latch: Latch, camera: &Camera, device: &GvDevice) -> Option<Reading> {
+        let host = self.host;
         let feature = |command: &str, value: &str| {
+            let before = host.now();
             camera.execute_command(command).ok()?;
-            let after = self.host.now();
-            Some((after, camera.integer(value).ok()?.max(0) as u64))
+            let after = host.now();
+            Some((before, after, camera.integer(value).ok()?.max(0) as u64))
         };
-        let before = self.host.now();
-        let (after, value) = match latch {
+        let (before, after, value) = match latch {
             Latch::Standard => feature("TimestampLatch", "TimestampLatchValue")?,
             Latch::Older => feature("GevTimestampControlLatch", "GevTimestampValue")?,
             Latch::Registers => self.latch_registers(device)?,
@@ -140,19 +148,27 @@ impl CameraClock {
         })
     }
 
-    fn latch_registers(&self, device: &GvDevice) -> Option<(Timestamp, u64)> {
+    /// A value that was latched between two of the host's times. One of an earlier latch, which a busy camera or host
+    /// was late with, is none.
+    fn latch_registers(&mut self, device: &GvDevice) -> Option<(Timestamp, Timestamp, u64)> {
         let read = |register| device.read_register(register).ok().map(|(_, value)| value);
-        device.write_register(CONTROL, LATCH_BIT).ok()?;
-        let until = Instant::now() + LATCH_TIME;
-        // The bit falls back when the value is there.
-        let mut done = false;
-        while !done && Instant::now() < until {
-            done = read(CONTROL)? & LATCH_BIT == 0;
+        let value = || Some(u64::from(read(VALUE_HIGH)?) << 32 | u64::from(read(VALUE_LOW)?));
+        let is_done = || Some(read(CONTROL)? & LATCH_BIT == 0);
+        // What was asked for before and took too long would be taken for the answer.
+        if !wait_until(is_done)? && self.bit_falls {
+            return None;
         }
+        let shown = value()?;
+        let before = self.host.now();
+        device.write_register(CONTROL, LATCH_BIT).ok()?;
+        let done = wait_until(is_done)?;
         let after = self.host.now();
-        let value = u64::from(read(VALUE_HIGH)?) << 32 | u64::from(read(VALUE_LOW)?);
-        let is_old = !done && self.nanoseconds(value) == Some(self.newest_ns);
-        (!is_old).then_some((after, value))
+        self.bit_falls |= done;
+        let latched = value()?;
+        // There are cameras whose bit stays.
+        let is_new = done || !self.bit_falls && latched != shown;
+        let after = if done { after } else { self.host.now() };
+        is_new.then_some((before, after, latched))
     }
 
     fn nanoseconds(&self, ticks: u64) -> Option<u64> {
@@ -161,16 +177,32 @@ impl CameraClock {
         u64::try_from(ns).ok()
     }
 
-    /// The host's time of a frame's stamp. `not_before` is what is known otherwise, such as when it was triggered.
+    /// The host's time of a frame's stamp. `not_before` is what is known otherwise, such as when it was triggered. Where
+    /// the stamp contradicts what is known of the clock, that may be what is wrong: it is read anew.
     ///
     /// # Errors
-    /// In words, if the stamp contradicts what is known: the clock stands still, ran back or jumped.
+    /// In words, if the stamp contradicts that too: the clock stands still, ran back or jumped.
     pub fn host_time(
         &mut self,
         stamp_ns: u64,
         not_before: Option<Timestamp>,
+        (camera, device): (&Camera, &GvDevice),
     ) -> Result<Timestamp, String> {
         let not_after = self.host.now();
+        let judged = self.judge(stamp_ns, not_before, not_after);
+        if judged.is_ok() || self.latch.is_none() {
+            return judged;
+        }
+        self.read_anew(camera, device);
+        self.judge(stamp_ns, not_before, not_after)
+    }
+
+    fn judge(
+        &mut self,
+        stamp_ns: u64,
+        not_before: Option<Timestamp>,
+        not_after: Timestamp,
+    ) -> Result<Timestamp, String> {
         if self.latch.is_none() {
             self.add(Reading {
                 device_ns: stamp_ns,
@@ -197,8 +229,6 @@ impl CameraClock {
             let earliest = not_before.unwrap_or(time);
             return Ok(time.max(earliest).min(not_after));
         };
-        // What is known of the clock may be what is wrong.
-        self.read_at = None;
         Err(format!(
             "a frame is stamped {:.1} ms {what}: its clock stands still or jumped",
             ns as f64 / 1e6
@@ -215,5 +245,16 @@ impl CameraClock {
     /// The host's time at a moment of the camera's, unchecked; `None` before it was ever read.
     pub fn host_of(&self, device_ns: u64) -> Option<Timestamp> {
         self.clock.host_time(device_ns).map(|(time, _)| time)
+    }
+}
+
+/// Whether something comes to be within the time that a latch may take; `None` if it cannot be told.
+fn wait_until(mut is_so: impl FnMut() -> Option<bool>) -> Option<bool> {
+    let until = Instant::now() + LATCH_TIME;
+    loop {
+        let so = is_so()?;
+        if so || Instant::now() >= until {
+            return Some(so);
+        }
     }
 }

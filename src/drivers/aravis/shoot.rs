@@ -32,7 +32,8 @@ impl OpenCamera {
         stamp_ns: u64,
         not_before: Option<Timestamp>,
     ) -> Result<Timestamp, String> {
-        let time = self.camera_clock.host_time(stamp_ns, not_before)?;
+        let camera = (&self.camera, &self.device);
+        let time = self.camera_clock.host_time(stamp_ns, not_before, camera)?;
         match self.parameters.exposure_mark.unwrap_or_default() {
             ExposureMark::Start => Ok(time),
             ExposureMark::End => {

@@ -69,7 +69,8 @@ pub struct Reading {
 ///
 /// Each reading bounds the offset from both sides (a clock that is latched between two of the host's times) or from one
 /// (a frame that was exposed before it came). The narrowest bounds count, made wider by what the clocks may have
-/// drifted apart since.
+/// drifted apart since. What is newer is believed: an older reading that contradicts it was late on a busy host, or the
+/// clock was set since, and is forgotten.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     readings: VecDeque<Reading>,
@@ -79,6 +80,8 @@ pub struct DeviceClock {
 const KEPT: usize = 32;
 /// How far two quartz clocks drift apart at most, as a part of the time that passes.
 const DRIFT: f64 = 100e-6;
+/// By how much readings may contradict each other, in nanoseconds.
+const CONTRADICTION: i128 = 1_000_000;
 
 impl DeviceClock {
     /// Takes a reading.
@@ -96,7 +99,16 @@ impl DeviceClock {
             self.readings.pop_front();
         }
         self.readings.push_back(reading);
+        while self.contradicts_itself(reading.device_ns) {
+            self.readings.pop_front();
+        }
         problem.map_or(Ok(()), Err)
+    }
+
+    fn contradicts_itself(&self, device_ns: u64) -> bool {
+        let (low, high) = self.bounds(device_ns);
+        let apart = low.zip(high).map_or(0, |(low, high)| low - high);
+        self.readings.len() > 1 && apart > CONTRADICTION
     }
 
     /// The host's time at a moment of the camera's clock, and by how many nanoseconds that may be off (unknown where
@@ -205,6 +217,30 @@ mod tests {
         }
         let (time, uncertainty) = clock.host_time(100_000_000).unwrap();
         assert_eq!((time, uncertainty), (Timestamp(HOST + 104_000_000), None));
+    }
+
+    #[test]
+    fn a_reading_that_was_wrong_is_corrected_by_the_next() {
+        for wrong_ns in [0, 30_000_000] {
+            let mut clock = DeviceClock::default();
+            // Some milliseconds after each other, as a camera is opened: the first shows a value that had been latched
+            // before, or is later than it seems.
+            let first = latched(1_000_000_000 + wrong_ns, 1_015_000_000, 1_000);
+            clock.add(first).unwrap();
+            for ms in [18, 21, 24] {
+                let _ = clock.add(latched(
+                    1_000_000_000 + ms * 1_000_000,
+                    1_000_000_000 + ms * 1_000_000,
+                    400_000,
+                ));
+            }
+            let (time, uncertainty) = clock.host_time(1_030_000_000).unwrap();
+            assert!(
+                time.0.abs_diff(HOST + 1_030_000_000) < 250_000,
+                "{wrong_ns}: {time:?}"
+            );
+            assert!(uncertainty.unwrap() < 250_000);
+        }
     }
 
     #[test]

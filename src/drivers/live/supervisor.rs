@@ -69,7 +69,8 @@ impl Default for Backoff {
     fn default() -> Self {
         Self {
             first: Duration::from_millis(250),
-            longest: Duration::from_secs(8),
+            // A camera that another one held lets go after three seconds without a sign of it.
+            longest: Duration::from_secs(3),
         }
     }
 }
