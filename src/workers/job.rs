@@ -85,3 +85,26 @@ pub(super) fn identity(path: &Path) -> Option<String> {
     let made = file.created().ok()?.duration_since(UNIX_EPOCH).ok()?;
     Some(format!("{}-{}", file.ino(), made.as_nanos()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_of_every_released_version_says_what_it_said() {
+        let released = include_bytes!("../../tests/golden/format-1/offered.job");
+        let offered = Job {
+            recording: "a.mcap".into(),
+            file: "1835023-1760000000000000000".into(),
+            capture: "a-0001".into(),
+            trigger_ns: 1_760_000_000_000_000_000,
+            source: "pedal".into(),
+            begun: 0,
+        };
+        assert_eq!(Job::parse(released).unwrap(), offered);
+        assert_eq!(offered.file_name(), "01760000000000000000-a-0001.job");
+        // One of a later version is none of ours, and is set aside rather than begun.
+        let later = br#"{"recording":"a.mcap","file":"","capture":"a","trigger_ns":1,"source":"x","priority":3}"#;
+        assert!(Job::parse(later).unwrap_err().contains("priority"));
+    }
+}

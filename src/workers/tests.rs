@@ -294,6 +294,27 @@ fn who_is_asked_to_end_is_done_again_and_who_takes_the_daemon_along_is_not() {
     assert_eq!(place.report("s-2")["outcome"], "failed");
 }
 
+/// A file in the place of the folder of jobs makes writing there fail.
+#[test]
+fn a_job_that_the_disk_refuses_is_told_of_leaves_nothing_and_is_done_when_it_is_offered_again() {
+    let place = Place::new("make");
+    let folder = place.recording("jobs");
+    let jobs = place.jobs();
+    let job = Job::new(&place.recording("s.mcap"), "s-1", 1, "test");
+    std::fs::remove_dir(&folder).unwrap();
+    std::fs::write(&folder, "").unwrap();
+    let refused = jobs.offer(&job).unwrap_err().to_string();
+    assert!(refused.contains(folder.to_str().unwrap()), "{refused}");
+    assert!(jobs.is_idle());
+
+    std::fs::remove_file(&folder).unwrap();
+    jobs.offer(&job).unwrap();
+    assert_eq!(place.left(), [job.file_name()]);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert_eq!(heard.next().capture, "s-1");
+    until("not finished", || place.left().is_empty());
+}
+
 #[test]
 fn what_is_no_job_is_set_aside_and_what_a_kill_left_is_removed() {
     let place = Place::new("make");

@@ -177,6 +177,49 @@ mod tests {
     }
 
     #[test]
+    fn the_lines_of_every_released_version_say_what_they_said() {
+        let released = include_str!("../../../tests/golden/format-1/presses.jsonl");
+        let read = |line: &str| serde_json::from_str::<Line>(line).unwrap();
+        let lines: Vec<Line> = released.lines().map(read).collect();
+        assert_eq!(lines.len(), 10);
+        let written: Vec<String> = lines
+            .iter()
+            .map(|line| serde_json::to_string(line).unwrap())
+            .collect();
+        assert_eq!(written.join("\n"), released.trim_end());
+        let done = Reply::Done {
+            capture: "a-0001".into(),
+            verdict: crate::trigger::Verdict::Amber,
+            reasons: vec!["plates are 9 days old".into()],
+            model: "/var/lib/scand/models/a/a-0001".into(),
+        };
+        assert_eq!(
+            (lines[3].press_id.as_str(), &lines[3].reply),
+            ("pedal-1", &done)
+        );
+    }
+
+    #[test]
+    fn a_write_that_the_disk_refuses_costs_its_own_line_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut journal, _) = Journal::open(folder.path());
+        journal.append("p-1", &accepted(1));
+        let Ok(full) = File::options().write(true).open("/dev/full") else {
+            return;
+        };
+        let sound = journal.file.replace(Arc::new(full));
+        journal.append("p-2", &accepted(2));
+        journal.file = sound;
+        // As far as a disk got with it that filled up meanwhile.
+        let mut torn = journal.file.as_deref().unwrap();
+        torn.write_all(b"{\"press_id\":\"p-2\",").unwrap();
+        journal.append("p-3", &accepted(3));
+        let (_, lines) = Journal::open(folder.path());
+        let ids: Vec<_> = lines.iter().map(|l| &l.press_id[..]).collect();
+        assert_eq!(ids, ["p-1", "p-3"]);
+    }
+
+    #[test]
     fn it_stays_small_and_keeps_the_newest() {
         let folder = tempfile::tempdir().unwrap();
         let (mut journal, _) = Journal::open(folder.path());
