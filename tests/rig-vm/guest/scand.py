@@ -66,7 +66,8 @@ def clear():
     run("systemctl", "reset-failed", "scand.service", "scand.socket", expected=None)
     DROP_IN.unlink(missing_ok=True)
     run("systemctl", "daemon-reload")
-    CONFIGURATION.unlink(missing_ok=True)
+    for path in (CONFIGURATION, CONFIGURATION.parent / "calibration.toml"):
+        path.unlink(missing_ok=True)
     for folder in (RECORDINGS, MODELS):
         run("find", folder, "-mindepth", "1", "-delete", expected=None)
 
