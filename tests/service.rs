@@ -267,9 +267,12 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.configure("[capture]\nretyr = 3\n");
     stand.signal("-HUP");
     stand.until_logged("retyr");
-    stand.configure("[capture]\nretry = 3\npatience_ms = 700\n");
+    stand.configure("[capture]\nretry = 3\npatience_ms = 700\n[hull]\nresolution = 123\n");
     stand.signal("-HUP");
     stand.until_logged("was read again");
+    // Models from now on are made with it.
+    let settings = std::fs::read_to_string(stand.path("recordings/jobs/settings.toml")).unwrap();
+    assert!(settings.contains("resolution = 123"), "{settings}");
     stand.end();
 }
 

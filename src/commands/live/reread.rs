@@ -12,18 +12,27 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use toml::{Table, Value};
 
-/// Keys that may change while the daemon runs, and the calibration's contents. All others belong to cameras and workers
-/// that were started with them.
+/// Keys and sections that may change while the daemon runs, and the calibration's contents. All others belong to cameras
+/// and workers that were started with them.
 const MAY_CHANGE: &[&str] = &[
     "capture.largest_skew_ms",
     "capture.patience_ms",
     "capture.retry",
+    "depth",
+    "glb",
+    "hull",
     "recording.keep_free_mb",
     "recording.largest_file_mb",
+    "region",
+    "restoration",
     "rig.calibration",
     "rig.name",
     "rig.volume",
     "service",
+    "silhouette",
+    "texture",
+    "verdict",
+    "vertices",
 ];
 
 /// What the daemon was started with.
@@ -128,19 +137,19 @@ mod tests {
         let now = config(&[
             "rig.name=b",
             "aravis.cameras.c00.address=10.0.0.2",
-            "hull.resolution=100",
+            "sync.window_ms=100",
             "capture.memory_mb=7",
         ]);
         let keys: Vec<String> = changed(&before, &now).unwrap().into_iter().collect();
         let all = [
             "aravis.cameras.c00.address",
             "capture.memory_mb",
-            "hull.resolution",
             "rig.name",
+            "sync.window_ms",
         ];
         assert_eq!(keys, all);
         let fixed: Vec<_> = keys.into_iter().filter(|key| !may_change(key)).collect();
-        assert_eq!(fixed, all[..3]);
+        assert_eq!(fixed, [all[0], all[1], all[3]]);
         assert!(changed(&before, &before).unwrap().is_empty());
     }
 
