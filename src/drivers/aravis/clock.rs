@@ -31,6 +31,8 @@ const ATTEMPT_PAUSE: Duration = Duration::from_millis(20);
 /// Readings when a camera is opened, at most, and the uncertainty that ends them.
 const READINGS: usize = 16;
 const SHARP_NS: u64 = 500_000;
+/// How far apart readings are made that are to show a clock that stands still.
+const APART: Duration = Duration::from_millis(7);
 /// How old a reading may become.
 const STALE: Duration = Duration::from_secs(2);
 /// How far a frame's stamp may contradict what is known, beyond the uncertainty.
@@ -106,7 +108,7 @@ impl CameraClock {
         self.read(camera, device);
         if self.problem.is_some() {
             // A clock that jumped goes on from there; one that stands still shows it now.
-            std::thread::sleep(Duration::from_millis(7));
+            std::thread::sleep(APART);
             self.read(camera, device);
         }
     }
@@ -190,10 +192,13 @@ impl CameraClock {
     ) -> Result<Timestamp, String> {
         let not_after = self.host.now();
         let judged = self.judge(stamp_ns, not_before, not_after);
-        if judged.is_ok() || self.latch.is_none() {
+        if judged.is_ok() || self.latch.is_none() || self.problem.is_some() {
             return judged;
         }
-        self.read_anew(camera, device);
+        // Twice, and apart: one that stands still fits any single reading.
+        self.read(camera, device);
+        std::thread::sleep(APART);
+        self.read(camera, device);
         self.judge(stamp_ns, not_before, not_after)
     }
 
