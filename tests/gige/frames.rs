@@ -175,8 +175,10 @@ fn a_free_running_camera_gives_the_frames_around_a_trigger() {
                     .iter()
                     .map(|f| milliseconds_after(&shot, f))
                     .collect();
-                assert!(times[0] < 0.0 && times[0] > -60.0, "{times:?}");
-                assert!(times[1] >= 0.0 && times[1] < 60.0, "{times:?}");
+                // 40 ms apart, but for a host that is busy: the camera is a thread of this process. That none is
+                // missing between them the pictures show.
+                assert!(times[0] < 0.0 && times[0] > -200.0, "{times:?}");
+                assert!(times[1] >= 0.0 && times[1] < 200.0, "{times:?}");
                 let first = (0..CAPTURES)
                     .find(|&k| stand.is_picture(&frames[0], 0, k))
                     .unwrap();
