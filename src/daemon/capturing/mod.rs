@@ -5,6 +5,7 @@
 mod assemble;
 mod offer;
 mod takes;
+mod turn;
 mod worker;
 
 use super::events::Events;

@@ -1,0 +1,54 @@
+//! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk.
+
+use super::Worker;
+use crate::daemon::free_bytes;
+use crate::daemon::rig::{Kind, State};
+
+impl Worker {
+    /// Whether a capture can be begun; if not, why.
+    pub(super) fn ready_for_a_capture(&self) -> Result<(), String> {
+        if !self.recorder.has_room() {
+            return Err(format!(
+                "the disk is behind: {} captures wait for it",
+                self.recorder.waiting()
+            ));
+        }
+        let bytes = self.capture_bytes();
+        let pool = &self.plan.pool;
+        if pool.in_use() as u64 + bytes > pool.limit() as u64 {
+            return Err(format!(
+                "a capture takes {} MB of memory, {} of {} MB are in use (capture.memory_mb)",
+                bytes / 1_000_000,
+                pool.in_use() / 1_000_000,
+                pool.limit() / 1_000_000
+            ));
+        }
+        let folder = &self.plan.recording.folder;
+        let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
+        // Room for what the recording has beside the pictures, and for the plates of a file that begins.
+        if free < kept_free + bytes + bytes / 10 + 1_000_000 {
+            return Err(format!(
+                "{} has {} MB left, a capture takes {} MB and {} MB stay free (recording.keep_free_mb)",
+                folder.display(),
+                free / 1_000_000,
+                bytes / 1_000_000,
+                self.plan.recording.keep_free_mb
+            ));
+        }
+        Ok(())
+    }
+
+    /// Bytes of a capture, as the cameras are set.
+    pub(super) fn capture_bytes(&self) -> u64 {
+        let frames = |kind| match kind {
+            Kind::Color => 1,
+            Kind::Depth | Kind::DepthInTurn => self.plan.sync.depth_frames as u64,
+        };
+        let bytes = self.rig.states().map(|(_, kind, state)| match state {
+            State::Ready(confirmed) => confirmed.frame_bytes * frames(kind),
+            State::Opening | State::Away(_) => 0,
+        });
+        bytes.sum()
+    }
+}
