@@ -6,8 +6,8 @@ use crate::frame::Timestamp;
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::{Path, PathBuf};
 
-/// A recording that was synced after each of two captures, and then the machine stopped: its bytes.
-fn cut_off(folder: &Path) -> Vec<u8> {
+/// The writer of a recording that was synced after each of two captures.
+fn unfinished_writer(folder: &Path) -> Writer {
     let path = folder.join("a.mcap");
     let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
     let rig = Rig::new();
@@ -19,6 +19,12 @@ fn cut_off(folder: &Path) -> Vec<u8> {
         rig.write_capture(&mut writer, id, ms, 3);
         writer.sync().unwrap();
     }
+    writer
+}
+
+/// The bytes of that recording if the machine stopped then.
+fn cut_off(folder: &Path) -> Vec<u8> {
+    let writer = unfinished_writer(folder);
     let bytes = std::fs::read(folder.join("a.mcap.part")).unwrap();
     drop(writer);
     std::fs::remove_file(folder.join("a.mcap.part")).unwrap();
@@ -180,17 +186,7 @@ fn one_that_lacks_only_its_end_is_not_copied_and_is_what_would_have_been_written
 
     // Written to its end without a stop.
     let path = folder.path().join("a.mcap");
-    let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
-    let rig = Rig::new();
-    writer
-        .attach("rig.toml", "application/toml", at(0), b"a = 1\n")
-        .unwrap();
-    rig.write_to(&mut writer);
-    for (id, ms) in [("cup-1", 100), ("cup-2", 5000)] {
-        rig.write_capture(&mut writer, id, ms, 3);
-        writer.sync().unwrap();
-    }
-    writer.finish().unwrap();
+    unfinished_writer(folder.path()).finish().unwrap();
     assert!(complete == std::fs::read(&path).unwrap());
 
     // The machine stopped again while the end was being written, at whatever byte of it.
