@@ -135,10 +135,17 @@ def captures():
     return found["complete"] + found["failed"], found["failed"]
 
 
-def next_capture(before, since, seconds=300):
-    """Waits for a capture after those, which is not to fail; `since` is where the journal was then."""
-    until("a capture has come to its end", lambda: captures()[0] > before[0], seconds)
-    if captures()[1] > before[1]:
+def next_capture(before, since, seconds=300, tries=1):
+    """Waits for a complete capture after those, within so many tries; `since` is where the journal was then."""
+
+    def completed(found):
+        return found[0] - found[1] > before[0] - before[1]
+
+    def ended():
+        found = captures()
+        return found if completed(found) or found[1] - before[1] >= tries else None
+
+    if not completed(until("a capture has come to its end", ended, seconds)):
         raise Unexpected(f"a capture failed: {said(since)[-600:]}")
 
 
