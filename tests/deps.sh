@@ -35,8 +35,9 @@ need libopenni2-dev libclang-dev
 # Tests on networks of their own, bad ones among them, and on disks that are slow, refuse, or lose their power;
 # and under clocks that step.
 need iproute2 nftables util-linux strace e2fsprogs mount libfaketime
-# The service: its units are judged, and its socket handed over, by systemd's own programs.
-need systemd
+# The service: its units are judged, and its socket handed over, by systemd's own programs. And its package, whose
+# dependencies dpkg's tools find.
+need systemd dpkg-dev
 
 # The stand-alone camera simulator is in a package that would bring a desktop along; the program alone needs none of it.
 simulator=arv-fake-gv-camera-0.8

@@ -26,7 +26,7 @@ done
 mkdir -p "$folder"
 # Installs what is not there yet.
 missing=()
-for name in cpio dpkg-dev gcc libelf1 make mmdebstrap qemu-system-x86; do
+for name in cpio gcc libelf1 make mmdebstrap qemu-system-x86; do
 	dpkg-query -W -f '${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing+=("$name")
 done
 if [ ${#missing[@]} -ne 0 ]; then
