@@ -1,4 +1,4 @@
-# What people and CI do with scand. `make test` is the gate: CI runs nothing else.
+# What people and CI do with scand. `make test` is the gate; .ci/run says what CI runs.
 
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap

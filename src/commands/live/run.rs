@@ -60,6 +60,8 @@ fn serve_rig(
         pool,
         ..
     } = prepared;
+    // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
+    let _ = rustix::thread::clear_ambient_capability_set();
     let notifier = Arc::new(Notifier::from_environment());
     let pulse = Pulse::new(notifier.clone());
     let models = Models::prepare(&config)?;

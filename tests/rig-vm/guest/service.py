@@ -2,6 +2,7 @@
 
 import grp
 import os
+import re
 import stat
 import time
 from pathlib import Path
@@ -22,6 +23,8 @@ device = "{vivid.capture(0)}"
 [v4l2.cameras.c01]
 device = "{vivid.capture(1)}"
 """
+# A hook that says what it may do; one that fails is in the log.
+HOOK = '[hooks]\naccepted = ["sh", "-c", "grep CapEff /proc/self/status >&2; exit 1"]\n'
 
 
 def end():
@@ -63,7 +66,7 @@ def scores():
 @chapter.step("the socket is for the group, and its first client starts the daemon")
 def activated():
     vivid.load([vivid.WEBCAM] * 2)
-    configure()
+    configure(HOOK)
     run("systemctl", "start", "scand.socket")
     found = SOCKET.stat()
     mode = (stat.S_IMODE(found.st_mode), grp.getgrgid(found.st_gid).gr_name)
@@ -76,9 +79,19 @@ def activated():
     until("the daemon is active", lambda: scand.active() == "active")
 
 
-@chapter.step("a press is a capture on the disk")
+def capability(status):
+    """What a process may do beyond others, from its status."""
+    return re.search(r"CapEff:\s*(\S*)", status)[1].lstrip("0")
+
+
+@chapter.step("a press is a capture on the disk, and its hook inherits nothing of what the daemon may")
 def pressed():
+    since = scand.now()
     contains(scand.ask("trigger"), "durable in /var/lib/scand/recordings/")
+    (pid,) = scand.unit("scand.service", "MainPID")
+    expect(capability(Path(f"/proc/{pid}/status").read_text()), "2000", "the daemon's capabilities: raw sockets")
+    until("the hook has spoken", lambda: "CapEff" in scand.said(since))
+    expect(capability(scand.said(since)), "", "the hook's capabilities")
 
 
 @chapter.step("it is ready when all cameras are there, and not before; until then it answers")
