@@ -93,7 +93,7 @@ def bounces():
     trains = [[], [1] * 5, [2, 3, 5, 7], [10] * 6, [20] * 4, [30, 1, 30, 1], [40] * 3, [45, 2], [49]]
     shown = 0
     for train in trains:
-        for _ in range(5):
+        for _ in range(10):
             count, longest = one_capture(switch.unit, lambda t=train: switch.press(t))
             # Under emulation a pause may become longer than it was meant: then it was no bounce, and shows nothing.
             if longest < 50:

@@ -51,23 +51,23 @@ class Switch:
             os.write(self.file, struct.pack("<qqHHi", 0, 0, kind, code, number))
 
     def press(self, gaps_ms=(), held_ms=120):
-        """Presses and lets go; the contact bounces, each time after such a gap. Gives the longest gap in truth."""
+        """Presses and lets go; the contact bounces, each time after such a gap. Gives the longest that a gap can have been."""
         longest = 0.0
         for last in (1, 0):
             level, gaps = last, list(gaps_ms)
             if len(gaps) % 2:
                 gaps.append(gaps[-1])
+            begin = time.monotonic()
             self.key(level)
-            before = time.monotonic()
             for gap in gaps:
                 # Slept through but for the end: a sleep may be long, and a bounce may not.
                 time.sleep(max(0, gap / 1000 - 0.01))
-                while time.monotonic() < before + gap / 1000:
+                while time.monotonic() < begin + gap / 1000:
                     pass
-                level = 1 - level
+                level, before, begin = 1 - level, begin, time.monotonic()
                 self.key(level)
-                now = time.monotonic()
-                longest, before = max(longest, now - before), now
+                # The kernel's time of a move is somewhere between the begin of its call and the end.
+                longest = max(longest, time.monotonic() - before)
             time.sleep(held_ms / 1000)
         return longest * 1000
 
