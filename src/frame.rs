@@ -1,6 +1,7 @@
 //! What the rig hands over: cameras' names, timestamps, frames and triggers. Data, no behaviour beyond
 //! checking itself; nothing here decodes, stores or reconstructs.
 
+use crate::image::RawPixels;
 use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
@@ -157,6 +158,34 @@ pub enum Picture {
         /// The file's bytes.
         data: Bytes,
     },
+}
+
+/// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
+impl<'a> From<&'a Picture> for RawPixels<'a> {
+    fn from(picture: &'a Picture) -> Self {
+        match picture {
+            Picture::Raw {
+                width,
+                height,
+                encoding,
+                step,
+                data,
+            } => Self {
+                width: *width as usize,
+                height: *height as usize,
+                encoding,
+                step: *step as usize,
+                data,
+            },
+            Picture::Compressed { format, data } => Self {
+                width: 0,
+                height: 0,
+                encoding: format,
+                step: 0,
+                data,
+            },
+        }
+    }
 }
 
 /// One picture of one camera.

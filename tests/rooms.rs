@@ -9,7 +9,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("array", &[]),
     ("image", &["array"]),
     ("mesh", &["array", "image"]),
-    ("frame", &[]),
+    ("frame", &["image"]),
     ("calibration", &["frame"]),
     ("calibration/fit", &["calibration", "frame", "image"]),
     ("calibration/response", &["calibration", "image"]),

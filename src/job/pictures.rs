@@ -4,8 +4,8 @@
 use super::load::Error;
 use crate::frame::Picture;
 use crate::image::{
-    DecodeError, Grid, Mask, RawPixels, RgbImage, encode_linear_as_srgb, grey_from_file,
-    grey_from_raw, readings_from_raw, rgb_from_file, rgb_from_raw,
+    DecodeError, Grid, Mask, RgbImage, encode_linear_as_srgb, grey_from_file, grey_from_raw,
+    readings_from_raw, rgb_from_file, rgb_from_raw,
 };
 use crate::recording::{MessageRef, Recording, Topic};
 use rayon::prelude::*;
@@ -92,7 +92,7 @@ fn decoded(picture: &Picture, wanted: &Wanted) -> Result<Decoded, DecodeError> {
     Ok(match wanted.kind {
         Kind::Color { linear } => {
             let mut colors = match picture {
-                Picture::Raw { .. } => rgb_from_raw(&raw(picture), size)?,
+                Picture::Raw { .. } => rgb_from_raw(&picture.into(), size)?,
                 Picture::Compressed { format, data } => rgb_from_file(format, data, size)?,
             };
             if linear {
@@ -101,35 +101,9 @@ fn decoded(picture: &Picture, wanted: &Wanted) -> Result<Decoded, DecodeError> {
             Decoded::Color(Arc::new(colors))
         }
         Kind::Mask => Decoded::Mask(match picture {
-            Picture::Raw { .. } => grey_from_raw(&raw(picture), size)?,
+            Picture::Raw { .. } => grey_from_raw(&picture.into(), size)?,
             Picture::Compressed { format, data } => grey_from_file(format, data, size)?,
         }),
-        Kind::Readings => Decoded::Readings(readings_from_raw(&raw(picture), size)?),
+        Kind::Readings => Decoded::Readings(readings_from_raw(&picture.into(), size)?),
     })
-}
-
-/// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
-pub(super) fn raw(picture: &Picture) -> RawPixels<'_> {
-    match picture {
-        Picture::Raw {
-            width,
-            height,
-            encoding,
-            step,
-            data,
-        } => RawPixels {
-            width: *width as usize,
-            height: *height as usize,
-            encoding,
-            step: *step as usize,
-            data,
-        },
-        Picture::Compressed { format, data } => RawPixels {
-            width: 0,
-            height: 0,
-            encoding: format,
-            step: 0,
-            data,
-        },
-    }
 }

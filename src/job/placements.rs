@@ -2,7 +2,6 @@
 //! something; no calibration, background or volume is needed.
 
 use super::load::{Error, assemble, check_counts, misnamed};
-use super::pictures::raw;
 use crate::calibration::Intrinsics;
 use crate::drivers::replay;
 use crate::frame::{CameraId, Picture, Timestamp};
@@ -172,7 +171,8 @@ impl Placements {
     pub fn depth(&self, readings: &Readings) -> Result<Vec<Grid<u16>>, Error> {
         let decode = |message: &MessageRef| {
             let picture = self.recording.picture(&readings.topic, message)?;
-            let decoded = size(&picture).and_then(|size| readings_from_raw(&raw(&picture), size));
+            let decoded =
+                size(&picture).and_then(|size| readings_from_raw(&(&picture).into(), size));
             decoded.map_err(|problem| self.undecodable(&readings.topic, message, problem))
         };
         readings.messages.iter().map(decode).collect()
@@ -208,8 +208,10 @@ fn size(picture: &Picture) -> Result<(usize, usize), DecodeError> {
 fn grey(picture: &Picture) -> Result<Grid<u8>, DecodeError> {
     let size = size(picture)?;
     match picture {
-        Picture::Raw { encoding, .. } if encoding == "mono8" => grey_from_raw(&raw(picture), size),
-        Picture::Raw { .. } => Ok(grey_from_rgb(&rgb_from_raw(&raw(picture), size)?)),
+        Picture::Raw { encoding, .. } if encoding == "mono8" => {
+            grey_from_raw(&picture.into(), size)
+        }
+        Picture::Raw { .. } => Ok(grey_from_rgb(&rgb_from_raw(&picture.into(), size)?)),
         Picture::Compressed { format, data } => {
             Ok(grey_from_rgb(&rgb_from_file(format, data, size)?))
         }

@@ -2,7 +2,7 @@
 //! format is the sensor's own and is described there (`tests/openni2-sensor/src/frames.rs`).
 
 use crate::frame::{CameraId, Picture, Timestamp};
-use crate::image::{RawPixels, readings_from_raw, rgb_from_file, rgb_from_raw};
+use crate::image::{readings_from_raw, rgb_from_file, rgb_from_raw};
 use crate::recording::{self, DepthPart, MessageRef, Recording, Topic};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -180,13 +180,13 @@ pub fn write_sensor_frames(
     for (depths, colors) in &captures {
         for message in depths {
             let picture = recording.picture(&depth, message)?;
-            let readings = readings_from_raw(&raw(&picture), (width, height));
+            let readings = readings_from_raw(&(&picture).into(), (width, height));
             file.depth(readings.map_err(|e| unfit(e.to_string()))?.pixels())?;
         }
         for message in colors {
             let picture = recording.picture(&color, message)?;
             let pixels = match &picture {
-                Picture::Raw { .. } => rgb_from_raw(&raw(&picture), (width, height)),
+                Picture::Raw { .. } => rgb_from_raw(&(&picture).into(), (width, height)),
                 Picture::Compressed { format, data } => {
                     rgb_from_file(format, data, (width, height))
                 }
@@ -246,30 +246,5 @@ fn size(picture: &Picture) -> Option<[usize; 2]> {
     match picture {
         Picture::Raw { width, height, .. } => Some([*width as usize, *height as usize]),
         Picture::Compressed { .. } => None,
-    }
-}
-
-fn raw(picture: &Picture) -> RawPixels<'_> {
-    match picture {
-        Picture::Raw {
-            width,
-            height,
-            encoding,
-            step,
-            data,
-        } => RawPixels {
-            width: *width as usize,
-            height: *height as usize,
-            encoding,
-            step: *step as usize,
-            data,
-        },
-        Picture::Compressed { format, data } => RawPixels {
-            width: 0,
-            height: 0,
-            encoding: format,
-            step: 0,
-            data,
-        },
     }
 }

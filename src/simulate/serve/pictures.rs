@@ -227,17 +227,11 @@ fn pixels(picture: &Picture) -> Result<Pixels, crate::image::DecodeError> {
             width,
             height,
             encoding,
-            step,
             data,
+            ..
         } => {
-            let (columns, rows, step) = (*width as usize, *height as usize, *step as usize);
-            let raw = RawPixels {
-                width: columns,
-                height: rows,
-                encoding,
-                step,
-                data,
-            };
+            let raw = RawPixels::from(picture);
+            let (columns, rows, step) = (raw.width, raw.height, raw.step);
             // Decoding also checks that the data is there.
             let rgb = rgb_from_raw(&raw, (columns, rows))?;
             if let Some(&(_, code, bytes)) = SERVED.iter().find(|(name, ..)| name == encoding) {
