@@ -45,6 +45,18 @@ impl Board {
         rectangles
     }
 
+    /// The black rectangles of a face by the squares that they lie in, these in the order of reading: `columns + 1` to a row.
+    pub fn black_by_square(&self, face: Face) -> Vec<Vec<Rectangle>> {
+        let columns = self.columns + 1;
+        let mut squares = vec![Vec::new(); columns * (self.rows + 1)];
+        for black in self.black_rectangles(face) {
+            let middle = [0, 1].map(|a| 0.5 * (black.min[a] + black.max[a]));
+            let [i, j] = middle.map(|v| (v / self.square + 1.0).floor() as usize);
+            squares[j * columns + i].push(black);
+        }
+        squares
+    }
+
     /// The black runs of a marker in the white square whose first corner is given.
     fn marker(&self, id: usize, corner: [f64; 2]) -> Vec<Rectangle> {
         let BoardKind::Charuco(markers) = self.kind else {

@@ -15,11 +15,13 @@ mod moved;
 mod outliers;
 mod planar;
 mod polish;
+mod print;
 mod refine;
 mod resize;
 mod result;
 mod session;
 mod solve;
+mod template;
 mod verdict;
 mod volume;
 
@@ -28,6 +30,7 @@ pub use gaps::{Wanted, missing};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
 pub use moved::{CheckError, Checked, Motion, Watch, check};
+pub use print::{crowded_views, matched_with_print};
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals,
 };

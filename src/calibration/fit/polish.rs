@@ -17,6 +17,7 @@ const SIDE_PER_WINDOW: usize = 128;
 /// a stripe beside it that is worth looking at.
 const MARKER_REACH: f64 = 2.0;
 const NARROWEST: f64 = 2.0;
+
 /// Corners moved to where all gradients around them say that they are, which strays less than saddle points do; the
 /// window stays clear of the next corners and of markers, and where there is too little room the saddle point stays.
 pub(super) fn polished(
@@ -25,31 +26,49 @@ pub(super) fn polished(
     board: &Board,
     largest_move: f64,
 ) -> Vec<Corner> {
-    let side = picture.width().max(picture.height());
-    let largest = (side / SIDE_PER_WINDOW).max(SMALLEST_WINDOW);
-    let all: Vec<Point2<f64>> = corners.iter().map(|c| c.pixel).collect();
-    let places: BTreeMap<(usize, usize), Point2<f64>> = corners
-        .iter()
-        .map(|c| ((c.column, c.row), c.pixel))
-        .collect();
-    for corner in &mut corners {
-        let distances = all
-            .iter()
-            .map(|p| (p - corner.pixel).norm())
-            .filter(|d| *d > 0.0);
-        let nearest = distances.fold(f64::INFINITY, f64::min);
-        let half = ((nearest * WINDOW_PART) as usize).min(largest);
-        let Some(stripes) = Stripes::around(corner, &places, board) else {
-            continue;
-        };
-        let refined = (half >= SMALLEST_WINDOW)
-            .then(|| refine::refined(picture, corner.pixel, half as i32, |o| stripes.hold(o)))
-            .flatten();
+    let windows = windows([picture.width(), picture.height()], &corners, board);
+    for (corner, window) in corners.iter_mut().zip(windows) {
+        let refined = window.and_then(|Window { half, stripes }| {
+            refine::refined(picture, corner.pixel, half as i32, |o| stripes.hold(o))
+        });
         if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < largest_move) {
             corner.pixel = at;
         }
     }
     corners
+}
+
+/// Whether each corner of a picture of this size has too little room to be polished.
+pub(super) fn crowded(size: [usize; 2], corners: &[Corner], board: &Board) -> Vec<bool> {
+    let windows = windows(size, corners, board);
+    windows.iter().map(Option::is_none).collect()
+}
+
+/// What is looked at around a corner.
+struct Window {
+    /// Half its side in pixels.
+    half: usize,
+    stripes: Stripes,
+}
+
+/// The windows of all corners; `None` where there is too little room.
+fn windows(size: [usize; 2], corners: &[Corner], board: &Board) -> Vec<Option<Window>> {
+    let largest = (size[0].max(size[1]) / SIDE_PER_WINDOW).max(SMALLEST_WINDOW);
+    let places: BTreeMap<(usize, usize), Point2<f64>> = corners
+        .iter()
+        .map(|c| ((c.column, c.row), c.pixel))
+        .collect();
+    let window = |corner: &Corner| {
+        let distances = places
+            .values()
+            .map(|p| (p - corner.pixel).norm())
+            .filter(|d| *d > 0.0);
+        let nearest = distances.fold(f64::INFINITY, f64::min);
+        let half = ((nearest * WINDOW_PART) as usize).min(largest);
+        let stripes = Stripes::around(corner, &places, board)?;
+        (half >= SMALLEST_WINDOW).then_some(Window { half, stripes })
+    };
+    corners.iter().map(window).collect()
 }
 
 /// What lies along the two edges that cross in a corner, with nothing of a marker in it. All that tells where the corner

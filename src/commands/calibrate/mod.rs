@@ -4,11 +4,12 @@ mod checking;
 mod depth;
 mod files;
 pub(super) mod known;
+mod second_look;
 mod sight;
 mod words;
 
 use super::{BadConfiguration, EXIT_LOST};
-use crate::calibration::fit::{Fit, Level, Model, Parameters, fit, judge, missing};
+use crate::calibration::fit::{Fit, Level, Model, Parameters, judge, missing};
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::config::Config;
 use crate::frame::CameraId;
@@ -133,7 +134,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let recordings = sight::open(&args.sessions, &synchronisation)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
-    let sight = sight::look(
+    let mut sight = sight::look(
         &recordings,
         &board,
         [&known, &start].map(Option::as_ref),
@@ -155,7 +156,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         table_placement: args.table_placement.clone().or(config.fit.table_placement),
         ..config.fit
     };
-    let fitted = fit(&sight.session, &parameters);
+    let fitted = second_look::fitted(&mut sight, &recordings, &parameters)?;
     let lacking = missing(
         &sight.session,
         fitted.as_ref().ok(),

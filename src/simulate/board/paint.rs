@@ -176,19 +176,12 @@ struct Pattern {
 
 impl Pattern {
     fn new(board: &Board, face: Face) -> Self {
-        let (columns, rows) = (board.columns + 1, board.rows + 1);
-        let mut pattern = Self {
+        Self {
             square: board.square,
-            columns,
-            rows,
-            squares: vec![Vec::new(); columns * rows],
-        };
-        for black in board.black_rectangles(face) {
-            let middle = [0, 1].map(|a| 0.5 * (black.min[a] + black.max[a]));
-            let [i, j] = middle.map(|v| (v / board.square + 1.0).floor() as usize);
-            pattern.squares[j * columns + i].push(black);
+            columns: board.columns + 1,
+            rows: board.rows + 1,
+            squares: board.black_by_square(face),
         }
-        pattern
     }
 
     /// The part of a quad that is black.

@@ -1,0 +1,78 @@
+//! A second look at pictures in which markers crowd the board's corners: a first fit knows what is printed around them.
+
+use super::sight::{Sight, placement_names};
+use crate::calibration::fit::{
+    Corner, Error, Fit, Parameters, crowded_views, fit, matched_with_print,
+};
+use crate::job::{Placements, Shot};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Fits a session; where markers crowd corners, once more after these have been matched with the print.
+///
+/// # Errors
+/// As [`fit`], and if a picture cannot be read any more.
+pub(super) fn fitted(
+    sight: &mut Sight,
+    recordings: &[Placements],
+    parameters: &Parameters,
+) -> anyhow::Result<Result<Fit, Error>> {
+    let crowded = crowded_views(&sight.session);
+    if crowded.is_empty() {
+        return Ok(fit(&sight.session, parameters));
+    }
+    let quick = Parameters {
+        folds: 0,
+        ..parameters.clone()
+    };
+    let first = match fit(&sight.session, &quick) {
+        Ok(first) => first,
+        Err(error) => return Ok(Err(error)),
+    };
+    match_with_print(sight, recordings, &first, &crowded)?;
+    Ok(fit(&sight.session, parameters))
+}
+
+/// Puts corners that markers crowd to where the print says that they are.
+fn match_with_print(
+    sight: &mut Sight,
+    recordings: &[Placements],
+    first: &Fit,
+    crowded: &[usize],
+) -> anyhow::Result<()> {
+    let shots = shots(recordings);
+    let session = &sight.session;
+    let look = |&index: &usize| -> anyhow::Result<Option<(usize, Vec<Corner>)>> {
+        let view = &session.views[index];
+        let key = (
+            session.placements[view.placement].clone(),
+            session.cameras[view.camera].id.to_string(),
+        );
+        let Some((recording, shot)) = shots.get(&key) else {
+            return Ok(None);
+        };
+        let picture = recording.grey(shot)?;
+        let corners = matched_with_print(session, first, view, &picture);
+        Ok(corners.map(|corners| (index, corners)))
+    };
+    let found: Vec<_> = crowded
+        .par_iter()
+        .map(look)
+        .collect::<anyhow::Result<_>>()?;
+    for (index, corners) in found.into_iter().flatten() {
+        sight.session.views[index].corners = corners;
+    }
+    Ok(())
+}
+
+/// The pictures by their placements' names and cameras.
+fn shots(recordings: &[Placements]) -> BTreeMap<(String, String), (&Placements, Shot)> {
+    let mut all = BTreeMap::new();
+    for (recording, names) in recordings.iter().zip(placement_names(recordings)) {
+        for shot in recording.shots() {
+            let name = names.get(&shot.placement).cloned().unwrap_or_default();
+            all.insert((name, shot.camera.to_string()), (recording, shot));
+        }
+    }
+    all
+}
