@@ -262,6 +262,52 @@ fn faults_are_named_and_what_is_left_is_right() {
 }
 
 #[test]
+fn blurred_placements_are_solved_or_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (session, truth) = (path("session.mcap"), path("truth.toml"));
+    #[rustfmt::skip]
+    let faults = [
+        "--blurred-placement", "4=2", "--blurred-placement", "7=6", "--blurred-placement", "9=20",
+        "--placements", "24", "--truth", truth.to_str().unwrap(),
+    ];
+    simulate(&faults, &session);
+    let out = path("calibration.toml");
+    let command = [
+        session.to_str().unwrap(),
+        "--json",
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    let (code, json, errors) = calibrate(&command);
+    // A camera that sees too little beside them is missing, and named.
+    assert!(matches!(code, Some(0 | 3)), "{errors}");
+    let found: Value = serde_json::from_str(&json).unwrap();
+    let named = |what: &str| found["left_out"].to_string().contains(what);
+    for placement in found["placements"].as_array().unwrap() {
+        let name = placement["name"].as_str().unwrap();
+        let rms = placement["figures"]["rms_px"].as_f64().unwrap();
+        println!("{name}: {rms:.3} px, named {}", named(name));
+        assert!(rms < 0.25 || named(name), "{name}: {rms}");
+    }
+    // Nobody can see a board through such a blur.
+    assert!(named("placement-009"), "{}", found["left_out"]);
+    let [fitted, truth] =
+        [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
+    let is_told = |id: &CameraId| fitted.cameras.contains_key(id) || named(id.as_str());
+    assert!(truth.cameras.keys().all(is_told) && fitted.cameras.len() >= 10);
+    let center = |of: &scand::calibration::RigCalibration, id| of.cameras[id].0.center();
+    let first = fitted.cameras.keys().next().unwrap();
+    for (id, (camera, _)) in &fitted.cameras {
+        let ratio = camera.intrinsics.focal_px.x / truth.cameras[id].0.intrinsics.focal_px.x;
+        assert!((ratio - 1.0).abs() < 3e-3, "{id}: {ratio}");
+        let apart = |of| (center(of, id) - center(of, first)).norm();
+        let off = apart(&fitted) - apart(&truth);
+        assert!(off.abs() < 1.5e-3, "{id}: {off} m");
+    }
+}
+
+#[test]
 fn what_cannot_be_calibrated_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("session.mcap");

@@ -305,10 +305,13 @@ fn keeps_its_promises(measured: &Measured) {
     );
 }
 
-/// What holds for a board whose squares the depth camera sees well, and that many cameras see flat on the table.
-fn knows_frame_and_depth(measured: &Measured) {
+/// What holds for a board that many cameras see flat on the table.
+fn knows_frame(measured: &Measured) {
     let [mean, largest] = measured.seen_px;
     assert!(mean < 0.05 && largest < 0.2, "{measured:?}");
+}
+
+fn knows_depth(measured: &Measured) {
     assert!(measured.depth_bias < 1e-3, "{measured:?}");
     assert!(
         measured.depth_bias <= 2.0 * measured.depth_uncertainty,
@@ -322,18 +325,18 @@ fn a_simulated_rig_is_found_again_with_a_board_of_one_side_or_two() {
     let measured = Measured::of(&one);
     measured.say("one-sided checkerboard");
     keeps_its_promises(&measured);
-    knows_frame_and_depth(&measured);
+    knows_frame(&measured);
+    knows_depth(&measured);
     writes_what_it_is_asked_for(&one);
 
     let two = Calibrated::new("charuco:9x6:25mm:two-sided", 1);
     let better = Measured::of(&two);
     better.say("two-sided ChArUco board");
     keeps_its_promises(&better);
-    // In smaller pictures there is less room around corners between markers, which takes the gain away; at equal corners
-    // the fit's own tests hold it.
-    if is_full() {
-        assert!(better.predicted_px[0] < measured.predicted_px[0]);
-    }
+    // Markers crowd the corners of its small squares in the depth camera's picture: without the print they would be
+    // pulled, and the depth with them.
+    knows_depth(&better);
+    assert!(better.predicted_px[0] < measured.predicted_px[0]);
 }
 
 /// The report, and files for others.

@@ -49,7 +49,11 @@ impl Camera {
                 expected: "a quaternion x, y, z, w of length 1",
             });
         }
-        let rotation = UnitQuaternion::from_quaternion(quaternion);
+        // One that is of length 1 but for its last digits stays what was written.
+        let rotation = match (quaternion.norm() - 1.0).abs() < 1e-15 {
+            true => UnitQuaternion::new_unchecked(quaternion),
+            false => UnitQuaternion::from_quaternion(quaternion),
+        };
         Ok(Isometry3::from_parts(
             Translation3::from(translation),
             rotation,

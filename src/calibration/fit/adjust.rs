@@ -48,6 +48,8 @@ pub(super) struct Seen {
     pub placement: usize,
     /// Whether it is the back of the board.
     pub back: bool,
+    /// How much its squared residuals count.
+    pub weight: f64,
     /// Points in the face's frame and their pixels.
     pub points: Vec<(Point3<f64>, Point2<f64>)>,
 }
@@ -167,9 +169,8 @@ impl Bundle {
     fn cost(&self, loss: Loss) -> f64 {
         let of_view = |view: &Seen| -> f64 {
             let residuals = self.residuals(view).into_iter();
-            residuals
-                .map(|r| loss.of(r.map_or(BEHIND, |r| r.norm_squared())).0)
-                .sum()
+            let losses = residuals.map(|r| loss.of(r.map_or(BEHIND, |r| r.norm_squared())).0);
+            view.weight * losses.sum::<f64>()
         };
         let costs: Vec<f64> = self.views.par_iter().map(of_view).collect();
         costs.iter().sum::<f64>() + self.belief_cost()
@@ -212,12 +213,13 @@ impl Bundle {
             let turned = camera.camera_from_rig.rotation * in_rig;
             let in_camera = turned + camera.camera_from_rig.translation.vector;
             let Some((predicted, by_lens, by_point)) = camera.lens.derive(in_camera) else {
-                share.cost += loss.of(BEHIND).0;
+                share.cost += view.weight * loss.of(BEHIND).0;
                 continue;
             };
             let residual = predicted - pixel;
             let (cost, weight) = loss.of(residual.norm_squared());
-            share.cost += cost;
+            let weight = view.weight * weight;
+            share.cost += view.weight * cost;
             let by_rig = by_point * rig_rotation.matrix();
             let mut by_shared = SMatrix::<f64, 2, SHARED>::zeros();
             by_shared
@@ -531,6 +533,7 @@ mod tests {
             camera,
             placement: 0,
             back,
+            weight: 0.5 + 1.5 * f64::from(u8::from(back)),
             points: (0..6).map(point).collect(),
         };
         Bundle {

@@ -98,6 +98,7 @@ fn from_start(
             camera: 0,
             placement,
             back: false,
+            weight: 1.0,
             points: points.clone(),
         });
     }

@@ -71,6 +71,9 @@ pub fn missing(
     for camera in 0..session.cameras.len() {
         found.extend(of_camera(session, camera, fit, wanted));
     }
+    if fit.is_none() {
+        found.extend(unseen_placements(session));
+    }
     found.extend(of_pairs(session, wanted));
     for id in depth_cameras {
         found.extend(fit.into_iter().flat_map(|fit| of_depth(fit, id, wanted)));
@@ -163,6 +166,15 @@ fn part_is_below(camera: &Camera, distance: f64, part: [usize; 2]) -> bool {
     };
     let all = SAMPLES * SAMPLES;
     5 * (0..all).filter(below).count() >= 4 * all
+}
+
+/// Placements that no camera saw; a fit says so itself.
+fn unseen_placements(session: &Session) -> Vec<String> {
+    let is_seen = |placement: usize| session.views.iter().any(|v| v.placement == placement);
+    let all = session.placements.iter().enumerate();
+    all.filter(|(placement, _)| !is_seen(*placement))
+        .map(|(_, name)| format!("placement {name}: no camera saw the board"))
+        .collect()
 }
 
 /// Cameras whose best partner shares too few placements with them, by name of both.

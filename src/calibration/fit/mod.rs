@@ -24,6 +24,7 @@ mod solve;
 mod template;
 mod verdict;
 mod volume;
+mod weights;
 
 pub use corners::find_corners;
 pub use gaps::{Wanted, missing};

@@ -229,6 +229,7 @@ fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
         camera: v.camera,
         placement: v.placement,
         back: v.face == Face::Back,
+        weight: 1.0,
         points: v.pairs(&session.board),
     };
     Bundle {

@@ -272,14 +272,6 @@ impl Bundle {
             placement.rig_from_board = new_from_old * placement.rig_from_board;
         }
     }
-
-    /// Variance of a coordinate's residual, as the fit leaves it.
-    pub(super) fn variance(&self) -> f64 {
-        let coordinates = 2 * self.views.iter().map(|v| v.points.len()).sum::<usize>();
-        let squares: f64 = self.lengths().iter().map(|l| l * l).sum();
-        let freedom = coordinates.saturating_sub(self.free_parameters()).max(1);
-        squares / freedom as f64
-    }
 }
 
 /// The loss for a bundle without false corners: nearly squared, so that covariances mean what they say.

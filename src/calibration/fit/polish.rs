@@ -38,10 +38,10 @@ pub(super) fn polished(
     corners
 }
 
-/// Whether each corner of a picture of this size has too little room to be polished.
-pub(super) fn crowded(size: [usize; 2], corners: &[Corner], board: &Board) -> Vec<bool> {
+/// Whether a corner in a picture of this size has too little room to be polished.
+pub(super) fn crowded(size: [usize; 2], corners: &[Corner], board: &Board) -> bool {
     let windows = windows(size, corners, board);
-    windows.iter().map(Option::is_none).collect()
+    windows.iter().any(Option::is_none)
 }
 
 /// What is looked at around a corner.

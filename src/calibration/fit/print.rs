@@ -20,33 +20,29 @@ const SPREADS: [f64; 2] = [0.15, 4.0];
 /// Most steps of a match, and the step in pixels that counts as none.
 const STEPS: usize = 20;
 const STILL: f64 = 1e-3;
-/// Farthest, in pixels, that a corner may be from where it was found.
+/// Farthest, in pixels, that a corner may be from where the first fit has it.
 const LARGEST_MOVE: f64 = 1.5;
 /// Root mean square of what a match may leave, as a part of the contrast between paper and ink.
 const MOST_LEFT: f64 = 0.15;
 
 /// Views of a session in which markers crowd a corner: what a second look at their pictures makes better.
 pub fn crowded_views(session: &Session) -> Vec<usize> {
-    let is_crowded = |view: &View| crowded(session, view).contains(&true);
+    let is_crowded = |view: &View| match session.board.kind {
+        BoardKind::Checkerboard => false,
+        BoardKind::Charuco(_) => {
+            let size = session.cameras[view.camera].size;
+            polish::crowded(size, &view.corners, &session.board)
+        }
+    };
     let all = session.views.iter().enumerate();
     all.filter(|(_, view)| is_crowded(view))
         .map(|(index, _)| index)
         .collect()
 }
 
-/// Whether each corner of a view is crowded by markers.
-fn crowded(session: &Session, view: &View) -> Vec<bool> {
-    match session.board.kind {
-        BoardKind::Checkerboard => vec![false; view.corners.len()],
-        BoardKind::Charuco(_) => {
-            let size = session.cameras[view.camera].size;
-            polish::crowded(size, &view.corners, &session.board)
-        }
-    }
-}
-
-/// The corners of a view, those that markers crowd where the print says that they are. `None` for a view whose camera or
-/// placement the first fit does not know.
+/// The corners of a view where the print says that they are; those around which something else is seen are left out, but
+/// where that is most of them all stay where they were found. `None` for a view whose camera or placement the first fit
+/// does not know.
 pub fn matched_with_print(
     session: &Session,
     fit: &Fit,
@@ -54,13 +50,17 @@ pub fn matched_with_print(
     picture: &Grid<u8>,
 ) -> Option<Vec<Corner>> {
     let print = Print::seen(session, fit, view)?;
-    let mut corners = view.corners.clone();
-    for (corner, is_crowded) in corners.iter_mut().zip(crowded(session, view)) {
-        if let Some(at) = is_crowded.then(|| print.matched(picture, corner)).flatten() {
-            corner.pixel = at;
-        }
-    }
-    Some(corners)
+    let at = |corner: &Corner| {
+        let pixel = print.matched(picture, corner)?;
+        Some(Corner { pixel, ..*corner })
+    };
+    let matched: Vec<Corner> = view.corners.iter().filter_map(at).collect();
+    let is_most = 2 * matched.len() > view.corners.len();
+    Some(if is_most {
+        matched
+    } else {
+        view.corners.clone()
+    })
 }
 
 /// A face of the board before a camera.
@@ -127,9 +127,8 @@ impl<'a> Print<'a> {
         let first = predicted.map(|v| v.round()) - Vector2::repeat(half as f64);
         let template = Template::new(first, shown.width(), |pixel| self.on_face(pixel))?
             .painted(self.board, &self.black);
-        let found = matching(&template, &shown, corner.pixel - predicted)?;
-        let at = predicted + found;
-        ((at - corner.pixel).norm() <= LARGEST_MOVE).then_some(at)
+        let shift = matching(&template, &shown)?;
+        Some(predicted + shift)
     }
 }
 
@@ -151,8 +150,8 @@ fn shown(picture: &Grid<u8>, around: Point2<f64>, half: usize) -> Option<Grid<f6
 
 /// By how much the template is to be moved to match what is shown: least squares in the shift, the variance of the
 /// spread, and the light of paper and ink.
-fn matching(template: &Template, shown: &Grid<f64>, start: Vector2<f64>) -> Option<Vector2<f64>> {
-    let (mut shift, mut spread) = (start, USUAL_SPREAD);
+fn matching(template: &Template, shown: &Grid<f64>) -> Option<Vector2<f64>> {
+    let (mut shift, mut spread) = (Vector2::zeros(), USUAL_SPREAD);
     let [mut paper, mut contrast] = light(template, shown, shift, spread)?;
     for _ in 0..STEPS {
         let (mut matrix, mut right, mut left) = (Matrix5::zeros(), Vector5::zeros(), 0.0);
@@ -176,7 +175,7 @@ fn matching(template: &Template, shown: &Grid<f64>, start: Vector2<f64>) -> Opti
         spread = (spread + step[2]).clamp(0.5 * spread, 2.0 * spread);
         (paper, contrast) = (paper + step[3], contrast + step[4]);
         let is_like = (left / shown.pixels().len() as f64).sqrt() <= MOST_LEFT * -contrast;
-        if shift.norm() > 2.0 * LARGEST_MOVE || spread.is_nan() {
+        if shift.norm() > LARGEST_MOVE || spread.is_nan() {
             return None;
         }
         if moved.norm() < STILL {
@@ -207,4 +206,108 @@ fn light(
     contrast
         .is_finite()
         .then(|| [(value - contrast * ink) / count, contrast])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::fit::find_corners;
+    use crate::frame::Picture;
+    use crate::simulate::{BoardOptions, BoardSession, Encoding, Options};
+
+    /// Pictures of a two-sided board whose markers leave little room, with their cameras.
+    fn rendered() -> BoardSession {
+        let mut options = Options {
+            width: 640,
+            height: 480,
+            cameras: 5,
+            depth_cameras: 0,
+            ..Options::for_boards()
+        };
+        options.color.encoding = Encoding::Mono;
+        let boards = BoardOptions {
+            board: "charuco:9x6:25mm:two-sided".to_owned(),
+            placements: 3,
+            ..BoardOptions::default()
+        };
+        BoardSession::new(options, boards).unwrap()
+    }
+
+    /// Squared errors of a picture's corners as they are found, and as they match the print that a fit expects a little
+    /// beside its place.
+    fn squares(session: &BoardSession, placement: usize, camera: usize) -> Option<[Vec<f64>; 2]> {
+        let capture = session.capture(placement).unwrap();
+        let truth = &session.rig().colors[camera].actual;
+        let mut frames = capture.frames.iter().filter(|f| f.camera == truth.id);
+        let Some(Picture::Raw { data, .. }) = frames.next().map(|f| &f.picture) else {
+            panic!("{placement} {camera}");
+        };
+        let lens = &truth.intrinsics;
+        let picture = Grid::from_pixels(lens.width, lens.height, data.to_vec());
+        let (face, corners) = find_corners(&picture, session.board()).ok()?;
+        let front = session.placements()[placement].rig_from_board;
+        let rig_from_face = match face {
+            Face::Front => front,
+            Face::Back => front * session.front_from_back(),
+        };
+        let camera_from_face = truth.rig_from_camera.inverse() * rig_from_face;
+        let beside = Isometry3::new(
+            Vector3::new(2e-4, -1e-4, 2e-4),
+            Vector3::new(1e-3, 2e-3, 0.0),
+        );
+        let print = Print {
+            board: session.board(),
+            black: session.board().black_by_square(face),
+            lens,
+            camera_from_face: camera_from_face * beside,
+        };
+        let error = |corner: &Corner, pixel: Point2<f64>| {
+            let p = rig_from_face * session.board().corner_position(corner.column, corner.row);
+            (pixel - truth.project(p).unwrap().0).norm_squared()
+        };
+        let found = corners.iter().map(|c| error(c, c.pixel)).collect();
+        let matched = corners
+            .iter()
+            .filter_map(|c| Some(error(c, print.matched(&picture, c)?)));
+        Some([found, matched.collect()])
+    }
+
+    #[test]
+    fn corners_between_markers_are_where_the_print_is() {
+        let session = rendered();
+        let seen = (0..15).filter_map(|k| squares(&session, k / 5, k % 5));
+        let (mut found, mut matched) = (Vec::new(), Vec::new());
+        for [of_found, of_matched] in seen {
+            found.extend(of_found);
+            matched.extend(of_matched);
+        }
+        let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        assert!(matched.len() > 200 && 10 * matched.len() > 9 * found.len());
+        let [found, matched] = [rms(&found), rms(&matched)];
+        assert!(matched < 0.02 && matched < 0.4 * found, "{matched} {found}");
+    }
+
+    #[test]
+    fn a_picture_of_something_else_matches_nothing() {
+        let session = rendered();
+        let camera = &session.rig().colors[0].actual;
+        let pose = session.placements()[0].rig_from_board;
+        let print = Print {
+            board: session.board(),
+            black: session.board().black_by_square(Face::Front),
+            lens: &camera.intrinsics,
+            camera_from_face: camera.rig_from_camera.inverse() * pose,
+        };
+        let lens = &camera.intrinsics;
+        let flat = Grid::filled(lens.width, lens.height, 120);
+        let stripes = Grid::from_fn(lens.width, lens.height, |x, _| {
+            if x / 9 % 2 == 0 { 60 } else { 200 }
+        });
+        let pixel = Point2::origin();
+        for (column, row) in [(0, 0), (4, 3), (8, 5)] {
+            let corner = Corner { column, row, pixel };
+            assert_eq!(print.matched(&flat, &corner), None);
+            assert_eq!(print.matched(&stripes, &corner), None);
+        }
+    }
 }

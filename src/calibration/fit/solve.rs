@@ -355,7 +355,7 @@ impl<'a> Solver<'a> {
         })
     }
 
-    fn finish(mut self, left_out: Vec<LeftOut>) -> Result<Fit, Error> {
+    fn finish(mut self, mut left_out: Vec<LeftOut>) -> Result<Fit, Error> {
         let (table, table_is_lowest) = self.table()?;
         let board_from_rig = self.bundle.placements[table].rig_from_board.inverse();
         self.bundle.reframe(&(rig_from_table() * board_from_rig));
@@ -363,8 +363,7 @@ impl<'a> Solver<'a> {
             camera.pose_free = true;
         }
         self.bundle.placements[table].free = false;
-        let loss = mild_loss(&self.bundle);
-        self.bundle.adjust(loss, 30);
+        self.bundle.adjust_weighted();
         let covariance = self.bundle.covariance(Loss::SQUARED).ok_or_else(|| {
             Error::Unsolvable("what was seen does not fix all lenses and poses".into())
         })? * self.bundle.variance();
@@ -378,6 +377,8 @@ impl<'a> Solver<'a> {
             .map(|c| self.camera(c, &residuals, &covariance))
             .collect::<Result<Vec<_>, _>>()?;
         let placements = self.placements(&residuals);
+        let unseen = self.unseen(&left_out);
+        left_out.extend(unseen);
         Ok(Fit {
             board: self.session.board,
             volume: self.volume(&cameras),
@@ -412,6 +413,24 @@ impl<'a> Solver<'a> {
     fn used(&self) -> Vec<usize> {
         let used: BTreeSet<usize> = self.bundle.views.iter().map(|v| v.placement).collect();
         used.into_iter().collect()
+    }
+
+    /// Placements of which nothing is used though nobody has said so yet.
+    fn unseen(&self, left_out: &[LeftOut]) -> Vec<LeftOut> {
+        let used = self.used();
+        let is_said = |name: &String| {
+            let as_a_whole = |l: &&LeftOut| l.camera.is_none();
+            let mut said = left_out.iter().filter(as_a_whole);
+            said.any(|l| l.placement.as_ref() == Some(name))
+        };
+        let all = self.session.placements.iter().enumerate();
+        all.filter(|(index, name)| !used.contains(index) && !is_said(name))
+            .map(|(_, name)| LeftOut {
+                camera: None,
+                placement: Some(name.clone()),
+                reason: "no camera saw enough of the board to say where it was".into(),
+            })
+            .collect()
     }
 
     /// Placements numbered as in the result, where only those that are used are left.
@@ -544,6 +563,7 @@ fn seen(session: &Session, view: &View) -> Seen {
         camera: view.camera,
         placement: view.placement,
         back: view.face == Face::Back,
+        weight: 1.0,
         points: view.pairs(&session.board),
     }
 }

@@ -464,3 +464,52 @@ fn nobody_is_asked_to_show_the_board_below_the_table() {
     assert!(words(None).contains(table), "{}", words(None));
     assert!(!words(Some(&fit)).contains(table), "{}", words(Some(&fit)));
 }
+
+#[test]
+fn cameras_that_see_worse_are_doubted_more_and_spoil_no_others() {
+    let truth = truth(checkerboard(), 20, 1);
+    let mut session = truth.session(0.03, &mut Random(7));
+    let blunt = truth.session(0.3, &mut Random(8));
+    let is_blunt = |camera: usize| camera == 2 || camera == 7;
+    for (view, worse) in session.views.iter_mut().zip(blunt.views) {
+        assert_eq!(
+            (view.camera, view.placement),
+            (worse.camera, worse.placement)
+        );
+        if is_blunt(view.camera) {
+            *view = worse;
+        }
+    }
+    let fit = fit(&session, &Parameters::default()).unwrap();
+    let errors = normalized_errors(&truth, &fit);
+    let rms = |of_blunt: bool| {
+        let own = errors.chunks(errors.len() / fit.cameras.len()).enumerate();
+        let own = own.filter(|(camera, _)| is_blunt(*camera) == of_blunt);
+        let squares: Vec<f64> = own.flat_map(|(_, e)| e).map(|e| e * e).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let both = [rms(false), rms(true)];
+    assert!(both.iter().all(|rms| (0.6..1.5).contains(rms)), "{both:?}");
+    let focal = |camera: usize| fit.cameras[camera].uncertainty.focal_px[0];
+    assert!(focal(2) > 3.0 * focal(3), "{} {}", focal(2), focal(3));
+}
+
+#[test]
+fn a_placement_that_nobody_saw_is_named() {
+    let truth = truth(checkerboard(), 20, 1);
+    let unseen = |session: &mut Session| {
+        session.views.retain(|v| v.placement != 7);
+        for view in session.views.iter_mut().filter(|v| v.placement == 11) {
+            view.corners.truncate(3);
+        }
+    };
+    let fit = fitted(&truth, unseen).unwrap();
+    let named: Vec<_> = fit.left_out.iter().map(LeftOut::subject).collect();
+    assert_eq!(named, ["placement p07", "placement p11"]);
+    predicts_well(&truth, &fit);
+    // Where nothing can be fitted it is among what is missing.
+    let mut session = truth.session(0.1, &mut Random(7));
+    unseen(&mut session);
+    let words = missing(&session, None, &[], &Wanted::default()).join("\n");
+    assert!(words.contains("placement p07: no camera saw"), "{words}");
+}

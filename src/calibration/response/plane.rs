@@ -2,6 +2,7 @@
 //! depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
 
 use super::correction::Correction;
+use super::doubt::{self, Normals};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics, within};
 use crate::image::Grid;
@@ -127,6 +128,10 @@ const BEYOND: f64 = 0.25;
 const VIEW_DEVIATIONS: f64 = 6.0;
 const VIEW_OFF: f64 = 0.004;
 
+/// Least error that is taken for usual, in units of what is expected; and the least uncertainty, in metres, that is stated.
+const LEAST_USUAL: f64 = 0.3;
+const LEAST_DOUBT: f64 = 1e-4;
+
 /// A pixel on a board.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
@@ -198,7 +203,7 @@ pub fn fit_plane(
             None => break values,
         }
     };
-    report(lens, &planes, &values, left_out)
+    report(lens, &planes, &values, left_out, parameters)
 }
 
 impl<'a> Plane<'a> {
@@ -359,7 +364,7 @@ fn solve(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
     let is_line = spans(planes, parameters.min_span);
     for _ in 0..ROUNDS {
         // Tukey's and Huber's idea in one: a pixel counts less the farther off it is, in units of what is usual.
-        let usual = usual_error(planes, &values, parameters).max(0.3);
+        let usual = usual_error(planes, &values, parameters).max(LEAST_USUAL);
         let mut normal = prior(&values, parameters, is_line);
         for plane in planes {
             for sample in &plane.samples {
@@ -372,6 +377,25 @@ fn solve(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
         }
     }
     values
+}
+
+/// What each board says of the values that were found, and all of them together with what is expected.
+fn normals(planes: &[Plane<'_>], values: &Values, parameters: &PlaneParameters) -> Normals {
+    let usual = usual_error(planes, values, parameters).max(LEAST_USUAL);
+    let of_plane = |plane: &Plane<'_>| {
+        let mut normal = (Matrix4::zeros(), Vector4::zeros());
+        for sample in &plane.samples {
+            add(&mut normal, plane, sample, values, parameters, usual);
+        }
+        normal
+    };
+    let of_boards: Vec<_> = planes.par_iter().map(of_plane).collect();
+    let is_line = spans(planes, parameters.min_span);
+    let expected = prior(values, parameters, is_line);
+    let all = of_boards
+        .iter()
+        .fold(expected, |all, own| (all.0 + own.0, all.1 + own.1));
+    Normals { all, of_boards }
 }
 
 /// Millimetres, with the offset that is right for half of the views.
@@ -492,15 +516,18 @@ fn report(
     planes: &[Plane<'_>],
     values: &Values,
     left_out: Vec<(String, String)>,
+    parameters: &PlaneParameters,
 ) -> Result<PlaneFit, ResponseError> {
     let bias = by_distance(planes, values);
     let [near, far] = distances(planes);
+    let readings = [near, far].map(|z| (z - values[1]) / values[0]);
+    let doubt = doubt::deviation(&normals(planes, values, parameters), readings).max(LEAST_DOUBT);
     let response = DepthResponse {
         slope: values[0],
         intercept: values[1],
         scale: [values[2], values[3], 0.0, 0.0, 0.0],
         range: Some([near * (1.0 - BEYOND), far * (1.0 + BEYOND)]),
-        uncertainty: bias.iter().map(|b| b.bias.abs()).fold(1e-4, f64::max),
+        uncertainty: bias.iter().map(|b| b.bias.abs()).fold(doubt, f64::max),
     };
     let views = planes
         .iter()
