@@ -210,19 +210,8 @@ impl Measured {
         }
     }
 
-    /// Part of the errors that lie within two stated deviations, and their root mean square in deviations.
-    fn coverage(&self) -> (f64, f64) {
-        let all = &self.over_deviation;
-        let within = all.iter().filter(|e| e.abs() <= 2.0).count() as f64;
-        let squares: f64 = all.iter().map(|e| e * e).sum();
-        (
-            within / all.len() as f64,
-            (squares / all.len() as f64).sqrt(),
-        )
-    }
-
     fn say(&self, of: &str) {
-        let (within, rms) = self.coverage();
+        let (within, rms) = coverage(&self.over_deviation);
         println!(
             "{of}: rms {:.4} px, held out {:.2} times; a point of the volume is seen {:.4} px off on average, {:.4} at \
              most, and predicted from the other cameras {:.4}, {:.4}; focal lengths {:.4} % off at most, 100 mm {:.4} \
@@ -288,6 +277,14 @@ fn over_deviation(all: &Calibrated) -> Vec<f64> {
     errors
 }
 
+/// Part of the errors that lie within two stated deviations, and their root mean square in deviations.
+fn coverage(all: &[f64]) -> (f64, f64) {
+    let within = all.iter().filter(|e| e.abs() <= 2.0).count() as f64;
+    let squares: f64 = all.iter().map(|e| e * e).sum();
+    let count = all.len() as f64;
+    (within / count, (squares / count).sqrt())
+}
+
 /// What holds whatever the board.
 fn keeps_its_promises(measured: &Measured) {
     assert!(measured.rms_px < 0.1, "{measured:?}");
@@ -298,7 +295,7 @@ fn keeps_its_promises(measured: &Measured) {
     let focal = if is_full() { 5e-4 } else { 1e-3 };
     assert!(measured.focal < focal, "{measured:?}");
     assert!(measured.length < 5e-5, "{measured:?}");
-    let (within, rms) = measured.coverage();
+    let (within, rms) = coverage(&measured.over_deviation);
     assert!(
         within >= 0.9 && (0.5..1.3).contains(&rms),
         "{within} {rms} {measured:?}"
@@ -337,6 +334,29 @@ fn a_simulated_rig_is_found_again_with_a_board_of_one_side_or_two() {
     // pulled, and the depth with them.
     knows_depth(&better);
     assert!(better.predicted_px[0] < measured.predicted_px[0]);
+}
+
+/// Errors of one session hang together, for all are told in the frame of one placement: this takes several.
+#[test]
+#[ignore = "six sessions take two minutes"]
+fn stated_uncertainties_hold_over_many_sessions() {
+    let mut errors = Vec::new();
+    for seed in 1..=6 {
+        errors.extend(over_deviation(&Calibrated::new(
+            "charuco:9x6:25mm:two-sided",
+            seed,
+        )));
+    }
+    let (within, rms) = coverage(&errors);
+    println!(
+        "{:.1} % of {} errors within two stated deviations, rms {rms:.2}",
+        1e2 * within,
+        errors.len()
+    );
+    assert!(
+        within >= 0.92 && (0.8..1.2).contains(&rms),
+        "{within} {rms}"
+    );
 }
 
 /// The report, and files for others.

@@ -284,6 +284,7 @@ mod tests {
         let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
         assert!(matched.len() > 200 && 10 * matched.len() > 9 * found.len());
         let [found, matched] = [rms(&found), rms(&matched)];
+        println!("rms {found:.4} px as found, {matched:.4} px as matched");
         assert!(matched < 0.02 && matched < 0.4 * found, "{matched} {found}");
     }
 
