@@ -20,6 +20,7 @@ pub mod job;
 #[cfg(feature = "live")]
 pub mod log;
 pub mod mesh;
+pub mod number;
 pub mod output;
 #[cfg(feature = "live")]
 pub mod pedal;

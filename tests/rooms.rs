@@ -14,8 +14,8 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibration/fit", &["calibration", "frame", "image"]),
     ("calibration/response", &["calibration", "image"]),
     ("recording", &["frame", "calibration", "image"]),
-    ("drivers", &["frame", "recording"]),
-    ("sync", &["frame"]),
+    ("drivers", &["frame", "recording", "number"]),
+    ("sync", &["frame", "number"]),
     (
         "job",
         &[
@@ -58,13 +58,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     ("check", &[]),
     ("log", &[]),
+    ("number", &[]),
     (
         "workers",
         &[
             "daemon",
-            "drivers",
             "frame",
             "log",
+            "number",
             "output",
             "reconstruct",
             "recording",
@@ -107,7 +108,6 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("evaluate", "reconstruct", &["Provenance"]),
     ("simulate", "reconstruct", SCENE),
     ("workers", "daemon", &["free_bytes"]),
-    ("workers", "drivers", &["number"]),
     ("workers", "reconstruct", &["Method"]),
 ];
 

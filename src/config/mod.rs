@@ -2,6 +2,7 @@
 
 mod calibration;
 mod cameras;
+mod nan;
 
 pub use calibration::Calibration;
 pub use cameras::Cameras;
@@ -166,7 +167,11 @@ fn setting(text: &str, error: impl std::fmt::Display) -> Error {
 fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
     let text = toml::to_string(table).map_err(|e| e.to_string())?;
     // Its place in that text would say nothing to who wrote another.
-    toml::from_str(&text).map_err(|e| e.message().to_owned())
+    let read = toml::from_str(&text).map_err(|e| e.message().to_owned())?;
+    match nan::first(&text) {
+        Some((field, _)) => Err(format!("{field} is nan, expected a number")),
+        None => Ok(read),
+    }
 }
 
 /// Largest configuration file, in bytes.
@@ -190,6 +195,12 @@ fn read(path: &Path) -> Result<Table, Error> {
     let text = std::fs::read_to_string(path).map_err(failed)?;
     // Read as the configuration first: only then do messages have line numbers.
     toml::from_str::<Config>(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
+    if let Some((field, at)) = nan::first(&text) {
+        let line = 1 + text[..at].matches('\n').count();
+        return Err(parse(format!(
+            "line {line}: {field} is nan, expected a number"
+        )));
+    }
     toml::from_str(&text).map_err(|e| parse(e.to_string()))
 }
 
@@ -256,6 +267,14 @@ mod tests {
             ("hull.resolution=many", "many"),
             ("method.x=1", "method"),
             ("=1", "empty"),
+            ("hull.resolution=nan", "hull.resolution is nan"),
+            (
+                "rig.volume={min=[0.0,-nan,0.0],max=[1.0,1.0,1.0]}",
+                "rig.volume.min is nan",
+            ),
+            ("sync.window_ms=-1.0", "milliseconds from 0"),
+            ("capture.largest_skew_ms=inf", "milliseconds from 0"),
+            ("service.patience_s=1e9", "seconds from 0"),
         ] {
             let message = settings(&[text]).unwrap_err().to_string();
             assert!(
@@ -276,6 +295,12 @@ mod tests {
             "{message}"
         );
         assert!(message.contains("scand.toml"), "{message}");
+        std::fs::write(&path, "[rig]\nname = \"nan\"\n[hull]\nresolution = +nan\n").unwrap();
+        let message = Config::load(Some(&path), &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("line 4: hull.resolution is nan"),
+            "{message}"
+        );
         let missing = Config::load(Some(&folder.path().join("none.toml")), &[]).unwrap_err();
         assert!(missing.to_string().contains("none.toml"));
     }
@@ -354,10 +379,6 @@ mod tests {
             (
                 "calibration.limits.good_px=0.5",
                 "limits.accepted_px is 0.4",
-            ),
-            (
-                "calibration.limits.refused_px=nan",
-                "limits.refused_px is NaN",
             ),
             ("calibration.limits.coverage=20", "limits.coverage is 20"),
             (

@@ -9,6 +9,7 @@ pub struct CaptureParameters {
     /// How often a capture that failed is taken again by itself. Default 1.
     pub retry: u32,
     /// Largest spread of the colour frames' timestamps, in milliseconds; more is a failed capture. Default 50.
+    #[serde(deserialize_with = "crate::number::milliseconds")]
     pub largest_skew_ms: f64,
     /// How long frames are waited for after the end of a capture's window, in milliseconds: they may be exposed in time
     /// and come late. Default 1000.
@@ -76,6 +77,7 @@ pub struct ServiceParameters {
     /// Cameras that may be missing once all were waited for. Default 0: not ready before all have answered.
     pub missing_cameras: usize,
     /// How long all cameras are waited for before fewer are enough, in seconds. Default 60.
+    #[serde(deserialize_with = "crate::number::seconds_of_a_day")]
     pub patience_s: f64,
 }
 

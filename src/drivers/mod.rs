@@ -3,7 +3,6 @@
 pub mod aravis;
 #[cfg(feature = "live")]
 pub mod live;
-pub mod number;
 pub mod openni2;
 pub mod pixel_format;
 pub mod replay;

@@ -19,8 +19,10 @@ use std::fmt;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// How much before its trigger a frame of a capture may begin, in milliseconds. Default 5.
+    #[serde(deserialize_with = "crate::number::milliseconds")]
     pub tolerance_ms: f64,
     /// How long after its trigger a capture takes frames, in milliseconds. Default 2000.
+    #[serde(deserialize_with = "crate::number::milliseconds")]
     pub window_ms: f64,
     /// Which colour cameras run freely, so that the frame nearest to the trigger counts rather than the first
     /// one after it: true for all, false for none, or a list of names. Default false.

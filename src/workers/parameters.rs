@@ -1,6 +1,6 @@
 //! What can be configured about making models while the rig works.
 
-use crate::drivers::number::count;
+use crate::number::count;
 use std::path::PathBuf;
 
 /// How models are made of captures as they come. With which settings is what the other sections say.

@@ -1,7 +1,7 @@
 //! What can be configured of a GigE Vision camera. Compiled always; nothing here asks a camera.
 
-use crate::drivers::number;
 use crate::drivers::pixel_format::PixelFormat;
+use crate::number;
 use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

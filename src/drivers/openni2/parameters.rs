@@ -1,7 +1,7 @@
 //! How a depth camera is set, as a rig's configuration says it. Compiled always, so that a configuration can be
 //! checked where there is no OpenNI.
 
-use crate::drivers::number;
+use crate::number;
 
 /// A depth camera that OpenNI2 opens. What is not given has its default.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, Default, PartialEq)]

@@ -1,8 +1,8 @@
 //! How a V4L2 camera is set, as a rig's configuration says it. Compiled always, so that a configuration can be checked
 //! where there is no such camera.
 
-use crate::drivers::number;
 use crate::drivers::pixel_format::PixelFormat;
+use crate::number;
 use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -77,6 +77,14 @@ pub fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, 
 /// # Errors
 /// If they are not, or no number.
 pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    milliseconds(from).map(Some)
+}
+
+/// The same of what has a default.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let found = f64::deserialize(from)?;
     // Not a number is in no range.
     if !(0.0..=3.6e6).contains(&found) {
@@ -84,7 +92,21 @@ pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
             "{found}, expected milliseconds from 0 to 3600000"
         )));
     }
-    Ok(Some(found))
+    Ok(found)
+}
+
+/// Seconds from 0 to a day's.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn seconds_of_a_day<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    let found = f64::deserialize(from)?;
+    if !(0.0..=86_400.0).contains(&found) {
+        return Err(D::Error::custom(format!(
+            "{found}, expected seconds from 0 to 86400"
+        )));
+    }
+    Ok(found)
 }
 
 /// Any number but NaN and the infinities.
