@@ -50,12 +50,8 @@ pub fn optional_size<'de, D: Deserializer<'de>>(from: D) -> Result<Option<[u32; 
 /// If they are not, or no number.
 pub fn optional_seconds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
     let found = f64::deserialize(from)?;
-    if !(found > 0.0 && found <= 3600.0) {
-        return Err(D::Error::custom(format!(
-            "{found}, expected seconds above 0 and up to 3600"
-        )));
-    }
-    Ok(Some(found))
+    let holds = found > 0.0 && found <= 3600.0;
+    checked(found, holds, "seconds above 0 and up to 3600").map(Some)
 }
 
 /// Frames in a second, above 0 and up to 1000.
@@ -64,12 +60,8 @@ pub fn optional_seconds<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64
 /// If they are not, or no number.
 pub fn optional_rate<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
     let found = f64::deserialize(from)?;
-    if !(found > 0.0 && found <= 1000.0) {
-        return Err(D::Error::custom(format!(
-            "{found}, expected frames in a second above 0 and up to 1000"
-        )));
-    }
-    Ok(Some(found))
+    let holds = found > 0.0 && found <= 1000.0;
+    checked(found, holds, "frames in a second above 0 and up to 1000").map(Some)
 }
 
 /// Milliseconds from 0 to an hour's.
@@ -87,12 +79,8 @@ pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
 pub fn milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let found = f64::deserialize(from)?;
     // Not a number is in no range.
-    if !(0.0..=3.6e6).contains(&found) {
-        return Err(D::Error::custom(format!(
-            "{found}, expected milliseconds from 0 to 3600000"
-        )));
-    }
-    Ok(found)
+    let holds = (0.0..=3.6e6).contains(&found);
+    checked(found, holds, "milliseconds from 0 to 3600000")
 }
 
 /// Seconds from 0 to a day's.
@@ -101,12 +89,8 @@ pub fn milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error>
 /// If they are not, or no number.
 pub fn seconds_of_a_day<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let found = f64::deserialize(from)?;
-    if !(0.0..=86_400.0).contains(&found) {
-        return Err(D::Error::custom(format!(
-            "{found}, expected seconds from 0 to 86400"
-        )));
-    }
-    Ok(found)
+    let holds = (0.0..=86_400.0).contains(&found);
+    checked(found, holds, "seconds from 0 to 86400")
 }
 
 /// Any number but NaN and the infinities.
