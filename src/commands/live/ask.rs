@@ -208,8 +208,12 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     let mut client = Client::connect(socket, None)?;
     client.send(&Request::Events {})?;
     let first = client.reply()?;
-    if first != Reply::Listening {
+    if *json {
+        say!("{}", serde_json::to_string(&first)?);
+    } else if first != Reply::Listening {
         say!("{}", words(&first));
+    }
+    if first != Reply::Listening {
         return Ok(ExitCode::FAILURE);
     }
     loop {

@@ -64,14 +64,17 @@ def configured():
     run("adduser", "ann", "scand")
     run("adduser", "ann", "systemd-journal")
     expect(wrong(ann("scand", "check", expected=1)), ["background plates"], "what is wrong for one of the group")
-    contains(ann("journalctl", "-u", "scand"), "camera c00: ready")
+    until("she reads the log", lambda: "camera c00: ready" in ann("journalctl", "-u", "scand"))
 
 
 @chapter.step("a day's work by one of the group: plates, a session, presses, notes, what happens, the evening")
 def worked():
     contains(ann("scand", "background"), "2 plates")
     expect(wrong(ann("scand", "check", "--no-speed")), [], "what is wrong in the morning")
-    events = subprocess.Popen(["scand", "events", "--json"], stdout=subprocess.PIPE, text=True)
+    told = Path(tempfile.mkdtemp(), "events")
+    with told.open("w", encoding="utf-8") as file:
+        events = subprocess.Popen(["scand", "events", "--json"], stdout=file)
+    until("somebody listens", lambda: '"listening"' in told.read_text(encoding="utf-8"))
     ann("scand", "session", "start", "amphora", "--about", "operator=Ann")
     for _ in range(2):
         contains(ann("scand", "trigger"), "durable")
@@ -79,9 +82,10 @@ def worked():
     ann("scand", "note", "amphora-0002", "handle turned left")
     contains(ann("scand", "status"), "amphora", "c00", "c01")
     ann("scand", "session", "close")
+    words = ('"accepted"', '"captured"', '"durable"', '"reject"', "handle turned left", '"session"')
+    until("all is told", lambda: all(word in told.read_text(encoding="utf-8") for word in words))
     events.terminate()
-    told = events.communicate()[0]
-    contains(told, '"accepted"', '"captured"', '"durable"', '"reject"', "handle turned left", '"session"')
+    events.wait()
     info = run("scand", "info", scand.recording("amphora"))
     contains(info, "complete", "operator", "Ann", "amphora-0002")
 

@@ -75,7 +75,8 @@ def ready():
     scand.drop_in(f"[Service]\nEnvironment=SCAND_OPENNI2_FRAMES={FRAMES}\n")
     configuration(models=1)
     scand.start()
-    contains(scand.unit("scand.service", "StatusText")[0], "ready: 12 of 12 cameras")
+    # Emulated, one may be away for a moment even after that.
+    until("all are there", lambda: "ready: 12 of 12 cameras" in scand.unit("scand.service", "StatusText")[0])
 
 
 @chapter.step("scand check finds nothing wrong but that there are no plates, which are taken then")

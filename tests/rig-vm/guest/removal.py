@@ -46,7 +46,7 @@ def removed():
     scand.ask("session", "start", "last")
     scand.ask("trigger")
     unit = plugged[0].unit
-    expect(scand.active(unit), "active", "the foot switch's unit")
+    until("the foot switch's unit is active", lambda: scand.active(unit) == "active")
     run("apt-get", "remove", "--yes", "scand", timeout=300)
     for name in ("scand.service", "scand.socket", unit):
         expect(scand.active(name), "inactive", name)

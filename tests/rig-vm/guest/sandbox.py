@@ -4,6 +4,7 @@ copied, and only what it starts is another program."""
 import json
 import os
 import re
+import signal
 from pathlib import Path
 
 import scand
@@ -84,8 +85,7 @@ def probe(command, environment=""):
     run("systemctl", "start", "probe.service", expected=None, timeout=300)
     (code,) = scand.unit("probe.service", "ExecMainStatus")
     run("systemctl", "reset-failed", "probe.service", expected=None)
-    words = run("journalctl", "--no-pager", "-o", "cat", f"--since={since}", "-u", "probe.service")
-    return int(code), words
+    return int(code), scand.said(since, "probe.service")
 
 
 @chapter.step("the daemon may use cameras, its folders and private networks, and nothing else")
@@ -138,14 +138,17 @@ def real():
     files = [os.readlink(path) for path in (folder / "fd").iterdir()]
     others = [file for file in files if file.startswith(("/dev/", "socket:")) and file != "/dev/null"]
     expect(others, [], "devices and sockets that it holds")
+    os.kill(int(folder.name), signal.SIGCONT)
     return f"{unit} filters of the unit, 2 of its own"
 
 
 def worker_process(unit):
-    """The folder below /proc of a worker that has more filters than its unit."""
+    """The folder below /proc of a worker that has more filters than its unit, and that is stopped for it."""
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
             if path.read_bytes().split(b"\0")[1:2] == [b"work"] and int(of(path.parent, "Seccomp_filters")) > unit + 1:
+                # Held, or it could end while it is looked at.
+                os.kill(int(path.parent.name), signal.SIGSTOP)
                 return path.parent
         except (OSError, ValueError):  # it has ended
             pass

@@ -100,6 +100,8 @@ def now():
 
 def said(since, name="scand.service"):
     """What a unit, and systemd of it, said since then."""
+    # Or the last lines would still be on their way into the journal.
+    run("journalctl", "--sync")
     return run("journalctl", "--no-pager", "-o", "cat", f"--since={since}", "-u", name, expected=None)
 
 

@@ -6,6 +6,8 @@ from harness import run, until
 
 ROOT = Path("/sys/kernel/config/usb_gadget")
 CONTROLLER = "dummy_udc.0"
+# Where the host has it, at the only port of the same controller.
+HOST = Path("/sys/devices/platform/dummy_hcd.0")
 # A keyboard's report, as every keyboard describes it at boot.
 KEYBOARD = bytes.fromhex(
     "05010906a101050719e029e71500250175019508810295017508810395057501050819012905910295017503910395067508150025650507"
@@ -51,6 +53,8 @@ class Gadget:
     def pull_out(self):
         """Pulls it out."""
         (self.folder / "UDC").write_text("\n", encoding="ascii")
+        # The host takes notice in its own time, and there is nothing to settle before it has.
+        until("the host has lost it", lambda: not any(HOST.glob("usb*/*-1")))
         run("udevadm", "settle")
 
     def report(self, key):

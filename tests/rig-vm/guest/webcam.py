@@ -27,7 +27,7 @@ chapter = Chapter("webcam", end)
 
 def webcams(controls=None, **others):
     """A configuration of both webcams, the first one changed."""
-    first = section(0, SIZES[0], "YUYV", controls, **({"silence_ms": 4000.0} | others))
+    first = section(0, SIZES[0], "YUYV", controls, **({"silence_ms": 10000.0} | others))
     second = section(1, SIZES[1], "YUYV", silence_ms=30000.0)
     scand.configure(DEFAULTS + first + second, {name(index): size for index, size in enumerate(SIZES)})
 
@@ -85,7 +85,7 @@ def dropped():
         scand.ask("trigger")
     contains(scand.said(since), "camera c00: lost: ", "never came")
     vivid.control(0, percentage_of_dropped_buffers=100)
-    contains(scand.becomes("c00", "away"), "no whole frame for 4.0 s")
+    contains(scand.becomes("c00", "away"), "no whole frame for 10.0 s")
     contains(scand.ask("trigger", expected=1), "camera c00")
     vivid.control(0, percentage_of_dropped_buffers=0)
     scand.becomes("c00", "ready")
