@@ -3,12 +3,14 @@
 
 mod client;
 mod limits;
+mod places;
 
 use super::SocketParameters;
 use super::capturing::Capturing;
 use super::service::Service;
 use crate::log;
 use limits::{Gate, Visitors};
+use places::Places;
 use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -17,10 +19,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use tokio::net::UnixListener;
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::watch;
 
-/// Most clients at a time.
-const MOST_CLIENTS: usize = 32;
 /// Why the socket cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
@@ -172,24 +172,27 @@ fn listen(path: &Path) -> Result<UnixListener, ControlError> {
 }
 
 async fn accept(listener: &UnixListener, shared: &Arc<Shared>) {
-    let clients = Arc::new(Semaphore::new(MOST_CLIENTS));
+    let places = Places::default();
     loop {
         shared.gate.pass().await;
         match listener.accept().await {
             Ok((stream, _)) => {
-                if let Ok(who) = stream.peer_cred() {
-                    shared.visitors.note(&who);
-                }
-                // More than that are turned away rather than left waiting.
-                let Ok(permit) = clients.clone().try_acquire_owned() else {
-                    client::turn_away(&stream, MOST_CLIENTS);
+                // The kernel knows who it is, or the connection has no other end.
+                let Ok(who) = stream.peer_cred() else {
                     continue;
                 };
-                let shared = shared.clone();
-                tokio::spawn(async move {
-                    client::serve(stream, &shared).await;
-                    drop(permit);
-                });
+                shared.visitors.note(&who);
+                match places.take(who.uid()) {
+                    Ok(place) => {
+                        let shared = shared.clone();
+                        tokio::spawn(async move {
+                            client::serve(stream, &shared).await;
+                            drop(place);
+                        });
+                    }
+                    // Rather than left waiting.
+                    Err(reason) => client::turn_away(&stream, reason),
+                }
             }
             // Out of file descriptors, for example: they come back.
             Err(_) => tokio::time::sleep(Duration::from_millis(100)).await,

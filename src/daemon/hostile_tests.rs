@@ -212,7 +212,7 @@ fn a_press_is_told_to_all_who_listen() {
 }
 
 #[test]
-fn the_thirty_third_client_is_told_that_there_is_no_room() {
+fn a_user_of_too_many_clients_is_told_that_there_is_no_room() {
     let service = service(|plan| plan.models = Some(plan.recording.folder.join("models")));
     let request = Request::Status {};
     // Places of those who have just gone are free a moment later.
@@ -221,9 +221,12 @@ fn the_thirty_third_client_is_told_that_there_is_no_room() {
         client.send(&request).ok()?;
         matches!(client.reply(), Ok(Reply::Status { .. })).then_some(client)
     };
-    let mut clients: Vec<Client> = (0..32).map(|_| until(served)).collect();
+    let mut clients: Vec<Client> = (0..24).map(|_| until(served)).collect();
     let answer = heard(service.raw());
-    assert!(answer.contains("32 clients are served already"), "{answer}");
+    assert!(
+        answer.contains("24 clients of user") && answer.contains("are served already"),
+        "{answer}"
+    );
     // One that waits for something and goes away makes room, whatever it waits for.
     let mut waiting = clients.pop().unwrap();
     waiting.send(&trigger(Some("p"), Until::Done)).unwrap();

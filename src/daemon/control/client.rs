@@ -205,8 +205,7 @@ fn note(capture: String, kind: String, text: String) -> Result<Note, String> {
 }
 
 /// Turns away a client for whom there is no room.
-pub(super) fn turn_away(stream: &UnixStream, most: usize) {
-    let reason = format!("{most} clients are served already");
+pub(super) fn turn_away(stream: &UnixStream, reason: String) {
     let mut line = serde_json::to_vec(&Reply::Refused { reason }).unwrap_or_default();
     line.push(b'\n');
     // What was just opened has room for a line, or nobody reads it.
