@@ -1,6 +1,7 @@
-//! A recording that was cut off is completed where it is: what it holds is read once and checked, its last unfinished
-//! record is cut away, and what is missing at its end is written. Only where everything up to the cut is exactly as the
-//! writer makes it; what is otherwise is left to the slower way, which copies what can be read.
+//! A recording that was cut off or damaged is completed where it is: what it holds is read once and checked up to its
+//! last unfinished record or the first damage, what follows is cut away, and what is missing at its end is written. Only
+//! where everything before is exactly as the writer makes it; what is otherwise is left to the slower way, which copies
+//! what can be read.
 
 use super::container::{MessageIndexes, put_indexes};
 use super::records::{self, Malformed, MessageTimes, Parsed, RECORD_HEADER, record_at};
@@ -19,9 +20,9 @@ const BLOCK: usize = 256 << 10;
 /// Bytes of an unpacked chunk's record before its content.
 const CHUNK_HEAD: usize = RECORD_HEADER + ChunkEntry::HEAD as usize;
 
-/// A recording that lacks nothing but its end.
+/// A recording that, up to where it is cut off or damaged, lacks nothing but its end.
 pub(super) struct Unended {
-    /// Up to where its records are whole; what follows is a part of one.
+    /// Up to where its records are whole; what follows is not, or lies behind what is not.
     pub sound: u64,
     pub length: u64,
     pub messages: u64,
@@ -42,7 +43,7 @@ impl Unended {
     }
 }
 
-/// Looks whether a file is a recording that lacks nothing but its end.
+/// Looks whether a file is a recording that lacks nothing but its end, or is so up to a damage.
 pub(super) fn unended(file: &File) -> Result<Option<Unended>> {
     let length = file.metadata()?.len();
     let scan = Scan {
@@ -80,10 +81,18 @@ enum Found {
     Sound,
     /// No whole record any more.
     CutOff,
+    /// What can be no record, or a chunk whose bytes are not those that were written.
+    Damaged,
     /// The end of the data.
     DataEnd,
-    /// Something else.
+    /// Something else, which another reader may understand.
     Strange,
+}
+
+impl From<Malformed> for Found {
+    fn from(_: Malformed) -> Self {
+        Self::Strange
+    }
 }
 
 impl Scan<'_> {
@@ -95,7 +104,9 @@ impl Scan<'_> {
             match self.next()? {
                 Found::Sound => {}
                 Found::Strange => return Ok(None),
-                Found::CutOff => return Ok(self.is_ours.then(|| self.ended())),
+                Found::CutOff | Found::Damaged => {
+                    return Ok(self.is_ours.then(|| self.ended()));
+                }
                 Found::DataEnd => return self.with_an_end(),
             }
         }
@@ -169,7 +180,9 @@ impl Scan<'_> {
         self.read(RECORD_HEADER as u64, 0)?;
         let (opcode, length) = match records::record_header(&self.buffer) {
             Ok((op::DATA_END, _)) => return Ok(Found::DataEnd),
-            Ok((0, _)) | Err(_) => return Ok(Found::Strange),
+            // Blocks that never came to the disk are zeros.
+            Ok((0, _)) => return Ok(Found::Damaged),
+            Err(_) => return Ok(Found::Strange),
             Ok((_, length)) if length > left => return Ok(Found::CutOff),
             Ok((_, length)) if length > LARGEST_RECORD => return Ok(Found::Strange),
             Ok(found) => found,
@@ -227,8 +240,9 @@ impl Scan<'_> {
 
     /// Takes the chunk that was read, whose content has this CRC, and the indexes behind it.
     fn take_chunk(&mut self, sum: &Hasher) -> Result<Found> {
-        let Ok((mut entry, indexes)) = self.chunk(sum.clone().finalize()) else {
-            return Ok(Found::Strange);
+        let (mut entry, indexes) = match self.chunk(sum.clone().finalize()) {
+            Ok(chunk) => chunk,
+            Err(found) => return Ok(found),
         };
         self.pass(sum, CHUNK_HEAD);
         let mut expected = Vec::new();
@@ -254,21 +268,25 @@ impl Scan<'_> {
         Ok(Found::Sound)
     }
 
-    /// The chunk that was read, without what is behind it, if all in it is as it should be.
-    fn chunk(&mut self, crc: u32) -> Parsed<(ChunkEntry, MessageIndexes)> {
+    /// The chunk that was read, without what is behind it, if all in it is as it should be; else what it is.
+    fn chunk(&mut self, crc: u32) -> std::result::Result<(ChunkEntry, MessageIndexes), Found> {
         let content = self.buffer.get(CHUNK_HEAD..).ok_or(Malformed)?;
         let head = &self.buffer[RECORD_HEADER..CHUNK_HEAD];
         let length = content.len() as u64;
         let body = self.position + RECORD_HEADER as u64;
         let info = records::chunk_header(head, body, ChunkEntry::HEAD + length)?;
         let sizes = [info.compressed_size, info.uncompressed_size];
-        if !info.compression.is_empty() || sizes != [length; 2] || info.uncompressed_crc != crc {
-            return Err(Malformed);
+        let has_sum = info.uncompressed_crc != 0;
+        if !info.compression.is_empty() || sizes != [length; 2] || !has_sum {
+            return Err(Found::Strange);
+        }
+        if info.uncompressed_crc != crc {
+            return Err(Found::Damaged);
         }
         let (times, indexes) = messages(content, &mut self.summary)?;
         let mut said = records::Cursor(head);
         if times.or_zeros() != (said.u64()?, said.u64()?) {
-            return Err(Malformed);
+            return Err(Found::Strange);
         }
         let entry = ChunkEntry {
             offset: self.position,

@@ -1,12 +1,14 @@
 //! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part` is in
-//! `NAME.mcap` then, what cannot be read in `NAME.mcap.tail`. A recording that lacks only its end is given one where it
-//! is; of another one a copy is made. Nothing is removed before what is to stay is on the disk.
+//! `NAME.mcap` then, what cannot be read in `NAME.mcap.tail`. A recording that is as it was written up to where it is cut
+//! off or damaged is given an end where it is; of another one a copy is made. Nothing is removed before what is to stay
+//! is on the disk.
 
 use super::completing::{Unended, unended};
 use super::entries::{Entry, each_entry};
 use super::rewriting::{dress, io, lock, remove_stale, with_ending};
 use super::writer::{Compression, PART, Writer, sync_folder};
 use super::{Error, Recording};
+use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -19,8 +21,11 @@ pub struct Recovered {
     /// Its messages.
     pub messages: u64,
     /// Where what could not be read is kept, and its bytes; `None` where all could be read.
-    pub tail: Option<(PathBuf, u64)>,
+    pub tail: Option<Tail>,
 }
+
+/// Where bytes are kept, and how many.
+type Tail = (PathBuf, u64);
 
 /// The recordings in a folder that were not completed, in the order of their names.
 ///
@@ -53,8 +58,8 @@ pub fn recover(part: &Path) -> Result<Recovered, Error> {
     }
 }
 
-/// Gives a recording that lacks only its end one, and its name; `None` if it lacks more, or cannot be written to, or the
-/// name is taken.
+/// Gives a recording its end where it is cut off or damaged, and its name; `None` if what is before that is not as the
+/// writer makes it, or it cannot be written to, or the name is taken.
 ///
 /// What was whole is never written over, and the rest is cut away when it is on the disk under its own name. So at any
 /// moment a power cut leaves a file of which nothing is lost, and which can be completed.
@@ -89,48 +94,100 @@ fn complete(part: &Path, path: &Path) -> Result<Option<Recovered>, Error> {
     }))
 }
 
-fn recover_by_copy(part: &Path, path: PathBuf) -> Result<Recovered, Error> {
+/// Completes a copy of what can be read of it. Where a crash came between the recording's getting its name and the removal
+/// of its `.part`, it is there already; another recording is never touched.
+pub(super) fn recover_by_copy(part: &Path, path: PathBuf) -> Result<Recovered, Error> {
     let mut file = File::open(part).map_err(io(part))?;
     lock(&file, part)?;
-    let Readable {
-        bytes: readable,
-        length,
-        program,
-    } = readable(&file, part)?;
-    let rest = length - readable;
+    let found = readable(&file, part)?;
     let staged = with_ending(&path, "recovering");
     remove_stale(&staged)?;
-    let mut writer = Writer::create_at(&path, &staged, &program, Compression::None)?;
-    let put_into_place = || {
-        let messages = copy(&mut file, part, readable, &mut writer)?;
-        if path.try_exists().map_err(io(&path))? {
-            check_equal(&path, messages)?;
-            let kept = with_ending(&path, "tail");
-            return Ok((messages, (rest > 0).then_some(kept)));
-        }
-        let tail = match rest {
-            0 => None,
-            _ => Some(keep_tail(&mut file, part, readable, &path)?),
-        };
-        // Who may not give it away keeps it: an owner is no reason to leave a recording cut off.
-        let copy = File::options().write(true).open(&staged);
-        let _ = copy.and_then(|copy| dress(&copy, &file.metadata()?));
-        writer.finish()?;
-        Ok((messages, tail))
+    let (messages, tail) = if path.try_exists().map_err(io(&path))? {
+        let messages = messages_if_equal(&mut file, part, found.bytes, &path)?;
+        (messages, found.keep_rest(&mut file, part, &path)?)
+    } else {
+        let done = put_into_place(&mut file, part, &found, &path, &staged);
+        // What was begun and not put into place is of no use, and may be what filled the disk.
+        let removed = remove_stale(&staged);
+        let done = done?;
+        removed?;
+        done
     };
-    let done = put_into_place();
-    // What was begun and not put into place is of no use, and may be what filled the disk.
-    let removed = remove_stale(&staged);
-    let (messages, tail) = done?;
-    removed?;
     std::fs::remove_file(part)
         .and_then(|()| sync_folder(part))
         .map_err(io(part))?;
     Ok(Recovered {
         path,
         messages,
-        tail: tail.map(|tail| (tail, rest)),
+        tail,
     })
+}
+
+/// Copies what can be read, first into `staged`, and keeps the rest; how many messages there were, and where the rest is.
+fn put_into_place(
+    file: &mut File,
+    part: &Path,
+    found: &Readable,
+    path: &Path,
+    staged: &Path,
+) -> Result<(u64, Option<Tail>), Error> {
+    let mut writer = Writer::create_at(path, staged, &found.program, Compression::None)?;
+    let messages = each_copied(file, part, (found.bytes, true), |entry| {
+        entry.write_to(&mut writer)
+    })?;
+    let tail = found.keep_rest(file, part, path)?;
+    // Who may not give it away keeps it: an owner is no reason to leave a recording cut off.
+    let copy = File::options().write(true).open(staged);
+    let _ = copy.and_then(|copy| dress(&copy, &file.metadata()?));
+    writer.finish()?;
+    Ok((messages, tail))
+}
+
+/// How many messages can be read, if they and all else are what the recording under the name holds.
+fn messages_if_equal(
+    file: &mut File,
+    part: &Path,
+    readable: u64,
+    path: &Path,
+) -> Result<u64, Error> {
+    let (mut ours, mut theirs) = (Sha256::new(), Sha256::new());
+    let mut other = File::open(path).map_err(io(path))?;
+    let length = other.metadata().map_err(io(path))?.len();
+    each_copied(&mut other, path, (length, false), |entry| {
+        entry.add_to(&mut theirs);
+        Ok(())
+    })?;
+    let messages = each_copied(file, part, (readable, true), |entry| {
+        entry.add_to(&mut ours);
+        Ok(())
+    })?;
+    if ours.finalize() == theirs.finalize() {
+        return Ok(messages);
+    }
+    Err(io(path)(std::io::ErrorKind::AlreadyExists.into()))
+}
+
+/// Hands out what a copy takes over of the first `readable` bytes; how many messages there were.
+fn each_copied(
+    file: &mut File,
+    path: &Path,
+    (readable, is_checked): (u64, bool),
+    mut each: impl FnMut(&Entry) -> Result<(), Error>,
+) -> Result<u64, Error> {
+    let mut messages = 0;
+    if readable == 0 {
+        return Ok(messages);
+    }
+    each_entry(file, path, (readable, is_checked), |entry| {
+        match entry {
+            // The writer writes its own, which is the same.
+            Entry::Metadata(metadata) if metadata.name == "scand" => return Ok(true),
+            Entry::Message(_) => messages += 1,
+            _ => {}
+        }
+        each(entry).map(|()| true)
+    })?;
+    Ok(messages)
 }
 
 /// What can be read of a recording that was cut off.
@@ -140,6 +197,16 @@ struct Readable {
     length: u64,
     /// Name and version of what wrote it.
     program: String,
+}
+
+impl Readable {
+    /// Keeps what could not be read beside the recording.
+    fn keep_rest(&self, file: &mut File, part: &Path, path: &Path) -> Result<Option<Tail>, Error> {
+        Ok(match self.length - self.bytes {
+            0 => None,
+            rest => Some((keep_tail(file, part, self.bytes, path)?, rest)),
+        })
+    }
 }
 
 fn readable(file: &File, part: &Path) -> Result<Readable, Error> {
@@ -161,35 +228,6 @@ fn readable(file: &File, part: &Path) -> Result<Readable, Error> {
         length,
         program: recording.written_by().1.to_owned(),
     })
-}
-
-/// A crash between the recording's getting its name and the removal of its `.part` leaves both: then the one under its
-/// name holds it all, and there is nothing to do. Another recording is never touched.
-fn check_equal(path: &Path, messages: u64) -> Result<(), Error> {
-    let found = Recording::open(path)?;
-    let count: u64 = found.channels().iter().map(|c| c.messages).sum();
-    if count == messages && found.verify()?.is_empty() {
-        return Ok(());
-    }
-    Err(io(path)(std::io::ErrorKind::AlreadyExists.into()))
-}
-
-/// Copies all records of the first `readable` bytes; how many messages there were.
-fn copy(file: &mut File, part: &Path, readable: u64, writer: &mut Writer) -> Result<u64, Error> {
-    let mut messages = 0;
-    if readable == 0 {
-        return Ok(messages);
-    }
-    each_entry(file, part, (readable, true), |entry| {
-        match entry {
-            // The writer has written its own, which is the same.
-            Entry::Metadata(metadata) if metadata.name == "scand" => return Ok(true),
-            Entry::Message(_) => messages += 1,
-            _ => {}
-        }
-        entry.write_to(writer).map(|()| true)
-    })?;
-    Ok(messages)
 }
 
 /// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept there

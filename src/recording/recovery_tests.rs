@@ -1,5 +1,6 @@
 //! What a crash leaves behind is made a recording again, and nothing of it is lost.
 
+use super::recovery::recover_by_copy;
 use super::testing::*;
 use super::*;
 use crate::frame::Timestamp;
@@ -8,6 +9,10 @@ use std::path::{Path, PathBuf};
 
 /// The writer of a recording that was synced after each of two captures.
 fn unfinished_writer(folder: &Path) -> Writer {
+    writer_of(folder, ["cup-1", "cup-2"])
+}
+
+fn writer_of(folder: &Path, captures: [&str; 2]) -> Writer {
     let path = folder.join("a.mcap");
     let mut writer = Writer::create(&path, "scand 1.2.3", Compression::None).unwrap();
     let rig = Rig::new();
@@ -15,7 +20,7 @@ fn unfinished_writer(folder: &Path) -> Writer {
         .attach("rig.toml", "application/toml", at(0), b"a = 1\n")
         .unwrap();
     rig.write_to(&mut writer);
-    for (id, ms) in [("cup-1", 100), ("cup-2", 5000)] {
+    for (id, ms) in captures.into_iter().zip([100, 5000]) {
         rig.write_capture(&mut writer, id, ms, 3);
         writer.sync().unwrap();
     }
@@ -37,8 +42,11 @@ fn part_of(folder: &Path, bytes: &[u8]) -> PathBuf {
     part
 }
 
-/// Topic, log time and data of every message.
-fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
+/// Topic, log time and data.
+type Message = (String, Timestamp, Vec<u8>);
+
+/// Every message.
+fn messages(path: &Path) -> Vec<Message> {
     let recording = Recording::open(path).unwrap();
     let mut all = Vec::new();
     for topic in recording.topics() {
@@ -55,11 +63,10 @@ fn messages(path: &Path) -> Vec<(String, Timestamp, Vec<u8>)> {
 fn a_recovered_recording_and_its_tail_belong_to_whom_the_part_belonged() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());
-    let mut damaged = bytes.clone();
-    damaged[bytes.len() / 2] ^= 1;
-    // Completed where it is, and copied.
-    for bytes in [&bytes[..bytes.len() - 200], &damaged] {
-        let part = part_of(folder.path(), bytes);
+    let path = folder.path().join("a.mcap");
+    let by_copy = |part: &Path| recover_by_copy(part, path.clone());
+    for recover in [&recover as &dyn Fn(&Path) -> _, &by_copy] {
+        let part = part_of(folder.path(), &bytes[..bytes.len() - 200]);
         std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
         // Only root can.
         let _ = chown(&part, Some(12_345), Some(23_456));
@@ -215,7 +222,7 @@ fn what_a_power_cut_made_of_the_end_costs_nothing_that_was_kept_before() {
     torn[bytes.len()..].fill(0);
     std::fs::remove_file(&path).unwrap();
     let (second, in_place) = completed(folder.path(), &torn);
-    assert!(!in_place);
+    assert!(in_place);
     assert_eq!(second.messages, first.messages);
     assert_eq!(Recording::open(&path).unwrap().verify().unwrap(), []);
     let (kept, length) = second.tail.unwrap();
@@ -258,11 +265,13 @@ fn a_chunks_index_that_lies_is_made_anew() {
 fn a_flipped_bit_moves_what_is_behind_it_into_the_tail() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());
+    let mut in_place = 0;
     for at in (60..bytes.len()).step_by(1511) {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x10;
         let part = part_of(folder.path(), &damaged);
-        let recovered = match recover(&part) {
+        let inode = std::fs::metadata(&part).unwrap().ino();
+        let found = match recover(&part) {
             Ok(recovered) => recovered,
             // What cannot be understood stays where it is.
             Err(error) => {
@@ -270,15 +279,36 @@ fn a_flipped_bit_moves_what_is_behind_it_into_the_tail() {
                 continue;
             }
         };
-        assert_eq!(Recording::open(&recovered.path).unwrap().damage(), []);
-        if let Some((tail, length)) = recovered.tail {
-            assert!(damaged.ends_with(&std::fs::read(&tail).unwrap()));
-            assert!(length > 0 && length as usize <= bytes.len());
-        }
-        for entry in std::fs::read_dir(folder.path()).unwrap() {
-            std::fs::remove_file(entry.unwrap().path()).unwrap();
-        }
+        let kept = kept(&found);
+        assert!(damaged.ends_with(&kept.1), "{at}");
+        in_place += usize::from(std::fs::metadata(&found.path).unwrap().ino() == inode);
+        clear(folder.path());
+        // By a copy it is the same.
+        let part = part_of(folder.path(), &damaged);
+        let copy = recover_by_copy(&part, found.path.clone()).unwrap();
+        assert!(kept == self::kept(&copy), "{at}");
+        clear(folder.path());
     }
+    assert!(in_place > 0);
+}
+
+fn clear(folder: &Path) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        std::fs::remove_file(entry.unwrap().path()).unwrap();
+    }
+}
+
+/// The messages of what was recovered, and the bytes of its tail.
+fn kept(recovered: &Recovered) -> (Vec<Message>, Vec<u8>) {
+    let recording = Recording::open(&recovered.path).unwrap();
+    assert_eq!(recording.verify().unwrap(), []);
+    let tail = recovered.tail.as_ref();
+    let tail = tail.map_or_else(Vec::new, |(path, length)| {
+        let tail = std::fs::read(path).unwrap();
+        assert_eq!(tail.len() as u64, *length);
+        tail
+    });
+    (messages(&recovered.path), tail)
 }
 
 #[test]
@@ -296,6 +326,15 @@ fn another_recording_of_that_name_is_not_touched_but_an_equal_one_is_enough() {
     assert!(recover(&part).is_err());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     part_of(folder.path(), &bytes);
+    // One of as many messages is not enough.
+    let elsewhere = tempfile::tempdir().unwrap();
+    writer_of(elsewhere.path(), ["cup-1", "cup-3"])
+        .finish()
+        .unwrap();
+    std::fs::copy(elsewhere.path().join("a.mcap"), &path).unwrap();
+    let error = recover(&part).unwrap_err().to_string();
+    assert!(error.contains("exists"), "{error}");
+    assert_eq!(std::fs::read(&part).unwrap(), bytes);
 
     std::fs::remove_file(&path).unwrap();
     recover(&part).unwrap();
@@ -305,6 +344,27 @@ fn another_recording_of_that_name_is_not_touched_but_an_equal_one_is_enough() {
     recover(&part).unwrap();
     assert!(!part.exists());
     assert_eq!(std::fs::read(&path).unwrap(), complete);
+}
+
+#[test]
+fn a_copy_that_has_its_name_already_is_enough_and_its_tail_is_kept_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut damaged = cut_off(folder.path());
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    let path = folder.path().join("a.mcap");
+    let first = recover_by_copy(&part_of(folder.path(), &damaged), path.clone()).unwrap();
+    let kept = kept(&first);
+    for has_tail in [true, false] {
+        let part = part_of(folder.path(), &damaged);
+        if !has_tail {
+            std::fs::remove_file(folder.path().join("a.mcap.tail")).unwrap();
+        }
+        let again = recover(&part).unwrap();
+        assert_eq!(again, first);
+        assert!(self::kept(&again) == kept);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
 }
 
 #[test]
