@@ -336,7 +336,7 @@ mod tests {
         let parameters = HooksParameters {
             accepted: shell(&hang),
             durable: shell(&format!("echo beep >> {}", beeps.display())),
-            timeout_ms: 300,
+            timeout_ms: 1000,
             at_most: 2,
             ..HooksParameters::default()
         };
@@ -350,10 +350,11 @@ mod tests {
             capture: "a-3".into(),
             recording: "/r".into(),
         });
-        assert!(begin.elapsed() < Duration::from_millis(200));
+        // Who publishes waits for none of them.
+        assert!(begin.elapsed() < Duration::from_millis(1000));
         until("the beep", || text(&beeps) == "beep\n");
         // Never more than two at a time: two times two had their time before.
-        assert!(begin.elapsed() >= Duration::from_millis(600));
+        assert!(begin.elapsed() >= Duration::from_millis(2000));
         assert_eq!(text(&pids).lines().count(), 4);
         until("children are killed", || {
             !text(&pids).lines().any(is_running)
