@@ -161,6 +161,15 @@ pub enum Picture {
 }
 
 /// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
+impl Picture {
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Self::Raw { data, .. } | Self::Compressed { data, .. } => data.len(),
+        }
+    }
+}
+
 impl<'a> From<&'a Picture> for RawPixels<'a> {
     fn from(picture: &'a Picture) -> Self {
         match picture {

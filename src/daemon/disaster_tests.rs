@@ -296,7 +296,8 @@ fn a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so() {
         ("pwrite64", "EIO", 6),
         ("fdatasync", "EIO", 3),
         ("fsync", "EIO", 3),
-        ("rename", "ENOSPC", 1),
+        ("linkat", "ENOSPC", 1),
+        ("unlink", "EIO", 1),
     ] {
         // Where there are few, each.
         let numbers: Vec<u64> = match most.cmp(&runs) {
@@ -329,7 +330,7 @@ fn a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so() {
     }
     assert!(failed > 0, "nothing was refused");
     println!(
-        "shown: {count} refused calls (writev, pwrite64, fdatasync, fsync, rename; ENOSPC, EIO): {failed} captures failed and \
+        "shown: {count} refused calls (writev, pwrite64, fdatasync, fsync, linkat, unlink; ENOSPC, EIO): {failed} captures failed and \
          said so, 0 falsely acknowledged, all others kept"
     );
 }

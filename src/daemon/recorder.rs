@@ -145,7 +145,8 @@ impl Writing {
         &mut self,
         write: impl FnOnce(&mut Session) -> Result<PathBuf, Error>,
     ) -> Result<PathBuf, String> {
-        let session = self.session.as_mut().ok_or("there is no session")?;
+        let words = "there is no session: a note goes into the recording in progress";
+        let session = self.session.as_mut().ok_or(words)?;
         write(session).map_err(|error| error.to_string())
     }
 

@@ -52,6 +52,8 @@ pub(super) struct Shooting {
     pub frames: Vec<Frame>,
     /// Of each camera that was asked what it cost, or why it gave none.
     pub answers: BTreeMap<CameraId, Result<Tally, Fault>>,
+    /// Cameras whose state changed meanwhile.
+    pub changed: BTreeSet<CameraId>,
 }
 
 /// The cameras' threads.
@@ -132,8 +134,11 @@ impl Rig {
         match message.event {
             Event::Ready(confirmed) => camera.state = State::Ready(confirmed),
             Event::Away { fault, .. } => {
+                // It is tried again and again, and that is no news.
+                let is_news = !matches!(&camera.state, State::Away(before) if *before == fault);
                 camera.state = State::Away(fault);
                 camera.health.clear();
+                return is_news;
             }
             Event::Health(health) => {
                 camera.health = health;
@@ -236,7 +241,12 @@ impl Rig {
                     waiting.remove(&message.camera);
                     shooting.answers.insert(message.camera, outcome);
                 }
-                _ => drop(self.note(message)),
+                _ => {
+                    let camera = message.camera.clone();
+                    if self.note(message) {
+                        shooting.changed.insert(camera);
+                    }
+                }
             }
         }
     }

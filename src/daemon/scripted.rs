@@ -28,18 +28,21 @@ pub(super) enum Mood {
     Loses,
     /// Exposes 200 ms late.
     Late,
+    /// Exposed 30 ms before the trigger was heard of, by a signal of its own.
+    Early,
     /// Is sound, and takes 100 ms.
     Slow,
     /// Is sound, and takes 1.5 s.
     VerySlow,
 }
 
-const MOODS: [Mood; 7] = [
+const MOODS: [Mood; 8] = [
     Mood::Sound,
     Mood::Unplugged,
     Mood::Silent,
     Mood::Loses,
     Mood::Late,
+    Mood::Early,
     Mood::Slow,
     Mood::VerySlow,
 ];
@@ -111,10 +114,13 @@ impl Device for Played {
                 tally.lost.push("a damaged frame".into());
                 return Ok(tally);
             }
-            Mood::Sound | Mood::Late | Mood::Slow | Mood::VerySlow => {}
+            Mood::Sound | Mood::Late | Mood::Early | Mood::Slow | Mood::VerySlow => {}
         }
-        let late = if mood == Mood::Late { 200_000_000 } else { 0 };
-        let now = self.clock.now().0 + late;
+        let begin = match mood {
+            Mood::Late => self.clock.now().0 + 200_000_000,
+            Mood::Early => shot.trigger.0 - 30_000_000,
+            _ => self.clock.now().0,
+        };
         let takes_ms = match mood {
             Mood::Slow => 100,
             Mood::VerySlow => 1500,
@@ -129,7 +135,7 @@ impl Device for Played {
         for i in 0..if self.depth { 14 } else { 1 } {
             for &stream in streams {
                 // So close that the next shot's are later, however soon it comes.
-                let time = Timestamp(now + i * 20_000);
+                let time = Timestamp(begin + i * 20_000);
                 match self.frame(stream, time, number as u8) {
                     Some(frame) => take(frame),
                     None => tally.lost.push("no memory".into()),

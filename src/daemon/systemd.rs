@@ -121,6 +121,12 @@ impl Pulse {
         }
     }
 
+    /// Lets the start take so much longer from now on.
+    pub fn start_takes(&self, more: Duration) {
+        let more = more.as_micros();
+        self.notifier.tell(&format!("EXTEND_TIMEOUT_USEC={more}"));
+    }
+
     /// Feeds the watchdog if all threads were heard of since it was fed last.
     fn beat(&self, index: usize, now: Instant) {
         let Some(watchdog) = self.notifier.watchdog else {

@@ -4,7 +4,7 @@ use super::scripted::{Mood, captures, press, recordings, start, start_in};
 use super::*;
 use crate::frame::CameraId;
 use crate::recording::{ColorPart, Outcome, Recording, Topic};
-use crate::trigger::{Reply, Until};
+use crate::trigger::{Event, Reply, Until};
 use crossbeam_channel::{bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -81,6 +81,21 @@ fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
 }
 
 #[test]
+fn a_camera_that_comes_back_while_others_are_shot_is_told() {
+    let stand = start(|plan| plan.capture.retry = 0);
+    let mut events = stand.capturing.events().subscribe();
+    stand.mood("c02", Mood::Unplugged);
+    stand.mood("c00", Mood::Silent);
+    assert!(matches!(stand.press().last(), Some(Reply::Failed { .. })));
+    let told = std::iter::from_fn(|| events.wait())
+        .take_while(|event| !matches!(event, Event::Failed { .. }))
+        .any(|event| {
+            matches!(event, Event::Camera { id, state, .. } if id == "c02" && state == "ready")
+        });
+    assert!(told);
+}
+
+#[test]
 fn a_silent_camera_holds_nobody_up_for_longer_than_a_shot() {
     let stand = start(|plan| plan.capture.retry = 0);
     stand.mood("c00", Mood::Silent);
@@ -105,6 +120,22 @@ fn frames_too_far_apart_are_no_capture() {
         reason.contains("to c01") && reason.contains("at most 100 ms"),
         "{reason}"
     );
+}
+
+#[test]
+fn a_signal_that_was_faster_than_the_press_makes_a_capture_where_that_is_tolerated() {
+    for (tolerance_ms, is_taken) in [(5.0, false), (50.0, true)] {
+        let stand = start(|plan| {
+            plan.capture.retry = 0;
+            plan.sync.tolerance_ms = tolerance_ms;
+        });
+        for camera in ["c00", "c01", "c02"] {
+            stand.mood(camera, Mood::Early);
+        }
+        let heard = stand.press();
+        let taken = matches!(heard.last(), Some(Reply::Durable { .. }));
+        assert_eq!(taken, is_taken, "{tolerance_ms} ms: {heard:?}");
+    }
 }
 
 #[test]

@@ -1,9 +1,12 @@
 //! What a press asks the daemon, and whether the daemon is there. A press whose connection breaks is sent again under
 //! its own name, which makes it the same press; one that could not be begun at once is given up, because hands come back
-//! into the picture.
+//! into the picture. That a connection can be had says nothing: where systemd holds the socket it takes what is written
+//! for a daemon that is yet to start.
 
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -15,6 +18,8 @@ const END: Duration = Duration::from_secs(30);
 const PATIENCE: Duration = Duration::from_secs(120);
 /// Pause before an attempt is repeated.
 const PAUSE: Duration = Duration::from_millis(200);
+/// How often it is looked whether a daemon that has ended is there again.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// The daemon, from a foot switch.
 #[derive(Clone, Debug)]
@@ -22,6 +27,8 @@ pub struct Daemon {
     socket: PathBuf,
     /// The last capture that came to the disk, whoever asked for it.
     last: Arc<Mutex<Option<String>>>,
+    /// Whether a press was answered since this was last looked at.
+    answered: Arc<AtomicBool>,
 }
 
 /// What watching the daemon found.
@@ -31,6 +38,16 @@ pub enum Watch {
     There,
     /// It is not, and why.
     Away(Error),
+    /// It has ended as it was told to.
+    Ended,
+}
+
+/// Why listening is over.
+enum Heard {
+    /// Nobody wants to hear more.
+    Enough,
+    /// The daemon is ending.
+    Ending,
 }
 
 impl Daemon {
@@ -39,13 +56,14 @@ impl Daemon {
         Self {
             socket: socket.into(),
             last: Arc::default(),
+            answered: Arc::default(),
         }
     }
 
     /// Asks for a capture and waits for its end, `progress` hearing of it.
     ///
     /// # Errors
-    /// If the daemon is away, and stays so.
+    /// If the daemon is away, or does not answer, and that stays so.
     pub fn press(&self, press_id: &str, progress: &mut dyn FnMut(&Reply)) -> Result<Reply, Error> {
         let request = Request::Trigger {
             source: "pedal".into(),
@@ -56,7 +74,9 @@ impl Daemon {
         let begin = Instant::now();
         let mut begun = false;
         loop {
-            let error = match self.attempt(&request, &mut begun, progress) {
+            let at_most = if begun { END } else { BEGIN };
+            let left = at_most.saturating_sub(begin.elapsed()).max(PAUSE);
+            let error = match self.attempt(&request, left, &mut begun, progress) {
                 Ok(reply) => return Ok(reply),
                 Err(error) => error,
             };
@@ -68,13 +88,23 @@ impl Daemon {
         }
     }
 
+    /// Asks for the capture once the daemon has shown, within `left`, that it answers.
     fn attempt(
         &self,
         request: &Request,
+        left: Duration,
         begun: &mut bool,
         progress: &mut dyn FnMut(&Reply),
     ) -> Result<Reply, Error> {
-        let mut client = Client::connect(&self.socket, Some(PATIENCE))?;
+        let mut client = Client::connect(&self.socket, Some(left))?;
+        client.send(&Request::Status {})?;
+        let reply = client.reply()?;
+        self.answered.store(true, Ordering::Release);
+        if !matches!(reply, Reply::Status { .. }) {
+            progress(&reply);
+            return Ok(reply);
+        }
+        client.set_patience(PATIENCE)?;
         client.send(request)?;
         loop {
             let reply = client.reply()?;
@@ -109,7 +139,8 @@ impl Daemon {
         Ok(Some((capture, client.reply()?)))
     }
 
-    /// Listens to what happens, as long as `go_on` says so of what was found; connects again when the daemon is away.
+    /// Listens to what happens, as long as `go_on` says so of what was found; connects again when the daemon is away. One
+    /// that was told to end is left alone until it is there again, or a press wants it: to connect would start it.
     pub fn watch(&self, mut go_on: impl FnMut(Watch) -> bool) {
         let longest = Duration::from_secs(5);
         let mut pause = PAUSE;
@@ -119,30 +150,53 @@ impl Daemon {
                 was_there = true;
                 go_on(Watch::There)
             });
-            let Err(error) = listened else { return };
             pause = if was_there {
                 PAUSE
             } else {
                 (pause * 2).min(longest)
             };
-            if !go_on(Watch::Away(error)) {
+            let goes_on = match listened {
+                Ok(Heard::Enough) => false,
+                Ok(Heard::Ending) => {
+                    self.answered.store(false, Ordering::Release);
+                    let goes_on = go_on(Watch::Ended);
+                    self.wait_for_another();
+                    goes_on
+                }
+                Err(error) => go_on(Watch::Away(error)),
+            };
+            if !goes_on {
                 return;
             }
             std::thread::sleep(pause);
         }
     }
 
+    /// Waits until a press was answered, or the socket is gone or another one.
+    fn wait_for_another(&self) {
+        let socket = || std::fs::metadata(&self.socket).map(|m| (m.dev(), m.ino(), m.ctime_nsec()));
+        let before = socket().ok();
+        while before.is_some() && socket().ok() == before {
+            std::thread::sleep(LOOK);
+            if self.answered.swap(false, Ordering::AcqRel) {
+                return;
+            }
+        }
+    }
+
     /// Listens until the connection breaks, or nobody wants to.
-    fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<(), Error> {
+    fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<Heard, Error> {
         let mut client = Client::connect(&self.socket, None)?;
         client.send(&Request::Events {})?;
         client.reply()?;
         if !there() {
-            return Ok(());
+            return Ok(Heard::Enough);
         }
         loop {
-            if let Event::Durable { capture, .. } = client.event()? {
-                self.remember(&capture);
+            match client.event()? {
+                Event::Durable { capture, .. } => self.remember(&capture),
+                Event::Ending => return Ok(Heard::Ending),
+                _ => {}
             }
         }
     }
@@ -160,7 +214,10 @@ mod tests {
     use std::os::unix::net::UnixListener;
     use std::sync::mpsc::{Receiver, channel};
 
-    /// Serves one connection after the other with the lines of each; a request is handed over as it came.
+    const STATUS: &str = r#"{"type":"status","status":{}}"#;
+
+    /// Serves one connection after the other with the lines of each, after its status where it is asked for that first;
+    /// a request is handed over as it came.
     fn serve(path: &Path, connections: &[&[&str]]) -> Receiver<String> {
         let listener = UnixListener::bind(path).unwrap();
         let (sender, requests) = channel();
@@ -171,8 +228,12 @@ mod tests {
         std::thread::spawn(move || {
             for lines in connections {
                 let (mut stream, _) = listener.accept().unwrap();
-                let mut request = String::new();
-                BufReader::new(&stream).read_line(&mut request).unwrap();
+                let mut asked = BufReader::new(stream.try_clone().unwrap()).lines();
+                let mut request = asked.next().unwrap().unwrap();
+                if request.contains("status") {
+                    writeln!(stream, "{STATUS}").unwrap();
+                    request = asked.next().unwrap().unwrap();
+                }
                 sender.send(request).unwrap();
                 for line in lines {
                     writeln!(stream, "{line}").unwrap();
@@ -227,6 +288,65 @@ mod tests {
         );
         assert!(begin.elapsed() < 4 * BEGIN);
         assert!(daemon.reject_last().unwrap().is_none());
+    }
+
+    #[test]
+    fn a_press_is_not_left_with_a_socket_that_nobody_serves() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let listener = UnixListener::bind(&socket).unwrap();
+        let daemon = Daemon::new(&socket);
+        let begin = Instant::now();
+        daemon.press("p", &mut |_| ()).unwrap_err();
+        assert!(begin.elapsed() >= BEGIN && begin.elapsed() < 4 * BEGIN);
+        // A daemon that starts now finds nobody who wants a capture.
+        listener.set_nonblocking(true).unwrap();
+        let mut left = 0;
+        while let Ok((stream, _)) = listener.accept() {
+            let mut lines = BufReader::new(stream).lines();
+            assert_eq!(lines.next().unwrap().unwrap(), r#"{"type":"status"}"#);
+            assert!(lines.next().is_none());
+            left += 1;
+        }
+        assert!(left > 0);
+    }
+
+    #[test]
+    fn a_daemon_that_was_told_to_end_is_not_called_again_before_a_press_or_another_socket() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let (listening, ending) = (r#"{"type":"listening"}"#, r#"{"type":"ending"}"#);
+        let requests = serve(
+            &socket,
+            &[
+                &[listening, ending],
+                &[ACCEPTED, DURABLE],
+                &[listening, ending],
+            ],
+        );
+        let daemon = Daemon::new(&socket);
+        let (sender, found) = channel();
+        let watching = daemon.clone();
+        std::thread::spawn(move || {
+            watching.watch(|watch| sender.send(format!("{watch:?}")).is_ok());
+        });
+        assert_eq!(
+            [found.recv().unwrap(), found.recv().unwrap()],
+            ["There", "Ended"]
+        );
+        assert!(requests.recv().unwrap().contains("events"));
+        // Systemd's socket would take a connection.
+        assert!(requests.recv_timeout(2 * LOOK).is_err());
+        daemon.press("p", &mut |_| ()).unwrap();
+        assert!(requests.recv().unwrap().contains("trigger"));
+        assert!(requests.recv().unwrap().contains("events"));
+        assert_eq!(
+            [found.recv().unwrap(), found.recv().unwrap()],
+            ["There", "Ended"]
+        );
+        std::fs::remove_file(&socket).unwrap();
+        let away = found.recv().unwrap();
+        assert!(away.contains("Away"), "{away}");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 
 use super::completing::{Unended, unended};
 use super::entries::{Entry, each_entry};
-use super::rewriting::{dress, io, lock, remove_stale, with_ending};
+use super::rewriting::{dress, give_name, io, lock, remove_stale, with_ending};
 use super::writer::{Compression, PART, Writer, sync_folder};
 use super::{Error, Recording};
 use sha2::{Digest, Sha256};
@@ -84,7 +84,7 @@ fn complete(part: &Path, path: &Path) -> Result<Option<Recovered>, Error> {
     found
         .complete(&file)
         .and_then(|()| file.sync_all())
-        .and_then(|()| std::fs::rename(part, path))
+        .and_then(|()| give_name(part, path))
         .and_then(|()| sync_folder(path))
         .map_err(io(part))?;
     Ok(Some(Recovered {
@@ -250,7 +250,7 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<Pat
         std::io::copy(file, &mut copy)?;
         let _ = dress(&copy, &file.metadata()?);
         copy.sync_all()?;
-        std::fs::rename(&staged, &tail)?;
+        give_name(&staged, &tail)?;
         sync_folder(&tail)
     };
     copied().map_err(io(part))?;

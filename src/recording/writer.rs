@@ -5,6 +5,7 @@ use super::container::Container;
 use super::encoding::MessageHead;
 use super::json::{self, CameraSettings, CaptureRecord, Note};
 use super::records::{ChannelText, SchemaText};
+use super::rewriting::give_name;
 use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
 use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
@@ -328,7 +329,7 @@ impl Writer {
         })?;
         let renamed = file
             .sync_all()
-            .and_then(|()| std::fs::rename(&part, &path))
+            .and_then(|()| give_name(&part, &path))
             .and_then(|()| sync_folder(&path));
         renamed.map_err(|cause| io(&path, cause))
     }

@@ -66,6 +66,17 @@ impl Client {
         })
     }
 
+    /// Waits so long for what is sent and read from now on.
+    ///
+    /// # Errors
+    /// If the system refuses that.
+    pub fn set_patience(&mut self, patience: Duration) -> Result<(), Error> {
+        let stream = self.stream.get_ref();
+        let set = stream.set_read_timeout(Some(patience));
+        set.and_then(|()| stream.set_write_timeout(Some(patience)))
+            .map_err(|cause| self.broken(cause))
+    }
+
     /// Sends a request; its replies follow, see [`Self::reply`].
     ///
     /// # Errors

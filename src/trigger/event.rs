@@ -117,6 +117,8 @@ pub enum Event {
         #[serde(default)]
         text: String,
     },
+    /// The daemon ends as it was told to: nothing follows.
+    Ending,
     /// The listener was too slow, and so many events are lost to it.
     Lost {
         /// How many.

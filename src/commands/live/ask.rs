@@ -323,6 +323,7 @@ fn event_words(event: &Event) -> String {
             kind,
             text,
         } => format!("{capture}: {kind} {text}"),
+        Event::Ending => "the daemon is ending".into(),
         Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
     }
 }

@@ -4,6 +4,8 @@ pub mod ask;
 #[cfg(feature = "live")]
 pub mod check;
 #[cfg(feature = "live")]
+mod line;
+#[cfg(feature = "live")]
 mod models;
 #[cfg(feature = "pedal")]
 pub mod pedal;

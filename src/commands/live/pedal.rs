@@ -88,6 +88,7 @@ fn tell_whether_there(daemon: &Daemon) {
             match watch {
                 Watch::There => log::notice!("the daemon is there"),
                 Watch::Away(error) => log::warning!("the daemon is away: {error}"),
+                Watch::Ended => log::notice!("the daemon has ended, as it was told to"),
             }
         }
         there = Some(now);

@@ -1,5 +1,6 @@
 //! From the configuration's file to everything that a daemon needs before it touches a camera.
 
+use super::line::allow_for_lines;
 use super::stations::stations;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::commands::BadConfiguration;
@@ -52,9 +53,10 @@ impl Source {
         ] {
             *path = std::path::absolute(&*path)?;
         }
+        let named = |problem| named(&self.config, problem);
+        allow_for_lines(&mut config).map_err(named)?;
         let text = std::fs::read_to_string(&self.config)
             .with_context(|| format!("configuration {}", self.config.display()))?;
-        let named = |problem| named(&self.config, problem);
         config.hooks.checked().map_err(named)?;
         let file = self.calibration(&config).map_err(named)?;
         let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;

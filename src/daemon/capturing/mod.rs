@@ -28,6 +28,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use takes::Takes;
 use worker::Worker;
 
@@ -150,7 +151,7 @@ impl Capturing {
             cause,
         };
         std::fs::create_dir_all(&folder).map_err(io)?;
-        let left = recover_all(&folder)?;
+        let left = recover_all(&folder, &plan.pulse)?;
         let presses = Arc::new(Presses::open(&folder.join("presses"), &left));
         let models = plan.models.is_some();
         let (orders, queue) = bounded(1);
@@ -289,10 +290,15 @@ fn decline(order: Order, reply: Reply, words: &str) {
     }
 }
 
-/// Completes what an earlier run left; the files that are then there.
-fn recover_all(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+/// Completes what an earlier run left; the files that are then there. The start may take as long as a slow disk needs
+/// for each.
+fn recover_all(folder: &Path, pulse: &Pulse) -> Result<Vec<PathBuf>, Error> {
+    const SLOWEST_BYTES_A_SECOND: u64 = 5_000_000;
+    const BESIDE: Duration = Duration::from_secs(60);
     let mut left = Vec::new();
     for part in unfinished(folder)? {
+        let bytes = part.metadata().map_or(0, |part| part.len());
+        pulse.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
         match recover(&part) {
             Ok(recovered) => {
                 log::notice!("recovered {}", recovered.path.display());

@@ -4,7 +4,7 @@ use super::super::capturing::{Answer, Order};
 use super::super::presses::Following;
 use super::Shared;
 use crate::recording::Note;
-use crate::trigger::{LONGEST_LINE, Reply, Request, Until};
+use crate::trigger::{Event, LONGEST_LINE, Reply, Request, Until};
 use std::io::{Error, ErrorKind};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -146,13 +146,13 @@ impl Client<'_> {
         loop {
             let event = tokio::select! {
                 biased;
-                event = events.next() => event,
-                _ = ending.wait_for(|ends| *ends) => None,
-                () = self.gone() => None,
+                event = events.next() => event.unwrap_or(Event::Ending),
+                _ = ending.wait_for(|ends| *ends) => Event::Ending,
+                () = self.gone() => return Err(ErrorKind::BrokenPipe.into()),
             };
-            match event {
-                Some(event) => self.send(&event).await?,
-                None => return Err(ErrorKind::BrokenPipe.into()),
+            self.send(&event).await?;
+            if event == Event::Ending {
+                return Err(ErrorKind::BrokenPipe.into());
             }
         }
     }

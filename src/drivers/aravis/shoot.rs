@@ -7,7 +7,7 @@ use super::features::no_answer;
 use super::gvcp;
 use super::parameters::ExposureMark;
 use super::stream::Arrival;
-use crate::drivers::live::{Fault, Shot, Tally};
+use crate::drivers::live::{Fault, LINE_LEAD, Shot, Tally};
 use crate::frame::{Frame, Stream, Timestamp};
 use aravis::Buffer;
 use aravis::prelude::*;
@@ -17,9 +17,6 @@ use std::time::{Duration, Instant};
 
 /// Frames that are kept of a camera that nobody triggers.
 const KEPT: usize = 3;
-/// How much earlier than the daemon's trigger a line may have started the exposure: what a signal takes through a
-/// switch, USB and a socket.
-const LINE_LEAD: Duration = Duration::from_millis(50);
 /// How long a frame may still come after a damaged one whose stamp was lost.
 const AFTER_DAMAGE: Duration = Duration::from_millis(250);
 /// How much older than its trigger a damaged frame is that belongs to another one.

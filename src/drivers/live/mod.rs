@@ -9,7 +9,13 @@ mod supervisor;
 #[cfg(test)]
 mod supervisor_tests;
 
+use std::time::Duration;
+
 pub use clock::{DeviceClock, HostClock, Reading};
 pub use device::{Confirmed, Device, Driver, Fault, Shot, Tally};
 pub use pool::{Pool, PooledBuffer};
 pub use supervisor::{Backoff, Command, Ending, Event, Message, Supervised, supervise};
+
+/// How much earlier than the daemon's trigger an electrical signal may have started the exposure: what the press takes
+/// through a switch, USB and a socket.
+pub const LINE_LEAD: Duration = Duration::from_millis(50);

@@ -4,7 +4,9 @@ use super::device::{self, Filled, Queue};
 use super::frame::{self, Expected, Whole};
 use super::parameters::{Parameters, TriggerMode};
 use super::{jpeg, settings};
-use crate::drivers::live::{Confirmed, Device, Driver, Fault, HostClock, Pool, Shot, Tally};
+use crate::drivers::live::{
+    Confirmed, Device, Driver, Fault, HostClock, LINE_LEAD, Pool, Shot, Tally,
+};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use std::collections::VecDeque;
 use std::io;
@@ -87,7 +89,8 @@ impl Device for Camera {
         // What was damaged before is of no shot.
         self.drain(&mut Tally::default())?;
         let mut tally = Tally::default();
-        while self.kept.back().is_none_or(|k| k.time < shot.trigger) {
+        let earliest = self.earliest(shot);
+        while self.kept.back().is_none_or(|k| k.time < earliest) {
             let left = shot.remaining();
             if left.is_zero() {
                 break;
@@ -234,6 +237,16 @@ impl Camera {
         given.map_err(|why| self.broken(&why))
     }
 
+    /// When the exposure of a shot's frame may have begun: a signal may have been there before the daemon heard of it.
+    fn earliest(&self, shot: &Shot) -> Timestamp {
+        match self.driver.parameters.trigger() {
+            TriggerMode::FreeRun => shot.trigger,
+            TriggerMode::Line => {
+                Timestamp(shot.trigger.0.saturating_sub(LINE_LEAD.as_nanos() as u64))
+            }
+        }
+    }
+
     /// The last frame before the trigger and the first from then on: which counts, others decide.
     fn hand_over(
         &mut self,
@@ -241,11 +254,12 @@ impl Camera {
         tally: &mut Tally,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
-        let came = self.kept.back().is_some_and(|k| k.time >= shot.trigger);
+        let earliest = self.earliest(shot);
+        let came = self.kept.back().is_some_and(|k| k.time >= earliest);
         if !came && tally.lost.is_empty() {
             tally.lost.push("no frame came in time".into());
         }
-        let first = self.kept.iter().position(|k| k.time >= shot.trigger);
+        let first = self.kept.iter().position(|k| k.time >= earliest);
         for (i, kept) in std::mem::take(&mut self.kept).into_iter().enumerate() {
             // Two frames may have come since the trigger: the second is of no use.
             if first.is_none_or(|first| i <= first) {

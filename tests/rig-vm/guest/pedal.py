@@ -121,6 +121,23 @@ def early():
     expect(count, (1, 0, 1), "captures, busy answers and durable ones of the next press")
 
 
+@chapter.step("a daemon that was stopped stays so until there is a press, which starts it")
+def stopped():
+    switch = plugged["switch"]
+    since = scand.now()
+    run("systemctl", "stop", "scand.service")
+    until("the end is told", lambda: "the daemon has ended" in scand.said(since, switch.unit))
+    time.sleep(5)
+    expect(scand.active(), "inactive", "the daemon, whose socket is still there")
+    switch.press()
+    until("the daemon is active", lambda: scand.active() == "active")
+    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, switch.unit))
+    ends = ("no capture was taken", ": durable", ": failed", "refused")
+    until("that press is over", lambda: any(end in scand.said(since, switch.unit) for end in ends))
+    count, _ = one_capture(switch.unit, switch.press)
+    expect(count, (1, 0, 1), "captures, busy answers and durable ones of the next press")
+
+
 @chapter.step("pulled out, it stops its unit")
 def ends():
     switch = plugged.pop("switch")

@@ -35,7 +35,7 @@ impl Worker {
             only_colors,
             trigger,
         );
-        self.count_lost(&shooting);
+        self.note_shot(&shooting);
         let now = self.rig.clock().now();
         let kept = assemble(capture, shooting, f64::INFINITY, now);
         if kept.record.outcome == Outcome::Failed {

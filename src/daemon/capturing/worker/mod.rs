@@ -138,9 +138,13 @@ impl Worker {
     /// Notes what a camera says, and tells the log when that changes what can be done.
     fn note(&mut self, message: Message) {
         let id = message.camera.clone();
-        if !self.rig.note(message) {
-            return;
+        if self.rig.note(message) {
+            self.tell_state(id);
         }
+    }
+
+    /// Tells the log and who listens what a camera is now; what it is set to goes into the recordings.
+    fn tell_state(&mut self, id: CameraId) {
         let states = self.rig.states().find(|(camera, ..)| **camera == id);
         match states.map(|(.., state)| state.clone()) {
             Some(State::Ready(confirmed)) => {
@@ -167,7 +171,11 @@ impl Worker {
         });
     }
 
-    fn count_lost(&mut self, shooting: &Shooting) {
+    /// What is to be known of a shot beside its frames: cameras that came or went meanwhile, and what was lost.
+    fn note_shot(&mut self, shooting: &Shooting) {
+        for id in &shooting.changed {
+            self.tell_state(id.clone());
+        }
         for (id, answer) in &shooting.answers {
             let lost = answer.as_ref().map_or(&[][..], |tally| &tally.lost);
             for words in lost {

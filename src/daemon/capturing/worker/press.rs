@@ -75,7 +75,7 @@ impl Worker {
             |_| true,
             trigger,
         );
-        self.count_lost(&shooting);
+        self.note_shot(&shooting);
         let now = self.rig.clock().now();
         assemble(capture, shooting, self.plan.capture.largest_skew_ms, now)
     }

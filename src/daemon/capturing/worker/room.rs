@@ -26,8 +26,8 @@ impl Worker {
         let folder = &self.plan.recording.folder;
         let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
         let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
-        // Room for what the recording has beside the pictures, and for the plates of a file that begins.
-        if free < kept_free + bytes + bytes / 10 + 1_000_000 {
+        // Room for what the recording has beside the pictures, and for the plates of a file that may begin.
+        if free < kept_free + bytes + self.plates_bytes() + bytes / 10 + 1_000_000 {
             return Err(format!(
                 "{} has {} MB left, a capture takes {} MB and {} MB stay free (recording.keep_free_mb)",
                 folder.display(),
@@ -37,6 +37,12 @@ impl Worker {
             ));
         }
         Ok(())
+    }
+
+    /// Bytes of the plates that a file begins with.
+    fn plates_bytes(&self) -> u64 {
+        let plates = self.plan.preamble.backgrounds.values();
+        plates.map(|(_, plate)| plate.bytes() as u64).sum()
     }
 
     /// Bytes of a capture, as the cameras are set.
