@@ -152,11 +152,13 @@ def ends():
 @chapter.step("the same with a USB device: plugged in, pressed, pulled out")
 def usb():
     gadget = plugged["gadget"] = Gadget(0x0C45, 0x7403, "FootSwitch")
-    before = set(Path("/dev/input").glob("event*"))
+    before, since = set(Path("/dev/input").glob("event*")), scand.now()
     gadget.plug_in()
     device = until("it is an input device", lambda: set(Path("/dev/input").glob("event*")) - before).pop()
     unit = f"scand-pedal@{device.name}.service"
     until("its unit is active", lambda: scand.active(unit) == "active")
+    # Active is the unit before the switch is open.
+    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, unit))
 
     def press():
         gadget.report(KEY_B_OF_USB)
