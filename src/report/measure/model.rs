@@ -1,6 +1,6 @@
 //! The model in figures.
 
-use crate::mesh::{self, bounding_box, check};
+use crate::mesh::{self, Mesh, bounding_box, check, components};
 use crate::reconstruct::{Provenance, Reconstruction};
 use serde::Serialize;
 
@@ -25,6 +25,8 @@ pub struct ModelMeasures {
     pub dropped_carved_pieces: usize,
     /// Places where carving contradicted a colour camera and was undone.
     pub closed_openings: usize,
+    /// Handles of the model that the plain hull has not: what the depth alone opened.
+    pub handles_of_depth: u64,
 }
 
 /// Vertices of one provenance.
@@ -56,6 +58,7 @@ impl ModelMeasures {
             dropped_hull_pieces: made.dropped_hull_pieces,
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
+            handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
     }
 
@@ -64,6 +67,12 @@ impl ModelMeasures {
         let found = self.provenance.iter().find(|p| p.provenance == provenance);
         found.map_or(0.0, |p| p.share)
     }
+}
+
+/// Handles of a closed mesh, all of its pieces together.
+fn handles(mesh: &Mesh) -> u64 {
+    let parts = components(mesh).parts;
+    parts.iter().map(|p| p.genus().max(0) as u64).sum()
 }
 
 fn of_provenance(made: &Reconstruction, provenance: Provenance) -> ProvenanceMeasures {

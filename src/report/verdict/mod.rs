@@ -95,6 +95,8 @@ pub enum Code {
     NotWatertight,
     /// The model has more handles than most objects have: it may be perforated.
     ManyHandles,
+    /// The depth opened holes that no silhouette shows.
+    OpenedByDepth,
     /// Much of the model was seen by no colour camera.
     Unpainted,
 }

@@ -42,6 +42,13 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             format!("the model has {v:.0} handles or holes through it: it may be perforated");
         reason(level, Code::ManyHandles, words)
     }));
+    let opened = model.handles_of_depth as f64;
+    into.extend(beyond(&parameters.handles_of_depth, opened).map(|(level, v)| {
+        let words = format!(
+            "the depth opened {v:.0} hole(s) that no silhouette shows: the model may be perforated"
+        );
+        reason(level, Code::OpenedByDepth, words)
+    }));
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
         let words = format!(

@@ -69,6 +69,9 @@ pub struct Parameters {
     pub dropped_pieces: Limits,
     /// Handles of the model, of which perforations are made. Default 4.
     pub handles: Limits,
+    /// Handles of the model that the plain hull has not: true openings that only the depth camera sees, or
+    /// perforations. Default 0.
+    pub handles_of_depth: Limits,
     /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.3.
     pub unpainted: Limits,
 }
@@ -94,6 +97,7 @@ impl Default for Parameters {
             openings_closed: Limits::amber(2000.0),
             dropped_pieces: Limits::amber(100.0),
             handles: Limits::amber(4.0),
+            handles_of_depth: Limits::amber(0.0),
             unpainted: Limits::amber(0.3),
         }
     }

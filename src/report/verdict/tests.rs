@@ -44,6 +44,7 @@ fn measured() -> Measurements {
             dropped_hull_pieces: 0,
             dropped_carved_pieces: 0,
             closed_openings: 0,
+            handles_of_depth: 0,
         },
         method: Method::Hybrid,
     }
@@ -85,6 +86,14 @@ fn a_rig_without_a_depth_camera_is_green_and_says_so() {
     let verdict = judged(&measured(), &capture());
     assert_eq!(verdict.level, Level::Green);
     assert_eq!(codes(&verdict, Level::Green), [Code::NoDepthCamera]);
+}
+
+#[test]
+fn a_hole_that_only_depth_shows_is_to_be_looked_at() {
+    let mut measured = measured();
+    measured.model.handles_of_depth = 1;
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [Code::OpenedByDepth]);
 }
 
 #[test]
