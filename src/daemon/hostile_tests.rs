@@ -309,7 +309,7 @@ fn a_storm_harms_neither_the_capture_nor_the_memory_nor_the_log() {
                 .and_then(|()| client.reply());
             assert!(matches!(status, Ok(Reply::Status { .. })), "{status:?}");
             assert!(
-                asked.elapsed() < Duration::from_secs(2),
+                asked.elapsed() < Duration::from_secs(10),
                 "{:?}",
                 asked.elapsed()
             );
@@ -328,7 +328,7 @@ fn a_storm_harms_neither_the_capture_nor_the_memory_nor_the_log() {
     let _ = daemon.kill();
     daemon.wait().unwrap();
     assert!(matches!(end, Reply::Durable { .. }), "{end:?}");
-    assert!(took < Duration::from_secs(4), "{took:?}");
+    assert!(took < Duration::from_secs(15), "{took:?}");
     assert!(after < before + 16_000_000, "{before} to {after}");
     assert!(log.lines().count() < 60, "{log}");
 }

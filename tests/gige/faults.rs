@@ -183,13 +183,12 @@ fn held() -> (u64, usize) {
     )
 }
 
-/// `SCAND_TEST_RECONNECTS=1000` takes longer and shows more.
 #[test]
 fn nothing_leaks_over_many_reconnects() {
     alone("faults::nothing_leaks_over_many_reconnects", || {
         let stand = Stand::new([64, 48]);
-        let rounds = std::env::var("SCAND_TEST_RECONNECTS");
-        let rounds: u64 = rounds.map_or(200, |n| n.parse().unwrap());
+        let torture = std::env::var("SCAND_TORTURE");
+        let rounds = torture.map_or(200, |n| 1000 * n.parse::<u64>().unwrap());
         let round = |number| {
             let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
             assert_eq!(stand.shoot(device.as_mut(), number).1.len(), 1);

@@ -178,11 +178,13 @@ fn soak_memory_files_threads_and_latency_stay_flat() {
             soak(&stand, Duration::from_secs(times(2, 10)));
             let samples = soak(&stand, Duration::from_secs(times(5, 60)));
             assert!(samples.len() >= 6, "{} captures", samples.len());
+            // Beside other tests a machine is as fast as they leave it.
+            let slower_ms = std::env::var("SCAND_TORTURE").map_or(f64::INFINITY, |_| 100.0);
             let curves: [Curve; 4] = [
                 ("memory MB", |s| s.memory_mb, 30.0),
                 ("open files", |s| s.files, 3.0),
                 ("threads", |s| s.threads, 2.0),
-                ("press to durable ms", |s| s.latency_ms, f64::INFINITY),
+                ("press to durable ms", |s| s.latency_ms, slower_ms),
             ];
             let times: Vec<f64> = samples.iter().map(|s| s.seconds).collect();
             let series = curves.map(|(name, of, _)| (name, samples.iter().map(of).collect()));

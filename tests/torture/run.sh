@@ -33,6 +33,7 @@ promises() {
 		cameras|lost, repeated, reordered and damaged packets make no wrong picture|rig|a_network_that
 		cameras|a wall clock that steps by an hour moves no timestamp|lib|daemon::disaster_tests::a_wall_clock
 		cameras|cameras that come and go leave nothing behind|gige|faults::
+		cameras|a camera that is unplugged is named and comes back each time|lib|drivers::live::supervisor_tests::an_unplugged
 		workers|crashes, hangs and memory fail one job alone|lib|workers::tests::
 		workers|a panic in any stage fails one capture alone|hostile|tiny::a_panic
 		workers|real workers: memory beyond the limit, confinement|workers|one_that_

@@ -185,7 +185,8 @@ def hooks():
     commands = [example("beep", "captured"), example("brightnessctl", "accepted")]
     # The page names the program for a sound of one's own.
     commands.append('durable = ["aplay", "--quiet", "/usr/share/sounds/alsa/Noise.wav"]')
-    service.configure("[hooks]\n" + "\n".join(commands) + "\n")
+    # Emulated, a program takes its time to begin.
+    service.configure("[hooks]\ntimeout_ms = 60000\n" + "\n".join(commands) + "\n")
     led = next(Path("/sys/class/leds").glob("*::scrolllock")) / "brightness"
     for opened in (False, True):
         if opened:
