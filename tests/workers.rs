@@ -2,10 +2,12 @@
 //! have the memory it wants or its daemon is killed, and what it may not do at all.
 
 use rustix::fs::{Mode, OFlags};
+use rustix::process::Pid;
 use scand::config::Config;
 use scand::workers::{Ended, Job, Jobs, Limits, Parameters, Plan, Workers, confine};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::os::fd::AsRawFd;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -301,6 +303,57 @@ fn a_killed_worker_fails_its_job_alone_and_leaves_no_half_model() {
     );
 }
 
+/// A command about a file, by `fcntl` or `ioctl`, whose argument is a number or where numbers are; whether it was done.
+#[allow(
+    unsafe_code,
+    reason = "no safe library says who gets the signals of a file"
+)]
+fn command(call: libc::c_long, file: &UnixStream, command: u32, argument: Argument) -> bool {
+    let file = file.as_raw_fd();
+    // SAFETY: the numbers outlive the call, which reads two of them at most.
+    let done = unsafe {
+        match argument {
+            Argument::Number(number) => libc::syscall(call, file, command, number),
+            Argument::At(numbers) => libc::syscall(call, file, command, numbers.as_ptr()),
+        }
+    };
+    done == 0
+}
+
+enum Argument<'a> {
+    Number(i32),
+    At(&'a [i32; 2]),
+}
+
+/// What a process does to another one of its user without sending a signal by itself: it lets files send them, and moves
+/// the other to other processors.
+fn reach_for(process: Pid) -> Vec<(&'static str, bool)> {
+    use Argument::{At, Number};
+    const F_SETOWN: u32 = 8;
+    const F_SETSIG: u32 = 10;
+    const F_SETOWN_EX: u32 = 15;
+    const FIOSETOWN: u32 = 0x8901;
+    const SIOCSPGRP: u32 = 0x8902;
+    const F_OWNER_PID: i32 = 1;
+    let (file, _other_end) = UnixStream::pair().unwrap();
+    let pid = process.as_raw_nonzero().get();
+    let fcntl = |number, argument| command(libc::SYS_fcntl, &file, number, argument);
+    let ioctl = |number| command(libc::SYS_ioctl, &file, number, At(&[pid, 0]));
+    let processors = rustix::thread::sched_getaffinity(Some(process)).unwrap();
+    let moved = rustix::thread::sched_setaffinity(Some(process), &processors);
+    vec![
+        ("fcntl F_SETOWN", fcntl(F_SETOWN, Number(pid))),
+        (
+            "fcntl F_SETOWN_EX",
+            fcntl(F_SETOWN_EX, At(&[F_OWNER_PID, pid])),
+        ),
+        ("fcntl F_SETSIG", fcntl(F_SETSIG, Number(libc::SIGURG))),
+        ("ioctl FIOSETOWN", ioctl(FIOSETOWN)),
+        ("ioctl SIOCSPGRP", ioctl(SIOCSPGRP)),
+        ("move its daemon to other processors", moved.is_ok()),
+    ]
+}
+
 /// What a confined process tries, with what came of it: `may` or `may not`.
 fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
     let (outside, recording) = (folder.join("outside"), folder.join("recording"));
@@ -313,7 +366,7 @@ fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
     // Opened for reading, and cut off on the way.
     let cutting = OFlags::RDONLY | OFlags::TRUNC;
     let shut = std::fs::Permissions::from_mode(0o777);
-    vec![
+    let mut tries = vec![
         ("read its recording", std::fs::read(&recording).is_ok()),
         (
             "write its output",
@@ -330,6 +383,10 @@ fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
         (
             "start a thread",
             std::thread::Builder::new().spawn(|| ()).is_ok(),
+        ),
+        (
+            "ask how a file is open",
+            rustix::fs::fcntl_getfl(std::io::stdin()).is_ok(),
         ),
         ("change its recording", append(&recording).is_ok()),
         (
@@ -387,7 +444,9 @@ fn tries(folder: &Path, port: u16) -> Vec<(&'static str, bool)> {
             "be nicer to itself",
             rustix::process::setpriority_process(None, 0).is_ok(),
         ),
-    ]
+    ];
+    tries.extend(reach_for(parent));
+    tries
 }
 
 #[test]
@@ -406,6 +465,7 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
         for (what, may) in tries(&folder, port.parse().unwrap()) {
             println!("{}: {what}", if may { "may" } else { "may not" });
         }
+        println!("tried");
         // Waits to be looked at.
         let _ = std::io::stdin().read(&mut [0]);
         return;
@@ -423,6 +483,9 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
     // All of it may be done by who is not confined.
     assert!(TcpStream::connect(("127.0.0.1", port)).is_ok());
     assert!(UnixStream::connect(home.path().join("socket")).is_ok());
+    for (what, may) in reach_for(rustix::process::getpid()) {
+        assert!(may, "{what}");
+    }
 
     let mut process = again(NAME, home.path())
         .stdin(Stdio::piped())
@@ -430,11 +493,8 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
         .spawn()
         .unwrap();
     let mut output = std::io::BufReader::new(process.stdout.take().unwrap());
-    let mut said = Vec::new();
-    while !said
-        .last()
-        .is_some_and(|l: &String| l.ends_with(": be nicer to itself"))
-    {
+    let mut said = Vec::<String>::new();
+    while said.last().is_none_or(|line| line != "tried") {
         let mut line = String::new();
         std::io::BufRead::read_line(&mut output, &mut line).unwrap();
         assert!(!line.is_empty(), "{said:?}");
@@ -468,9 +528,10 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
         "make a folder in it",
         "rename in it",
         "start a thread",
+        "ask how a file is open",
     ];
     assert_eq!(of("may: "), may);
-    assert_eq!(of("may not: ").len(), 17, "{said:?}");
+    assert_eq!(of("may not: ").len(), 23, "{said:?}");
     assert_eq!(
         std::fs::read(home.path().join("recording")).unwrap(),
         b"pictures"

@@ -195,8 +195,30 @@ fn denied_calls() -> Result<BpfProgram, seccompiler::BackendError> {
         ];
         rules.insert(*call, refused.into());
     }
+    for (call, commands) in SIGNALLING {
+        let refused = commands.iter().map(|c| one_command(*c));
+        rules.insert(*call, refused.collect::<Result<_, _>>()?);
+    }
     program(rules, libc::EPERM)
 }
+
+/// The rule for a command, which is the second argument; the kernel looks at 32 bits of it.
+fn one_command(command: u64) -> Result<SeccompRule, seccompiler::BackendError> {
+    SeccompRule::new(vec![condition(1, SeccompCmpOp::Eq, command)?])
+}
+
+/// Calls that are needed, and commands of theirs by which an open file sends signals to whichever process one names.
+const SIGNALLING: &[(i64, &[u64])] = &[
+    (libc::SYS_fcntl, &[F_SETOWN, F_SETSIG, F_SETOWN_EX]),
+    (libc::SYS_ioctl, &[FIOSETOWN, SIOCSPGRP]),
+];
+
+// The numbers of the kernel's `asm-generic`, on all machines that the filter can be made for; `libc` lacks some.
+const F_SETOWN: u64 = 8;
+const F_SETSIG: u64 = 10;
+const F_SETOWN_EX: u64 = 15;
+const FIOSETOWN: u64 = 0x8901;
+const SIOCSPGRP: u64 = 0x8902;
 
 /// Calls that open a file, and which argument has the flags.
 const OPEN: &[(i64, u8)] = &[
@@ -250,6 +272,7 @@ const DENIED: &[i64] = &[
     libc::SYS_process_vm_writev,
     libc::SYS_setpriority,
     libc::SYS_ioprio_set,
+    libc::SYS_sched_setaffinity,
     libc::SYS_sched_setattr,
     libc::SYS_sched_setparam,
     libc::SYS_sched_setscheduler,
