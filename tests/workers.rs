@@ -537,3 +537,38 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
         b"pictures"
     );
 }
+
+/// Whether `execve` of the x32 ABI comes as far as the kernel, which need not have it.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "no library makes this call")]
+fn x32_is_open() -> bool {
+    const EXECVE: libc::c_long = 0x4000_0000 | 520;
+    let nothing = std::ptr::null::<u8>();
+    // SAFETY: no program has no name: the call fails in any case, and reads nothing.
+    let failed = unsafe { libc::syscall(EXECVE, nothing, nothing, nothing) } < 0;
+    assert!(failed);
+    std::io::Error::last_os_error().raw_os_error() != Some(libc::EPERM)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[test]
+fn one_that_is_confined_has_no_way_around_by_the_numbers_of_another_abi() {
+    const NAME: &str = "one_that_is_confined_has_no_way_around_by_the_numbers_of_another_abi";
+    if std::env::var_os(PART).is_some() {
+        let limits = Limits {
+            memory_mb: 300,
+            nice: 7,
+        };
+        confine(limits, &[], &[]).unwrap();
+        assert!(!x32_is_open());
+        return;
+    }
+    assert!(x32_is_open());
+    let home = tempfile::tempdir().unwrap();
+    let process = again(NAME, home.path()).output().unwrap();
+    let said = String::from_utf8_lossy(&process.stdout);
+    assert!(
+        process.status.success() && said.contains("1 passed"),
+        "{said}"
+    );
+}

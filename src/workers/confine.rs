@@ -13,6 +13,7 @@ use seccompiler::{
     SeccompRule,
 };
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// How much a process may have of what it shares with others.
@@ -199,8 +200,17 @@ fn denied_calls() -> Result<BpfProgram, seccompiler::BackendError> {
         let refused = commands.iter().map(|c| one_command(*c));
         rules.insert(*call, refused.collect::<Result<_, _>>()?);
     }
+    if cfg!(target_arch = "x86_64") {
+        rules.extend(X32_ALONE.map(|call| (call, vec![])));
+    }
     program(rules, libc::EPERM)
 }
+
+/// What the numbers of the x32 ABI begin with: nearly all calls have the same ones there, with this bit.
+const X32: i64 = 0x4000_0000;
+
+/// Calls that have a number of their own in it, `execve` and `ioctl` among them.
+const X32_ALONE: RangeInclusive<i64> = (X32 | 512)..=(X32 | 547);
 
 /// The rule for a command, which is the second argument; the kernel looks at 32 bits of it.
 fn one_command(command: u64) -> Result<SeccompRule, seccompiler::BackendError> {
@@ -240,8 +250,6 @@ fn program(
     error: i32,
 ) -> Result<BpfProgram, seccompiler::BackendError> {
     if cfg!(target_arch = "x86_64") {
-        // The same calls under the numbers of the x32 ABI.
-        const X32: i64 = 0x4000_0000;
         let twins: Vec<_> = rules.iter().map(|(n, r)| (n | X32, r.clone())).collect();
         rules.extend(twins);
     }
