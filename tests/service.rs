@@ -420,6 +420,11 @@ fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
             .contains("retyr"),
         "{json}"
     );
+    let twice = ["--set", "v4l2.cameras.c01.device=/dev/none-0"];
+    let (code, words) = check(&stand, &twice);
+    assert_eq!(code, Some(78), "{words}");
+    let named = "v4l2.cameras.c01: device \"/dev/none-0\" is that of c00 already";
+    assert!(words.contains(named), "{words}");
     stand.start(run());
     stand.until_logged("listening");
     let (code, words) = check(&stand, &["--bundle", "bundle.tar.zst"]);

@@ -42,7 +42,17 @@ fn what_is_wrong_is_named_and_nothing_touched() {
         (format!("{sound}{CAMERAS}"), "duplicate key"),
         (
             sound.replace("127.0.1.2", "127.0.1.1"),
-            "that of c00 already",
+            "aravis.cameras.c01: address 127.0.1.1 is that of c00 already",
+        ),
+        (
+            sound
+                .replace("\"127.0.1.1\"", "\"127.0.1.1\"\nserial = \"A7\"")
+                .replace("\"127.0.1.2\"", "\"127.0.1.2\"\nserial = \"A7\""),
+            "aravis.cameras.c01: serial \"A7\" is that of c00 already",
+        ),
+        (
+            format!("{sound}[openni2.cameras.kinect]\n[openni2.cameras.xtion]\n"),
+            "openni2.cameras.xtion: device \"any\" is that of kinect already",
         ),
         (
             sound.replace("cameras.c01", "cameras.c77"),

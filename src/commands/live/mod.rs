@@ -18,3 +18,5 @@ pub mod run;
 #[cfg(feature = "live")]
 mod stations;
 mod table;
+#[cfg(feature = "live")]
+mod twice;

@@ -1,5 +1,6 @@
 //! From a configuration to the cameras that are to be opened, each with its driver. Nothing is opened here.
 
+use super::twice;
 use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::daemon::{Kind, Station, Transmission, budget};
@@ -24,8 +25,8 @@ const PLAIN_PACKET: u32 = 1500;
 /// The cameras of a configuration.
 ///
 /// # Errors
-/// If a camera is named twice, is set wrongly or has no calibration, its driver is not in this program, or a link cannot
-/// carry what it should.
+/// If a camera is named twice, has two names, is set wrongly or has no calibration, its driver is not in this program, or
+/// a link cannot carry what it should.
 pub(super) fn stations(
     config: &Config,
     calibration: &RigCalibration,
@@ -40,7 +41,9 @@ pub(super) fn stations(
         let driver = gige_driver(&id, parameters, &shared, &actions)?;
         add(&mut stations, calibration, id, Kind::Color, driver)?;
     }
-    for (id, parameters) in checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)? {
+    let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
+    twice::no_v4l2(&videos)?;
+    for (id, parameters) in videos {
         let driver = v4l2_driver(&id, parameters, &shared)?;
         add(&mut stations, calibration, id, Kind::Color, driver)?;
     }
@@ -49,6 +52,7 @@ pub(super) fn stations(
         config.openni2.each()?,
         openni2::Parameters::checked,
     )?;
+    twice::no_openni2(&depths)?;
     for (id, mut parameters) in depths {
         parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
         let kind = if parameters.take_turns() {
@@ -118,7 +122,7 @@ fn staggered(
     calibration: &RigCalibration,
 ) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
     let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
-    unique_addresses(&cameras)?;
+    twice::no_gige(&cameras)?;
     let transmissions = cameras.iter().filter_map(|(id, parameters)| {
         let (camera, _) = calibration.cameras.get(id)?;
         let pixels = [camera.intrinsics.width, camera.intrinsics.height];
@@ -148,20 +152,6 @@ fn staggered(
         }
     }
     Ok(cameras)
-}
-
-fn unique_addresses(cameras: &BTreeMap<CameraId, GigeParameters>) -> Result<(), String> {
-    let mut taken = BTreeMap::new();
-    for (id, parameters) in cameras {
-        if let Some(address) = parameters.address
-            && let Some(other) = taken.insert(address, id)
-        {
-            return Err(format!(
-                "aravis.cameras.{id}: address {address} is that of {other} already"
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// A driver that this program was built without.

@@ -1,0 +1,162 @@
+//! One camera under two names: one of them could never be opened, or each gets the other's pictures. Found before
+//! anything is.
+
+use crate::drivers::{aravis, openni2, v4l2};
+use crate::frame::CameraId;
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::path::Path;
+
+type Cameras<P> = BTreeMap<CameraId, P>;
+
+/// # Errors
+/// If two cameras have one address, serial number or name.
+pub(super) fn no_gige(cameras: &Cameras<aravis::Parameters>) -> Result<(), String> {
+    no_value("aravis", "address", cameras, |p| p.address)?;
+    no_value("aravis", "serial", cameras, |p| p.serial.as_deref())?;
+    no_value("aravis", "name", cameras, |p| p.name.as_deref())
+}
+
+/// # Errors
+/// If two cameras have one device, by its path or where their paths lead to.
+pub(super) fn no_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(), String> {
+    no_value("v4l2", "device", cameras, |p| Some(p.device()))?;
+    let mut taken = BTreeMap::new();
+    for (id, parameters) in cameras {
+        let device = parameters.device();
+        // One that is not there leads nowhere yet.
+        let Ok(leads_to) = Path::new(device).canonicalize() else {
+            continue;
+        };
+        if let Some((other, theirs)) = taken.insert(leads_to.clone(), (id, device)) {
+            return Err(format!(
+                "v4l2.cameras.{id}: device {device:?} is that of {other} already: it and {theirs:?} are {}",
+                leads_to.display()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// # Errors
+/// If two cameras have one device, or two take any.
+pub(super) fn no_openni2(cameras: &Cameras<openni2::Parameters>) -> Result<(), String> {
+    no_value("openni2", "device", cameras, |p| Some(p.device()))
+        .map_err(|words| format!("{words}, expected a serial number, a URI or a file of its own"))
+}
+
+fn no_value<'a, P, V: Ord + Debug>(
+    driver: &str,
+    field: &str,
+    cameras: &'a Cameras<P>,
+    value: impl Fn(&'a P) -> Option<V>,
+) -> Result<(), String> {
+    let mut taken = BTreeMap::new();
+    for (id, parameters) in cameras {
+        let Some(value) = value(parameters) else {
+            continue;
+        };
+        if let Some(other) = taken.get(&value) {
+            return Err(format!(
+                "{driver}.cameras.{id}: {field} {value:?} is that of {other} already"
+            ));
+        }
+        taken.insert(value, id);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::de::DeserializeOwned;
+
+    fn cameras<P: DeserializeOwned>(text: &str) -> Cameras<P> {
+        let named: BTreeMap<String, P> = toml::from_str(text).unwrap();
+        let named = named.into_iter();
+        named
+            .map(|(name, p)| (CameraId::new(&name).unwrap(), p))
+            .collect()
+    }
+
+    #[test]
+    fn gige_cameras_are_told_apart_by_each_field_that_they_have() {
+        let sound = "c00 = { serial = 'a', name = 'b' }\nc01 = { serial = 'b', name = 'a' }\n\
+                     c02 = { address = '10.0.0.2' }";
+        assert_eq!(no_gige(&cameras(sound)), Ok(()));
+        for (field, value, shown) in [
+            ("address", "10.0.0.7", "10.0.0.7"),
+            ("serial", "217", "\"217\""),
+            ("name", "left", "\"left\""),
+        ] {
+            let text = format!(
+                "a = {{ {field} = '{value}' }}\nb = {{ serial = 'b' }}\nc = {{ {field} = '{value}' }}"
+            );
+            assert_eq!(
+                no_gige(&cameras(&text)).unwrap_err(),
+                format!("aravis.cameras.c: {field} {shown} is that of a already")
+            );
+        }
+    }
+
+    #[test]
+    fn v4l2_cameras_are_told_apart_by_their_paths_and_where_they_lead() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).display().to_string();
+        for device in ["video0", "video1"] {
+            std::fs::write(path(device), "").unwrap();
+        }
+        for (link, device) in [("id-0", "video0"), ("path-0", "video0"), ("id-1", "video1")] {
+            std::os::unix::fs::symlink(device, path(link)).unwrap();
+        }
+        let of = |devices: [&str; 2]| {
+            let [a, b] = devices.map(path);
+            no_v4l2(&cameras(&format!(
+                "a = {{ device = '{a}' }}\nb = {{ device = '{b}' }}"
+            )))
+        };
+        assert_eq!(of(["id-0", "id-1"]), Ok(()));
+        assert_eq!(of(["none-0", "none-1"]), Ok(()));
+        assert_eq!(
+            of(["none-0", "none-0"]).unwrap_err(),
+            format!(
+                "v4l2.cameras.b: device {:?} is that of a already",
+                path("none-0")
+            )
+        );
+        let words = of(["id-0", "path-0"]).unwrap_err();
+        for named in [
+            "cameras.b: device",
+            "path-0",
+            "of a already",
+            "id-0",
+            "video0",
+        ] {
+            assert!(words.contains(named), "{named}: {words}");
+        }
+    }
+
+    #[test]
+    fn depth_cameras_are_told_apart_by_their_devices_and_one_may_be_any() {
+        assert_eq!(
+            no_openni2(&cameras("a = { device = '1d27/0601@3/7' }\nb = {}")),
+            Ok(())
+        );
+        for (text, named) in [
+            (
+                "a = {}\nb = { device = 'any' }",
+                "device \"any\" is that of a",
+            ),
+            (
+                "a = { device = 'x1' }\nb = { device = 'x1' }",
+                "device \"x1\" is that of a",
+            ),
+        ] {
+            let words = no_openni2(&cameras(text)).unwrap_err();
+            assert!(
+                words.contains(named) && words.contains("openni2.cameras.b"),
+                "{words}"
+            );
+        }
+    }
+}
