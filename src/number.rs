@@ -9,24 +9,20 @@ use serde::de::{Deserialize, Deserializer, Error};
 pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
     from: D,
 ) -> Result<Option<u32>, D::Error> {
-    count::<D, LEAST, MOST>(from).map(Some)
+    count::<D, u32, LEAST, MOST>(from).map(Some)
 }
 
-/// The same of a count that has a default.
+/// The same of a count that has a default, of any type that has room for it.
 ///
 /// # Errors
 /// If it is none.
-pub fn count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
+pub fn count<'de, D: Deserializer<'de>, T: TryFrom<i64>, const LEAST: u32, const MOST: u32>(
     from: D,
-) -> Result<u32, D::Error> {
+) -> Result<T, D::Error> {
     let found = i64::deserialize(from)?;
     let within = (i64::from(LEAST)..=i64::from(MOST)).contains(&found);
-    if !within {
-        return Err(D::Error::custom(format!(
-            "{found}, expected {LEAST} to {MOST}"
-        )));
-    }
-    Ok(found as u32)
+    let counted = T::try_from(found).ok().filter(|_| within);
+    counted.ok_or_else(|| D::Error::custom(format!("{found}, expected {LEAST} to {MOST}")))
 }
 
 /// Width and height in pixels, each from 1 to 16384.

@@ -275,6 +275,20 @@ mod tests {
             ("sync.window_ms=-1.0", "milliseconds from 0"),
             ("capture.largest_skew_ms=inf", "milliseconds from 0"),
             ("service.patience_s=1e9", "seconds from 0"),
+            ("capture.patience_ms=30001", "30001, expected 0 to 30000"),
+            ("capture.patience_ms=-1", "-1, expected 0 to 30000"),
+            ("capture.retry=11", "11, expected 0 to 10"),
+            ("capture.waiting=0", "0, expected 1 to 1000"),
+            ("capture.waiting=1001", "1001, expected 1 to 1000"),
+            ("capture.memory_mb=0", "0, expected 1 to 1000000"),
+            ("capture.memory_mb=1000001", "expected 1 to 1000000"),
+            ("recording.largest_file_mb=0", "0, expected 1 to 1000000"),
+            ("recording.keep_free_mb=9e18", "9e18"),
+            (
+                "recording.keep_free_mb=9000000000000000000",
+                "expected 0 to 1000000000",
+            ),
+            ("recording.pack_after_idle_s=86401", "expected 0 to 86400"),
         ] {
             let message = settings(&[text]).unwrap_err().to_string();
             assert!(
@@ -282,6 +296,26 @@ mod tests {
                 "{message}"
             );
         }
+    }
+
+    #[test]
+    fn the_ends_of_a_range_are_in_it() {
+        let least = settings(&[
+            "capture.retry=0",
+            "capture.patience_ms=0",
+            "capture.waiting=1",
+            "capture.memory_mb=1",
+            "recording.keep_free_mb=0",
+        ]);
+        assert_eq!(least.unwrap().capture.waiting, 1);
+        let most = settings(&[
+            "capture.retry=10",
+            "capture.patience_ms=30000",
+            "capture.waiting=1000",
+            "capture.memory_mb=1000000",
+            "recording.keep_free_mb=1000000000",
+        ]);
+        assert_eq!(most.unwrap().capture.patience_ms, 30_000);
     }
 
     #[test]

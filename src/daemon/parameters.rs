@@ -1,22 +1,27 @@
 //! What can be configured about capturing and recording.
 
+use crate::number::{count, milliseconds};
 use std::path::PathBuf;
 
 /// How captures are taken.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct CaptureParameters {
-    /// How often a capture that failed is taken again by itself. Default 1.
+    /// How often a capture that failed is taken again by itself, 0 to 10. Default 1.
+    #[serde(deserialize_with = "count::<_, _, 0, 10>")]
     pub retry: u32,
     /// Largest spread of the colour frames' timestamps, in milliseconds; more is a failed capture. Default 50.
-    #[serde(deserialize_with = "crate::number::milliseconds")]
+    #[serde(deserialize_with = "milliseconds")]
     pub largest_skew_ms: f64,
     /// How long frames are waited for after the end of a capture's window, in milliseconds: they may be exposed in time
-    /// and come late. Default 1000.
+    /// and come late. 0 to 30000, well below the service's watchdog. Default 1000.
+    #[serde(deserialize_with = "count::<_, _, 0, 30_000>")]
     pub patience_ms: u64,
-    /// Memory for frames, in megabytes. Default 1200.
+    /// Memory for frames, in megabytes, 1 to 1000000. Default 1200.
+    #[serde(deserialize_with = "count::<_, _, 1, 1_000_000>")]
     pub memory_mb: usize,
-    /// Captures that may wait for the disk before presses are refused. Default 2.
+    /// Captures that may wait for the disk before presses are refused, 1 to 1000. Default 2.
+    #[serde(deserialize_with = "count::<_, _, 1, 1000>")]
     pub waiting: usize,
 }
 
@@ -38,12 +43,16 @@ impl Default for CaptureParameters {
 pub struct RecordingParameters {
     /// The folder of recordings. Default `/var/lib/scand/recordings`.
     pub folder: PathBuf,
-    /// Megabytes of pictures after which a file of a session is completed and the next one begun. Default 4000.
+    /// Megabytes of pictures after which a file of a session is completed and the next one begun, 1 to 1000000. Default
+    /// 4000.
+    #[serde(deserialize_with = "count::<_, _, 1, 1_000_000>")]
     pub largest_file_mb: u64,
-    /// Megabytes of the disk that captures never use. Default 1000.
+    /// Megabytes of the disk that captures never use, 0 to 1000000000. Default 1000.
+    #[serde(deserialize_with = "count::<_, _, 0, 1_000_000_000>")]
     pub keep_free_mb: u64,
     /// Seconds for which the rig has nothing to do before complete recordings are packed, in place and without loss;
-    /// read at the start. Default 0: they stay as they are.
+    /// read at the start. 0 to 86400. Default 0: they stay as they are.
+    #[serde(deserialize_with = "count::<_, _, 0, 86_400>")]
     pub pack_after_idle_s: u64,
 }
 

@@ -8,18 +8,18 @@ use std::path::PathBuf;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Models made at the same time, 0 to 16. 0 makes none: `scand --replay` does so later. Default 1.
-    #[serde(deserialize_with = "count::<_, 0, 16>")]
+    #[serde(deserialize_with = "count::<_, _, 0, 16>")]
     pub count: u32,
     /// Where models go: FOLDER/RECORDING/CAPTURE. Default `models` beside the folder of recordings.
     pub folder: PathBuf,
     /// Memory that one may take, in megabytes, 64 to 1000000. Default 4000.
-    #[serde(deserialize_with = "count::<_, 64, 1_000_000>")]
+    #[serde(deserialize_with = "count::<_, _, 64, 1_000_000>")]
     pub memory_mb: u32,
     /// How long one may take, in seconds, 1 to 86400. Default 900.
-    #[serde(deserialize_with = "count::<_, 1, 86_400>")]
+    #[serde(deserialize_with = "count::<_, _, 1, 86_400>")]
     pub time_limit_s: u32,
     /// How much capturing comes first, 0 to 19: the nice value of the processes. Default 19.
-    #[serde(deserialize_with = "count::<_, 0, 19>")]
+    #[serde(deserialize_with = "count::<_, _, 0, 19>")]
     pub nice: u32,
 }
 

@@ -55,6 +55,10 @@ fn what_is_wrong_is_named_and_nothing_touched() {
             "openni2.cameras.xtion: device \"any\" is that of kinect already",
         ),
         (
+            format!("{sound}[capture]\npatience_ms = 60000\n"),
+            "60000, expected 0 to 30000",
+        ),
+        (
             sound.replace("cameras.c01", "cameras.c77"),
             "camera c77 has no calibration",
         ),
