@@ -276,6 +276,39 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.end();
 }
 
+#[test]
+fn sighup_changes_what_models_leave_free() {
+    let mut stand = Stand::new("");
+    let recording = stand.path("recordings/cup.mcap");
+    std::fs::create_dir(stand.path("recordings")).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("recordings/cup.mcap");
+    std::fs::copy(shipped, &recording).unwrap();
+    let trigger = {
+        let recording = scand::recording::Recording::open(&recording).unwrap();
+        let triggers = recording.messages(&scand::recording::Topic::Trigger);
+        recording.trigger(&triggers[0]).unwrap()
+    };
+    let jobs = scand::workers::Jobs::open(&stand.path("recordings")).unwrap();
+    let capture = trigger.id.to_string();
+    let job = scand::workers::Job::new(&recording, &capture, trigger.time.0, "test");
+    jobs.offer(&job).unwrap();
+    // The model itself is of no interest: it may fail.
+    let leave_free = |stand: &Stand, mb: u32| {
+        let section = format!("[recording]\nkeep_free_mb = {mb}\n");
+        let text = CONFIGURATION.replace("[recording]\n", &section);
+        let text = format!("{text}[workers]\ntime_limit_s = 1\n");
+        std::fs::write(stand.path("rig.toml"), text).unwrap();
+    };
+    leave_free(&stand, 1_000_000_000);
+    stand.start(run());
+    stand.until_logged("models wait until there are 1000000000");
+    assert!(!stand.log().contains(&capture), "{}", stand.log());
+    leave_free(&stand, 1);
+    stand.signal("-HUP");
+    stand.until_logged(&format!("capture {capture}: "));
+    stand.end();
+}
+
 /// systemd's own judgement of the units, with the program of this build in the place of the installed one.
 #[test]
 fn the_units_are_sound_and_closed() {

@@ -71,7 +71,7 @@ fn plan(folder: &Path, change: impl FnOnce(&mut Parameters)) -> Plan {
         parameters,
         settings: settings(),
         method: Default::default(),
-        keep_free: 0,
+        keep_free: Arc::default(),
         command: vec![env!("CARGO_BIN_EXE_scand").into(), "work".into()],
     }
 }

@@ -10,7 +10,7 @@ use crate::workers::thread_comes_last;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -24,13 +24,15 @@ pub struct Packing {
 }
 
 impl Packing {
-    /// Starts the thread; `None` where recordings stay as they are.
+    /// Starts the thread; `None` where recordings stay as they are. `keep_free` is how many bytes of the disk are left to
+    /// others, and may change at any time.
     ///
     /// # Errors
     /// If the system has no thread left.
     pub fn start(
         capturing: &Arc<Capturing>,
         parameters: &RecordingParameters,
+        keep_free: Arc<AtomicU64>,
     ) -> std::io::Result<Option<Self>> {
         if parameters.pack_after_idle_s == 0 {
             return Ok(None);
@@ -40,7 +42,7 @@ impl Packing {
             capturing: capturing.clone(),
             folder: parameters.folder.clone(),
             rest: Duration::from_secs(parameters.pack_after_idle_s),
-            keep_free: parameters.keep_free_mb.saturating_mul(1_000_000),
+            keep_free,
             stopped: stopped.clone(),
             done: BTreeSet::new(),
         };
@@ -67,7 +69,7 @@ struct Packer {
     folder: PathBuf,
     /// How long the rig has had nothing to do before anything is packed.
     rest: Duration,
-    keep_free: u64,
+    keep_free: Arc<AtomicU64>,
     stopped: Arc<AtomicBool>,
     /// Recordings that need not be looked at again.
     done: BTreeSet<PathBuf>,
@@ -106,8 +108,9 @@ impl Packer {
 
     fn has_room(&self, path: &Path) -> bool {
         let (length, free) = (std::fs::metadata(path), free_bytes(&self.folder));
+        let keep_free = self.keep_free.load(Ordering::Relaxed);
         match (length, free) {
-            (Ok(length), Ok(free)) => free >= length.len().saturating_add(self.keep_free),
+            (Ok(length), Ok(free)) => free >= length.len().saturating_add(keep_free),
             _ => false,
         }
     }

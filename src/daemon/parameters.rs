@@ -67,6 +67,13 @@ impl Default for RecordingParameters {
     }
 }
 
+impl RecordingParameters {
+    /// Bytes of the disk that captures never use.
+    pub fn keep_free(&self) -> u64 {
+        self.keep_free_mb.saturating_mul(1_000_000)
+    }
+}
+
 /// The rig itself.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, Default, PartialEq)]
 #[serde(deny_unknown_fields, default)]

@@ -8,6 +8,7 @@ use crate::trigger::{Event, Reply, Until};
 use crossbeam_channel::{bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 #[test]
@@ -410,7 +411,6 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     let stand = start(|_| ());
     let parameters = RecordingParameters {
         folder: stand.folder.path().into(),
-        keep_free_mb: 1,
         pack_after_idle_s: 1,
         ..RecordingParameters::default()
     };
@@ -421,7 +421,7 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     let is_packed = || recordings(stand.folder.path())[0].is_packed();
     let before = captures(&recordings(stand.folder.path())[0]);
     assert_eq!(before.len(), 3);
-    let packing = Packing::start(&stand.capturing, &parameters).unwrap();
+    let packing = Packing::start(&stand.capturing, &parameters, Arc::default()).unwrap();
     // An order is being carried out for longer than the rest that is asked for.
     stand.mood("c00", Mood::VerySlow);
     assert!(matches!(
@@ -446,11 +446,34 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
 }
 
 #[test]
+fn nothing_is_packed_while_there_is_no_room_for_a_copy() {
+    let stand = start(|_| ());
+    let parameters = RecordingParameters {
+        folder: stand.folder.path().into(),
+        pack_after_idle_s: 1,
+        ..RecordingParameters::default()
+    };
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
+    stand.ask(Order::Close).unwrap();
+    let is_packed = || recordings(stand.folder.path())[0].is_packed();
+    let keep_free = Arc::new(AtomicU64::new(u64::MAX));
+    let _packing = Packing::start(&stand.capturing, &parameters, keep_free.clone()).unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+    assert!(!is_packed());
+    keep_free.store(0, Ordering::Relaxed);
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while !is_packed() {
+        assert!(Instant::now() < deadline);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
 fn nothing_is_packed_unless_it_is_asked_for() {
     let stand = start(|_| ());
     let parameters = RecordingParameters::default();
     assert!(
-        Packing::start(&stand.capturing, &parameters)
+        Packing::start(&stand.capturing, &parameters, Arc::default())
             .unwrap()
             .is_none()
     );

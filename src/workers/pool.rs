@@ -13,6 +13,7 @@ use std::ffi::OsString;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -22,7 +23,7 @@ pub(super) const MISSING: &str = "scand: warning: ";
 /// How often a job is begun that ends neither well nor badly, but with the daemon.
 const MOST_BEGUN: u32 = 3;
 
-/// What the threads work with, fixed at the start.
+/// What the threads work with.
 pub struct Plan {
     /// How many, how long, and where models go.
     pub parameters: Parameters,
@@ -30,8 +31,8 @@ pub struct Plan {
     pub settings: String,
     /// Which model is made; for the reports of failures.
     pub method: Method,
-    /// Bytes of the models' disk that are left to others: no job is begun when there is less.
-    pub keep_free: u64,
+    /// Bytes of the models' disk that are left to others: no job is begun when there is less. May change at any time.
+    pub keep_free: Arc<AtomicU64>,
     /// The program that does a job and the first of its arguments; those of `scand work` follow.
     pub command: Vec<OsString>,
 }
@@ -250,7 +251,8 @@ impl Shared {
         let models = &self.plan.parameters.folder;
         let mut told = false;
         while let Ok(free) = crate::daemon::free_bytes(models)
-            && free < self.plan.keep_free
+            && let keep_free = self.plan.keep_free.load(Ordering::Relaxed)
+            && free < keep_free
             && !self.jobs.is_stopped()
         {
             if !told {
@@ -258,7 +260,7 @@ impl Shared {
                     "{} has {} MB left: models wait until there are {}",
                     models.display(),
                     free / 1_000_000,
-                    self.plan.keep_free / 1_000_000
+                    keep_free / 1_000_000
                 );
                 told = true;
             }

@@ -8,6 +8,7 @@ use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unf
 use crate::report::Level;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
@@ -84,7 +85,7 @@ impl Place {
             },
             settings: "# settings".into(),
             method: crate::reconstruct::Method::default(),
-            keep_free: 0,
+            keep_free: Arc::default(),
             command: vec!["/bin/sh".into(), self.path().join("worker.sh").into()],
         };
         change(&mut plan);
@@ -336,10 +337,16 @@ fn no_job_is_begun_when_the_disk_is_as_full_as_it_may_be() {
     let place = Place::new("make");
     let jobs = place.jobs();
     place.offer(&jobs, 1..=1);
-    let (workers, heard) = place.start(&jobs, |plan| plan.keep_free = u64::MAX);
+    let keep_free = Arc::new(AtomicU64::new(u64::MAX));
+    let (workers, heard) = place.start(&jobs, |plan| plan.keep_free = keep_free.clone());
     heard.nothing();
     workers.stop();
     assert_eq!(place.left().len(), 1);
+    // It may become as full as it is.
+    let (_workers, heard) = place.start(&place.jobs(), |plan| plan.keep_free = keep_free.clone());
+    heard.nothing();
+    keep_free.store(0, Ordering::Relaxed);
+    assert!(heard.next().model.is_ok());
 }
 
 /// A recording with these captures, each triggered at so many milliseconds; completed if it has no ending `.part`.

@@ -7,6 +7,7 @@ use crate::report::Level;
 use crate::workers::{Ended, Jobs, Plan, Workers};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 
 /// Jobs that can be offered already, and what is to be known before an earlier run's recordings are completed.
 pub(super) struct Models {
@@ -31,13 +32,18 @@ impl Models {
     }
 
     /// Begins, once what an earlier run left is completed. Who listens hears of each model, and of each that cannot be.
-    pub(super) fn start(self, config: &Config, events: Events) -> anyhow::Result<Workers> {
+    pub(super) fn start(
+        self,
+        config: &Config,
+        keep_free: Arc<AtomicU64>,
+        events: Events,
+    ) -> anyhow::Result<Workers> {
         self.jobs.offer_missing(&self.left, &config.workers.folder);
         let plan = Plan {
             parameters: config.workers.clone(),
             settings: settings(config)?,
             method: config.method,
-            keep_free: config.recording.keep_free_mb.saturating_mul(1_000_000),
+            keep_free,
             // This very program, also when another version has been installed meanwhile.
             command: vec!["/proc/self/exe".into(), "work".into()],
         };

@@ -10,6 +10,7 @@ use crate::recording::Preamble;
 use crate::workers::Jobs;
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use toml::{Table, Value};
 
 /// Keys and sections that may change while the daemon runs, and the calibration's contents. All others belong to cameras
@@ -42,6 +43,8 @@ pub(super) struct Running {
     pub preamble: Preamble,
     /// Where models' settings go.
     pub jobs: Option<Arc<Jobs>>,
+    /// Bytes of the disk that models and packing leave to others.
+    pub keep_free: Arc<AtomicU64>,
 }
 
 impl Running {
@@ -62,6 +65,8 @@ impl Running {
             let settings = settings(&now.config).map_err(|e| format!("{e:#}"))?;
             jobs.set_settings(&settings).map_err(|e| e.to_string())?;
         }
+        let keep_free = now.config.recording.keep_free();
+        self.keep_free.store(keep_free, Ordering::Relaxed);
         let reread = Reread {
             capture: now.config.capture,
             recording: now.config.recording,

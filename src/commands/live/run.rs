@@ -15,6 +15,7 @@ use anyhow::Context;
 use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
 /// Hold the rig's cameras, take a capture at each trigger and bring it to the disk. Ends with SIGTERM or Ctrl-C: a
@@ -83,14 +84,16 @@ fn serve_rig(
     let capturing = Arc::new(Capturing::start(rig, plan)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
-    let workers = models.map(|models| models.start(&config, events));
+    let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
+    let workers = models.map(|models| models.start(&config, keep_free.clone(), events));
     let workers = workers.transpose()?;
-    let packing = Packing::start(&capturing, &config.recording)?;
+    let packing = Packing::start(&capturing, &config.recording, keep_free.clone())?;
     let running = Running {
         source,
         config,
         preamble,
         jobs,
+        keep_free,
     };
     let reread = Box::new(move || running.reread(clock));
     let mut service = Service::new(notifier, &pulse, policy, reread);
