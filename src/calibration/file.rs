@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
     /// It cannot be read.
-    #[error("calibration {}: {source}", path.display())]
+    #[error("calibration {}: {cause}", path.display())]
     Read {
         /// Which file.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// It is not what it should be.
     #[error("calibration {}: {message}", path.display())]
@@ -93,9 +93,9 @@ const LONGEST_FILE: u64 = 4 << 20;
 
 /// A file's text, if it is no longer than a calibration can be.
 pub(super) fn read_text(path: &Path) -> Result<String, FileError> {
-    let failed = |source| FileError::Read {
+    let failed = |cause| FileError::Read {
         path: path.into(),
-        source,
+        cause,
     };
     let length = std::fs::metadata(path).map_err(failed)?.len();
     if length > LONGEST_FILE {

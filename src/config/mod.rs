@@ -75,12 +75,12 @@ pub struct Config {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file cannot be read.
-    #[error("configuration {}: {source}", path.display())]
+    #[error("configuration {}: {cause}", path.display())]
     Read {
         /// Which file.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The file is not what it should be: the message has the line and the field.
     #[error("configuration {}: {message}", path.display())]
@@ -178,9 +178,9 @@ fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
 const LONGEST_FILE: u64 = 1 << 20;
 
 fn read(path: &Path) -> Result<Table, Error> {
-    let failed = |source| Error::Read {
+    let failed = |cause| Error::Read {
         path: path.into(),
-        source,
+        cause,
     };
     let length = std::fs::metadata(path).map_err(failed)?.len();
     let parse = |message: String| Error::Parse {

@@ -33,7 +33,8 @@ pub fn encode(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, Error> {
         .pixels()
         .par_chunks(width * rows_of_blocks * BLOCK)
         .map(|pixels| strip(pixels.as_flattened(), width, quality))
-        .collect::<Result<_, EncodingError>>()?;
+        .collect::<Result<_, EncodingError>>()
+        .map_err(Error::Jpeg)?;
     join(&strips, height, blocks_across * rows_of_blocks).ok_or_else(|| Error::BadModel {
         what: "atlas",
         found: "a JPEG strip without a frame or a scan".into(),

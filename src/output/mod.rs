@@ -23,14 +23,14 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file system said no.
-    #[error("cannot {action} {}: {source}", path.display())]
+    #[error("cannot {action} {}: {cause}", path.display())]
     Io {
         /// What was tried, such as `write`.
         action: &'static str,
         /// On which file or folder.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A file or folder of that name is there already and was not to be replaced.
     #[error("{} is there already", path.display())]
@@ -50,18 +50,18 @@ pub enum Error {
     },
     /// The atlas could not be compressed.
     #[error("cannot encode the texture as JPEG: {0}")]
-    Jpeg(#[from] jpeg_encoder::EncodingError),
+    Jpeg(jpeg_encoder::EncodingError),
     /// A picture could not be compressed.
     #[error("cannot encode a picture as PNG: {0}")]
-    Png(#[source] ::image::ImageError),
+    Png(::image::ImageError),
 }
 
 impl Error {
     fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::Io {
+        move |cause| Self::Io {
             action,
             path: path.to_owned(),
-            source,
+            cause,
         }
     }
 }

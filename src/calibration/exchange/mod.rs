@@ -55,9 +55,9 @@ fn is_yaml(path: &Path) -> bool {
 }
 
 fn import_folder(folder: &Path) -> Result<RigCalibration, FileError> {
-    let failed = |source| FileError::Read {
+    let failed = |cause| FileError::Read {
         path: folder.into(),
-        source,
+        cause,
     };
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {

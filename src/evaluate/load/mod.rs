@@ -36,9 +36,9 @@ pub struct LoadedModel {
 /// # Errors
 /// Where the file cannot be read or is not what its ending says; the error names the file and the place.
 pub fn load(path: &Path) -> Result<LoadedModel, Error> {
-    let io = |source| Error::Io {
+    let io = |cause| Error::Io {
         path: path.to_owned(),
-        source,
+        cause,
     };
     let size = std::fs::metadata(path).map_err(io)?.len();
     let extension = path

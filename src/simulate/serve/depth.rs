@@ -25,12 +25,12 @@ pub struct SensorFile {
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// It cannot be written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The recording cannot be read.
     #[error(transparent)]
@@ -59,9 +59,9 @@ impl SensorFrames {
     /// # Errors
     /// If it cannot be written.
     pub fn create(path: &Path, sensor: &SensorFile, captures: &[[u32; 2]]) -> Result<Self, Error> {
-        let failed = |source| Error::Write {
+        let failed = |cause| Error::Write {
             path: path.into(),
-            source,
+            cause,
         };
         let mut frames = Self {
             path: path.into(),
@@ -114,7 +114,7 @@ impl SensorFrames {
     /// If it cannot be written.
     pub fn finish(mut self) -> Result<(), Error> {
         let flushed = self.file.flush();
-        flushed.map_err(|source| self.failed(source))
+        flushed.map_err(|cause| self.failed(cause))
     }
 
     fn sized(&self, found: usize, expected: usize) -> Result<(), Error> {
@@ -127,13 +127,13 @@ impl SensorFrames {
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), Error> {
         let written = self.file.write_all(bytes);
-        written.map_err(|source| self.failed(source))
+        written.map_err(|cause| self.failed(cause))
     }
 
-    fn failed(&self, source: std::io::Error) -> Error {
+    fn failed(&self, cause: std::io::Error) -> Error {
         Error::Write {
             path: self.path.clone(),
-            source,
+            cause,
         }
     }
 }
