@@ -10,6 +10,7 @@ use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
 use crate::recording;
 use crate::report::{self, Measurements, Verdict};
 use anyhow::Context;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -90,7 +91,11 @@ impl Reconstruct<'_> {
     ) -> Outcome {
         let mut reasons = vec![format!("{error:#}")];
         if let Err(also) = self.write_failure(session, id, &reasons[0]) {
-            reasons.push(format!("{also:#}"));
+            let also = format!("{also:#}");
+            // What kept the model from being written mostly keeps the report as well.
+            if !reasons[0].ends_with(&also) {
+                reasons.push(also);
+            }
         }
         Outcome {
             capture: Some(id.to_string()),
@@ -138,8 +143,10 @@ impl Reconstruct<'_> {
             folder: Some(target.clone()),
             ..Outcome::unreadable(session.recording().path(), &anyhow::anyhow!(""))
         };
-        if self.is_unchanged(&target, &digest)? {
+        if let Some(report) = self.unchanged(&target, &digest)? {
             outcome.result = "unchanged";
+            outcome.verdict = report["verdict"]["level"].as_str().map(str::to_owned);
+            outcome.reasons = reasons(&report);
             return Ok(outcome);
         }
         let reconstruction =
@@ -172,25 +179,25 @@ impl Reconstruct<'_> {
         toml::to_string(&self.config.of_replay()).unwrap_or_default()
     }
 
-    /// Whether the folder holds the model of this digest.
+    /// The report of the model of this digest, if the folder holds it.
     ///
     /// # Errors
     /// If it holds another one that may not be replaced.
-    fn is_unchanged(&self, target: &Path, digest: &str) -> anyhow::Result<bool> {
+    fn unchanged(&self, target: &Path, digest: &str) -> anyhow::Result<Option<Value>> {
         if self.force || !target.exists() {
-            return Ok(false);
+            return Ok(None);
         }
-        let path = target.join("report.json");
-        let report = std::fs::read(&path).unwrap_or_default();
-        if report_member(&report, "digest") == digest {
-            return Ok(true);
+        let report = std::fs::read(target.join("report.json")).unwrap_or_default();
+        let report: Value = serde_json::from_slice(&report).unwrap_or_default();
+        if report["digest"] == digest {
+            return Ok(Some(report));
         }
         anyhow::ensure!(
-            report_member(&report, "outcome") == "failed",
+            report["outcome"] == "failed",
             "{} holds a model made from other inputs or settings: give --force to replace it, or another --out",
             target.display()
         );
-        Ok(false)
+        Ok(None)
     }
 
     /// Judges what was made and writes its files, all or none.
@@ -245,14 +252,11 @@ struct Made {
     reconstruction: Reconstruction,
 }
 
-/// A string member of a report's outermost object; empty where there is none.
-fn report_member(report: &[u8], name: &str) -> String {
-    let parsed: Option<serde_json::Value> = serde_json::from_slice(report).ok();
-    let member = parsed
-        .as_ref()
-        .and_then(|r| r.get(name))
-        .and_then(|d| d.as_str());
-    member.unwrap_or_default().to_owned()
+/// The words of a report's verdict.
+fn reasons(report: &Value) -> Vec<String> {
+    let reasons = report["verdict"]["reasons"].as_array();
+    let words = reasons.into_iter().flatten().map(|r| r["words"].as_str());
+    words.flatten().map(str::to_owned).collect()
 }
 
 /// Times the stages and shows them.

@@ -139,7 +139,7 @@ fn replay(
         .collect())
 }
 
-/// The captures that were asked for; all where none was named.
+/// The captures that were asked for, each once; all where none was named.
 fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> {
     let all: Vec<CaptureId> = session.captures().into_iter().map(|c| c.id).collect();
     if only.is_empty() {
@@ -158,7 +158,15 @@ fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> 
                 format!("no capture {name:?}; there are {}", known.join(", "))
             })
     };
-    only.iter().map(find).collect()
+    let mut found = Vec::new();
+    for name in only {
+        let id = find(name)?;
+        // Two at once would write to one folder.
+        if !found.contains(&id) {
+            found.push(id);
+        }
+    }
+    Ok(found)
 }
 
 /// The files' stems, those of complete recordings, which name their output folders: two of one stem would share one.

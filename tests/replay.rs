@@ -1,0 +1,111 @@
+//! What `scand --replay` says, and where it writes.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+fn scand() -> Command {
+    Command::cargo_bin("scand").unwrap()
+}
+
+/// A ball that three small cameras see, two of which have been turned since they were calibrated, and a folder for
+/// what is made of it.
+struct Ball {
+    folder: tempfile::TempDir,
+}
+
+impl Ball {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let ball = Self { folder };
+        let mut simulate = scand();
+        #[rustfmt::skip]
+        simulate.args([
+            "simulate", "--shape", "ball", "--cameras", "3", "--size", "160x120", "--masks", "--depth-frames", "1",
+            "--captures", "2", "--turned", "c01=1.5", "--turned", "c02=-1.5", "--out",
+        ]);
+        simulate.arg(ball.path("ball.mcap")).assert().success();
+        ball
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn replay(&self, arguments: &[&str]) -> Command {
+        let mut command = scand();
+        command.arg("--replay").arg(self.path("ball.mcap"));
+        command.args(["--set", "hull.resolution=40"]);
+        command.args(arguments);
+        command
+    }
+
+    /// The exit code, and what was told as JSON.
+    fn told(&self, arguments: &[&str]) -> (Option<i32>, Value) {
+        let mut command = self.replay(&["--json", "--quiet"]);
+        let command = command.args(arguments).arg("--out").arg(self.path("out"));
+        let output = command.output().unwrap();
+        let told = serde_json::from_slice(&output.stdout);
+        (output.status.code(), told.unwrap())
+    }
+}
+
+#[test]
+fn a_red_verdict_is_one_the_second_time_as_well() {
+    let ball = Ball::new();
+    let (code, first) = ball.told(&["--strict"]);
+    assert_eq!(code, Some(1), "{first:#}");
+    let (code, second) = ball.told(&["--strict"]);
+    assert_eq!(code, Some(1), "{second:#}");
+    for (before, after) in [0, 1].map(|k| (&first["captures"][k], &second["captures"][k])) {
+        assert_eq!(before["result"], "done");
+        assert_eq!(after["result"], "unchanged");
+        assert_eq!(after["verdict"], "red");
+        assert_eq!(before["verdict"], after["verdict"]);
+        assert_eq!(before["reasons"], after["reasons"]);
+        assert!(!after["reasons"].as_array().unwrap().is_empty());
+    }
+    assert_eq!(ball.told(&[]).0, Some(0), "only --strict makes it fail");
+}
+
+#[test]
+fn a_capture_that_is_named_twice_is_made_once() {
+    let ball = Ball::new();
+    let twice = ["ball-001", "ball-000", "ball-001"];
+    let arguments = twice.iter().flat_map(|id| ["--capture", id]);
+    let arguments: Vec<&str> = arguments.chain(["--jobs", "3"]).collect();
+    let (code, told) = ball.told(&arguments);
+    assert_eq!(code, Some(0), "{told:#}");
+    let made = told["captures"].as_array().unwrap().iter();
+    let made: Vec<&Value> = made.map(|c| &c["capture"]).collect();
+    assert_eq!(made, ["ball-001", "ball-000"]);
+}
+
+/// Refuses a text that tells the system's reason more than once.
+fn told_once(output: &std::process::Output, file: &Path) {
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{words}");
+    assert!(words.contains(file.to_str().unwrap()), "{words}");
+    let told = words.lines().filter(|line| line.contains("os error"));
+    let told: Vec<usize> = told.map(|line| line.matches("os error").count()).collect();
+    assert!(!told.is_empty() && told.iter().all(|&n| n == 1), "{words}");
+}
+
+#[test]
+fn what_the_system_says_is_told_once() {
+    let ball = Ball::new();
+    let none = ball.path("none");
+    for option in ["--calibration", "--config"] {
+        let mut replay = ball.replay(&[option]);
+        told_once(&replay.arg(&none).output().unwrap(), &none);
+    }
+    let file = ball.path("file");
+    std::fs::write(&file, "").unwrap();
+    let mut replay = ball.replay(&["--quiet", "--out"]);
+    let below_a_file = replay.arg(file.join("out")).output().unwrap();
+    told_once(&below_a_file, &file);
+    let mut evaluate = scand();
+    let model = ball.path("none.ply");
+    let evaluated = evaluate.arg("evaluate").args([&model, &model]).output();
+    told_once(&evaluated.unwrap(), &model);
+}
