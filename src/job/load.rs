@@ -96,7 +96,7 @@ pub enum Error {
         reason: String,
     },
     /// Too few colour cameras.
-    #[error("{path}: capture {id} has {found} colour cameras, expected at least 2")]
+    #[error("{path}: capture {id} has {found} colour cameras, expected at least 2{details}")]
     TooFewCameras {
         /// The file.
         path: PathBuf,
@@ -104,6 +104,8 @@ pub enum Error {
         id: CaptureId,
         /// How many there are.
         found: usize,
+        /// Which were left out, and why.
+        details: String,
     },
     /// A message that is needed and not there, or not yet.
     #[error("{path}: {topic} has no message at or before the trigger at {} ns{}", trigger.0,
@@ -341,13 +343,24 @@ impl Session {
         }
         let found = planned.capture.colors.len();
         if found < 2 {
+            let left_out = self.left_out_of(&planned.capture).into_iter().take(20);
             return Err(Error::TooFewCameras {
                 path: path(),
                 id: id.clone(),
                 found,
+                details: left_out.map(|l| format!("; {}", l.reason)).collect(),
             });
         }
         Ok(planned)
+    }
+
+    /// The cameras that take no part in a capture.
+    fn left_out_of(&self, capture: &Capture<MessageRef>) -> Vec<LeftOut> {
+        let short = capture.shortfalls.iter().map(|shortfall| LeftOut {
+            camera: shortfall.camera.clone(),
+            reason: shortfall.to_string(),
+        });
+        self.left_out.iter().cloned().chain(short).collect()
     }
 
     fn facts(
@@ -356,11 +369,6 @@ impl Session {
         colors: &[ColorPlan],
         depths: &[DepthPlan],
     ) -> CaptureFacts {
-        let mut left_out = self.left_out.clone();
-        left_out.extend(capture.shortfalls.iter().map(|shortfall| LeftOut {
-            camera: shortfall.camera.clone(),
-            reason: shortfall.to_string(),
-        }));
         let depths: Vec<_> = depths.iter().map(DepthPlan::facts).collect();
         let mut warnings = self.warnings.clone();
         for depth in depths.iter().filter(|d| d.color_frames == 0) {
@@ -377,7 +385,7 @@ impl Session {
             skew_ns: capture.skew_ns(),
             colors: colors.iter().map(ColorPlan::facts).collect(),
             depths,
-            left_out,
+            left_out: self.left_out_of(capture),
             warnings,
             damage: self.recording.damage().to_vec(),
         }

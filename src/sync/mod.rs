@@ -130,7 +130,8 @@ impl fmt::Display for Shortfall {
         )?;
         match self.nearest {
             Some(t) => write!(f, "; its nearest frame is at {:.1} ms", ms(t)),
-            None => write!(f, "; it has no frames"),
+            None if self.found == 0 => write!(f, "; it has no frames"),
+            None => Ok(()),
         }
     }
 }

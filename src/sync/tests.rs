@@ -151,6 +151,7 @@ fn a_missing_camera_fails_the_capture_and_is_named_with_what_it_gave() {
         reason.contains("depth camera d gave 9 of at least 10 frames"),
         "{reason}"
     );
+    assert!(!reason.contains("it has no frames"), "{reason}");
     let parameters = Parameters {
         go_on_without_missing: true,
         ..Parameters::default()

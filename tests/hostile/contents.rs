@@ -292,6 +292,16 @@ fn cameras_that_see_no_object_are_refused() {
             &["1 colour cameras, expected at least 2"],
         ),
         (
+            "others-uncalibrated",
+            ["c01", "c02", "c03"].iter().fold(one_bowl(), |m, id| {
+                m.without(&format!("/color/{id}/calibration"))
+            }),
+            &[
+                "1 colour cameras, expected at least 2; ",
+                "colour camera c01 has images and no calibration",
+            ],
+        ),
+        (
             "no-cameras",
             one_bowl().without("/color"),
             &["0 colour cameras"],
