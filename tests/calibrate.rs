@@ -542,6 +542,31 @@ fn limits_are_configured_and_exports_need_no_fit() {
         .assert()
         .success();
     assert_eq!(text(&out), text(&info));
+    // Nothing that is there is replaced unasked, whatever it is.
+    let recorded = std::fs::read(&scan).unwrap();
+    let [session, other] = ["session.mcap", "other.mcap"].map(path);
+    #[rustfmt::skip]
+    let unasked: [&[&str]; 6] = [
+        &["info", &scan, "--calibration", &info],
+        &["info", &scan, "--calibration", &scan],
+        &["calibrate", "--from", &scan, "--ros", &folder],
+        &["calibrate", "--from", &scan, "--kalibr", &scan],
+        &["calibrate", &session, "--report", &scan],
+        &["simulate", "--shape", "ball", "--truth", &scan, "--out", &other],
+    ];
+    for arguments in unasked {
+        let output = scand(arguments).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.code() == Some(1) && errors.contains("is there already: give --force"),
+            "{arguments:?}: {errors}"
+        );
+    }
+    assert!(!Path::new(&other).exists());
+    for asked in [unasked[0], unasked[2]] {
+        scand(asked).arg("--force").assert().success();
+    }
+    assert_eq!(std::fs::read(&scan).unwrap(), recorded);
     let kinect = text(&format!("{folder}/kinect.yaml"));
     assert!(
         kinect.starts_with("# a reading r is 0.00104 * r + -0.018 metres"),
@@ -549,7 +574,6 @@ fn limits_are_configured_and_exports_need_no_fit() {
     );
     let read = scand::calibration::RigCalibration::import(Path::new(&folder)).unwrap();
     assert_eq!(read.cameras.len(), 3);
-    let session = path("session.mcap");
     let (code, _, errors) = calibrate(&["--from", &session, "--ros", &folder]);
     assert!(
         code == Some(1) && errors.contains("it has no calibration"),

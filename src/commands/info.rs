@@ -1,7 +1,7 @@
 //! `scand info`: what a recording holds, who took part in it, and what of it is damaged.
 
-use super::EXIT_LOST;
 use super::calibrate::known::of_recording;
+use super::{EXIT_LOST, refuse_to_replace};
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::frame::{CameraId, Timestamp};
 use crate::job::{CaptureSummary, LeftOut, RigAt, Session};
@@ -25,13 +25,17 @@ pub struct Args {
     /// Write the calibration at the first trigger into a file that --replay --calibration and scand run take
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
+    /// Replace the file that is there
+    #[arg(long, requires = "calibration")]
+    force: bool,
 }
 
 /// Reads all of a recording and tells what is in it. The exit code is 3 when parts of it are damaged.
 ///
 /// # Errors
-/// If it cannot be read at all.
+/// If it cannot be read at all, or the calibration's file is there already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_to_replace("--calibration", args.calibration.as_deref(), args.force)?;
     let recording = Recording::open(&args.file)?;
     if let Some(path) = &args.calibration {
         let calibration = of_recording(&recording)?;

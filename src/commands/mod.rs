@@ -23,6 +23,7 @@ pub mod simulate;
 pub mod work;
 
 use clap::{Parser, Subcommand};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Exit code of a run that did what was asked but lost something on the way: damage in a recording, or some
@@ -37,6 +38,20 @@ fn write_out(text: &str) {
     use std::io::Write;
     let end = if text.ends_with('\n') { "" } else { "\n" };
     let _ = write!(std::io::stdout().lock(), "{text}{end}");
+}
+
+/// What is there may be worth more than what would come: an option's file is replaced only with --force.
+///
+/// # Errors
+/// If something has the file's name.
+fn refuse_to_replace(option: &str, file: Option<&Path>, force: bool) -> anyhow::Result<()> {
+    match file.filter(|path| !force && path.symlink_metadata().is_ok()) {
+        Some(path) => anyhow::bail!(
+            "{} is there already: give --force to replace it, or another {option}",
+            path.display()
+        ),
+        None => Ok(()),
+    }
 }
 
 /// A configuration or calibration that is refused.

@@ -5,10 +5,12 @@ use super::sight::Sight;
 use crate::calibration::RigCalibration;
 use crate::calibration::exchange::{to_kalibr, to_ros};
 use crate::calibration::fit::{Fit, Judgement, Limits};
+use crate::commands::refuse_to_replace;
+use crate::frame::CameraId;
 use crate::output::write_atomically;
 use crate::report::{CalibrationPage, calibration_page};
 use anyhow::Context;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct FileArgs {
@@ -24,6 +26,22 @@ pub(super) struct FileArgs {
 }
 
 impl FileArgs {
+    /// Refuses to replace files that are there, those of these cameras among them.
+    pub(super) fn refuse_to_replace<'a>(
+        &self,
+        cameras: impl IntoIterator<Item = &'a CameraId>,
+        force: bool,
+    ) -> anyhow::Result<()> {
+        refuse_to_replace("--report", self.report.as_deref(), force)?;
+        refuse_to_replace("--kalibr", self.kalibr.as_deref(), force)?;
+        let Some(folder) = &self.ros else {
+            return Ok(());
+        };
+        cameras
+            .into_iter()
+            .try_for_each(|id| refuse_to_replace("--ros", Some(&ros_file(folder, id)), force))
+    }
+
     /// Writes the report, whatever the verdict.
     pub(super) fn write_report(
         &self,
@@ -75,7 +93,7 @@ impl FileArgs {
                 .with_context(|| format!("making {}", folder.display()))?;
             for (id, (camera, response)) in &calibration.cameras {
                 let text = to_ros(camera, response.as_ref());
-                write_atomically(&folder.join(format!("{id}.yaml")), text.as_bytes())?;
+                write_atomically(&ros_file(folder, id), text.as_bytes())?;
             }
         }
         if let Some(path) = &self.kalibr {
@@ -83,4 +101,8 @@ impl FileArgs {
         }
         Ok(())
     }
+}
+
+fn ros_file(folder: &Path, id: &CameraId) -> PathBuf {
+    folder.join(format!("{id}.yaml"))
 }

@@ -53,6 +53,7 @@ pub(super) fn export(
     from: &Path,
     out: Option<&Path>,
     files: &FileArgs,
+    force: bool,
     quiet: bool,
 ) -> anyhow::Result<ExitCode> {
     anyhow::ensure!(
@@ -61,6 +62,7 @@ pub(super) fn export(
         from.display()
     );
     let calibration = load(from)?;
+    files.refuse_to_replace(calibration.cameras.keys(), force)?;
     if let Some(path) = out {
         write_atomically(path, calibration.to_toml().as_bytes())?;
     }

@@ -8,18 +8,19 @@ mod second_look;
 mod sight;
 mod words;
 
-use super::{BadConfiguration, EXIT_LOST};
+use super::{BadConfiguration, EXIT_LOST, refuse_to_replace};
 use crate::calibration::fit::{Fit, Level, Model, Parameters, judge, missing};
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::config::Config;
 use crate::frame::CameraId;
+use crate::job::Placements;
 use crate::output::write_atomically;
 use crate::sync;
 use indicatif::{ProgressBar, ProgressStyle};
 use sight::Sight;
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use words::Told;
 
@@ -41,7 +42,7 @@ pub struct Args {
     /// Calibration file to write
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Replace the file that is there, and write a calibration that is refused
+    /// Replace the files that are there, and write a calibration that is refused
     #[arg(long)]
     force: bool,
     /// Lenses to keep, from a calibration file, a recording, ROS camera_info or a Kalibr camchain (YAML), or a folder of
@@ -108,9 +109,10 @@ impl From<LensModel> for Model {
 /// If a recording cannot be read, the board is unknown or another, the cameras cannot be joined, or the file is there
 /// already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    refuse_to_replace(args.out.as_deref(), args.force)?;
+    refuse_to_replace("--out", args.out.as_deref(), args.force)?;
     if let Some(from) = &args.from {
-        return known::export(from, args.out.as_deref(), &args.files, args.quiet);
+        let (out, files) = (args.out.as_deref(), &args.files);
+        return known::export(from, out, files, args.force, args.quiet);
     }
     let config = configuration(&args)?;
     let fixed = args
@@ -132,6 +134,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let config = config.calibration;
     let recordings = sight::open(&args.sessions, &synchronisation)?;
+    let cameras: BTreeMap<CameraId, bool> =
+        recordings.iter().flat_map(Placements::cameras).collect();
+    args.files.refuse_to_replace(cameras.keys(), args.force)?;
     let board = sight::board(args.board, &recordings)?;
     let progress = progress(args.quiet);
     let mut sight = sight::look(
@@ -232,18 +237,6 @@ fn configuration(args: &Args) -> anyhow::Result<Config> {
     let checked = config.calibration.checked();
     checked.map_err(|words| BadConfiguration(words.into()))?;
     Ok(config)
-}
-
-/// A calibration that is there is worth more than one that nobody has seen.
-fn refuse_to_replace(out: Option<&Path>, force: bool) -> anyhow::Result<()> {
-    let there = out.filter(|path| !force && path.exists());
-    match there {
-        Some(path) => anyhow::bail!(
-            "{} is there already: give --force to replace it, or another --out",
-            path.display()
-        ),
-        None => Ok(()),
-    }
 }
 
 fn progress(quiet: bool) -> ProgressBar {

@@ -1,5 +1,6 @@
 //! `scand simulate --calibration-session`: a recording to calibrate from, with its truth in files of its own.
 
+use crate::commands::refuse_to_replace;
 use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
@@ -61,6 +62,15 @@ fn parse_fault(text: &str) -> Result<PlacementFault, String> {
 }
 
 impl BoardArgs {
+    /// Refuses to replace the file of the placements.
+    pub(super) fn refuse_to_replace(&self, force: bool) -> anyhow::Result<()> {
+        refuse_to_replace(
+            "--placements-truth",
+            self.placements_truth.as_deref(),
+            force,
+        )
+    }
+
     fn options(self) -> BoardOptions {
         let mut options = BoardOptions::default();
         super::take(&mut options.board, self.board);

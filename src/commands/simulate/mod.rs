@@ -3,6 +3,7 @@
 mod board;
 mod serve;
 
+use super::refuse_to_replace;
 use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{
@@ -27,6 +28,9 @@ pub struct Args {
     /// Write the object's true surface into this file; of a calibration session, the true calibration.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
+    /// Replace the files of the truth that are there; a recording never is.
+    #[arg(long)]
+    force: bool,
     /// What all randomness derives from.
     #[arg(long)]
     seed: Option<u64>,
@@ -187,18 +191,20 @@ fn parse_fault(text: &str) -> Result<CameraFault, String> {
 /// Simulates and writes.
 ///
 /// # Errors
-/// Where an option cannot be met or a file not be written.
+/// Where an option cannot be met, or a file not be written or is there already.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if let Some(recording) = args.serve.serve.clone() {
         return serve::run(&recording, args.serve);
     }
     let truth = args.truth.clone();
+    refuse_to_replace("--truth", truth.as_deref(), args.force)?;
     let out = args.out.clone().context("--out is missing")?;
     let compression = match args.zstd {
         true => Compression::Zstd,
         false => Compression::None,
     };
     if args.board.calibration_session {
+        args.board.refuse_to_replace(args.force)?;
         let (options, boards) = options(args);
         return board::run(options, boards, &out, truth.as_deref(), compression);
     }

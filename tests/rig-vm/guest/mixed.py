@@ -62,7 +62,8 @@ def configuration(models):
     cameras += "silence_ms = 30000.0\n"
     # Cells of the size that pictures of 640x480 carry: an emulated processor has half the work with them.
     scand.configure(cameras, {}, "time_limit_s = 3000\n[hull]\nresolution = 80.0\n", models, RETRIES)
-    run("scand", "info", SOURCE, "--calibration", scand.CONFIGURATION.parent / "calibration.toml")
+    calibration = scand.CONFIGURATION.parent / "calibration.toml"
+    run("scand", "info", SOURCE, "--calibration", calibration, "--force")
 
 
 @chapter.step("eight GigE Vision cameras, three V4L2 ones and a depth camera are one rig, ready for work")
