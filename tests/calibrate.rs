@@ -580,3 +580,82 @@ fn limits_are_configured_and_exports_need_no_fit() {
         "{errors}"
     );
 }
+
+#[test]
+fn what_would_be_ignored_is_refused() {
+    let check = ["SESSION.mcap", "--check", "--against", "rig.toml"];
+    #[rustfmt::skip]
+    let ignored = [
+        ["--report", "a.html"], ["--ros", "a"], ["--kalibr", "a.yaml"], ["--depth-table", "a.txt"],
+        ["--depth-response", "none"], ["--model", "rational"],
+    ];
+    for more in ignored {
+        let (code, _, errors) = calibrate(&[&check[..], &more].concat());
+        assert!(
+            code == Some(2) && errors.contains("cannot be used with"),
+            "{more:?}: {errors}"
+        );
+    }
+    for method in ["plane", "none"] {
+        let table = ["--depth-table", "a.txt", "--depth-response", method];
+        let (code, _, errors) = calibrate(&[&["SESSION.mcap"], &table[..]].concat());
+        assert!(
+            code == Some(1) && errors.contains("only --depth-response paper takes a table"),
+            "{errors}"
+        );
+    }
+}
+
+#[test]
+fn a_depth_camera_without_a_response_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [session, table, out] = ["session.mcap", "table.txt", "calibration.toml"].map(path);
+    simulate(
+        &["--cameras", "3", "--placements", "14"],
+        Path::new(&session),
+    );
+    let response = |arguments: &[&str], expected: i32| {
+        let all = [
+            &[session.as_str(), "--json", "--force", "--out", &out],
+            arguments,
+        ]
+        .concat();
+        let (code, json, errors) = calibrate(&all);
+        assert_eq!(code, Some(expected), "{arguments:?}: {errors}");
+        let told: Value = serde_json::from_str(&json).unwrap();
+        let written = scand::calibration::RigCalibration::load(Path::new(&out)).unwrap();
+        let kinect = &written.cameras[&CameraId::new("kinect").unwrap()];
+        (told, kinect.1)
+    };
+    let (told, found) = response(&["--set", "calibration.plane.min_views=50"], 3);
+    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+    for place in [&told["lost"], &told["verdict"]["reasons"]] {
+        let words = place.to_string();
+        assert!(
+            words.contains("depth camera kinect has no response")
+                && words.contains("expected 50 or more"),
+            "{words}"
+        );
+    }
+    assert_eq!(found, None);
+
+    let (told, found) = response(&["--set", "calibration.limits.depth_bias_mm=0"], 0);
+    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+    let reasons = told["verdict"]["reasons"].to_string();
+    assert!(reasons.contains("kinect: a bias of"), "{reasons}");
+    assert!(found.is_some());
+
+    // A table by itself says which way is meant.
+    std::fs::write(&table, "0.7 702\n1.0 1001\n1.3 1299\n").unwrap();
+    let (told, found) = response(&["--depth-table", &table], 0);
+    assert_eq!(told["depth"]["table"]["method"], "paper", "{told:#}");
+    assert!((found.unwrap().slope - 1e-3).abs() < 1e-5);
+    // One that no sensor's readings make ends the run before anything is looked for.
+    std::fs::write(&table, "0.7 1.00007\n1.0 1.0001\n1.3 1.00013\n").unwrap();
+    let (code, _, errors) = calibrate(&[&session, "--depth-table", &table]);
+    assert!(
+        code == Some(1) && errors.contains("table.txt: depth response slope"),
+        "{errors}"
+    );
+}

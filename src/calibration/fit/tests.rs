@@ -4,6 +4,7 @@ use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, ri
 use super::*;
 use crate::calibration::{Board, Distortion, Intrinsics};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
+use std::collections::BTreeMap;
 
 fn checkerboard() -> Board {
     Board::checkerboard(11, 8, 0.025).unwrap()
@@ -218,10 +219,29 @@ fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
         .collect();
     assert_eq!(named.len(), 1);
     assert_eq!(named[0].as_str(), "c04");
-    let judgement = judge(&fit, &Limits::default());
+    let judgement = judge(&fit, &BTreeMap::new(), &Limits::default());
     assert!(
         judgement.level >= Level::Doubtful && judgement.reasons.iter().any(|r| r.contains("c04"))
     );
+}
+
+#[test]
+fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
+    let fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    let judged = |found: Result<f64, String>| {
+        let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found)]);
+        judge(&fit, &depths, &Limits::default())
+    };
+    let fine = judged(Ok(0.0009));
+    assert!(fine.level < Level::Doubtful, "{fine:?}");
+    let biased = judged(Ok(0.0012));
+    assert_eq!(biased.level, Level::Doubtful);
+    let told = "depth camera kinect: a bias of 1.20 mm is left, expected at most 1";
+    assert!(biased.reasons.iter().any(|r| r == told), "{biased:?}");
+    let without = judged(Err("no boards".to_owned()));
+    assert_eq!(without.level, Level::Doubtful);
+    let told = "depth camera kinect has no response: no boards";
+    assert!(without.reasons.iter().any(|r| r == told), "{without:?}");
 }
 
 /// Whether what was left out names just this placement, and this camera if one is given.

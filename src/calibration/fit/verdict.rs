@@ -2,6 +2,8 @@
 
 use super::result::{Fit, FittedCamera, FittedPlacement};
 use crate::calibration::within;
+use crate::frame::CameraId;
+use std::collections::BTreeMap;
 
 /// When a calibration is good.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -19,6 +21,8 @@ pub struct Limits {
     pub coverage: f64,
     /// Fewest views of a camera with which nothing is amiss. Default 6.
     pub views: usize,
+    /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with. Default 1.
+    pub depth_bias_mm: f64,
 }
 
 impl Default for Limits {
@@ -30,6 +34,7 @@ impl Default for Limits {
             held_out_ratio: 1.3,
             coverage: 0.2,
             views: 6,
+            depth_bias_mm: 1.0,
         }
     }
 }
@@ -46,7 +51,8 @@ impl Limits {
         within("refused_px", self.refused_px, self.accepted_px..=MOST_PX)?;
         within("held_out_ratio", self.held_out_ratio, 1.0..=1000.0)?;
         within("coverage", self.coverage, 0.0..=1.0)?;
-        within("views", self.views as f64, 0.0..=1000.0)
+        within("views", self.views as f64, 0.0..=1000.0)?;
+        within("depth_bias_mm", self.depth_bias_mm, 0.0..=1000.0)
     }
 }
 
@@ -77,8 +83,12 @@ pub struct Judgement {
     pub worst_placement: Option<(String, f64)>,
 }
 
-/// Judges a fit.
-pub fn judge(fit: &Fit, limits: &Limits) -> Judgement {
+/// Judges a fit, and of each depth camera the largest bias in metres that its response leaves, or why it has none.
+pub fn judge(
+    fit: &Fit,
+    depths: &BTreeMap<CameraId, Result<f64, String>>,
+    limits: &Limits,
+) -> Judgement {
     let by_rms = |rms: f64| match rms {
         r if r <= limits.good_px => Level::Good,
         r if r <= limits.accepted_px => Level::Accepted,
@@ -145,6 +155,11 @@ pub fn judge(fit: &Fit, limits: &Limits) -> Judgement {
             format!("camera {id} is not calibrated: {}", camera.reason),
         ));
     }
+    found.extend(
+        depths
+            .iter()
+            .filter_map(|(id, found)| Some((Level::Doubtful, depth_reason(id, found, limits)?))),
+    );
     if !fit.table_is_lowest && fit.cameras.len() > 1 {
         let words = format!(
             "no placement lies flat below all others: the rig's frame lies on {}, which may not be the table",
@@ -171,5 +186,18 @@ pub fn judge(fit: &Fit, limits: &Limits) -> Judgement {
         reasons: found.into_iter().map(|(_, words)| words).collect(),
         worst_camera: cameras.max_by(|a, b| a.1.total_cmp(&b.1)),
         worst_placement: placements.max_by(|a, b| a.1.total_cmp(&b.1)),
+    }
+}
+
+/// What is amiss with a depth camera's response, if anything is.
+fn depth_reason(id: &CameraId, found: &Result<f64, String>, limits: &Limits) -> Option<String> {
+    match found {
+        Err(why) => Some(format!("depth camera {id} has no response: {why}")),
+        Ok(bias) if 1e3 * bias > limits.depth_bias_mm => Some(format!(
+            "depth camera {id}: a bias of {:.2} mm is left, expected at most {}",
+            1e3 * bias,
+            limits.depth_bias_mm
+        )),
+        Ok(_) => None,
     }
 }

@@ -45,7 +45,7 @@ pub enum ResponseError {
         /// What there is.
         found: String,
         /// What is needed.
-        expected: &'static str,
+        expected: String,
     },
     /// A distance at which the fit says nothing.
     #[error("{distance} m is outside the fitted range of {} to {} m", range[0], range[1])]
@@ -60,7 +60,8 @@ pub enum ResponseError {
     Impossible(#[from] super::Error),
 }
 
-fn too_little<T>(found: String, expected: &'static str) -> Result<T, ResponseError> {
+fn too_little<T>(found: String, expected: impl Into<String>) -> Result<T, ResponseError> {
+    let expected = expected.into();
     Err(ResponseError::TooLittle { found, expected })
 }
 

@@ -187,7 +187,10 @@ pub fn fit_plane(
             );
             return too_little(
                 found,
-                "3 or more of the board by the depth camera, near and far",
+                format!(
+                    "{} or more of the board by the depth camera, near and far",
+                    parameters.min_views
+                ),
             );
         }
         let values = solve(&planes, parameters);

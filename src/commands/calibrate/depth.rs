@@ -9,6 +9,8 @@ use crate::calibration::{Board, DepthResponse};
 use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::job::Placements;
+use anyhow::Context;
+use clap::builder::ArgPredicate;
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,9 +19,14 @@ use std::path::PathBuf;
 pub(super) struct DepthArgs {
     /// Where the depth cameras' response comes from: the boards' planes, a table of measurements as in the paper, or
     /// nowhere
-    #[arg(long, value_enum, default_value_t = Method::Plane)]
+    #[arg(
+        long,
+        value_enum,
+        default_value_t = Method::Plane,
+        default_value_if("depth_table", ArgPredicate::IsPresent, "paper")
+    )]
     depth_response: Method,
-    /// Table for --depth-response paper: lines of distance (m), reading and, if you like, the width of a target
+    /// Table, which asks for --depth-response paper: lines of distance (m), reading and, if you like, the width of a target
     #[arg(long, value_name = "FILE", required_if_eq("depth_response", "paper"))]
     depth_table: Option<PathBuf>,
 }
@@ -31,11 +38,41 @@ enum Method {
     None,
 }
 
+/// What a table says, and the response that it makes.
+pub(super) struct Table {
+    fit: PaperFit,
+    response: DepthResponse,
+}
+
+impl DepthArgs {
+    /// The table that was given, if one was.
+    ///
+    /// # Errors
+    /// If it cannot be used.
+    pub(super) fn table(&self) -> anyhow::Result<Option<Table>> {
+        let Some(path) = &self.depth_table else {
+            return Ok(None);
+        };
+        let shown = path.display();
+        anyhow::ensure!(
+            self.depth_response == Method::Paper,
+            "--depth-table {shown}: only --depth-response paper takes a table"
+        );
+        let fit = PaperFit::of(&DepthTable::load(path)?);
+        let fit = fit.with_context(|| format!("depth table {shown}"))?;
+        let response = fit.response();
+        let response = response.with_context(|| format!("depth table {shown}"))?;
+        Ok(Some(Table { fit, response }))
+    }
+}
+
 /// What was found of the depth cameras.
 #[derive(Default)]
 pub(super) struct Depth {
     pub(super) planes: BTreeMap<CameraId, PlaneFit>,
-    pub(super) paper: Option<PaperFit>,
+    pub(super) table: Option<Table>,
+    /// Cameras without a response, and why.
+    pub(super) unfitted: BTreeMap<CameraId, String>,
     /// What a person should know.
     pub(super) words: Vec<String>,
     /// What could not be read.
@@ -43,40 +80,52 @@ pub(super) struct Depth {
 }
 
 /// Fits the responses of all depth cameras that were fitted.
-///
-/// # Errors
-/// If a table is asked for that cannot be used.
 pub(super) fn respond(
     args: &DepthArgs,
+    table: Option<Table>,
     recordings: &[Placements],
     fit: &Fit,
     depth_cameras: &[CameraId],
     parameters: &PlaneParameters,
-) -> anyhow::Result<Depth> {
-    let mut depth = Depth::default();
-    match (args.depth_response, &args.depth_table) {
-        (Method::Paper, Some(path)) => {
-            depth.paper = Some(PaperFit::of(&DepthTable::load(path)?)?);
+) -> Depth {
+    let mut depth = Depth {
+        table,
+        ..Depth::default()
+    };
+    if args.depth_response == Method::Plane {
+        let fitted = fit
+            .cameras
+            .iter()
+            .filter(|c| depth_cameras.contains(&c.camera.id));
+        for camera in fitted {
+            depth.add_planes(recordings, fit, camera, parameters);
         }
-        (Method::Plane, _) => {
-            let fitted = fit
-                .cameras
-                .iter()
-                .filter(|c| depth_cameras.contains(&c.camera.id));
-            for camera in fitted {
-                depth.add_planes(recordings, fit, camera, parameters);
-            }
-        }
-        _ => {}
     }
-    Ok(depth)
+    depth
 }
 
 impl Depth {
     /// The response of a camera; `None` where nothing was found.
     pub(super) fn response(&self, id: &CameraId) -> Option<DepthResponse> {
         let plane = self.planes.get(id).map(|fit| fit.response);
-        plane.or_else(|| self.paper.as_ref().and_then(|fit| fit.response().ok()))
+        plane.or_else(|| self.table.as_ref().map(|table| table.response))
+    }
+
+    /// What the verdict is held against.
+    pub(super) fn found(&self) -> BTreeMap<CameraId, Result<f64, String>> {
+        let worst = |fit: &PlaneFit| fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max);
+        let fitted = self.planes.iter().map(|(id, fit)| (id, Ok(worst(fit))));
+        let unfitted = self.unfitted.iter().map(|(id, why)| (id, Err(why.clone())));
+        let all = fitted.chain(unfitted);
+        all.map(|(id, found)| (id.clone(), found)).collect()
+    }
+
+    /// All that is missing, in words.
+    pub(super) fn losses(&self) -> Vec<String> {
+        let unfitted = self.unfitted.iter();
+        let unfitted =
+            unfitted.map(|(id, why)| format!("depth camera {id} has no response: {why}"));
+        self.lost.iter().cloned().chain(unfitted).collect()
     }
 
     fn add_planes(
@@ -105,7 +154,9 @@ impl Depth {
                 self.words.extend(words);
                 self.planes.insert(id.clone(), found);
             }
-            Err(error) => self.words.push(format!("depth of {id}: {error}")),
+            Err(error) => {
+                self.unfitted.insert(id.clone(), error.to_string());
+            }
         }
     }
 
@@ -145,7 +196,7 @@ impl Depth {
             .iter()
             .map(|(id, fit)| plane_line(id, fit))
             .collect();
-        if let Some(fit) = &self.paper {
+        if let Some(Table { fit, .. }) = &self.table {
             let [constant, slope] = [0, 1].map(|k| fit.depth.coefficients[k]);
             let [from, to] = fit.range;
             lines.push(format!(
@@ -181,7 +232,7 @@ impl Depth {
             .iter()
             .map(|(id, fit)| (id.to_string(), plane(fit)))
             .collect();
-        if let Some(fit) = &self.paper {
+        if let Some(Table { fit, .. }) = &self.table {
             let scale = fit.scale.as_ref().map(|scale| {
                 serde_json::json!({
                     "line": scale.line.coefficients, "line_r_squared": scale.line.r_squared, "errors": scale.errors,

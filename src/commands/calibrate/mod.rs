@@ -32,7 +32,8 @@ pub struct Args {
     sessions: Vec<PathBuf>,
     /// Fit nothing: write the calibration that this calibration file or recording has, with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
-        "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "report", "check", "json",
+        "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
+        "report", "check", "json",
     ])]
     from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
@@ -68,7 +69,10 @@ pub struct Args {
     nearest: bool,
     /// Check the rig against a calibration instead: which camera moved, and by how much? One placement is enough.
     /// The exit code is 1 if one moved
-    #[arg(long, requires = "against", conflicts_with_all = ["out", "fix_intrinsics", "start", "table_placement"])]
+    #[arg(long, requires = "against", conflicts_with_all = [
+        "out", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table", "report", "ros",
+        "kalibr",
+    ])]
     check: bool,
     /// The calibration to check against: a calibration file, or a recording that has one
     #[arg(long, value_name = "FILE", requires = "check")]
@@ -114,6 +118,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let (out, files) = (args.out.as_deref(), &args.files);
         return known::export(from, out, files, args.force, args.quiet);
     }
+    let table = args.depth.table()?;
     let config = configuration(&args)?;
     let fixed = args
         .fix_intrinsics
@@ -174,12 +179,19 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let depth = depth::respond(
         &args.depth,
+        table,
         &recordings,
         &fitted,
         &sight.depth_cameras,
         &config.plane,
-    )?;
-    let judgement = judge(&fitted, &config.limits);
+    );
+    if !args.quiet {
+        depth
+            .lost
+            .iter()
+            .for_each(|words| eprintln!("scand: {words}"));
+    }
+    let judgement = judge(&fitted, &depth.found(), &config.limits);
     args.files.write_report(
         &args.sessions,
         &sight,
@@ -222,6 +234,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let lost = !sight.lost.is_empty()
         || !depth.lost.is_empty()
+        || !depth.unfitted.is_empty()
         || fitted.left_out.iter().any(|l| l.placement.is_none());
     Ok(if lost {
         ExitCode::from(EXIT_LOST)

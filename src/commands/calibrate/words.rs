@@ -135,7 +135,7 @@ impl Told<'_> {
             })),
             "left_out": fit.left_out,
             "rejected": self.sight.rejected,
-            "lost": self.sight.lost.iter().chain(&self.depth.lost).collect::<Vec<_>>(),
+            "lost": self.sight.lost.iter().cloned().chain(self.depth.losses()).collect::<Vec<_>>(),
             "missing": self.missing,
             "written": self.written,
         })

@@ -2,6 +2,7 @@
 
 use super::CalibrationPage;
 use super::html::escaped;
+use crate::calibration::fit::Limits;
 use crate::calibration::response::PlaneFit;
 use std::fmt::Write;
 
@@ -28,7 +29,7 @@ pub(super) fn section(html: &mut String, page: &CalibrationPage<'_>) {
             fit.views.len()
         );
         chart(html, fit);
-        table(html, fit);
+        table(html, fit, page.limits);
         correction(html, fit);
     }
     if !page.depth_words.is_empty() {
@@ -105,11 +106,12 @@ fn chart(html: &mut String, fit: &PlaneFit) {
     );
 }
 
-fn table(html: &mut String, fit: &PlaneFit) {
+fn table(html: &mut String, fit: &PlaneFit, limits: &Limits) {
     *html += "<table><tr><th>distance m</th><th>boards</th><th>pixels</th><th>bias mm</th><th>before mm</th>\
               <th>spread mm</th></tr>\n";
     for b in &fit.bias {
-        let class = if b.bias.abs() <= 1e-3 { "good" } else { "bad" };
+        let fine = 1e3 * b.bias.abs() <= limits.depth_bias_mm;
+        let class = if fine { "good" } else { "bad" };
         let _ = writeln!(
             html,
             "<tr><td>{:.2}</td><td>{}</td><td>{}</td><td class=\"{class}\">{:+.2}</td><td>{:+.1}</td><td>{:.2}</td></tr>",

@@ -153,6 +153,14 @@ fn advice(reason: &str) -> &'static str {
             "Add placements in other tilts and places; check that the board is flat and no lens moves.",
         ),
         (
+            "has no response",
+            "Show it the board more often, tilted, from the nearest to the farthest distance that matters.",
+        ),
+        (
+            "a bias of",
+            "Show it the board at more distances; check that the board is flat and its picture sharp.",
+        ),
+        (
             "is not calibrated",
             "Show it the board together with a neighbour, three times or more.",
         ),

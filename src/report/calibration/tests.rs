@@ -6,6 +6,7 @@ use crate::calibration::fit::{
 };
 use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
 use nalgebra::{Isometry3, Point2, Vector2, Vector3};
+use std::collections::BTreeMap;
 
 fn camera(name: &str, x: f64, rms: f64) -> FittedCamera {
     let (focal, center) = (Vector2::repeat(600.0), Vector2::new(319.5, 239.5));
@@ -74,7 +75,7 @@ fn fit() -> Fit {
 fn a_page_is_whole_and_names_what_is_red() {
     let fit = fit();
     let limits = Limits::default();
-    let judgement = judge(&fit, &limits);
+    let judgement = judge(&fit, &BTreeMap::new(), &limits);
     let page = CalibrationPage {
         fit: &fit,
         judgement: &judgement,
