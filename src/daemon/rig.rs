@@ -1,12 +1,13 @@
 //! The cameras' threads together: a shot goes to all of them, their answers come back, and what happens between shots
 //! is noted. No camera is waited for longer than a shot may take.
 
+use super::systemd::Heart;
 use crate::drivers::live::{
     Backoff, Confirmed, Driver, Ending, Event, Fault, HostClock, Message, Shot, Supervised, Tally,
     supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -159,10 +160,11 @@ impl Rig {
         wanted: impl Fn(Kind) -> bool,
         trigger: Timestamp,
         at_most: Duration,
+        heart: &Heart,
     ) -> Shooting {
         let mut shooting = Shooting::default();
         for group in self.groups(wanted) {
-            self.shoot_group(&group, trigger, at_most, &mut shooting);
+            self.shoot_group(&group, trigger, at_most, heart, &mut shooting);
         }
         shooting
     }
@@ -190,6 +192,7 @@ impl Rig {
         group: &[CameraId],
         trigger: Timestamp,
         at_most: Duration,
+        heart: &Heart,
         shooting: &mut Shooting,
     ) {
         self.shots += 1;
@@ -206,7 +209,7 @@ impl Rig {
                 Err(fault) => drop(shooting.answers.insert(id.clone(), Err(fault))),
             }
         }
-        self.collect(&shot, &mut waiting, shooting);
+        self.collect(&shot, heart, &mut waiting, shooting);
         shot.abandoned.store(true, Ordering::Relaxed);
         for id in waiting {
             let fault = Fault::Away(format!("no answer within {} ms", at_most.as_millis()));
@@ -224,10 +227,21 @@ impl Rig {
         }
     }
 
-    fn collect(&mut self, shot: &Shot, waiting: &mut BTreeSet<CameraId>, shooting: &mut Shooting) {
+    fn collect(
+        &mut self,
+        shot: &Shot,
+        heart: &Heart,
+        waiting: &mut BTreeSet<CameraId>,
+        shooting: &mut Shooting,
+    ) {
         while !waiting.is_empty() {
-            let Ok(message) = self.events.recv_deadline(shot.deadline) else {
-                return;
+            // All patience has an end, so who waits lives.
+            heart.beat();
+            let left = shot.remaining();
+            let message = match self.events.recv_timeout(left.min(Heart::REST)) {
+                Ok(message) => message,
+                Err(RecvTimeoutError::Timeout) if !left.is_zero() => continue,
+                Err(_) => return,
             };
             match message.event {
                 Event::Frame {

@@ -221,6 +221,32 @@ fn a_recorder_that_hangs_starves_the_watchdog() {
 }
 
 #[test]
+fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("notify");
+    let systemd = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    systemd.set_nonblocking(true).unwrap();
+    let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
+    let stand = start(|plan| {
+        plan.pulse = Pulse::new(Arc::new(notifier.unwrap()));
+        plan.capture.patience_ms = 4000;
+        plan.capture.retry = 0;
+    });
+    stand.mood("c00", Mood::Silent);
+    let (sender, heard) = unbounded();
+    stand.capturing.order(Order::Press(press(sender)));
+    assert!(matches!(heard.recv(), Ok(Reply::Accepted { .. })));
+    let mut bytes = [0; 100];
+    while systemd.recv(&mut bytes).is_ok() {}
+    let mut fed = 0;
+    while heard.is_empty() {
+        fed += usize::from(systemd.recv(&mut bytes).is_ok());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(fed > 2, "fed {fed} times");
+}
+
+#[test]
 fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
     let stand = start(|_| ());
     // Who hears of the first capture's end does not listen for a while: the recorder stands still.

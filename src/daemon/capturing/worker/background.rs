@@ -34,6 +34,7 @@ impl Worker {
             &mut synchronizer,
             only_colors,
             trigger,
+            &self.heart,
         );
         self.note_shot(&shooting);
         let now = self.rig.clock().now();

@@ -74,6 +74,7 @@ impl Worker {
             &mut self.synchronizer,
             |_| true,
             trigger,
+            &self.heart,
         );
         self.note_shot(&shooting);
         let now = self.rig.clock().now();

@@ -2,6 +2,7 @@
 
 use super::super::Plan;
 use crate::daemon::rig::{Kind, Rig, Shooting};
+use crate::daemon::systemd::Heart;
 use crate::frame::{Frame, Timestamp, Trigger};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use std::collections::BTreeMap;
@@ -26,10 +27,11 @@ pub(super) fn shoot(
     synchronizer: &mut Synchronizer<Frame>,
     wanted: impl Fn(Kind) -> bool,
     trigger: Trigger,
+    heart: &Heart,
 ) -> (Capture<Frame>, Shooting) {
     let patience = plan.sync.window_ms + plan.capture.patience_ms as f64;
     let at_most = Duration::from_secs_f64(patience / 1e3);
-    let shooting = rig.shoot(wanted, trigger.time, at_most);
+    let shooting = rig.shoot(wanted, trigger.time, at_most, heart);
     synchronizer.push_trigger(trigger.clone(), Listed::new());
     for frame in &shooting.frames {
         synchronizer.push_frame(&frame.camera, frame.stream, frame.timestamp, frame.clone());
