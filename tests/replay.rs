@@ -8,8 +8,8 @@ fn scand() -> Command {
     Command::cargo_bin("scand").unwrap()
 }
 
-/// A ball that three small cameras see, two of which have been turned since they were calibrated, and a folder for
-/// what is made of it.
+/// Two captures of a ball by small cameras, one of which has been turned since it was calibrated, and a folder for what
+/// is made of them.
 struct Ball {
     folder: tempfile::TempDir,
 }
@@ -21,8 +21,8 @@ impl Ball {
         let mut simulate = scand();
         #[rustfmt::skip]
         simulate.args([
-            "simulate", "--shape", "ball", "--cameras", "3", "--size", "160x120", "--masks", "--depth-frames", "1",
-            "--captures", "2", "--turned", "c01=1.5", "--turned", "c02=-1.5", "--out",
+            "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
+            "--captures", "2", "--turned", "c01=1.5", "--out",
         ]);
         simulate.arg(ball.path("ball.mcap")).assert().success();
         ball

@@ -55,7 +55,7 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             form: Form::Carve,
-            least_wall_mm: 1.0,
+            least_wall_mm: 2.0,
             least_opening_px: 6,
             smoothness: 1.0,
             anchor_weight: 0.1,
