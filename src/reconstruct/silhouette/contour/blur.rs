@@ -35,8 +35,7 @@ pub(super) fn measure(level: &Mask, colors: &Colors, crossings: &[(usize, usize)
     found
 }
 
-/// The distance from where the median profile shows half of the object to where it shows 84 or 16 %: whichever is nearer,
-/// for blur widens both sides alike, and shading or a shadow one.
+/// Half the distance between where the median profile shows 84 % and 16 % of the object.
 fn spread(
     level: &Mask,
     colors: &Colors,
@@ -61,8 +60,7 @@ fn spread(
         })
         .collect();
     let (inner, outer) = (falls_below(&profile, 0.841)?, falls_below(&profile, 0.159)?);
-    let middle = (FINE * reach) as f32;
-    Some((outer - middle).min(middle - inner) / FINE as f32)
+    Some((outer - inner) / (2 * FINE) as f32)
 }
 
 /// Where a profile first falls below a value, between samples.
