@@ -1,6 +1,6 @@
 //! Numbers of configurations that are refused while they are read, so that the message has their line and field.
 
-use serde::de::{Deserialize, Deserializer, Error};
+use serde::de::{Deserialize, Deserializer, Error, IntoDeserializer};
 
 /// A count from `LEAST` to `MOST`.
 ///
@@ -87,6 +87,37 @@ pub fn seconds_of_a_day<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Er
     let found = f64::deserialize(from)?;
     let holds = (0.0..=86_400.0).contains(&found);
     checked(found, holds, "seconds from 0 to 86400")
+}
+
+/// A number from `LEAST` to `MOST`, of any type that has room for it.
+///
+/// # Errors
+/// If it is none.
+pub fn within<'de, D, T, const LEAST: i32, const MOST: i32>(from: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    let found = f64::deserialize(from)?;
+    // Not a number is in no range.
+    let holds = (f64::from(LEAST)..=f64::from(MOST)).contains(&found);
+    let found = checked(found, holds, &format!("{LEAST} to {MOST}"))?;
+    T::deserialize(found.into_deserializer())
+}
+
+/// The same from 0.001: of what would divide by 0.
+///
+/// # Errors
+/// If it is none.
+pub fn from_a_thousandth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    let found = f64::deserialize(from)?;
+    let holds = (1e-3..=f64::from(MOST)).contains(&found);
+    let found = checked(found, holds, &format!("0.001 to {MOST}"))?;
+    T::deserialize(found.into_deserializer())
 }
 
 /// Any number but NaN and the infinities.

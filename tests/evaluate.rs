@@ -56,6 +56,17 @@ fn evaluate_answers_in_json_and_draws() {
     assert_eq!(found["by_provenance"][1]["provenance"], "carved");
     assert_eq!(found["by_expected_error"][0]["from_mm"], 1.0);
     assert!(image::open(&picture).unwrap().width() > 1000);
+    for command in ["evaluate", "diff"] {
+        let mut again = scand();
+        again
+            .args([command, "--picture"])
+            .args([&picture, &model, &truth]);
+        let refused = again.output().unwrap();
+        let words = String::from_utf8_lossy(&refused.stderr);
+        assert!(words.contains("distances.png is there already"), "{words}");
+        let replaced = again.arg("--force").output().unwrap();
+        assert!(replaced.stderr.is_empty(), "{replaced:?}");
+    }
     let words = scand()
         .arg("evaluate")
         .args([&model, &truth])

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
 use scand::reconstruct::{
-    Method, Parameters, Provenance, Reconstruction, Scene, Silent, reconstruct,
+    Method, Parameters, Provenance, Reconstruction, Scene, Silent, reconstruct, restore,
 };
 use scand::simulate::{Options, Shape, Simulation};
 
@@ -125,6 +125,40 @@ fn eight_millimetres_of_hidden_bias_perforate_nothing() {
         with.1,
         without.1
     );
+}
+
+#[test]
+fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
+    for bias_mm in [0.0, 8.0] {
+        let simulated = simulation(Shape::Cup, |o| o.depth.bias_mm = bias_mm);
+        let parameters = Parameters {
+            restoration: restore::Parameters {
+                form: restore::Form::Lid,
+                ..restore::Parameters::default()
+            },
+            ..Parameters::default()
+        };
+        let found = reconstruct(&simulated.scene(0), &parameters, &Silent).unwrap();
+        let report = mesh::check(&found.model.mesh);
+        let score = f_score(&found.model.mesh, simulated.truth());
+        println!("{bias_mm} mm: F at 1 mm {score:.3}, {report:?}");
+        assert!(report.is_watertight(), "{report:?}");
+        assert_eq!(
+            (report.components, report.genus),
+            (1, Some(0)),
+            "{bias_mm} mm"
+        );
+        assert!(score > 0.9, "{bias_mm} mm: {score}");
+    }
+}
+
+#[test]
+fn a_ball_is_exact() {
+    let simulated = simulation(Shape::Ball, |_| {});
+    let found = run(&simulated.scene(0), Method::Hybrid);
+    let score = f_score(&found.model.mesh, simulated.truth());
+    println!("F at 1 mm {score:.3}");
+    assert!(score >= 0.97, "{score}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use assert_cmd::Command;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 fn scand() -> Command {
@@ -108,4 +109,77 @@ fn what_the_system_says_is_told_once() {
     let model = ball.path("none.ply");
     let evaluated = evaluate.arg("evaluate").args([&model, &model]).output();
     told_once(&evaluated.unwrap(), &model);
+}
+
+/// All that is made, by its path below `out`, but for what reports say of time.
+fn made(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut made = BTreeMap::new();
+    for id in ["ball-000", "ball-001"] {
+        for file in std::fs::read_dir(out.join("ball").join(id)).unwrap() {
+            let path = file.unwrap().path();
+            let mut bytes = std::fs::read(&path).unwrap();
+            if path.ends_with("report.json") {
+                let mut report: Value = serde_json::from_slice(&bytes).unwrap();
+                assert!(report.as_object_mut().unwrap().remove("timing").is_some());
+                bytes = report.to_string().into_bytes();
+            }
+            made.insert(path.strip_prefix(out).unwrap().into(), bytes);
+        }
+    }
+    made
+}
+
+#[test]
+fn the_same_bytes_whatever_the_number_of_jobs() {
+    let ball = Ball::new();
+    let of = |jobs: &str, threads: &str| {
+        let out = ball.path(&format!("out-{jobs}-{threads}"));
+        let mut replay = ball.replay(&["--quiet", "--jobs", jobs, "--out"]);
+        replay.env("RAYON_NUM_THREADS", threads);
+        replay.arg(&out).assert().success();
+        made(&out)
+    };
+    let one = of("1", "1");
+    for file in ["model.glb", "model.ply", "preview.png", "report.json"] {
+        assert!(
+            one.contains_key(&Path::new("ball/ball-001").join(file)),
+            "{file}"
+        );
+    }
+    for (jobs, threads) in [("2", "2"), ("3", "5")] {
+        assert!(of(jobs, threads) == one, "{jobs} jobs, {threads} threads");
+    }
+}
+
+#[test]
+fn what_is_there_is_replaced_with_force_alone() {
+    let ball = Ball::new();
+    assert_eq!(ball.told(&[]).0, Some(0));
+    let model = ball.path("out/ball/ball-000/model.ply");
+    let before = std::fs::read(&model).unwrap();
+    let fewer = ["--vertices", "200"];
+    let (code, told) = ball.told(&fewer);
+    assert_eq!(code, Some(1), "{told:#}");
+    assert_eq!(std::fs::read(&model).unwrap(), before);
+    let (code, told) = ball.told(&[&fewer[..], &["--force"]].concat());
+    assert_eq!(code, Some(0), "{told:#}");
+    assert!(std::fs::read(&model).unwrap().len() < before.len() / 2);
+}
+
+#[test]
+fn two_recordings_of_one_name_are_refused_before_anything_is_made() {
+    let ball = Ball::new();
+    let other = ball.path("other/ball.mcap");
+    std::fs::create_dir(other.parent().unwrap()).unwrap();
+    std::fs::copy(ball.path("ball.mcap"), &other).unwrap();
+    let mut replay = ball.replay(&["--out"]);
+    let refused = replay.arg(ball.path("out")).arg("--replay").arg(&other);
+    let refused = refused.output().unwrap();
+    let words = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success());
+    assert!(
+        words.contains("other/ball.mcap") && words.contains("stem"),
+        "{words}"
+    );
+    assert!(!ball.path("out").exists());
 }

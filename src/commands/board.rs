@@ -1,5 +1,6 @@
 //! `scand board`: a calibration board to print.
 
+use super::refuse_to_replace;
 use crate::calibration::{Board, BoardKind};
 use crate::output::{Paper, board_sheet, write_atomically};
 use std::path::PathBuf;
@@ -35,6 +36,9 @@ pub struct Args {
     /// The file to write.
     #[arg(long, value_name = "FILE.pdf")]
     out: PathBuf,
+    /// Replace the file that is there
+    #[arg(long)]
+    force: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -48,8 +52,9 @@ enum Kind {
 /// Writes the file and says what `scand calibrate` is to be told.
 ///
 /// # Errors
-/// If there is no such board, it does not fit on the paper, or the file cannot be written.
+/// If there is no such board, it does not fit on the paper, or the file is there already or cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_to_replace("--out", Some(&args.out), args.force)?;
     let board: Board = text(&args).parse()?;
     let (file, paper) = board_sheet(&board, args.paper).map_err(anyhow::Error::msg)?;
     write_atomically(&args.out, &file)?;

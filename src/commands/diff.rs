@@ -1,6 +1,7 @@
 //! `scand diff A B`: whether two models of one object are the same, and if not, where they differ.
 
 use super::evaluate::parse_samples;
+use super::refuse_to_replace;
 use crate::evaluate::load::load;
 use crate::evaluate::picture::{self, Row};
 use crate::evaluate::{Difference, DifferenceParameters, Side, difference, table};
@@ -26,6 +27,9 @@ pub struct Args {
     /// Draw the distances, from five sides, into this PNG file.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Replace the file that is there
+    #[arg(long, requires = "picture")]
+    force: bool,
     /// Surfaces nowhere farther apart than this are the same.
     #[arg(long, value_name = "MM", default_value_t = DifferenceParameters::default().tolerance_mm)]
     tolerance_mm: f64,
@@ -49,6 +53,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn compare(args: &Args) -> anyhow::Result<Difference> {
+    refuse_to_replace("--picture", args.picture.as_deref(), args.force)?;
     let parameters = DifferenceParameters {
         samples: args.samples,
         tolerance_mm: args.tolerance_mm,

@@ -1,5 +1,6 @@
 //! `scand evaluate MODEL TRUTH`: how far a model is from the truth.
 
+use super::refuse_to_replace;
 use crate::evaluate::load::load;
 use crate::evaluate::picture::{self, Row};
 use crate::evaluate::{Evaluation, Parameters, evaluate, table};
@@ -21,6 +22,9 @@ pub struct Args {
     /// Draw the distances, from five sides, into this PNG file.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Replace the file that is there
+    #[arg(long, requires = "picture")]
+    force: bool,
     /// Points on each surface.
     #[arg(long, default_value_t = Parameters::default().samples, value_parser = parse_samples)]
     samples: usize,
@@ -45,8 +49,9 @@ pub(super) fn parse_samples(text: &str) -> Result<usize, String> {
 /// Measures, prints, and draws if asked to.
 ///
 /// # Errors
-/// Where a file cannot be read or written, or there is nothing to measure.
+/// Where a file cannot be read or written, the picture is there already, or there is nothing to measure.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_to_replace("--picture", args.picture.as_deref(), args.force)?;
     let parameters = Parameters {
         samples: args.samples,
         floor_mm: args.floor_mm,

@@ -267,7 +267,8 @@ mod tests {
             ("hull.resolution=many", "many"),
             ("method.x=1", "method"),
             ("=1", "empty"),
-            ("hull.resolution=nan", "hull.resolution is nan"),
+            ("hull.resolution=nan", "NaN found, expected 8 to 1000"),
+            ("verdict.handles.amber=nan", "verdict.handles.amber is nan"),
             (
                 "rig.volume={min=[0.0,-nan,0.0],max=[1.0,1.0,1.0]}",
                 "rig.volume.min is nan",
@@ -289,6 +290,34 @@ mod tests {
                 "expected 0 to 1000000000",
             ),
             ("recording.pack_after_idle_s=86401", "expected 0 to 86400"),
+            (
+                "silhouette.significance=-4",
+                "-4 found, expected 0.001 to 1000",
+            ),
+            ("silhouette.cell_px=65", "65, expected 0 to 64"),
+            ("hull.resolution=0", "0 found, expected 8 to 1000"),
+            ("hull.resolution=100000", "100000 found, expected 8 to 1000"),
+            ("hull.smallest_piece=2", "2 found, expected 0 to 1"),
+            ("hull.least_views=0", "0, expected 1 to 1000"),
+            ("depth.levels=0", "0, expected 1 to 12"),
+            ("depth.half_width_px=65", "65, expected 0 to 64"),
+            ("depth.range_sigma=0", "0 found, expected 0.001 to 1000"),
+            (
+                "region.front_threshold=-1.5",
+                "-1.5 found, expected -1 to 1",
+            ),
+            (
+                "region.morphology_iterations=10000",
+                "10000, expected 0 to 100",
+            ),
+            (
+                "restoration.anchor_weight=inf",
+                "inf found, expected 0 to 1000000",
+            ),
+            ("texture.feather_rings=100000000", "expected 0 to 1000"),
+            ("glb.jpeg_quality=0", "0, expected 1 to 100"),
+            ("glb.jpeg_quality=101", "101, expected 1 to 100"),
+            ("sync.depth_frames=1001", "1001, expected 0 to 1000"),
         ] {
             let message = settings(&[text]).unwrap_err().to_string();
             assert!(
@@ -329,10 +358,14 @@ mod tests {
             "{message}"
         );
         assert!(message.contains("scand.toml"), "{message}");
-        std::fs::write(&path, "[rig]\nname = \"nan\"\n[hull]\nresolution = +nan\n").unwrap();
+        std::fs::write(
+            &path,
+            "[rig]\nname = \"nan\"\n[verdict.handles]\namber = +nan\n",
+        )
+        .unwrap();
         let message = Config::load(Some(&path), &[]).unwrap_err().to_string();
         assert!(
-            message.contains("line 4: hull.resolution is nan"),
+            message.contains("line 4: verdict.handles.amber is nan"),
             "{message}"
         );
         let missing = Config::load(Some(&folder.path().join("none.toml")), &[]).unwrap_err();

@@ -122,7 +122,8 @@ pub struct Box {
 pub struct SocketParameters {
     /// The socket. Default `/run/scand/scand.sock`.
     pub path: PathBuf,
-    /// How long a client may take to send a line or to read one, in milliseconds. Default 60000.
+    /// How long a client may take to send a line or to read one, in milliseconds, 1 to 3600000. Default 60000.
+    #[serde(deserialize_with = "count::<_, _, 1, 3_600_000>")]
     pub patience_ms: u64,
 }
 

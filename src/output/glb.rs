@@ -18,6 +18,7 @@ use serde_json::json;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// JPEG quality of the embedded texture, 1 to 100. Default 90.
+    #[serde(deserialize_with = "crate::number::count::<_, u8, 1, 100>")]
     pub jpeg_quality: u8,
 }
 

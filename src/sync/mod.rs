@@ -28,8 +28,10 @@ pub struct Parameters {
     /// one after it: true for all, false for none, or a list of names. Default false.
     pub nearest_color: FreeRunning,
     /// Frames of each depth camera that a capture takes. Default 30.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
     pub depth_frames: usize,
     /// Fewest frames of a depth camera that make a capture. Default 10.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
     pub min_depth_frames: usize,
     /// Whether a capture goes on without a camera that gave too few frames. Default false.
     pub go_on_without_missing: bool,

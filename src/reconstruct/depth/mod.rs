@@ -40,16 +40,6 @@ pub enum Error {
         /// Height expected, in pixels.
         height: usize,
     },
-    /// A parameter out of its range.
-    #[error("depth.{name} is {found}, expected {expected}")]
-    BadParameter {
-        /// Its name.
-        name: &'static str,
-        /// Its value.
-        found: String,
-        /// What would do.
-        expected: &'static str,
-    },
 }
 
 /// What smooths the depth.
@@ -87,48 +77,65 @@ pub struct Parameters {
     pub spread: Spread,
     /// Equation 2: a pixel whose readings spread (max − min over the frames) by more than this many
     /// millimetres is left out. The paper's "≈ 30" has no unit.
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
     pub spread_limit_mm: f32,
     /// Readings within this many millimetres of a pixel's median are its majority.
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
     pub majority_mm: f32,
     /// A pixel is measured only where at least this share of the frames has a reading. Rims are seen in
     /// some frames and missed in others, and those readings belong to the near side. The paper has no such
     /// test.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
     pub least_share: f32,
 
     /// Levels of the pyramid, the full size included.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 1, 12>")]
     pub levels: usize,
     /// The joint bilateral filter's half-width in pixels: the paper's "kernel size of 10".
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 64>")]
     pub half_width_px: usize,
     /// Its spatial standard deviation in pixels.
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
     pub spatial_sigma_px: f32,
     /// Its range standard deviation, of an intensity in [0, 1].
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
     pub range_sigma: f32,
     /// Standard deviation in millimetres of a range weight on depth as well; 0 has none, as in the paper.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
     pub depth_sigma_mm: f32,
 
     /// Two depths this many millimetres apart around a hole may be an edge that hides what is behind.
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
     pub least_step_mm: f32,
     /// Widest hole in pixels that such an edge may leave; a wider one is a wall.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 6>")]
     pub widest_step_px: f32,
     /// Steepest slope (metres a metre across the view) towards the edge that what lies behind it may have;
     /// a steeper one is a wall's foot.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
     pub steepest_floor: f32,
 
     /// The plate's stiffness: weight of its bending against its distance from the readings, both in
     /// units of a reading's expected error.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
     pub stiffness: f32,
     /// Bending, in expected errors a pixel squared, at which the plate begins to break; lower than the
     /// noise, for it is what the smoothed plate may do.
+    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
     pub bend_limit: f32,
     /// The same in the first round, in units of the bending that the readings' noise makes: so that noise
     /// is not taken for edges.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
     pub noise_bend: f32,
     /// How often the plate's weights are set anew.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 100>")]
     pub plate_rounds: usize,
     /// Steps of conjugate gradients between.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
     pub plate_steps: usize,
     /// Standard deviation in pixels of the window over which the sensor matches its pattern, and so takes the
     /// mean of a surface: the plate undoes it. 0 for a sensor without one.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 8>")]
     pub window_sigma_px: f32,
 }
 
@@ -217,13 +224,12 @@ pub struct EnhancedDepth {
 /// is no error: every pixel is [`DepthKind::None`].
 ///
 /// # Errors
-/// If a picture or the region has not the size of the camera's calibration, or a parameter is out of range.
+/// If a picture or the region has not the size of the camera's calibration.
 pub fn enhance(
     view: &DepthView,
     region: &Mask,
     parameters: &Parameters,
 ) -> Result<EnhancedDepth, Error> {
-    parameters.check()?;
     check_sizes(view, region)?;
     let burst = Burst::new(view, region);
     let fused = burst.fuse(parameters);
@@ -326,56 +332,6 @@ fn each_frame_bilateral(
         })
         .collect();
     burst::mean_of_filtered(&filtered, parameters.spread_limit_mm * 1e-3)
-}
-
-impl Parameters {
-    fn check(&self) -> Result<(), Error> {
-        let in_range = |name, value: f32, least: f32, most: f32, expected| {
-            if (least..=most).contains(&value) {
-                return Ok(());
-            }
-            Err(Error::BadParameter {
-                name,
-                found: value.to_string(),
-                expected,
-            })
-        };
-        let size = |name, value, least: u16, most: u16, expected| {
-            in_range(name, value, least.into(), most.into(), expected)
-        };
-        let mm = "0.001 to 1000000 mm";
-        in_range("spread_limit_mm", self.spread_limit_mm, 1e-3, 1e6, mm)?;
-        in_range("majority_mm", self.majority_mm, 1e-3, 1e6, mm)?;
-        in_range("least_step_mm", self.least_step_mm, 1e-3, 1e6, mm)?;
-        in_range("least_share", self.least_share, 0.0, 1.0, "0 to 1")?;
-        size("levels", self.levels as f32, 1, 12, "1 to 12")?;
-        size(
-            "half_width_px",
-            self.half_width_px as f32,
-            0,
-            64,
-            "0 to 64 px",
-        )?;
-        let px = "0.01 to 1000 px";
-        in_range("spatial_sigma_px", self.spatial_sigma_px, 1e-2, 1e3, px)?;
-        in_range("range_sigma", self.range_sigma, 1e-3, 1e3, "0.001 to 1000")?;
-        let or_none = "0 (none) to 1000000 mm";
-        in_range("depth_sigma_mm", self.depth_sigma_mm, 0.0, 1e6, or_none)?;
-        in_range("widest_step_px", self.widest_step_px, 0.0, 6.0, "0 to 6 px")?;
-        in_range("steepest_floor", self.steepest_floor, 0.0, 1e3, "0 to 1000")?;
-        in_range("stiffness", self.stiffness, 0.0, 1e6, "0 to 1000000")?;
-        in_range("bend_limit", self.bend_limit, 1e-3, 1e6, "0.001 to 1000000")?;
-        in_range("noise_bend", self.noise_bend, 0.0, 1e3, "0 to 1000")?;
-        size("plate_rounds", self.plate_rounds as f32, 0, 100, "0 to 100")?;
-        size("plate_steps", self.plate_steps as f32, 0, 1000, "0 to 1000")?;
-        in_range(
-            "window_sigma_px",
-            self.window_sigma_px,
-            0.0,
-            8.0,
-            "0 to 8 px",
-        )
-    }
 }
 
 fn check_sizes(view: &DepthView, region: &Mask) -> Result<(), Error> {

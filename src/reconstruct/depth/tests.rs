@@ -78,17 +78,6 @@ fn wrong_sizes_name_camera_found_and_expected() {
     );
 }
 
-#[test]
-fn parameters_out_of_range_are_refused_by_name() {
-    let view = view((20, 10), 1, &grey(20, 10), |_, _, _| 800);
-    let parameters = Parameters {
-        spread_limit_mm: f32::NAN,
-        ..Parameters::default()
-    };
-    let error = enhance(&view, &everywhere(20, 10), &parameters).unwrap_err();
-    assert!(error.to_string().contains("depth.spread_limit_mm is NaN"));
-}
-
 /// Noise that is new in every frame, in whole readings of a sensor with fine steps.
 fn noise(k: usize, x: usize, y: usize) -> f32 {
     let mut h = (k as u64) << 40 | (x as u64) << 20 | y as u64;

@@ -21,16 +21,21 @@ use nalgebra::Point3;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Edge of a cell in metres; 0 chooses it from `resolution`.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000>")]
     pub cell_size: f64,
     /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 200 give 70,000 to
     /// 90,000 vertices.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 8, 1000>")]
     pub resolution: f64,
     /// Where `cell_size` is 0, cells are not made smaller than this many pixels.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000>")]
     pub smallest_cell_px: f64,
     /// Cameras that must see a point before it can be part of the object.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 1, 1000>")]
     pub least_views: usize,
     /// Pieces with a smaller share of the largest one's volume are dropped: they are phantoms, where cones
     /// meet away from the object, or specks.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
 }
 
@@ -127,11 +132,10 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
     })?;
     let (low, high) = (low.sup(&min), high.inf(&max));
     let diagonal = (high - low).norm().max(Volume::SHORTEST_EDGE);
-    let least = diagonal / 2000.0;
+    let least = diagonal / 1000.0;
     let cell_size = if parameters.cell_size == 0.0 {
         let footprint = hull.pixel_footprint(nalgebra::center(&low, &high));
-        (diagonal / parameters.resolution.clamp(8.0, 1500.0))
-            .max(parameters.smallest_cell_px * footprint)
+        (diagonal / parameters.resolution).max(parameters.smallest_cell_px * footprint)
     } else if parameters.cell_size >= least {
         parameters.cell_size
     } else {

@@ -14,6 +14,9 @@ use rayon::prelude::*;
 /// If a part of the patch has no anchor.
 pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, Singular> {
     let n = patch.inner;
+    if !system.is_anchored(patch) {
+        return Err(Singular(n));
+    }
     let columns: Vec<Column> = (0..n)
         .into_par_iter()
         .map(|b| column(patch, system, b))

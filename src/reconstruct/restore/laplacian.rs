@@ -95,6 +95,30 @@ pub(super) struct Screened<'a> {
 }
 
 impl Screened<'_> {
+    /// Whether each part of the patch is held somewhere: by a weight, or by a neighbour in the ring. Round-off would
+    /// hide it from a factorisation.
+    pub(super) fn is_anchored(&self, patch: &Patch) -> bool {
+        let held = |&i: &usize| {
+            let beside_ring = patch.neighbours[i]
+                .iter()
+                .any(|&j| j as usize >= patch.inner);
+            beside_ring || self.target_weight[i] > 0.0
+        };
+        let mut reached: Vec<usize> = (0..patch.inner).filter(held).collect();
+        let mut is_reached = vec![false; patch.inner];
+        reached.iter().for_each(|&i| is_reached[i] = true);
+        let mut next = 0;
+        while next < reached.len() {
+            for j in patch.inner_neighbours(reached[next]) {
+                if !std::mem::replace(&mut is_reached[j], true) {
+                    reached.push(j);
+                }
+            }
+            next += 1;
+        }
+        reached.len() == patch.inner
+    }
+
     /// Half of how steeply the sum falls along each inner vertex' coordinates, at positions `x` of the inner
     /// vertices: W (t - x) + μ Lᵀ (δ - L x), which is zero at the solution.
     pub(super) fn descent(&self, patch: &Patch, x: &[[f64; 3]]) -> Vec<[f64; 3]> {
@@ -181,25 +205,54 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_without_anchor_is_singular_and_says_so() {
-        // All vertices are inner, so there is no ring, and no weight holds any.
-        let mesh = sheet(5);
-        let patch = Patch::new(&mesh, |_| true);
-        let delta = vec![[0.0; 3]; patch.inner];
-        let system = Screened {
-            delta: &delta,
-            delta_weight: 1.0,
-            target: &delta,
-            target_weight: &vec![0.0; patch.inner],
-            ring: &[],
+    fn a_surface_that_is_moved_as_a_whole_has_the_same_detail() {
+        let mesh = sheet(12);
+        let patch = inner_of(&mesh, 12);
+        let here = positions(&patch, |x, y| (x * 0.7).sin() + 0.3 * y, &mesh);
+        let moved: Vec<[f64; 3]> = here.iter().map(|p| [p[0], p[1], p[2] + 8.0]).collect();
+        let free = vec![0.0; patch.inner];
+        let restored = |surface: &[[f64; 3]]| {
+            let delta = patch.laplacian(surface);
+            let system = Screened {
+                delta: &delta,
+                delta_weight: 1.0,
+                target: &surface[..patch.inner],
+                target_weight: &free,
+                ring: &here[patch.inner..],
+            };
+            solve(&patch, &system).unwrap()
         };
-        let solved = solve(&patch, &system);
-        // Round-off may hide the singularity from the factorisation; the solution is then the null vector.
-        assert!(
-            solved
-                .as_ref()
-                .map_or(true, |x| x.iter().flatten().all(|v| v.abs() < 1e-6)),
-            "{solved:?}"
-        );
+        for (x, y) in restored(&here).iter().zip(restored(&moved)) {
+            assert!((0..3).all(|k| (x[k] - y[k]).abs() < 1e-9), "{x:?} {y:?}");
+        }
+    }
+
+    #[test]
+    fn each_part_of_a_patch_needs_an_anchor() {
+        // All vertices of the first sheet are inner, so it has no ring; the second one has.
+        let (mut mesh, other) = (sheet(5), sheet(4));
+        let first = mesh.vertices.len() as u32;
+        mesh.vertices.extend(other.vertices);
+        let moved = |t: &[u32; 3]| t.map(|v| v + first);
+        mesh.triangles.extend(other.triangles.iter().map(moved));
+        let patch = Patch::new(&mesh, |v| v < first || [5, 6, 9, 10].contains(&(v - first)));
+        let all = positions(&patch, |x, _| x, &mesh);
+        let delta = patch.laplacian(&all);
+        let solved = |target_weight: &[f64]| {
+            let system = Screened {
+                delta: &delta,
+                delta_weight: 1.0,
+                target: &all[..patch.inner],
+                target_weight,
+                ring: &all[patch.inner..],
+            };
+            solve(&patch, &system)
+        };
+        let mut weights = vec![0.0; patch.inner];
+        assert_eq!(solved(&weights), Err(Singular(patch.inner)));
+        weights[7] = 0.1;
+        for (x, w) in solved(&weights).unwrap().iter().zip(&all) {
+            assert!((0..3).all(|k| (x[k] - w[k]).abs() < 1e-9), "{x:?} {w:?}");
+        }
     }
 }

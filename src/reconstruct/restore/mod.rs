@@ -41,13 +41,17 @@ pub struct Parameters {
     /// Which form.
     pub form: Form,
     /// Thinnest wall that is left standing where the depth does not clearly show that there is none.
+    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
     pub least_wall_mm: f32,
     /// Readings that must agree before the object is opened all the way through.
+    #[serde(deserialize_with = "crate::number::count::<_, usize, 1, 1000000>")]
     pub least_opening_px: usize,
     /// Carving: weight of smoothness against the depth. 0 leaves the carved surface as it is.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000000>")]
     pub smoothness: f64,
     /// Lid: weight of the depth's positions against its Laplacian coordinates. 0 leaves the border as the
     /// only anchor.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000000>")]
     pub anchor_weight: f64,
 }
 

@@ -50,7 +50,7 @@ const ATTEMPTS: i32 = 40;
 impl Layout {
     /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller.
     pub fn new(surface: &Surface, labels: &[u16], parameters: &Parameters) -> Self {
-        let largest = parameters.largest_side.clamp(1, u16::MAX.into());
+        let largest = parameters.largest_side;
         let mut layout = Self {
             charts: charts(surface, labels),
             scale: 1.0,

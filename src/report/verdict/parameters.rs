@@ -62,6 +62,7 @@ pub struct Parameters {
     /// Bias of a depth camera over what its calibration leaves possible, in millimetres. Default 2 and 15.
     pub bias_excess_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
+    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000000>")]
     pub unstated_uncertainty_mm: f64,
     /// Places where carving contradicted a colour camera and was undone; fewer are a note. Default 2000.
     pub openings_closed: Limits,
