@@ -120,11 +120,13 @@ pub fn plates(recordings: &Path) -> Finding {
     let Some(newest) = newest else {
         return Finding::not_ok(State::Wrong, subject, "there are none", remedy);
     };
-    let hours = SystemTime::now()
-        .duration_since(newest)
-        .unwrap_or_default()
-        .as_secs()
-        / 3600;
+    let age = SystemTime::now().duration_since(newest);
+    let ahead = age.as_ref().err().map(|ahead| ahead.duration().as_secs());
+    if let Some(seconds) = ahead.filter(|&seconds| seconds > 60) {
+        let found = format!("{seconds} s in the future: the clock was wrong when they were taken");
+        return Finding::not_ok(State::Wrong, subject, found, remedy);
+    }
+    let hours = age.unwrap_or_default().as_secs() / 3600;
     let found = format!("{hours} hours old");
     if hours < 12 {
         return Finding::ok(subject, found);
@@ -179,5 +181,8 @@ mod tests {
         let yesterday = SystemTime::now() - Duration::from_secs(86_400);
         file.set_modified(yesterday).unwrap();
         assert_eq!(plates(at.path()).state, State::Advice);
+        let tomorrow = SystemTime::now() + Duration::from_secs(86_400);
+        file.set_modified(tomorrow).unwrap();
+        assert_eq!(plates(at.path()).state, State::Wrong);
     }
 }

@@ -1,8 +1,9 @@
 //! `scand recover`: recordings that a crash or a power cut left unfinished become complete files.
 
 use super::EXIT_LOST;
-use crate::recording::{Recovered, recover, unfinished};
-use std::path::PathBuf;
+use crate::daemon::left;
+use crate::recording::{Error, Recovered, finished_name, recover, unfinished};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Complete recordings that were cut off (NAME.mcap.part becomes NAME.mcap). What cannot be read is kept in
@@ -29,7 +30,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let (mut failed, mut lost) = (false, false);
     for part in &parts {
-        match recover(part) {
+        match complete(part) {
             Ok(recovered) => {
                 lost |= recovered.tail.is_some();
                 say!("{}", words(&recovered));
@@ -48,6 +49,18 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         (_, true) => ExitCode::from(EXIT_LOST),
         _ => ExitCode::SUCCESS,
     })
+}
+
+/// Completes a recording; the daemon whose it is will still know that it was open.
+fn complete(part: &Path) -> Result<Recovered, Error> {
+    if let (Some(folder), Some(complete)) = (part.parent(), finished_name(part)) {
+        let entered = left::enter(folder, &[complete]);
+        entered.map_err(|cause| Error::Io {
+            path: part.into(),
+            cause: std::io::Error::other(cause),
+        })?;
+    }
+    recover(part)
 }
 
 fn words(recovered: &Recovered) -> String {

@@ -12,7 +12,7 @@ use crate::log;
 use limits::{Gate, Visitors};
 use places::Places;
 use std::io::ErrorKind;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -151,7 +151,7 @@ fn adopt(listener: std::os::unix::net::UnixListener) -> std::io::Result<UnixList
 }
 
 /// Makes the socket, in the place of one that a daemon left which is gone.
-fn listen(path: &Path) -> Result<UnixListener, ControlError> {
+pub(super) fn listen(path: &Path) -> Result<UnixListener, ControlError> {
     let io = |cause| ControlError::Io {
         path: path.into(),
         cause,
@@ -162,6 +162,11 @@ fn listen(path: &Path) -> Result<UnixListener, ControlError> {
     match std::os::unix::net::UnixStream::connect(path) {
         Ok(_) => return Err(ControlError::Taken { path: path.into() }),
         Err(cause) if cause.kind() == ErrorKind::ConnectionRefused => {
+            // What is no socket refuses connections as well.
+            let found = path.symlink_metadata().map_err(io)?;
+            if !found.file_type().is_socket() {
+                return Err(io(std::io::Error::other("is there and is no socket")));
+            }
             std::fs::remove_file(path).map_err(io)?;
         }
         Err(_) => {}

@@ -16,6 +16,7 @@ pub mod events;
 mod hooks;
 #[cfg(all(test, feature = "live"))]
 mod hostile_tests;
+pub mod left;
 mod link;
 #[cfg(feature = "live")]
 mod names;
@@ -48,7 +49,7 @@ mod systemd;
 mod tests;
 
 #[cfg(feature = "live")]
-pub use capturing::{Answer, Capturing, Order, Plan, Press, Reread};
+pub use capturing::{Answer, Capturing, Left, Order, Plan, Press, Reread};
 #[cfg(feature = "live")]
 pub use control::{Clients, ControlError, serve};
 #[cfg(feature = "live")]

@@ -46,17 +46,38 @@ fn date(days: i64) -> [i64; 3] {
     [year_of_era + era * 400 + i64::from(month <= 2), month, day]
 }
 
-/// Checks that no models of an earlier session are where those of a new one go: its recording may have been moved, and
-/// captures of both have the same names.
-pub(super) fn check_models(folder: &Path) -> Result<(), String> {
-    let mut models = std::fs::read_dir(folder).into_iter().flatten();
-    if models.next().is_none() {
-        return Ok(());
+/// Checks that no models of an earlier session are where those of a new one go: its recordings may have been moved, and
+/// captures of both have the same names. Where `NAME-002.mcap` is still there, the new session leaves that name out.
+pub(super) fn check_models(models: &Path, recordings: &Path, name: &str) -> Result<(), String> {
+    let is_in_the_way = |folder: &Path| {
+        let stem = folder.file_name().unwrap_or_default().to_string_lossy();
+        let recording = |ending| recordings.join(format!("{stem}.mcap{ending}"));
+        is_of(&stem, name)
+            && !["", ".part"]
+                .map(recording)
+                .iter()
+                .any(|file| file.exists())
+            && std::fs::read_dir(folder).is_ok_and(|mut models| models.next().is_some())
+    };
+    let folders = std::fs::read_dir(models).into_iter().flatten().flatten();
+    let mut folders = folders.map(|folder| folder.path());
+    match folders.find(|folder| is_in_the_way(folder)) {
+        Some(folder) => Err(format!(
+            "{} has models of an earlier session of this name: move them, or take another name",
+            folder.display()
+        )),
+        None => Ok(()),
     }
-    let folder = folder.display();
-    Err(format!(
-        "{folder} has models of an earlier session of this name: move them, or take another name"
-    ))
+}
+
+/// Whether a recording of this stem could be a session's: `NAME`, `NAME-002` and so on.
+pub(super) fn is_of(stem: &str, session: &str) -> bool {
+    let number = |rest: &str| {
+        let digits = rest.strip_prefix('-').unwrap_or_default();
+        digits.len() >= 3 && digits.bytes().all(|b| b.is_ascii_digit())
+    };
+    let rest = stem.strip_prefix(session);
+    rest.is_some_and(|rest| rest.is_empty() || number(rest))
 }
 
 /// Checks a session's name.
@@ -101,13 +122,22 @@ mod tests {
     #[test]
     fn a_name_is_refused_where_models_of_an_earlier_session_are() {
         let folder = tempfile::tempdir().unwrap();
-        let models = folder.path().join("amphora");
-        assert_eq!(check_models(&models), Ok(()));
-        std::fs::create_dir(&models).unwrap();
-        assert_eq!(check_models(&models), Ok(()));
-        std::fs::create_dir(models.join("amphora-0001")).unwrap();
-        let refused = check_models(&models).unwrap_err();
-        assert!(refused.contains(&models.display().to_string()), "{refused}");
+        let (models, recordings) = (folder.path().join("models"), folder.path().join("r"));
+        let check = || check_models(&models, &recordings, "amphora");
+        assert_eq!(check(), Ok(()));
+        std::fs::create_dir_all(models.join("amphora")).unwrap();
+        std::fs::create_dir_all(models.join("amphora-2/amphora-2-0001")).unwrap();
+        std::fs::create_dir_all(&recordings).unwrap();
+        assert_eq!(check(), Ok(()));
+        for stem in ["amphora", "amphora-002", "amphora-1000"] {
+            let of_it = models.join(stem);
+            std::fs::create_dir_all(of_it.join("amphora-0001")).unwrap();
+            let refused = check().unwrap_err();
+            assert!(refused.contains(of_it.to_str().unwrap()), "{refused}");
+            let recording = recordings.join(format!("{stem}.mcap"));
+            std::fs::write(recording, "").unwrap();
+            assert_eq!(check(), Ok(()), "its recording is there");
+        }
     }
 
     #[test]

@@ -65,8 +65,24 @@ pub(super) fn detached(plates: Plates) -> Plates {
     plates.into_iter().map(each).collect()
 }
 
-/// The newest plate of each of these cameras; none where there are none, or the file is unreadable, which is said.
-pub(super) fn newest(recordings: &Path, cameras: &[CameraId]) -> Plates {
+/// The newest plate of each of these cameras; none where there are none, or the file is unreadable, which is said. Those
+/// of a time that is yet to come, when the clock was wrong, serve where there are no others.
+pub(super) fn newest(recordings: &Path, cameras: &[CameraId], now: Timestamp) -> Plates {
+    let mut plates = until(recordings, cameras, now);
+    let found = plates.len();
+    for (id, plate) in until(recordings, cameras, Timestamp(u64::MAX)) {
+        plates.entry(id).or_insert(plate);
+    }
+    if plates.len() > found {
+        log::warning!(
+            "plates are from {}, which is yet to come: the clock was wrong; take them anew",
+            names::of_time(plates.values().map(|(time, _)| *time).max().unwrap_or(now))
+        );
+    }
+    plates
+}
+
+fn until(recordings: &Path, cameras: &[CameraId], end: Timestamp) -> Plates {
     let mut plates = Plates::new();
     let files = std::fs::read_dir(folder(recordings)).into_iter().flatten();
     let mut files: Vec<PathBuf> = files.flatten().map(|f| f.path()).collect();
@@ -77,19 +93,27 @@ pub(super) fn newest(recordings: &Path, cameras: &[CameraId]) -> Plates {
         if cameras.iter().all(|id| plates.contains_key(id)) {
             break;
         }
-        if let Err(error) = add(file, cameras, &mut plates) {
+        if let Err(error) = add(file, cameras, end, &mut plates) {
             log::warning!("{error}");
         }
     }
     plates
 }
 
-fn add(file: &Path, cameras: &[CameraId], plates: &mut Plates) -> Result<(), Error> {
+fn add(
+    file: &Path,
+    cameras: &[CameraId],
+    end: Timestamp,
+    plates: &mut Plates,
+) -> Result<(), Error> {
     let recording = Recording::open(file)?;
     for id in cameras {
         let topic = Topic::Color(id.clone(), ColorPart::Background);
-        if let (false, Some(message)) = (plates.contains_key(id), recording.messages(&topic).last())
-        {
+        if plates.contains_key(id) {
+            continue;
+        }
+        let mut messages = recording.messages(&topic).iter();
+        if let Some(message) = messages.rfind(|message| message.log_time() <= end) {
             let picture = recording.picture(&topic, message)?;
             plates.insert(id.clone(), (message.log_time(), picture));
         }

@@ -17,8 +17,8 @@ pub(super) type Done = Box<dyn FnOnce(Result<PathBuf, String>) + Send>;
 pub(super) enum Work {
     /// A session begins; the one before is completed.
     Begin(Box<Session>, Done),
-    /// What each file begins with has changed.
-    Change(Box<Preamble>, Timestamp),
+    /// What each file begins with has changed, or how large files become.
+    Change(Box<Preamble>, u64, Timestamp),
     /// A capture.
     Keep(Box<Kept>, Done),
     /// What a person said.
@@ -116,19 +116,29 @@ impl Writing {
     fn carry_out(&mut self, work: Work) {
         match work {
             Work::Begin(session, done) => {
-                let closed = self.close();
-                self.session = Some(*session);
-                done(closed);
-            }
-            Work::Change(preamble, time) => {
-                if let Some(session) = &mut self.session
-                    && let Err(error) = session.change(*preamble, time)
-                {
+                // What became of the session before is no answer to who begins this one.
+                if let Err(error) = self.close() {
                     log::error!("{error}");
+                }
+                self.session = Some(*session);
+                done(Ok(PathBuf::new()));
+            }
+            Work::Change(preamble, largest_file, time) => {
+                if let Some(session) = &mut self.session {
+                    session.limit_files(largest_file);
+                    if let Err(error) = session.change(*preamble, time) {
+                        log::error!("{error}");
+                    }
                 }
             }
             Work::Keep(kept, done) => {
-                let written = self.with(|session| session.keep(&kept));
+                let written = self.with(|session| {
+                    let written = session.keep(&kept);
+                    if let Some(error) = session.take_unfinished() {
+                        log::error!("{error}");
+                    }
+                    written
+                });
                 // The frames' memory is free again before anybody hears of it.
                 drop(kept);
                 self.waiting.fetch_sub(1, Ordering::AcqRel);

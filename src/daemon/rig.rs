@@ -169,6 +169,11 @@ impl Rig {
         shooting
     }
 
+    /// How many shots follow each other in a capture, because depth cameras take turns.
+    pub(super) fn turns(&self) -> usize {
+        self.groups(|_| true).len()
+    }
+
     /// The cameras that are asked at the same time.
     fn groups(&self, wanted: impl Fn(Kind) -> bool) -> Vec<Vec<CameraId>> {
         let of = |in_turn: bool| {

@@ -195,7 +195,23 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
     }
 }
 
+const CAMERAS: [(&str, Kind); 4] = [
+    ("c00", Kind::Color),
+    ("c01", Kind::Color),
+    ("c02", Kind::Color),
+    ("k0", Kind::Depth),
+];
+
 pub(super) fn start_in(
+    folder: tempfile::TempDir,
+    memory: usize,
+    change: impl FnOnce(&mut Plan),
+) -> Stand {
+    start_with(&CAMERAS, folder, memory, change)
+}
+
+pub(super) fn start_with(
+    cameras: &[(&str, Kind)],
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut Plan),
@@ -203,8 +219,8 @@ pub(super) fn start_in(
     let (clock, pool) = (HostClock::start(), Pool::new(memory));
     let mut moods = BTreeMap::new();
     let mut stations = Vec::new();
-    for name in ["c00", "c01", "c02", "k0"] {
-        let depth = name == "k0";
+    for &(name, kind) in cameras {
+        let depth = kind != Kind::Color;
         let mood: Arc<AtomicU32> = Arc::default();
         moods.insert(name.to_owned(), mood.clone());
         let id = CameraId::new(name).unwrap();
@@ -223,7 +239,7 @@ pub(super) fn start_in(
         };
         stations.push(Station {
             id,
-            kind: if depth { Kind::Depth } else { Kind::Color },
+            kind,
             driver: Box::new(driver),
         });
     }
@@ -234,7 +250,9 @@ pub(super) fn start_in(
     let rig = Rig::start(stations, clock, 64, backoff).unwrap();
     let mut plan = plan(folder.path(), &pool);
     change(&mut plan);
-    let capturing = Arc::new(Capturing::start(rig, plan).unwrap());
+    let left = Left::recover(&plan.recording.folder, &plan.pulse).unwrap();
+    let capturing = Arc::new(Capturing::start(rig, plan, &left).unwrap());
+    left.settled();
     let stand = Stand {
         folder,
         capturing,
@@ -243,7 +261,7 @@ pub(super) fn start_in(
     };
     stand.until(|status| {
         let ready = status.cameras.values().filter(|c| c.state == "ready");
-        ready.count() == 4
+        ready.count() == cameras.len()
     });
     stand
 }

@@ -1,6 +1,6 @@
 //! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
 
-use super::scripted::{Mood, captures, press, recordings, start, start_in};
+use super::scripted::{Mood, captures, press, recordings, start, start_in, start_with};
 use super::*;
 use crate::frame::CameraId;
 use crate::recording::{ColorPart, Outcome, Recording, Topic};
@@ -37,6 +37,50 @@ fn one_press_is_one_durable_capture() {
     let trigger = found.messages(&Topic::Trigger)[0];
     let trigger = found.trigger(&trigger).unwrap();
     assert_eq!(trigger.press_id.as_deref(), Some("p1"));
+}
+
+#[test]
+fn depth_cameras_that_take_turns_have_a_window_each() {
+    let cameras = [
+        ("c00", Kind::Color),
+        ("k0", Kind::DepthInTurn),
+        ("k1", Kind::DepthInTurn),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    // The first camera's turn is longer than one window.
+    let stand = start_with(&cameras, folder, 4_000_000, |plan| {
+        plan.sync.window_ms = 80.0;
+        plan.capture.patience_ms = 1000;
+        plan.capture.retry = 0;
+    });
+    stand.mood("k0", Mood::Slow);
+    stand.mood("k1", Mood::Slow);
+    let heard = stand.press();
+    assert!(
+        matches!(heard.last(), Some(Reply::Durable { .. })),
+        "{heard:?}"
+    );
+}
+
+#[test]
+fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
+    let stand = start(|plan| drop(plan.preamble.about.insert("rig".into(), "a".into())));
+    let about = BTreeMap::from([("rig".into(), "b".into())]);
+    let refused = stand.ask(|answer| Order::Begin("s".into(), about.clone(), answer));
+    assert!(refused.unwrap_err().contains("\"rig\""));
+}
+
+#[test]
+fn a_file_that_is_no_socket_is_not_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, "a recording").unwrap();
+    let refused = control::listen(&path).unwrap_err().to_string();
+    assert!(
+        refused.contains("a.mcap") && refused.contains("no socket"),
+        "{refused}"
+    );
+    assert!(path.exists());
 }
 
 #[test]

@@ -65,6 +65,7 @@ pub struct Session {
     preamble: Preamble,
     files: usize,
     open: Option<Open>,
+    unfinished: Option<Error>,
 }
 
 /// The file that is being written.
@@ -97,16 +98,10 @@ impl Session {
             preamble,
             files: 0,
             open: None,
+            unfinished: None,
         };
         let path = session.path(0);
-        let part = super::writer::part_of(&path);
-        let exists = |path: &Path| {
-            path.try_exists().map_err(|cause| Error::Io {
-                path: path.into(),
-                cause,
-            })
-        };
-        if exists(&path)? || exists(&part)? {
+        if is_taken(&path)? {
             return Err(Error::Io {
                 path,
                 cause: std::io::ErrorKind::AlreadyExists.into(),
@@ -121,7 +116,8 @@ impl Session {
     }
 
     /// Writes a capture and brings it to the disk: when this returns, it survives a power cut. The path is the one that
-    /// the file has when it is complete.
+    /// the file has when it is complete. A full file that cannot be completed is left as `.part`
+    /// ([`Self::take_unfinished`]); the capture goes into the next one.
     ///
     /// # Errors
     /// If it cannot be written. What was kept before stays: the file that broke is left as `.part`, which a recovery
@@ -138,9 +134,9 @@ impl Session {
         let bytes = capture.bytes();
         let full = |open: &Open| open.bytes > 0 && open.bytes + bytes > self.largest_file;
         if self.open.as_ref().is_some_and(full) {
-            self.finish_file()?;
+            self.unfinished = self.finish_file().err();
         }
-        let open = self.open_file()?;
+        let open = self.open_file(capture.trigger.time)?;
         open.bytes += bytes;
         let path = open.path.clone();
         let writer = &mut open.writer;
@@ -159,7 +155,7 @@ impl Session {
     /// As for [`Self::keep`].
     pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
         let mut noted = || {
-            let writer = &mut self.open_file()?.writer;
+            let writer = &mut self.open_file(time)?.writer;
             writer.note(note, time)?;
             writer.sync()
         };
@@ -175,24 +171,35 @@ impl Session {
     /// completed, and the next capture begins one.
     ///
     /// # Errors
-    /// As for [`Self::keep`].
+    /// As for [`Self::keep`]; the next file begins with what is new all the same.
     pub fn change(&mut self, mut preamble: Preamble, time: Timestamp) -> Result<(), Error> {
-        // What was said of the session at its begin stays true.
-        let about = self.preamble.about.clone();
-        preamble.about.extend(about);
-        if begins_otherwise(&self.preamble, &preamble) {
-            self.preamble = preamble;
+        // What was said of the session at its begin stays true; what the rig says of itself is what it says now.
+        for (key, value) in &self.preamble.about {
+            let about = preamble.about.entry(key.clone());
+            about.or_insert_with(|| value.clone());
+        }
+        let before = std::mem::replace(&mut self.preamble, preamble);
+        if begins_otherwise(&before, &self.preamble) {
             return self.finish_file();
         }
-        if let Some(open) = &mut self.open {
-            let written = changed(&mut open.writer, &self.preamble, &preamble, time);
-            if written.is_err() {
-                self.open = None;
-            }
-            written?;
+        let Some(open) = &mut self.open else {
+            return Ok(());
+        };
+        let written = changed(&mut open.writer, &before, &self.preamble, time);
+        if written.is_err() {
+            self.open = None;
         }
-        self.preamble = preamble;
-        Ok(())
+        written
+    }
+
+    /// Why the last full file could not be completed, told once.
+    pub fn take_unfinished(&mut self) -> Option<Error> {
+        self.unfinished.take()
+    }
+
+    /// Bytes after which a file is completed, from the next capture on.
+    pub fn limit_files(&mut self, largest_file: u64) {
+        self.largest_file = largest_file;
     }
 
     /// Completes the last file.
@@ -215,16 +222,27 @@ impl Session {
         self.folder.join(name)
     }
 
-    /// The file that is written to, begun if there is none.
-    fn open_file(&mut self) -> Result<&mut Open, Error> {
+    /// The next file's name: one that nothing has, such as a recording of a session `NAME-002`.
+    fn next_path(&mut self) -> Result<PathBuf, Error> {
+        loop {
+            let path = self.path(self.files);
+            // Also of a file that cannot be begun: its name is not tried again.
+            self.files += 1;
+            if !is_taken(&path)? {
+                return Ok(path);
+            }
+        }
+    }
+
+    /// The file that is written to, begun if there is none, for what is of `time`.
+    fn open_file(&mut self, time: Timestamp) -> Result<&mut Open, Error> {
         let open = match self.open.take() {
             Some(open) => open,
             None => {
-                let path = self.path(self.files);
-                // Also of a file that cannot be begun: its name is not tried again.
-                self.files += 1;
+                let path = self.next_path()?;
                 let mut writer = Writer::create(&path, &self.program, Compression::None)?;
                 begin_file(&mut writer, &self.preamble, &self.name, self.begin)?;
+                backgrounds(&mut writer, &Preamble::default(), &self.preamble, time)?;
                 Open {
                     path,
                     writer,
@@ -234,6 +252,17 @@ impl Session {
         };
         Ok(self.open.insert(open))
     }
+}
+
+/// Whether there is a recording of this name, complete or not.
+fn is_taken(path: &Path) -> Result<bool, Error> {
+    let exists = |path: &Path| {
+        path.try_exists().map_err(|cause| Error::Io {
+            path: path.into(),
+            cause,
+        })
+    };
+    Ok(exists(path)? || exists(&super::writer::part_of(path))?)
 }
 
 /// Writes what every file begins with.
@@ -257,7 +286,7 @@ fn begin_file(
     if let Some(volume) = &preamble.volume {
         writer.volume(volume, time)?;
     }
-    changed(writer, &Preamble::default(), preamble, time)
+    settings(writer, &Preamble::default(), preamble, time)
 }
 
 /// Whether a file would begin with something that cannot be said later in it.
@@ -266,11 +295,21 @@ fn begins_otherwise(before: &Preamble, now: &Preamble) -> bool {
         || before.depths != now.depths
         || before.volume != now.volume
         || before.configuration != now.configuration
+        || before.about != now.about
 }
 
-/// Writes settings and backgrounds that are not what they were. A background keeps the time at which it was taken, so
-/// that its age can be told.
+/// Writes settings and backgrounds that are not what they were.
 fn changed(
+    writer: &mut Writer,
+    before: &Preamble,
+    now: &Preamble,
+    time: Timestamp,
+) -> Result<(), Error> {
+    settings(writer, before, now, time)?;
+    backgrounds(writer, before, now, time)
+}
+
+fn settings(
     writer: &mut Writer,
     before: &Preamble,
     now: &Preamble,
@@ -281,10 +320,21 @@ fn changed(
             writer.settings(id, settings, time)?;
         }
     }
+    Ok(())
+}
+
+/// A background keeps the time at which it was taken, so that its age can be told. One that was taken while the clock
+/// was ahead counts from `time` on.
+fn backgrounds(
+    writer: &mut Writer,
+    before: &Preamble,
+    now: &Preamble,
+    time: Timestamp,
+) -> Result<(), Error> {
     for (id, (taken, picture)) in &now.backgrounds {
         let same = |(earlier, _): &(Timestamp, Picture)| earlier == taken;
         if !before.backgrounds.get(id).is_some_and(same) {
-            writer.background(id, picture, *taken)?;
+            writer.background(id, picture, time.min(*taken))?;
         }
     }
     Ok(())

@@ -104,6 +104,53 @@ fn what_is_kept_is_on_the_disk_before_the_file_is_complete() {
 }
 
 #[test]
+fn plates_that_a_wrong_clock_put_into_the_future_count_from_the_capture_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut ahead = preamble(&rig);
+    for (time, _) in ahead.backgrounds.values_mut() {
+        *time = at(7_200_000);
+    }
+    let mut session =
+        Session::begin(folder.path(), "s", "scand test", at(2), 1 << 30, ahead).unwrap();
+    let capture = kept(&rig, "a", 10_000);
+    let path = session.keep(&capture).unwrap();
+    session.close().unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let plates = Topic::Color(rig.colors[0].id.clone(), ColorPart::Background);
+    assert_eq!(
+        recording.messages(&plates)[0].log_time(),
+        capture.trigger.time
+    );
+}
+
+#[test]
+fn what_the_rig_says_of_itself_is_what_it_says_now() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut before = preamble(&rig);
+    before
+        .about
+        .insert("calibration_sha256".into(), "old".into());
+    let mut session =
+        Session::begin(folder.path(), "s", "scand test", at(2), 1 << 30, before).unwrap();
+    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    let about = BTreeMap::from([("calibration_sha256".into(), "new".into())]);
+    let now = Preamble {
+        about,
+        ..preamble(&rig)
+    };
+    session.change(now, at(15_000)).unwrap();
+    let path = session.keep(&kept(&rig, "b", 20_000)).unwrap();
+    session.close().unwrap();
+    let recording = Recording::open(&path).unwrap();
+    let mut metadata = recording.metadata().iter();
+    let about = &metadata.find(|(name, _)| name == "session").unwrap().1;
+    assert_eq!(about["calibration_sha256"], "new");
+    assert_eq!(about["operator"], "Ann");
+}
+
+#[test]
 fn new_plates_count_from_the_next_capture_on_and_in_every_file() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
@@ -162,17 +209,18 @@ fn another_calibration_begins_another_file_of_the_same_session() {
 }
 
 #[test]
-fn a_session_of_the_same_name_is_refused_and_one_that_broke_goes_on_in_another_file() {
+fn a_session_of_the_same_name_is_refused_and_no_file_of_another_is_in_the_way() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
     std::fs::write(folder.path().join("s-002.mcap"), "in the way").unwrap();
     let one = kept(&rig, "a", 10_000).bytes();
     let mut session = begin(folder.path(), &rig, one);
     session.keep(&kept(&rig, "a", 10_000)).unwrap();
-    let error = session.keep(&kept(&rig, "b", 20_000)).unwrap_err();
-    assert!(error.to_string().contains("s-002.mcap"), "{error}");
-    let path = session.keep(&kept(&rig, "c", 30_000)).unwrap();
+    let path = session.keep(&kept(&rig, "b", 20_000)).unwrap();
     assert_eq!(path, folder.path().join("s-003.mcap"));
+    std::fs::write(folder.path().join("s-004.mcap.part"), "in the way").unwrap();
+    let path = session.keep(&kept(&rig, "c", 30_000)).unwrap();
+    assert_eq!(path, folder.path().join("s-005.mcap"));
     session.close().unwrap();
     let again = Session::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
     assert!(again.err().unwrap().to_string().contains("s.mcap"));

@@ -156,6 +156,8 @@ pub enum Reply {
     },
     /// What happens is told from here on.
     Listening,
+    /// The daemon is ending before the press has its end: who asks for the same press again hears it.
+    Ending,
 }
 
 impl Reply {

@@ -134,6 +134,20 @@ impl Jobs {
         state.waiting == 0 && state.running.is_empty()
     }
 
+    /// Whether one of a session's captures waits or is being made into a model.
+    pub fn has_of(&self, session: &str) -> bool {
+        let files = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let mut files = files.flatten().map(|file| file.path());
+        files.any(|path| {
+            let job = std::fs::read(&path).ok().filter(|_| is_job(&path));
+            let job = job.and_then(|bytes| Job::parse(&bytes).ok());
+            job.is_some_and(|job| {
+                let of = job.capture.rsplit_once('-');
+                of.is_some_and(|(name, _)| name == session)
+            })
+        })
+    }
+
     /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
     /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is said.
     pub fn offer_missing(&self, recordings: &[PathBuf], models: &Path) {

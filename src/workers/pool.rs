@@ -157,7 +157,9 @@ impl Shared {
         let complete = recording::finished_name(&path).unwrap_or_else(|| path.clone());
         if taken.job.begun >= MOST_BEGUN {
             let begun = taken.job.begun;
-            let reason = format!("it was begun {begun} times, and each time the daemon died");
+            let reason = format!(
+                "it was begun {begun} times, and each time the daemon died or its process was ended"
+            );
             return Some(self.failed(&taken.job, &complete, reason, ""));
         }
         self.wait_for_room();
@@ -188,8 +190,11 @@ impl Shared {
                 (model, words)
             }
             Ok(_) => {
-                taken.job.begun -= 1;
-                self.jobs.note(taken);
+                // Otherwise it counts: who ends it again and again must not keep all others from being done.
+                if self.jobs.is_stopped() || !path.exists() {
+                    taken.job.begun -= 1;
+                    self.jobs.note(taken);
+                }
                 return None;
             }
         };

@@ -295,6 +295,19 @@ fn who_is_asked_to_end_is_done_again_and_who_takes_the_daemon_along_is_not() {
     assert_eq!(place.report("s-2")["outcome"], "failed");
 }
 
+#[test]
+fn a_job_that_somebody_ends_again_and_again_comes_to_an_end() {
+    let place = Place::new("[ $capture = s-1 ] && kill -TERM $$; make");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    let ended = heard.next();
+    assert_eq!(ended.capture, "s-1");
+    let reason = ended.model.unwrap_err();
+    assert!(reason.contains("process was ended"), "{reason}");
+    assert!(heard.next().model.is_ok());
+}
+
 /// A file in the place of the folder of jobs makes writing there fail.
 #[test]
 fn a_job_that_the_disk_refuses_is_told_of_leaves_nothing_and_is_done_when_it_is_offered_again() {

@@ -246,9 +246,11 @@ fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Resu
 
 fn code(last: &Reply) -> ExitCode {
     match last {
-        Reply::Failed { .. } | Reply::JobFailed { .. } | Reply::Refused { .. } | Reply::Busy => {
-            ExitCode::FAILURE
-        }
+        Reply::Failed { .. }
+        | Reply::JobFailed { .. }
+        | Reply::Refused { .. }
+        | Reply::Busy
+        | Reply::Ending => ExitCode::FAILURE,
         _ => ExitCode::SUCCESS,
     }
 }
@@ -277,6 +279,7 @@ fn words(reply: &Reply) -> String {
         Reply::JobFailed { capture, reason } => format!("{capture}: no model: {reason}"),
         Reply::Ok { words } => words.clone(),
         Reply::Listening => "listening".into(),
+        Reply::Ending => "the daemon is ending: the same press id may be asked for again".into(),
         Reply::Status { status } => table::status(status),
     }
 }

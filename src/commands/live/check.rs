@@ -168,6 +168,16 @@ fn ask(socket: &Path) -> Result<(Finding, Option<Value>), Finding> {
             let remedy = "be of its group: sudo adduser YOU scand, from the next login on";
             Err(Finding::not_ok(State::Wrong, "daemon", found, remedy))
         }
+        Err(Error::Broken { path, cause })
+            if matches!(cause.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
+        {
+            let found = format!(
+                "{}: it takes requests and does not answer: it is starting, or hangs",
+                path.display()
+            );
+            let remedy = "ask again in a minute; journalctl -u scand says what it does";
+            Err(Finding::not_ok(State::Wrong, "daemon", found, remedy))
+        }
         _ => {
             let found = "none runs: the cameras are opened for this check";
             Ok((Finding::ok("daemon", found), None))

@@ -2,18 +2,15 @@
 
 use crate::config::Config;
 use crate::daemon::events::{Event, Events, Verdict};
-use crate::recording::{finished_name, unfinished};
 use crate::report::Level;
 use crate::workers::{Ended, Jobs, Plan, Workers};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-/// Jobs that can be offered already, and what is to be known before an earlier run's recordings are completed.
+/// Jobs that can be offered already.
 pub(super) struct Models {
     pub(super) jobs: Arc<Jobs>,
-    /// Recordings that an earlier run was writing, under the names that they have when they are complete.
-    left: Vec<PathBuf>,
 }
 
 impl Models {
@@ -22,23 +19,19 @@ impl Models {
         if config.workers.count == 0 {
             return Ok(None);
         }
-        let folder = &config.recording.folder;
-        let jobs = Arc::new(Jobs::open(folder)?);
-        let left = unfinished(folder)?;
-        Ok(Some(Self {
-            jobs,
-            left: left.iter().filter_map(|p| finished_name(p)).collect(),
-        }))
+        let jobs = Arc::new(Jobs::open(&config.recording.folder)?);
+        Ok(Some(Self { jobs }))
     }
 
-    /// Begins, once what an earlier run left is completed. Who listens hears of each model, and of each that cannot be.
+    /// Begins, with the captures of recordings that an earlier run `left`. Who listens hears of each model, and of each that cannot be.
     pub(super) fn start(
         self,
         config: &Config,
+        left: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         events: Events,
     ) -> anyhow::Result<Workers> {
-        self.jobs.offer_missing(&self.left, &config.workers.folder);
+        self.jobs.offer_missing(left, &config.workers.folder);
         let plan = Plan {
             parameters: config.workers.clone(),
             settings: settings(config)?,

@@ -6,8 +6,8 @@ use super::reread::Running;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Hooks, Kind, Notifier, Packing, Plan, Pulse, Rig, Service, Station, handed_over,
-    serve,
+    Capturing, Hooks, Kind, Left, Notifier, Packing, Plan, Pulse, Rig, Service, Station,
+    handed_over, serve,
 };
 use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
@@ -80,13 +80,17 @@ fn serve_rig(
     };
     let (events, jobs) = (plan.events.clone(), plan.jobs.clone());
     let frames = frames_a_shot(&stations, plan.sync.depth_frames);
+    // Before there are cameras, whose news nobody would hear meanwhile.
+    let left = Left::recover(&config.recording.folder, &pulse)?;
     let rig = Rig::start(stations, clock, frames, Backoff::default())?;
-    let capturing = Arc::new(Capturing::start(rig, plan)?);
+    let capturing = Arc::new(Capturing::start(rig, plan, &left)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
     let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
-    let workers = models.map(|models| models.start(&config, keep_free.clone(), events));
-    let workers = workers.transpose()?;
+    let start =
+        |models: Models| models.start(&config, left.recordings(), keep_free.clone(), events);
+    let workers = models.map(start).transpose()?;
+    left.settled();
     let packing = Packing::start(&capturing, &config.recording, keep_free.clone())?;
     let running = Running {
         source,

@@ -9,6 +9,7 @@ mod turn;
 mod worker;
 
 use super::events::Events;
+use super::left;
 use super::presses::{Asked, Following, Presses, Promise};
 use super::recorder::Recorder;
 use super::rig::Rig;
@@ -18,7 +19,7 @@ use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::log;
-use crate::recording::{Error, Note, Preamble, recover, unfinished};
+use crate::recording::{Error, Note, Preamble, finished_name, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
 use crate::workers::Jobs;
@@ -139,20 +140,18 @@ pub struct Capturing {
 }
 
 impl Capturing {
-    /// Completes what an earlier run left, finds its plates and starts the thread. What could not be completed is said
-    /// and stays as it is.
+    /// Settles the presses of what an earlier run `left`, finds its plates and starts the thread.
     ///
     /// # Errors
-    /// If the folder of recordings cannot be made or read, or the system has no thread left.
-    pub fn start(rig: Rig, plan: Plan) -> Result<Self, Error> {
+    /// If the system has no thread left.
+    pub fn start(rig: Rig, plan: Plan, left: &Left) -> Result<Self, Error> {
         let folder = plan.recording.folder.clone();
         let io = |cause| Error::Io {
             path: folder.clone(),
             cause,
         };
-        std::fs::create_dir_all(&folder).map_err(io)?;
-        let left = recover_all(&folder, &plan.pulse)?;
-        let presses = Arc::new(Presses::open(&folder.join("presses"), &left));
+        let presses = Presses::open(&presses_of(&folder), left.recordings());
+        let presses = Arc::new(presses);
         let models = plan.models.is_some();
         let (orders, queue) = bounded(1);
         let (busy, status) = (Arc::default(), Arc::default());
@@ -290,25 +289,63 @@ fn decline(order: Order, reply: Reply, words: &str) {
     }
 }
 
-/// Completes what an earlier run left; the files that are then there. The start may take as long as a slow disk needs
-/// for each.
-fn recover_all(folder: &Path, pulse: &Pulse) -> Result<Vec<PathBuf>, Error> {
+/// Where it is kept what presses were answered.
+fn presses_of(recordings: &Path) -> PathBuf {
+    recordings.join("presses")
+}
+
+/// What an earlier run left.
+pub struct Left {
+    folder: PathBuf,
+    recordings: Vec<PathBuf>,
+}
+
+impl Left {
+    /// Completes the recordings that an earlier run left in a folder, which is made if it is not there. What cannot be
+    /// completed is said and stays as it is. The start may take as long as a slow disk needs for each.
+    ///
+    /// # Errors
+    /// If the folder cannot be made or read, or it cannot be kept which recordings they are.
+    pub fn recover(folder: &Path, pulse: &Pulse) -> Result<Self, Error> {
+        let io = |cause| Error::Io {
+            path: folder.into(),
+            cause,
+        };
+        std::fs::create_dir_all(presses_of(folder)).map_err(io)?;
+        let parts = unfinished(folder)?;
+        let complete: Vec<PathBuf> = parts
+            .iter()
+            .filter_map(|part| finished_name(part))
+            .collect();
+        let entered = left::enter(folder, &complete);
+        entered.map_err(|error| io(std::io::Error::other(error)))?;
+        for part in parts {
+            recover_one(&part, pulse);
+        }
+        Ok(Self {
+            folder: folder.into(),
+            recordings: left::all(folder),
+        })
+    }
+
+    /// Its recordings, under the names that they have when they are complete.
+    pub fn recordings(&self) -> &[PathBuf] {
+        &self.recordings
+    }
+
+    /// Forgets them: presses and jobs are settled.
+    pub fn settled(self) {
+        left::settled(&self.folder);
+    }
+}
+
+fn recover_one(part: &Path, pulse: &Pulse) {
     const SLOWEST_BYTES_A_SECOND: u64 = 5_000_000;
     const BESIDE: Duration = Duration::from_secs(60);
-    let mut left = Vec::new();
-    for part in unfinished(folder)? {
-        let bytes = part.metadata().map_or(0, |part| part.len());
-        pulse.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
-        match recover(&part) {
-            Ok(recovered) => {
-                log::notice!("recovered {}", recovered.path.display());
-                left.push(recovered.path);
-            }
-            Err(error) => {
-                log::error!("{error}; {} stays as it is", part.display());
-                left.push(part);
-            }
-        }
+    let bytes = part.metadata().map_or(0, |part| part.len());
+    pulse.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
+    match recover(part) {
+        Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
+        Err(error) => log::error!("{error}; {} stays as it is", part.display()),
     }
-    Ok(left)
 }

@@ -127,8 +127,7 @@ impl Client<'_> {
                 }
             }
             if ends {
-                let reason = "the daemon is ending: the same press_id may be asked for again";
-                return self.refuse(reason.into()).await;
+                return self.send(&Reply::Ending).await;
             }
             tokio::select! {
                 changed = press.changed() => nobody_tells = changed.is_err(),

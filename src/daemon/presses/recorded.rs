@@ -1,7 +1,7 @@
 //! What recordings that a crash left open say of the presses that they are of.
 
 use crate::log;
-use crate::recording::{CaptureRecord, Error, Outcome, Recording, Topic};
+use crate::recording::{CaptureRecord, Error, Outcome, Recording, Topic, unfinished_name};
 use crate::trigger::Reply;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -42,7 +42,7 @@ impl Recorded {
     }
 }
 
-/// The captures of recordings, in their order; what cannot be read is said and left out.
+/// The captures of recordings, named as if they were complete, in their order; what cannot be read is said and left out.
 pub(super) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
     let mut found = Vec::new();
     for file in files {
@@ -54,7 +54,7 @@ pub(super) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
 }
 
 fn add(file: &Path, found: &mut Vec<Recorded>) -> Result<(), Error> {
-    let recording = Recording::open(file)?;
+    let recording = Recording::open(&as_it_is(file))?;
     let mut presses = BTreeMap::new();
     for message in recording.messages(&Topic::Trigger) {
         let trigger = recording.trigger(message)?;
@@ -66,17 +66,14 @@ fn add(file: &Path, found: &mut Vec<Recorded>) -> Result<(), Error> {
             capture: record.id.clone(),
             press_id: presses.remove(&record.id).flatten(),
             record,
-            recording: complete_name(file),
+            recording: file.into(),
         });
     }
     Ok(())
 }
 
-fn complete_name(file: &Path) -> PathBuf {
-    let part = file.extension().is_some_and(|e| e == "part");
-    if part {
-        file.with_extension("")
-    } else {
-        file.to_owned()
-    }
+/// The name that it has: it may not have been completed.
+fn as_it_is(file: &Path) -> PathBuf {
+    let part = unfinished_name(file);
+    if part.exists() { part } else { file.into() }
 }

@@ -5,6 +5,7 @@
 
 use std::ffi::{c_int, c_void};
 use std::io;
+use std::os::fd::BorrowedFd;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -37,7 +38,13 @@ pub struct Control {
 /// # Errors
 /// If it cannot be opened.
 pub fn open(path: &Path) -> io::Result<v4l::Device> {
-    v4l::Device::with_path(path)
+    let device = v4l::Device::with_path(path)?;
+    // `v4l` leaves it open for programs that are run meanwhile, which would hold the camera.
+    let handle = device.handle();
+    // SAFETY: the device holds the descriptor during the call.
+    let descriptor = unsafe { BorrowedFd::borrow_raw(handle.fd()) };
+    rustix::io::fcntl_setfd(descriptor, rustix::io::FdFlags::CLOEXEC)?;
+    Ok(device)
 }
 
 /// Lists the controls that have a plain value.

@@ -57,9 +57,12 @@ impl Worker {
         shared: Arc<Mutex<Status>>,
         ended: Arc<Ended>,
     ) -> Self {
+        // Each turn has a window of its own length.
+        plan.sync.window_ms *= rig.turns() as f64;
         let cameras = cameras(&rig);
         let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
-        plan.preamble.backgrounds = plates::newest(&plan.recording.folder, &colors);
+        plan.preamble.backgrounds =
+            plates::newest(&plan.recording.folder, &colors, rig.clock().now());
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
             rig,

@@ -26,10 +26,14 @@ impl Worker {
         let folder = &self.plan.recording.folder;
         let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
         let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
+        // Those that are not on the disk yet will take theirs.
+        let waiting = self.recorder.waiting() as u64;
         // Room for what the recording has beside the pictures, and for the plates of a file that may begin.
-        if free < kept_free + bytes + self.plates_bytes() + bytes / 10 + 1_000_000 {
+        let beside = self.plates_bytes() + bytes / 10 + 1_000_000;
+        if free < kept_free + (1 + waiting) * bytes + beside {
             return Err(format!(
-                "{} has {} MB left, a capture takes {} MB and {} MB stay free (recording.keep_free_mb)",
+                "{} has {} MB left, a capture takes {} MB, {waiting} wait for the disk, and {} MB stay free \
+                 (recording.keep_free_mb)",
                 folder.display(),
                 free / 1_000_000,
                 bytes / 1_000_000,

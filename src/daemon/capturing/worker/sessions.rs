@@ -40,18 +40,29 @@ impl Worker {
     ) -> Result<(), String> {
         names::check_session(name)?;
         let mut preamble = self.plan.preamble.clone();
+        if let Some(key) = about.keys().find(|key| preamble.about.contains_key(*key)) {
+            return Err(format!("{key:?} is what the rig says of itself"));
+        }
         preamble.about.extend(about);
+        let folder = &self.plan.recording.folder;
         let session = Session::begin(
-            &self.plan.recording.folder,
+            folder,
             name,
             &self.plan.program,
             self.rig.clock().now(),
-            self.plan.recording.largest_file_mb * 1_000_000,
+            self.largest_file(),
             preamble,
         );
         let session = Box::new(session.map_err(|e| e.to_string())?);
         if let Some(models) = &self.plan.models {
-            names::check_models(&models.join(name))?;
+            names::check_models(models, folder, name)?;
+        }
+        if let Some(jobs) = &self.plan.jobs
+            && jobs.has_of(name)
+        {
+            return Err(format!(
+                "models of an earlier session {name} are still to be made: take another name, or wait for them"
+            ));
         }
         if !self.recorder.hand_over(Work::Begin(session, done)) {
             return Err("the disk is behind".into());
@@ -83,10 +94,15 @@ impl Worker {
         self.pass_on(answer, |done| Work::Note(note, time, done));
     }
 
+    /// Bytes after which a recording is completed and the next one begun.
+    fn largest_file(&self) -> u64 {
+        self.plan.recording.largest_file_mb * 1_000_000
+    }
+
     pub(super) fn preamble_changed(&mut self) {
         let preamble = Box::new(self.plan.preamble.clone());
-        let time = self.rig.clock().now();
-        if self.session.is_some() && !self.recorder.hand_over(Work::Change(preamble, time)) {
+        let work = Work::Change(preamble, self.largest_file(), self.rig.clock().now());
+        if self.session.is_some() && !self.recorder.hand_over(work) {
             // Rather a session of its own than one whose later captures have old plates.
             log::warning!("the disk is behind: the next capture begins a session");
             self.session = None;
