@@ -259,6 +259,20 @@ fn faults_are_named_and_what_is_left_is_right() {
         (moved[0]["motion"]["turn_degrees"].as_f64().unwrap() - 0.1).abs() < 0.01,
         "{json}"
     );
+    let not_checked = found["not_checked"].as_array().unwrap();
+    assert!(not_checked.contains(&"c02".into()), "{json}");
+
+    let still = path("still.mcap");
+    simulate(&["--placements", "1"], &still);
+    let check = ["--check", still.to_str().unwrap(), "--against"];
+    let (code, words, errors) = calibrate(&[&check[..], &[out.to_str().unwrap()]].concat());
+    assert_eq!(code, Some(3), "a camera was not checked: {errors}");
+    let summary = words.lines().last().unwrap();
+    let expected = "no camera that saw the board moved; not checked: ";
+    assert!(
+        summary.starts_with(expected) && summary.contains("c02"),
+        "{words}"
+    );
 }
 
 #[test]

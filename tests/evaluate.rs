@@ -119,6 +119,16 @@ fn diff_ends_with_what_it_found() {
         command
     };
     diff([&a, &a], &[]).assert().code(0);
+    // Points between the corners are found again with round-off alone.
+    let slanted = write_box(folder.path(), "slanted.ply", [0.0617, 0.0331, 0.0473]);
+    diff([&slanted, &slanted], &["--tolerance-mm", "0"])
+        .assert()
+        .code(0);
+    for wrong in ["-1", "nan", "1e4"] {
+        let refused = diff([&a, &a], &["--tolerance-mm", wrong]).assert().code(2);
+        let words = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+        assert!(words.contains("not in 0 to 1000"), "{words}");
+    }
     diff([&a, &b], &["--tolerance-mm", "4"]).assert().code(0);
     let output = diff([&a, &b], &["--json"]).assert().code(1);
     let found: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();

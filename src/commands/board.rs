@@ -1,6 +1,6 @@
 //! `scand board`: a calibration board to print.
 
-use super::refuse_to_replace;
+use super::{refuse_to_replace, wrong_usage};
 use crate::calibration::{Board, BoardKind};
 use crate::output::{Paper, board_sheet, write_atomically};
 use std::path::PathBuf;
@@ -55,8 +55,8 @@ enum Kind {
 /// If there is no such board, it does not fit on the paper, or the file is there already or cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--out", Some(&args.out), args.force)?;
-    let board: Board = text(&args).parse()?;
-    let (file, paper) = board_sheet(&board, args.paper).map_err(anyhow::Error::msg)?;
+    let board: Board = text(&args).parse().map_err(wrong_usage)?;
+    let (file, paper) = board_sheet(&board, args.paper).map_err(wrong_usage)?;
     write_atomically(&args.out, &file)?;
     let pages = board.faces().len();
     let markers = match board.kind {

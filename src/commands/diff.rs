@@ -30,12 +30,25 @@ pub struct Args {
     /// Replace the file that is there
     #[arg(long, requires = "picture")]
     force: bool,
-    /// Surfaces nowhere farther apart than this are the same.
-    #[arg(long, value_name = "MM", default_value_t = DifferenceParameters::default().tolerance_mm)]
+    /// Surfaces nowhere farther apart than this are the same, 0 to 1000; round-off is never a difference.
+    #[arg(long, value_name = "MM", default_value_t = DifferenceParameters::default().tolerance_mm,
+        value_parser = parse_tolerance, allow_negative_numbers = true)]
     tolerance_mm: f64,
     /// Points on each surface.
     #[arg(long, default_value_t = DifferenceParameters::default().samples, value_parser = parse_samples)]
     samples: usize,
+}
+
+/// A tolerance within reason, in millimetres.
+fn parse_tolerance(text: &str) -> Result<f64, String> {
+    const MOST_MM: f64 = 1000.0;
+    let tolerance: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    // Not a number is in no range.
+    if (0.0..=MOST_MM).contains(&tolerance) {
+        Ok(tolerance)
+    } else {
+        Err(format!("not in 0 to {MOST_MM}"))
+    }
 }
 
 /// Compares, prints, and draws if asked to.

@@ -30,6 +30,9 @@ use std::process::ExitCode;
 /// captures that failed.
 pub const EXIT_LOST: u8 = 3;
 
+/// Exit code of a call with arguments that cannot be met, as clap has it.
+pub const EXIT_USAGE: u8 = 2;
+
 /// Exit code of a run whose configuration is bad (EX_CONFIG of sysexits.h).
 pub const EXIT_CONFIGURATION: u8 = 78;
 
@@ -59,10 +62,22 @@ fn refuse_to_replace(option: &str, file: Option<&Path>, force: bool) -> anyhow::
 #[error(transparent)]
 struct BadConfiguration(Box<dyn std::error::Error + Send + Sync>);
 
+/// Arguments that cannot be met.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+struct WrongUsage(Box<dyn std::error::Error + Send + Sync>);
+
+/// The error of a call whose arguments cannot be met.
+fn wrong_usage(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> anyhow::Error {
+    WrongUsage(cause.into()).into()
+}
+
 /// The exit code of an error.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     if error.is::<BadConfiguration>() {
         ExitCode::from(EXIT_CONFIGURATION)
+    } else if error.is::<WrongUsage>() {
+        ExitCode::from(EXIT_USAGE)
     } else {
         ExitCode::FAILURE
     }
@@ -108,7 +123,7 @@ enum Command {
 /// Runs what was asked.
 ///
 /// # Errors
-/// What went wrong, in words for the terminal; the exit code is then 1.
+/// What went wrong, in words for the terminal; [`exit_code`] has its exit code.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
         Some(Command::Background(args)) => live::ask::background(args),

@@ -19,7 +19,7 @@ use serde::Serialize;
 pub struct DifferenceParameters {
     /// Points on each surface, beside its vertices: 200 000.
     pub samples: usize,
-    /// Surfaces nowhere farther apart than this are the same, in millimetres: 0.01.
+    /// Surfaces nowhere farther apart than this are the same, in millimetres: 0.01. Round-off is never a difference.
     pub tolerance_mm: f64,
     /// At most this many places of largest differences are told: 8.
     pub places: usize,
@@ -35,6 +35,17 @@ impl Default for DifferenceParameters {
             places: 8,
             place_distance_mm: 10.0,
         }
+    }
+}
+
+/// Points on a surface are found on it again to 1e-13 mm; this is far more, and far less than a model holds: its
+/// coordinates are single precision, to some 1e-5 mm.
+const ROUND_OFF_MM: f64 = 1e-6;
+
+impl DifferenceParameters {
+    /// What is farther apart, in millimetres, is a difference.
+    fn same_within_mm(&self) -> f64 {
+        self.tolerance_mm.max(ROUND_OFF_MM)
     }
 }
 
@@ -131,7 +142,7 @@ pub fn difference(
     };
     let solids = (Solid::of(&a.mesh), Solid::of(&b.mesh));
     let kind = |s: &Solid| (s.watertight, s.components, s.genus);
-    let near = a_to_b.max_mm.max(b_to_a.max_mm) <= parameters.tolerance_mm;
+    let near = a_to_b.max_mm.max(b_to_a.max_mm) <= parameters.same_within_mm();
     Ok(Difference {
         same: near && kind(&solids.0) == kind(&solids.1),
         a_to_b,
@@ -209,7 +220,7 @@ fn places(a: &[Measured], b: &[Measured], parameters: &DifferenceParameters) -> 
     };
     let all = a.iter().map(on(Side::A)).chain(b.iter().map(on(Side::B)));
     let mut all: Vec<Place> = all
-        .filter(|p| p.distance_mm > parameters.tolerance_mm)
+        .filter(|p| p.distance_mm > parameters.same_within_mm())
         .collect();
     all.sort_by(|p, q| q.distance_mm.total_cmp(&p.distance_mm));
     let mut kept: Vec<Place> = Vec::new();

@@ -56,8 +56,7 @@ pub(super) fn expose(
         Encoding::Jpeg => {
             let rgb = developed(rendered, sensor, gains, key);
             let mut data = Vec::new();
-            let quality = sensor.jpeg_quality.clamp(1, 100);
-            let mut encoder = Encoder::new(&mut data, quality);
+            let mut encoder = Encoder::new(&mut data, sensor.jpeg_quality);
             encoder.set_sampling_factor(SamplingFactor::R_4_4_4);
             let size = u16::try_from(width).ok().zip(u16::try_from(height).ok());
             let is_complete =

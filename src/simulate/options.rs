@@ -13,7 +13,7 @@ pub struct Options {
     pub spacing_mm: f64,
     /// What all randomness derives from. Default 1.
     pub seed: u64,
-    /// Colour cameras. Default 11.
+    /// Colour cameras, 2 to 99; one is enough where a board is shown. Default 11.
     pub cameras: usize,
     /// Width of their pictures in pixels; the field of view stays. Default 2560.
     pub width: usize,
@@ -26,7 +26,7 @@ pub struct Options {
     pub depth_slant_deg: f64,
     /// Metres from a depth camera to the object. Default 0.8.
     pub depth_distance: f64,
-    /// Captures of the same object. Default 1.
+    /// Captures of the same object, at least 1. Default 1.
     pub captures: usize,
     /// Whether the object has a pattern. Default false.
     pub textured: bool,
@@ -194,7 +194,7 @@ pub struct DepthSensor {
     pub response: Response,
     /// A colour picture for each so many depth frames. Default 1.
     pub color_every: usize,
-    /// Quality of the depth camera's colour as JPEG; 0 is `rgb8`. Default 0.
+    /// Quality of the depth camera's colour as JPEG, 1 to 100; 0 is `rgb8`. Default 0.
     pub color_jpeg_quality: u8,
 }
 
@@ -245,19 +245,19 @@ pub struct CameraFault {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Faults {
-    /// Cameras turned by so many degrees since they were calibrated.
+    /// Colour cameras turned by so many degrees since they were calibrated.
     pub turned_deg: Vec<CameraFault>,
-    /// Cameras whose frame's edge cuts off such a part of the object, from the left; the calibration is true.
+    /// Colour cameras whose frame's edge cuts off such a part of the object, from the left; the calibration is true.
     pub cut_off: Vec<CameraFault>,
-    /// Cameras out of focus by a point spread of so many more pixels.
+    /// Colour cameras out of focus by a point spread of so many more pixels.
     pub blurred_px: Vec<CameraFault>,
-    /// Cameras that expose so many stops too long.
+    /// Colour cameras that expose so many stops too long.
     pub overexposed_stops: Vec<CameraFault>,
     /// Cameras that give no frame to a capture.
     pub missing: Vec<String>,
     /// Cameras whose frames come so many milliseconds late.
     pub late_ms: Vec<CameraFault>,
-    /// Cameras without a background (or mask).
+    /// Colour cameras without a background (or mask).
     pub no_background: Vec<String>,
     /// No object on the table.
     pub empty_table: bool,
@@ -271,6 +271,22 @@ impl Faults {
         list.iter()
             .find(|fault| fault.camera == camera)
             .map_or(0.0, |fault| fault.amount)
+    }
+
+    /// Nanoseconds that a camera's frames come late, a minute's at most.
+    pub(super) fn late_ns(&self, camera: &str) -> u64 {
+        let milliseconds = Self::amount(&self.late_ms, camera);
+        (milliseconds.clamp(0.0, 60_000.0) * 1e6) as u64
+    }
+
+    /// The faults that only a colour camera has, as they are called.
+    pub(super) fn of_colors(&self) -> [(&'static str, &[CameraFault]); 4] {
+        [
+            ("turned camera", &self.turned_deg),
+            ("camera that cuts off", &self.cut_off),
+            ("blurred camera", &self.blurred_px),
+            ("overexposed camera", &self.overexposed_stops),
+        ]
     }
 
     /// Every camera that a fault names.

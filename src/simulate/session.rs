@@ -51,6 +51,7 @@ impl Simulation {
     /// If an option cannot be met.
     pub fn new(options: Options) -> Result<Self, Error> {
         check(&options)?;
+        check_counts(&options)?;
         let truth = options.shape.mesh(options.spacing_mm * 1e-3);
         let rig = Rig::new(&options, &truth)?;
         check_faults(&options, &rig)?;
@@ -245,11 +246,6 @@ impl Simulation {
         missing.iter().any(|name| name == id.as_str())
     }
 
-    fn late(&self, id: &CameraId) -> u64 {
-        let milliseconds = Faults::amount(&self.options.faults.late_ms, id.as_str());
-        (milliseconds.clamp(0.0, 60_000.0) * 1e6) as u64
-    }
-
     /// The object on the table, if it is there.
     fn object(&self) -> Option<&Mesh> {
         (!self.options.faults.empty_table).then_some(&self.truth)
@@ -271,7 +267,7 @@ impl Simulation {
         let camera = &station.actual;
         let id = camera.id.as_str();
         let mut random = Random::new(&[*seed, 4, k as u64, index as u64]);
-        let delay = random.between(2e5, 3e6) as u64 + self.late(&camera.id);
+        let delay = random.between(2e5, 3e6) as u64 + faults.late_ns(id);
         let stops = Faults::amount(&faults.overexposed_stops, id);
         let exposure = (1.0 + color.exposure_drift * random.normal()) * stops.exp2();
         let gains = [0; 3]
@@ -327,7 +323,7 @@ impl Simulation {
         let mut random = Random::new(&[seed, 8, k as u64, index as u64]);
         let start = trigger_time(index).0
             + (random.uniform() * DEPTH_PERIOD as f64) as u64
-            + self.late(&camera.id);
+            + self.options.faults.late_ns(camera.id.as_str());
         let scene = DepthScene::new(&self.options, station, self.object());
         let rendered = self.rendered(camera, self.options.color.blur_px);
         Burst {
@@ -348,7 +344,7 @@ impl Simulation {
 /// Refuses numbers that make no session.
 pub(super) fn check(options: &Options) -> Result<(), Error> {
     let (color, depth) = (&options.color, &options.depth);
-    let within: [(&'static str, f64, f64, f64, &'static str); 12] = [
+    let within: [(&'static str, f64, f64, f64, &'static str); 14] = [
         ("spacing", options.spacing_mm, 0.1, 50.0, "0.1 to 50 mm"),
         (
             "depth slant",
@@ -363,6 +359,20 @@ pub(super) fn check(options: &Options) -> Result<(), Error> {
             0.4,
             3.0,
             "0.4 to 3 m",
+        ),
+        (
+            "JPEG quality",
+            color.jpeg_quality.into(),
+            1.0,
+            100.0,
+            "1 to 100",
+        ),
+        (
+            "JPEG quality of the depth camera's colour",
+            depth.color_jpeg_quality.into(),
+            0.0,
+            100.0,
+            "1 to 100, or 0 for rgb8",
         ),
         ("full well", color.full_well, 0.0, 1e9, "0 to 1e9 electrons"),
         (
@@ -394,16 +404,40 @@ pub(super) fn check(options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses faults of cameras that are not there.
+/// Refuses a session that no model can be made of.
+fn check_counts(options: &Options) -> Result<(), Error> {
+    if options.cameras < 2 {
+        return Err(invalid("cameras", options.cameras, "2 to 99"));
+    }
+    if options.captures == 0 {
+        return Err(invalid("captures", options.captures, "at least 1"));
+    }
+    Ok(())
+}
+
+/// Refuses faults of cameras that are not there, or that cannot have them.
 pub(super) fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
     let colors = rig.colors.iter().map(|s| s.actual.id.as_str());
     let depths = rig.depths.iter().map(|s| s.actual.camera.id.as_str());
-    let known: Vec<&str> = colors.chain(depths).collect();
-    match options.faults.cameras().find(|name| !known.contains(name)) {
-        Some(name) => Err(invalid(
-            "camera of a fault",
-            name,
-            "the id of a camera of the rig",
+    let depths: Vec<&str> = depths.collect();
+    let known: Vec<&str> = colors.chain(depths.iter().copied()).collect();
+    let faults = &options.faults;
+    if let Some(name) = faults.cameras().find(|name| !known.contains(name)) {
+        let expected = "the id of a camera of the rig";
+        return Err(invalid("camera of a fault", name, expected));
+    }
+    let no_background = faults.no_background.iter().map(String::as_str);
+    let without = no_background.map(|camera| ("camera without a background", camera));
+    let of_colors = faults.of_colors().into_iter();
+    let named = of_colors.flat_map(|(what, list)| list.iter().map(move |f| (what, &*f.camera)));
+    match named
+        .chain(without)
+        .find(|(_, camera)| depths.contains(camera))
+    {
+        Some((what, camera)) => Err(invalid(
+            what,
+            format!("the depth camera {camera}"),
+            "a colour camera: a depth camera may be missing or late",
         )),
         None => Ok(()),
     }

@@ -122,8 +122,81 @@ fn options_that_cannot_be_met_are_refused_by_name() {
     let message = refused(&|o| o.faults.missing = vec!["c99".into()]);
     assert!(message.contains("c99"), "{message}");
     assert!(refused(&|o| o.cameras = 1000).contains("1000"));
+    assert!(refused(&|o| o.cameras = 1).contains("cameras is 1, expected 2 to 99"));
+    assert!(refused(&|o| o.captures = 0).contains("captures is 0, expected at least 1"));
+    for quality in [0, 101] {
+        let message = refused(&|o| o.color.jpeg_quality = quality);
+        assert!(message.contains("JPEG quality is"), "{message}");
+    }
+    assert!(refused(&|o| o.depth.color_jpeg_quality = 101).contains("101, expected 1 to 100"));
     assert!(refused(&|o| o.width = 0).contains("0x240"));
     assert!(refused(&|o| o.spacing_mm = f64::NAN).contains("spacing"));
+}
+
+#[test]
+fn a_depth_camera_is_refused_the_faults_that_it_cannot_have() {
+    let refused = |change: &dyn Fn(&mut Faults)| {
+        let mut options = Options::small(Shape::Ball);
+        change(&mut options.faults);
+        let with_object = Simulation::new(options.clone()).unwrap_err().to_string();
+        let with_board = BoardSession::new(options, BoardOptions::default());
+        assert_eq!(with_board.err().unwrap().to_string(), with_object);
+        with_object
+    };
+    for (message, named) in [
+        (
+            refused(&|f| f.turned_deg = fault("kinect", 5.0)),
+            "turned camera",
+        ),
+        (refused(&|f| f.cut_off = fault("kinect", 0.3)), "cuts off"),
+        (
+            refused(&|f| f.blurred_px = fault("kinect", 3.0)),
+            "blurred camera",
+        ),
+        (
+            refused(&|f| f.overexposed_stops = fault("kinect", 2.0)),
+            "overexposed",
+        ),
+        (
+            refused(&|f| f.no_background = vec!["kinect".into()]),
+            "background",
+        ),
+    ] {
+        let expected = "is the depth camera kinect, expected a colour camera";
+        assert!(
+            message.contains(named) && message.contains(expected),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_depth_camera_may_be_late_in_either_session() {
+    let begin = |late_ms: f64| {
+        let mut options = Options::small(Shape::Ball);
+        (options.cameras, options.depth.frames) = (2, 1);
+        options.faults.late_ms = fault("kinect", late_ms);
+        let boards = BoardOptions {
+            placements: 1,
+            ..BoardOptions::default()
+        };
+        let with_board = BoardSession::new(options.clone(), boards).unwrap();
+        let with_object = Simulation::new(options).unwrap();
+        let captures = [
+            with_object.capture(0).unwrap(),
+            with_board.capture(0).unwrap(),
+        ];
+        captures.map(|capture| {
+            let mut frames = capture.frames.into_iter();
+            frames
+                .find(|f| f.stream == Stream::Depth)
+                .unwrap()
+                .timestamp
+        })
+    };
+    for (late, on_time) in begin(40.0).into_iter().zip(begin(0.0)) {
+        assert_eq!(late.nanoseconds_since(on_time), 40_000_000);
+    }
 }
 
 #[test]

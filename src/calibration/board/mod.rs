@@ -162,8 +162,14 @@ impl Board {
         let needed = self.markers_per_face() * self.faces().len();
         let held = dictionary.codes().len();
         if held < needed {
-            let found = format!("{held} markers for the {needed} that the board needs");
-            return bad("board dictionary", found, "as many as the board needs");
+            let sides = if self.two_sided { " on two sides" } else { "" };
+            let found = format!(
+                "{}, {held} markers for the {needed} that {}x{} inner corners{sides} need",
+                markers.dictionary, self.columns, self.rows
+            );
+            let expected =
+                "a larger dictionary, fewer corners, or a checkerboard, which needs no markers";
+            return bad("board dictionary", found, expected);
         }
         Ok(())
     }
@@ -336,7 +342,7 @@ mod tests {
             (Board { thickness: -0.1, ..good }, "-0.1 m"),
             (Board { kind: with(0.025, "DICT_4X4_100"), ..good }, "0.025 m"),
             (Board { kind: with(0.02, "DICT_9X9"), ..good }, "DICT_9X9"),
-            (Board { kind: with(0.02, "DICT_4X4_50"), ..good }, "50 markers for the 54"),
+            (Board { kind: with(0.02, "DICT_4X4_50"), ..good }, "50 markers for the 54 that 11x8 inner corners need"),
             (Board { kind: BoardKind::Checkerboard, two_sided: true, ..good }, "checkerboard"),
         ];
         for (board, named) in bad {

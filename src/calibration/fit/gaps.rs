@@ -177,7 +177,7 @@ fn unseen_placements(session: &Session) -> Vec<String> {
         .collect()
 }
 
-/// Cameras whose best partner shares too few placements with them, by name of both.
+/// Cameras whose best partner shares too few placements with them, by name of both; two that are each other's, once.
 fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
     let placements = |camera: usize| -> BTreeSet<usize> {
         session
@@ -194,19 +194,21 @@ fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
             .map(|other| (seen[camera].intersection(&seen[other]).count(), other))
             .max_by_key(|&(shared, other)| (shared, usize::MAX - other))
     };
-    let id = |camera: usize| &session.cameras[camera].id;
-    let words = |camera: usize| {
+    let lacking = |camera: usize| {
         let (shared, other) = partner(camera).filter(|_| !seen[camera].is_empty())?;
-        (shared < wanted.shared).then(|| {
-            format!(
-                "cameras {} and {} share {shared} placements, {} are wanted: show the board to both at once",
-                id(camera),
-                id(other),
-                wanted.shared
-            )
-        })
+        (shared < wanted.shared).then(|| (camera.min(other), camera.max(other), shared))
     };
-    (0..session.cameras.len()).filter_map(words).collect()
+    let lacking: BTreeSet<_> = (0..session.cameras.len()).filter_map(lacking).collect();
+    let id = |camera: usize| &session.cameras[camera].id;
+    let words = |(one, other, shared): (usize, usize, usize)| {
+        format!(
+            "cameras {} and {} share {shared} placements, {} are wanted: show the board to both at once",
+            id(one),
+            id(other),
+            wanted.shared
+        )
+    };
+    lacking.into_iter().map(words).collect()
 }
 
 fn of_depth(fit: &Fit, id: &CameraId, wanted: &Wanted) -> Vec<String> {

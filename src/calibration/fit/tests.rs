@@ -459,6 +459,21 @@ fn what_an_unfinished_session_lacks_is_said() {
 }
 
 #[test]
+fn two_cameras_that_share_too_little_are_named_once() {
+    let truth = truth(checkerboard(), 4, 1);
+    let mut session = truth.session(0.1, &mut Random(7));
+    only(&mut session, |camera, _| camera < 2);
+    let wanted = Wanted {
+        shared: 5,
+        ..Wanted::default()
+    };
+    let words = missing(&session, None, &[], &wanted);
+    let pairs: Vec<_> = words.iter().filter(|w| w.contains("share")).collect();
+    assert_eq!(pairs.len(), 1, "{pairs:?}");
+    assert!(pairs[0].contains("cameras c00 and c01 share"), "{pairs:?}");
+}
+
+#[test]
 fn nobody_is_asked_to_show_the_board_below_the_table() {
     let mut truth = truth(checkerboard(), 20, 1);
     // Down at the table's height it looks at what lies on it: a third of its picture is the table before it.

@@ -1,6 +1,6 @@
 //! `scand simulate --calibration-session`: a recording to calibrate from, with its truth in files of its own.
 
-use crate::commands::refuse_to_replace;
+use crate::commands::{refuse_to_replace, wrong_usage};
 use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
@@ -13,12 +13,9 @@ use std::process::ExitCode;
 pub(super) struct BoardArgs {
     /// Show a calibration board instead of an object, at one placement after the other. The rig is the one that the
     /// same options give to an object, but for its depth camera, which is 1.3 m away unless said otherwise.
-    #[arg(
-        long,
-        conflicts_with = "preset",
-        conflicts_with = "captures",
-        conflicts_with = "masks"
-    )]
+    #[arg(long, conflicts_with_all = [
+        "preset", "captures", "masks", "textured", "no_background", "empty_table",
+    ])]
     pub calibration_session: bool,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided.
     #[arg(long, value_name = "BOARD", requires = "calibration_session")]
@@ -96,7 +93,7 @@ pub(super) fn run(
     compression: Compression,
 ) -> anyhow::Result<ExitCode> {
     let placements_truth = args.placements_truth.clone();
-    let session = BoardSession::new(options, args.options())?;
+    let session = BoardSession::new(options, args.options()).map_err(wrong_usage)?;
     write_board_session(&session, out, compression)
         .with_context(|| format!("writing {}", out.display()))?;
     let (count, board) = (session.placements().len(), session.board());

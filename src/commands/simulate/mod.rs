@@ -3,7 +3,7 @@
 mod board;
 mod serve;
 
-use super::refuse_to_replace;
+use super::{refuse_to_replace, wrong_usage};
 use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{
@@ -16,7 +16,7 @@ use std::process::ExitCode;
 /// Render a rig of cameras around a known object into a recording, with the sensors' noise and any faults.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The object.
+    /// The object; of a calibration session, the one that the rig stands around.
     #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session", "serve"])]
     shape: Option<Shape>,
     /// Start from one of the named cases; what else is given changes it.
@@ -34,7 +34,7 @@ pub struct Args {
     /// What all randomness derives from.
     #[arg(long)]
     seed: Option<u64>,
-    /// Captures of the object.
+    /// Captures of the object, at least 1.
     #[arg(long)]
     captures: Option<usize>,
     /// Edge length of the truth's triangles.
@@ -64,7 +64,7 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Colour cameras")]
 struct ColorArgs {
-    /// How many.
+    /// How many: 2 to 99, or 1 that is shown a board.
     #[arg(long)]
     cameras: Option<usize>,
     /// Size of their pictures; the field of view stays.
@@ -135,7 +135,7 @@ struct DepthArgs {
     /// A colour picture for each so many depth frames.
     #[arg(long, value_name = "N")]
     depth_color_every: Option<usize>,
-    /// The depth camera's colour as JPEG of this quality.
+    /// The depth camera's colour as JPEG of this quality, 1 to 100.
     #[arg(long, value_name = "Q")]
     depth_color_jpeg: Option<u8>,
 }
@@ -143,16 +143,16 @@ struct DepthArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Faults")]
 struct FaultArgs {
-    /// A camera was turned by degrees after it was calibrated.
+    /// A colour camera was turned by degrees after it was calibrated.
     #[arg(long, value_name = "ID=DEGREES", value_parser = parse_fault)]
     turned: Vec<CameraFault>,
-    /// The left edge of a camera's picture cuts off a part (0 to 1) of the object.
+    /// The left edge of a colour camera's picture cuts off a part (0 to 1) of the object.
     #[arg(long, value_name = "ID=PART", value_parser = parse_fault)]
     cut_off: Vec<CameraFault>,
-    /// A camera is out of focus.
+    /// A colour camera is out of focus.
     #[arg(long, value_name = "ID=PX", value_parser = parse_fault)]
     blurred: Vec<CameraFault>,
-    /// A camera exposes for too long.
+    /// A colour camera exposes for too long.
     #[arg(long, value_name = "ID=STOPS", value_parser = parse_fault)]
     overexposed: Vec<CameraFault>,
     /// A camera's frames come late.
@@ -161,7 +161,7 @@ struct FaultArgs {
     /// A camera gives no frames.
     #[arg(long, value_name = "ID")]
     missing: Vec<String>,
-    /// A camera has no background.
+    /// A colour camera has no background.
     #[arg(long, value_name = "ID")]
     no_background: Vec<String>,
     /// There is no object on the table.
@@ -208,7 +208,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let (options, boards) = options(args);
         return board::run(options, boards, &out, truth.as_deref(), compression);
     }
-    let simulation = Simulation::new(options(args).0)?;
+    let simulation = Simulation::new(options(args).0).map_err(wrong_usage)?;
     write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
     say!(
         "{}: {} captures",

@@ -145,7 +145,7 @@ fn blur_shows_in_pixels() {
 #[test]
 fn an_empty_table_is_an_empty_silhouette() {
     let mut options = Options {
-        cameras: 1,
+        cameras: 2,
         depth_cameras: 0,
         ..Options::small(Shape::Egg)
     };

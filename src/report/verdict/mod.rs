@@ -93,6 +93,8 @@ pub enum Code {
     PiecesDropped,
     /// The model is no solid.
     NotWatertight,
+    /// The model is in more pieces than the object.
+    SeveralComponents,
     /// The model has more handles than most objects have: it may be perforated.
     ManyHandles,
     /// The depth opened holes that no silhouette shows.

@@ -36,6 +36,13 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             words,
         ));
     }
+    let components = model.mesh.components as f64;
+    into.extend(beyond(&parameters.components, components).map(|(level, v)| {
+        let words = format!(
+            "the model is in {v:.0} pieces that do not hang together: several objects, or one that was cut apart"
+        );
+        reason(level, Code::SeveralComponents, words)
+    }));
     let handles = model.mesh.genus.unwrap_or(0) as f64;
     into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
         let words =

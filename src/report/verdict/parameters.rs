@@ -68,6 +68,8 @@ pub struct Parameters {
     pub openings_closed: Limits,
     /// Stray pieces dropped from the hull, or cut off by carving; fewer are a note. Default 100.
     pub dropped_pieces: Limits,
+    /// Components of the model, pieces that hang together; of one object there is one. Default 1.
+    pub components: Limits,
     /// Handles of the model, of which perforations are made. Default 4.
     pub handles: Limits,
     /// Handles of the model that the plain hull has not: true openings that only the depth camera sees, or
@@ -97,6 +99,7 @@ impl Default for Parameters {
             unstated_uncertainty_mm: 10.0,
             openings_closed: Limits::amber(2000.0),
             dropped_pieces: Limits::amber(100.0),
+            components: Limits::amber(1.0),
             handles: Limits::amber(4.0),
             handles_of_depth: Limits::amber(0.0),
             unpainted: Limits::amber(0.3),

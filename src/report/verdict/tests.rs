@@ -97,6 +97,17 @@ fn a_hole_that_only_depth_shows_is_to_be_looked_at() {
 }
 
 #[test]
+fn a_model_in_several_pieces_is_to_be_looked_at() {
+    let mut measured = measured();
+    measured.model.mesh.components = 1;
+    assert_eq!(judged(&measured, &capture()).level, Level::Green);
+    measured.model.mesh.components = 4;
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [Code::SeveralComponents]);
+    assert!(verdict.reasons[0].words.contains("in 4 pieces"));
+}
+
+#[test]
 fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
     let mut measured = measured();
     measured.colors[0] = camera("c00", 0.01);

@@ -186,8 +186,7 @@ impl BoardSession {
         } = &self.options;
         let id = camera.id.as_str();
         let mut random = Random::new(&[*seed, 24, k as u64, index as u64]);
-        let late = Faults::amount(&faults.late_ms, id).clamp(0.0, 60_000.0) * 1e6;
-        let delay = random.between(2e5, 3e6) as u64 + late as u64;
+        let delay = random.between(2e5, 3e6) as u64 + faults.late_ns(id);
         let stops = Faults::amount(&faults.overexposed_stops, id);
         let exposure = (1.0 + color.exposure_drift * random.normal()) * stops.exp2();
         let key = [*seed, 23, k as u64, index as u64];
@@ -216,7 +215,9 @@ impl BoardSession {
         let rendered = self.rendered(of_all, camera, index);
         let sensor: ColorSensor = depth_color(&self.options);
         let mut random = Random::new(&[seed, 25, k as u64, index as u64]);
-        let start = trigger_time(index).0 + (random.uniform() * DEPTH_PERIOD as f64) as u64;
+        let start = trigger_time(index).0
+            + (random.uniform() * DEPTH_PERIOD as f64) as u64
+            + self.options.faults.late_ns(camera.id.as_str());
         Burst {
             options: &self.options,
             station,

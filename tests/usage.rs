@@ -1,0 +1,65 @@
+//! Arguments that cannot be met: exit code 2, and words about what was found and what was expected.
+
+use assert_cmd::Command;
+
+/// The error of a call that is refused as wrong usage; it writes nothing.
+fn refused(arguments: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::cargo_bin("scand")
+        .unwrap()
+        .current_dir(folder.path())
+        .args(arguments.split(' '))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2), "{arguments}: {output:?}");
+    assert_eq!(folder.path().read_dir().unwrap().count(), 0, "{arguments}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn simulations_that_cannot_be_are_wrong_usage() {
+    for (options, named) in [
+        ("--spacing-mm 0", "spacing is 0, expected 0.1 to 50 mm"),
+        ("--size 0x0", "0x0"),
+        ("--depth-distance 0", "depth distance is 0, expected 0.4"),
+        ("--cameras 1", "cameras is 1, expected 2 to 99"),
+        ("--captures 0", "captures is 0, expected at least 1"),
+        ("--jpeg-quality 0", "JPEG quality is 0, expected 1 to 100"),
+        (
+            "--jpeg-quality 101",
+            "JPEG quality is 101, expected 1 to 100",
+        ),
+        (
+            "--turned kinect=5",
+            "turned camera is the depth camera kinect",
+        ),
+        (
+            "--calibration-session --turned kinect=5",
+            "depth camera kinect",
+        ),
+        ("--calibration-session --board charuco:1x1:25mm", "1x1"),
+        ("--calibration-session --textured", "cannot be used with"),
+    ] {
+        let words = refused(&format!("simulate --shape ball --out a.mcap {options}"));
+        assert!(words.contains(named), "{options}: {words}");
+    }
+}
+
+#[test]
+fn boards_that_cannot_be_are_wrong_usage() {
+    for (options, named) in [
+        ("checkerboard --size 0x0", "0x0"),
+        (
+            "checkerboard --square 25",
+            "expected a length with its unit",
+        ),
+        ("checkerboard --square 90mm --paper a4", "A4"),
+        (
+            "charuco --size 99x99",
+            "5000 that 99x99 inner corners need, expected a larger dictionary, fewer corners",
+        ),
+    ] {
+        let words = refused(&format!("board --out a.pdf --kind {options}"));
+        assert!(words.contains(named), "{options}: {words}");
+    }
+}
