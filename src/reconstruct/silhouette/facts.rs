@@ -30,6 +30,9 @@ pub struct DifferenceFacts {
     pub gain: [f32; 3],
     /// Standard deviation of a pixel's difference, in sRGB units, per channel.
     pub noise: [f32; 3],
+    /// The same of the mean over a cell, which tells object from backdrop: larger than a pixel's where the
+    /// object was taken for noise.
+    pub cell_noise: [f32; 3],
     /// Mean difference between object and plate, in sRGB units (the largest channel's).
     pub mean_difference: f32,
     /// Median contrast of object and backdrop along the contour, in standard deviations of a pixel's noise.
@@ -89,6 +92,7 @@ impl DifferenceFacts {
         Self {
             gain: photometry.gain,
             noise: photometry.pixel_noise,
+            cell_noise: photometry.noise,
             mean_difference: mean_difference(cells, object, photometry),
             contrast: contour.contrast,
             weak_contour: contour.weak,

@@ -21,7 +21,7 @@ pub(super) struct Photometry {
     pub mismatch: f32,
 }
 
-/// Fewest cells around the volume that are trusted on their own.
+/// Fewest cells, or pairs of them, around the volume that are trusted on their own.
 const FEWEST_REFERENCES: usize = 200;
 /// Least noise that is assumed, in sRGB units: the rounding of one picture and the other.
 const LEAST_NOISE: f32 = 0.4;
@@ -45,9 +45,16 @@ impl Photometry {
             pixel_noise: [LEAST_NOISE; 3],
             mismatch: 0.0,
         };
-        this.noise = std::array::from_fn(|c| this.noise_of_cells(cells, c));
-        this.inverse_noise = this.noise.map(f32::recip);
         this.pixel_noise = std::array::from_fn(|c| this.noise_of_pixels(picture, plate, cells, c));
+        let around = pairs(cells, true);
+        this.noise = if around.len() >= FEWEST_REFERENCES {
+            std::array::from_fn(|c| this.noise_of_cells(cells, &around, c))
+        } else {
+            // The object may be in most of the pairs. A mean has no more noise than what it is the mean of.
+            let all = pairs(cells, false);
+            std::array::from_fn(|c| this.noise_of_cells(cells, &all, c).min(this.pixel_noise[c]))
+        };
+        this.inverse_noise = this.noise.map(f32::recip);
         let differing = reference
             .iter()
             .filter(|&&i| this.differs(cells, i))
@@ -109,23 +116,15 @@ impl Photometry {
         })
     }
 
-    /// Noise from differences of cells 20 pixels apart: near enough for shadows and spill to cancel, and
-    /// further than the blocks of a JPEG, whose errors neighbours share.
-    fn noise_of_cells(&self, cells: &Cells, c: usize) -> f32 {
-        let (columns, rows) = (cells.picture.width(), cells.picture.height());
-        let lag = (20 / cells.size).clamp(1, columns.saturating_sub(1).max(1));
-        let step = stride(columns * rows, 5_000);
-        let mut differences = Vec::with_capacity(10_000);
-        for y in (0..rows).step_by(step) {
-            let (picture, plate) = (cells.picture.row(y), cells.plate.row(y));
-            let error = |x: usize| self.error(picture[x][c], plate[x][c], c);
-            let pairs = (0..columns.saturating_sub(lag)).step_by(step);
-            differences.extend(pairs.map(|x| (error(x + lag) - error(x)).abs()));
-        }
-        deviation_of_pairs(&mut differences)
+    /// Noise of the difference of two cells' errors.
+    fn noise_of_cells(&self, cells: &Cells, pairs: &[[usize; 2]], c: usize) -> f32 {
+        let (picture, plate) = (cells.picture.pixels(), cells.plate.pixels());
+        let error = |i: usize| self.error(picture[i][c], plate[i][c], c);
+        let differences = pairs.iter().map(|&[a, b]| (error(a) - error(b)).abs());
+        deviation_of_pairs(&mut differences.collect::<Vec<_>>())
     }
 
-    /// The same of pixels two columns apart, which a colour filter array treats alike.
+    /// The same of pixels, two columns apart, which a colour filter array treats alike.
     fn noise_of_pixels(
         &self,
         picture: &RgbImage,
@@ -177,6 +176,28 @@ fn sample(cells: &Cells, outside_only: bool) -> Vec<usize> {
         );
     }
     sample
+}
+
+/// A sample of the pairs of cells, by index, that lie 20 pixels apart in a row or a column: near enough for
+/// shadows and spill to cancel, and further than the blocks of a JPEG, whose errors neighbours share. Those
+/// with both cells outside the volume, or all: in a small picture most pairs touch the object.
+fn pairs(cells: &Cells, outside_only: bool) -> Vec<[usize; 2]> {
+    let (columns, rows) = (cells.picture.width(), cells.picture.height());
+    let lag = (20 / cells.size).max(1);
+    let step = stride(columns * rows, 5_000);
+    let eligible = |x: usize, y: usize| {
+        x < columns && y < rows && !(outside_only && cells.in_volume[y].contains(&x))
+    };
+    let mut pairs = Vec::with_capacity(2 * (columns.div_ceil(step) * rows.div_ceil(step)));
+    for y in (0..rows).step_by(step) {
+        for x in (0..columns).step_by(step).filter(|&x| eligible(x, y)) {
+            let cell = y * columns + x;
+            let partners = [(x + lag, y), (x, y + lag)];
+            let partners = partners.into_iter().filter(|&(x, y)| eligible(x, y));
+            pairs.extend(partners.map(|(x, y)| [cell, y * columns + x]));
+        }
+    }
+    pairs
 }
 
 /// The most frequent ratio of picture to plate, then the median of those near it: half of the cells may be

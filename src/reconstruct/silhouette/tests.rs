@@ -67,6 +67,26 @@ fn simulated_contours_are_found_to_a_fraction_of_a_pixel() {
     }
 }
 
+/// The object is in most pairs of cells that noise could be learnt from.
+#[test]
+fn a_small_picture_of_a_large_object_shows_all_of_it() {
+    for (width, height) in [(320, 240), (480, 360), (333, 517)] {
+        let found = simulated(Options {
+            width,
+            height,
+            ..Options::small(Shape::Cup)
+        });
+        for (silhouette, figures) in &found {
+            let noise = silhouette.facts.difference.as_ref().unwrap().cell_noise;
+            assert!(figures.iou > 0.95, "{width}x{height}: {figures:?}");
+            assert!(
+                noise.iter().all(|&n| n < 5.0),
+                "{width}x{height}: {noise:?}"
+            );
+        }
+    }
+}
+
 #[test]
 fn the_hole_of_a_handle_stays_open() {
     let found = simulated(Options {
