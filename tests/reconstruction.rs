@@ -153,6 +153,28 @@ fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
 }
 
 #[test]
+fn what_no_camera_saw_is_said_to_be_far_off() {
+    let simulated = simulation(Shape::Vase, |_| {});
+    let model = run(&simulated.scene(0), Method::Hybrid).model;
+    let truth = Bvh::new(simulated.truth());
+    let (mut actual, mut expected, mut count) = (0.0, 0.0, 0.0);
+    for (v, &position) in model.mesh.vertices.iter().enumerate() {
+        if model.provenance[v] == Provenance::Unseen {
+            actual += truth.closest_point(position.cast()).unwrap().distance;
+            expected += f64::from(model.expected_error[v]);
+            count += 1.0;
+        }
+    }
+    let (actual, expected) = (1e3 * actual / count, 1e3 * expected / count);
+    println!("{count} vertices: {actual:.2} mm, expected {expected:.2} mm");
+    assert!(count > 1000.0 && actual > 4.0, "{count}: {actual} mm");
+    assert!(
+        (0.33..3.0).contains(&(expected / actual)),
+        "{expected} of {actual} mm"
+    );
+}
+
+#[test]
 fn a_ball_is_exact() {
     let simulated = simulation(Shape::Ball, |_| {});
     let found = run(&simulated.scene(0), Method::Hybrid);

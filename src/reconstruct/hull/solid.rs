@@ -57,6 +57,17 @@ impl<'a> Hull<'a> {
         sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
     }
 
+    /// How far the hull reaches from a point within it along a unit vector, in metres: to a third of it at worst, for
+    /// each step doubles the way, and at least `least`.
+    pub fn reach(&self, p: Point3<f64>, along: Vector3<f64>, least: f64) -> f64 {
+        let most = (self.volume.max - self.volume.min).norm();
+        let mut way = least.max(1e-6);
+        while way < most && self.value(p + along * way, Undecided::MAX) > 0.0 {
+            way *= 2.0;
+        }
+        (0.75 * way).max(least)
+    }
+
     /// A camera for which all of the volume is outside its silhouette.
     pub(super) fn blind_camera(&self) -> Option<&CameraId> {
         let cell = (self.volume.max - self.volume.min) / 32.0;

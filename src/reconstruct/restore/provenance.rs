@@ -15,6 +15,10 @@ const FACING: f32 = 0.15;
 /// A step between neighbouring pixels of more than this many pixels' width hides what lies behind it.
 const STEP_PX: f32 = 4.0;
 
+/// Share of the hull behind a vertex in a step's shadow by which it is expected to be off: the surface may be anywhere
+/// between the vertex, as far as the ray that grazes the step, and the hull's far side.
+const SHADOWED: f32 = 0.5;
+
 /// Makes a model of a surface of `hull` carved by `carvings`, which come from `sources` with regions, in
 /// their order.
 pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[Source]) -> Model {
@@ -27,7 +31,8 @@ pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[
                 let source = &sources[i];
                 let eye = carvings[i].camera().camera.center().cast::<f32>();
                 let facing = normals[v].dot(&(eye - p).normalize());
-                of_carved(p, facing, source)
+                let behind = || hull.reach(p.cast(), -normals[v].cast::<f64>(), footprint().into());
+                of_carved(p, facing, source, || behind() as f32)
             }
             None if is_floor(constraint) => (Provenance::Table, footprint()),
             None => (Provenance::Hull, footprint()),
@@ -44,9 +49,15 @@ pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[
     }
 }
 
-fn of_carved(p: Point3<f32>, facing: f32, source: &Source) -> (Provenance, f32) {
+/// `behind` tells how thick the hull is behind the vertex, in metres.
+fn of_carved(
+    p: Point3<f32>,
+    facing: f32,
+    source: &Source,
+    behind: impl Fn() -> f32,
+) -> (Provenance, f32) {
     let Some((pixel, z)) = source.camera.project(p.cast()) else {
-        return (Provenance::Carved, 0.0);
+        return (Provenance::Carved, SHADOWED * behind());
     };
     let footprint = source.camera.camera.pixel_footprint(p.cast()) as f32;
     let (depth, kind) = (&source.depth.depth, &source.depth.kind);
@@ -61,12 +72,14 @@ fn of_carved(p: Point3<f32>, facing: f32, source: &Source) -> (Provenance, f32) 
             DepthKind::Measured => (Provenance::Restored, error),
             _ => (Provenance::Bridged, error),
         }
-    } else if step(depth, x, y) > STEP_PX * footprint
-        && (z as f32 - depth[(x, y)]).abs() > 2.0 * footprint
-    {
-        (Provenance::Unseen, error)
     } else {
-        (Provenance::Carved, error)
+        let from_seen = (z as f32 - depth[(x, y)]).abs();
+        let shadowed = error.hypot(SHADOWED * behind().min(from_seen));
+        if step(depth, x, y) > STEP_PX * footprint && from_seen > 2.0 * footprint {
+            (Provenance::Unseen, shadowed)
+        } else {
+            (Provenance::Carved, shadowed)
+        }
     }
 }
 
