@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Evidence is cut off here: one cell cannot outweigh all its neighbours.
 pub(super) const STRONGEST: f32 = 20.0;
 /// How much a piece leans to the object that may be a shadow, over what would make it one whatever its edges.
-const LEAN: f32 = 3.0;
+pub(super) const LEAN: f32 = 3.0;
 /// Shade that soft light casts far around an object, as a share of the light: it says nothing.
 const SLIGHT: f32 = 0.2;
 /// Light added to both sides of a ratio, so that black over black says nothing.

@@ -41,6 +41,9 @@ pub struct DifferenceFacts {
     pub weak_contour: f32,
     /// Share of the backdrop around the volume that is not as the plate shows it.
     pub mismatch: f32,
+    /// Share of the object that is no brighter than the backdrop, lit or in a shadow, and told from it by an outline
+    /// alone; `None` in a picture with colours.
+    pub told_by_outline: Option<f32>,
     /// Separate pieces of the silhouette.
     pub pieces: usize,
     /// Specks that were dropped.
@@ -97,6 +100,7 @@ impl DifferenceFacts {
             contrast: contour.contrast,
             weak_contour: contour.weak,
             mismatch: photometry.mismatch,
+            told_by_outline: None,
             pieces: tidied.pieces,
             dropped_pieces: tidied.dropped,
             holes: tidied.holes,

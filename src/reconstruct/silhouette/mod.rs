@@ -1,8 +1,9 @@
 //! From a picture and a mask or a background plate to a silhouette with a contour located to a fraction of
 //! a pixel. This file holds what comes out and the order of the steps; a step a file:
 //! `region` (where the object can be) → `cells` (coarse means of picture and plate) → `photometry` (exposure
-//! drift and noise) → `evidence` (object or backdrop, per cell) → `segment` (a decision regularised in space)
-//! → `components` (specks and pinholes) → `contour` (the mixture of object and backdrop along the outline).
+//! drift and noise) → `evidence` (object or backdrop, per cell) → `segment` (a decision regularised in space;
+//! `grey` without colours) → `components` (specks and pinholes) → `contour` (the mixture of object and backdrop
+//! along the outline).
 
 mod cells;
 mod components;
@@ -10,6 +11,7 @@ mod contour;
 mod cut;
 mod evidence;
 mod facts;
+mod grey;
 mod mask;
 mod photometry;
 mod region;
@@ -175,7 +177,12 @@ fn difference(
     };
     let (cells, evidence) = (all.cropped(part), cells::cropped(&evidence, part));
     let ratios = evidence::ratios(&cells, &photometry);
-    let mut object = segment::decide(&evidence, &ratios, parameters);
+    let is_grey = grey::is_grey(&cells);
+    let mut object = if is_grey {
+        grey::decide(&cells, &evidence, &ratios, parameters)
+    } else {
+        segment::decide(&evidence, &ratios, SHARPNESS, parameters)
+    };
     let tidied = components::tidy(&mut object, &cells, &evidence, parameters);
     if !object.pixels().contains(&true) {
         return Err(NO_DIFFERENCE.to_owned());
@@ -184,13 +191,10 @@ fn difference(
     let bounds = facts::bounds(&level, cells.region);
     let facts = Facts {
         blur_px: contour.blur_px,
-        difference: Some(DifferenceFacts::new(
-            &cells,
-            &object,
-            &photometry,
-            contour,
-            tidied,
-        )),
+        difference: Some(DifferenceFacts {
+            told_by_outline: is_grey.then(|| grey::told_by_outline(&object, &evidence)),
+            ..DifferenceFacts::new(&cells, &object, &photometry, contour, tidied)
+        }),
         ..Facts::of_level(picture, &level, bounds)
     };
     Ok(Silhouette {
@@ -201,6 +205,8 @@ fn difference(
     })
 }
 
+/// How much cheaper a boundary becomes where the light changes, beside colours.
+const SHARPNESS: i32 = 2;
 const NO_DIFFERENCE: &str = "the picture does not differ from its background plate";
 
 impl Silhouette {

@@ -9,13 +9,19 @@ use crate::image::Grid;
 
 /// Whole units of cost in one of evidence.
 const UNIT: f32 = 64.0;
-/// Change of the logarithm of light, from cell to cell, at which a boundary costs a quarter.
+/// Change of the logarithm of light, from cell to cell, at which a boundary of sharpness 2 costs a quarter.
 const ABRUPT: f32 = 0.1;
 /// Share of the cost of a boundary that remains where the light changes most.
 const LEAST: f32 = 0.03;
 
-/// Decides all cells from what each says by itself and how its light compares with the plate's.
-pub(super) fn decide(evidence: &Grid<f32>, ratios: &Ratios, parameters: &Parameters) -> Grid<bool> {
+/// Decides all cells from what each says by itself and how its light compares with the plate's; the higher
+/// `sharpness`, the less a boundary costs where that changes.
+pub(super) fn decide(
+    evidence: &Grid<f32>,
+    ratios: &Ratios,
+    sharpness: i32,
+    parameters: &Parameters,
+) -> Grid<bool> {
     let (columns, rows) = (evidence.width(), evidence.height());
     let preference = evidence.map(|e| (e * UNIT) as i32);
     let costs = Grid::from_fn(columns, rows, |x, y| {
@@ -24,7 +30,7 @@ pub(super) fn decide(evidence: &Grid<f32>, ratios: &Ratios, parameters: &Paramet
                 return 0;
             }
             let change = change(ratios, (x, y), (nx, ny));
-            let share = LEAST + (1.0 - LEAST) / (1.0 + change).powi(2);
+            let share = LEAST + (1.0 - LEAST) / (1.0 + change).powi(sharpness);
             (parameters.smoothness * share * UNIT) as i32
         };
         [to(x + 1, y), to(x, y + 1)]

@@ -1,6 +1,7 @@
 //! Silhouettes of simulated pictures beside the exact ones.
 
 use super::*;
+use crate::image::srgb;
 use crate::simulate::{CameraFault, Options, Shape, Simulation};
 
 /// What a silhouette missed.
@@ -174,4 +175,39 @@ fn an_empty_table_is_an_empty_silhouette() {
     let error = extract(&scene.colors[0], &scene.volume, &Parameters::default()).unwrap_err();
     assert!(matches!(error, Error::Empty { .. }), "{error}");
     assert!(error.to_string().contains("camera c00"), "{error}");
+}
+
+/// The picture as a sensor without colours sees it, with the noise of one of three channels.
+fn grey(image: &RgbImage) -> RgbImage {
+    let light = |[r, g, b]: [u8; 3]| {
+        let linear = srgb::linear_from_srgb();
+        let light = |c: u8| linear[usize::from(c)];
+        srgb::encode(0.2126 * light(r) + 0.7152 * light(g) + 0.0722 * light(b)).round() as u8
+    };
+    image.map(|&pixel| [light(pixel); 3])
+}
+
+/// Its shaded sides are as bright as the table, or as dark as the shadow on it.
+#[test]
+fn a_grey_box_is_told_from_its_shadow_by_its_outline() {
+    let simulation = Simulation::new(Options {
+        width: 960,
+        height: 720,
+        cameras: 4,
+        depth_cameras: 0,
+        ..Options::small(Shape::Box)
+    })
+    .unwrap();
+    let mut scene = simulation.scene(0);
+    for (view, mask) in scene.colors.iter_mut().zip(&simulation.masks()) {
+        let SilhouetteSource::Background(plate) = &view.silhouette else {
+            panic!("{} has no plate", view.camera.id)
+        };
+        view.silhouette = SilhouetteSource::Background(grey(plate).into());
+        view.image = grey(&view.image);
+        let found = extract(view, &scene.volume, &Parameters::default()).unwrap();
+        let figures = figures(&found.level, mask);
+        assert!(figures.iou > 0.9, "{figures:?}");
+        assert!(found.facts.difference.unwrap().told_by_outline.is_some());
+    }
 }

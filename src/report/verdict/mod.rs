@@ -59,6 +59,8 @@ pub enum Code {
     Blurred,
     /// The backdrop is not as its plate shows it.
     BackdropChanged,
+    /// Without colours an outline alone tells the object from its shadow.
+    ToldByOutline,
     /// The background plate is old.
     BackgroundOld,
     /// The cameras did not take their pictures together.

@@ -46,6 +46,8 @@ pub struct Parameters {
     pub blur_px: Limits,
     /// Share of the backdrop around the object that is not as its plate shows it. Default 0.35.
     pub backdrop_changed: Limits,
+    /// Share of the object that, in a picture without colours, its outline alone tells from a shadow. Default 0.2.
+    pub told_by_outline: Limits,
     /// Hours between the background plate and the capture. Default 24.
     pub background_age_h: Limits,
     /// Milliseconds between the first and the last colour camera. Default 10 and 100.
@@ -89,6 +91,7 @@ impl Default for Parameters {
             underexposed: Limits::amber(0.5),
             blur_px: Limits::amber_red(4.0, 10.0),
             backdrop_changed: Limits::amber(0.35),
+            told_by_outline: Limits::amber(0.2),
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
             region_unread: Limits::amber(0.5),

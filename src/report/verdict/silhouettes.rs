@@ -52,6 +52,17 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         percent,
         |names| format!("the backdrop is not as the background plate shows it: {names}"),
     ));
+    into.extend(about_cameras(
+        Code::ToldByOutline,
+        &parameters.told_by_outline,
+        each(|c| {
+            let difference = c.silhouette.difference.as_ref();
+            f64::from(difference.and_then(|d| d.told_by_outline).unwrap_or(0.0))
+        })
+        .into_iter(),
+        percent,
+        |names| format!("without colours the object is hard to tell from its shadow: {names}"),
+    ));
 }
 
 /// A camera that moved. It harms the others' silhouettes too, and they are not to blame.
