@@ -30,7 +30,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     (
         "reconstruct",
-        &["array", "image", "mesh", "frame", "calibration"],
+        &["array", "image", "mesh", "frame", "calibration", "number"],
     ),
     (
         "report",
@@ -41,9 +41,13 @@ const ROOMS: &[(&str, &[&str])] = &[
             "frame",
             "image",
             "mesh",
+            "number",
         ],
     ),
-    ("output", &["reconstruct", "image", "mesh", "calibration"]),
+    (
+        "output",
+        &["reconstruct", "image", "mesh", "calibration", "number"],
+    ),
     ("evaluate", &["mesh", "image", "reconstruct"]),
     (
         "simulate",
@@ -304,7 +308,7 @@ const UNSAFE: &[(&str, usize)] = &[
     ("drivers/openni2/library", 13),
     ("drivers/openni2/recorder", 4),
     ("drivers/openni2/stream", 12),
-    ("drivers/v4l2/device", 16),
+    ("drivers/v4l2/device", 17),
     ("simulate/serve/gige", 4),
     ("workers/system", 3),
 ];
