@@ -87,7 +87,6 @@ fn summary(checked: &[Checked], unchecked: &BTreeSet<&CameraId>) -> String {
             format!("; not checked: {}", names.join(", ")),
         ),
     };
-
     let moved = checked.iter().filter(|c| c.motion.is_some());
     let moved: Vec<&str> = moved.map(|c| c.camera.as_str()).collect();
     match moved.as_slice() {
