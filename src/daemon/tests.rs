@@ -71,6 +71,15 @@ fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
 }
 
 #[test]
+fn a_folder_that_refuses_the_presses_does_not_keep_the_daemon_from_starting() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("presses"), "in the way").unwrap();
+    std::fs::write(folder.path().join("a.mcap.part"), "no recording").unwrap();
+    let stand = start_in(folder, 4_000_000, |_| ());
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
+}
+
+#[test]
 fn a_file_that_is_no_socket_is_not_removed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");

@@ -302,23 +302,26 @@ pub struct Left {
 
 impl Left {
     /// Completes the recordings that an earlier run left in a folder, which is made if it is not there. What cannot be
-    /// completed is said and stays as it is. The start may take as long as a slow disk needs for each.
+    /// completed or kept is said and stays as it is. The start may take as long as a slow disk needs for each.
     ///
     /// # Errors
-    /// If the folder cannot be made or read, or it cannot be kept which recordings they are.
+    /// If the folder cannot be made or read.
     pub fn recover(folder: &Path, pulse: &Pulse) -> Result<Self, Error> {
         let io = |cause| Error::Io {
             path: folder.into(),
             cause,
         };
-        std::fs::create_dir_all(presses_of(folder)).map_err(io)?;
+        std::fs::create_dir_all(folder).map_err(io)?;
+        // Where nothing can be written, the start goes on: each press says why it is refused.
+        let _ = std::fs::create_dir_all(presses_of(folder));
         let parts = unfinished(folder)?;
         let complete: Vec<PathBuf> = parts
             .iter()
             .filter_map(|part| finished_name(part))
             .collect();
-        let entered = left::enter(folder, &complete);
-        entered.map_err(|error| io(std::io::Error::other(error)))?;
+        if let Err(error) = left::enter(folder, &complete) {
+            log::error!("{error}");
+        }
         for part in parts {
             recover_one(&part, pulse);
         }
