@@ -120,3 +120,32 @@ fn add(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plates_of_a_clock_that_was_ahead_serve_where_there_are_no_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |hours: u64| Timestamp(hours * 3_600_000_000_000);
+        let camera = CameraId::new("c00").unwrap();
+        let save = |hours| {
+            let picture = Picture::Raw {
+                width: 1,
+                height: 1,
+                encoding: "mono8".into(),
+                step: 1,
+                data: vec![hours as u8].into(),
+            };
+            let plates = Plates::from([(camera.clone(), (at(hours), picture))]);
+            super::save(folder.path(), at(hours), &plates, "test").unwrap();
+        };
+        let found = |now| newest(folder.path(), std::slice::from_ref(&camera), at(now))[&camera].0;
+        save(10);
+        assert_eq!(found(8), at(10), "there are no others");
+        save(7);
+        assert_eq!(found(8), at(7));
+        assert_eq!(found(11), at(10));
+    }
+}

@@ -1,6 +1,6 @@
 //! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
 
-use super::scripted::{Mood, captures, press, recordings, start, start_in, start_with};
+use super::scripted::{Mood, Stand, captures, press, recordings, start, start_in, start_with};
 use super::*;
 use crate::frame::CameraId;
 use crate::recording::{ColorPart, Outcome, Recording, Topic};
@@ -68,6 +68,38 @@ fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
     let about = BTreeMap::from([("rig".into(), "b".into())]);
     let refused = stand.ask(|answer| Order::Begin("s".into(), about.clone(), answer));
     assert!(refused.unwrap_err().contains("\"rig\""));
+}
+
+/// What a press with a name was answered up to its being on the disk.
+fn named_press(stand: &Stand) -> Vec<Reply> {
+    let pressed = stand
+        .capturing
+        .press("test".into(), Some("p9".into()), None);
+    let following = pressed.unwrap();
+    loop {
+        let replies = following.borrow().clone();
+        if replies.iter().any(|reply| reply.is_end(Until::Durable)) {
+            return replies;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_press_is_known_from_a_recording_that_somebody_completed_after_a_crash() {
+    let stand = start(|_| ());
+    let before = named_press(&stand);
+    let (folder, _) = stand.stop();
+    // As after a power cut that took the journal's last lines, and `scand recover`.
+    std::fs::remove_file(folder.path().join("presses/presses.jsonl")).unwrap();
+    let recording = recordings(folder.path())[0].path().to_owned();
+    left::enter(folder.path(), &[recording]).unwrap();
+    let stand = start_in(folder, 4_000_000, |_| ());
+    let after = named_press(&stand);
+    assert_eq!(before.last(), after.last());
+    assert_eq!(stand.capturing.status().complete, 0, "no second capture");
+    let (folder, _) = stand.stop();
+    assert!(left::all(folder.path()).is_empty());
 }
 
 #[test]
