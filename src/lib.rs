@@ -29,6 +29,9 @@ pub mod reconstruct;
 pub mod recording;
 pub mod report;
 pub mod simulate;
+#[cfg(test)]
+#[path = "../tests/support/mod.rs"]
+mod support;
 pub mod sync;
 pub mod trigger;
 pub mod workers;

@@ -1,24 +1,27 @@
 //! Calibration by the command, from recordings: other people's pictures with published results.
 
+mod support;
+
 use assert_cmd::Command;
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{Compression, Writer};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use support::skipped::{Needed, skip};
 
 /// OpenCV's pictures of a chessboard: `left01.jpg` to `right14.jpg`.
 fn opencv_pictures() -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/opencv-stereo");
     let given = std::env::var_os("SCAND_OPENCV_STEREO").map(PathBuf::from);
+    let unpacked = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/opencv");
     let debian = PathBuf::from("/usr/share/doc/opencv-doc/examples/data");
-    let places = given.into_iter().chain([beside, debian]);
-    let found = places
+    let found = given
         .into_iter()
-        .find(|place| place.join("left01.jpg").is_file());
+        .chain([unpacked, debian])
+        .find(|folder| folder.join("left01.jpg").is_file());
     if found.is_none() {
-        println!(
-            "skipped: no left01.jpg of OpenCV in ../shared/data/opencv-stereo, SCAND_OPENCV_STEREO or Debian's \
-             opencv-doc"
+        skip(
+            Needed::OpencvPictures,
+            "no left01.jpg in SCAND_OPENCV_STEREO, tests/opencv or Debian's opencv-doc",
         );
     }
     found

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Installs what the tests need beyond Rust and a C compiler, once: a C compiler itself where there is none, Debian's
-# libraries of the live cameras, a camera simulator, and the Khronos validator for the models. What cannot be installed
-# without root is named, not hidden.
+# libraries of the live cameras, a camera simulator, OpenCV's pictures of a chessboard, and the Khronos validator for the
+# models. What cannot be installed without root is named, not hidden. npm, which brings hundreds of packages along, is
+# installed where SCAND_REQUIRE_ALL=1 asks that no test is skipped.
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -38,25 +39,45 @@ need iproute2 nftables util-linux strace e2fsprogs mount libfaketime
 # The service: its units are judged, and its socket handed over, by systemd's own programs. And its package, whose
 # dependencies dpkg's tools find.
 need systemd dpkg-dev
+# Spelling: typos comes from PyPI.
+need python3-venv
+
+# Unpacks a Debian package that is not to be installed; gives the folder, which the caller removes. Needs no root, once
+# the lists of packages are there.
+unpack() {
+	local unpacked
+	unpacked=$(mktemp -d)
+	if ! (cd "$unpacked" && apt-get -o APT::Sandbox::User=root download -qq "$1"); then
+		echo "deps: cannot download the package $1: run 'apt-get update' as root" >&2
+		return 1
+	fi
+	dpkg-deb -x "$unpacked/$1"_*.deb "$unpacked"
+	echo "$unpacked"
+}
 
 # The stand-alone camera simulator is in a package that would bring a desktop along; the program alone needs none of it.
 simulator=arv-fake-gv-camera-0.8
 if ! command -v $simulator >/dev/null && [ ! -x aravis-tools/usr/bin/$simulator ]; then
-	unpacked=$(mktemp -d)
-	# Without root, too, but for the lists of packages.
-	if ! (cd "$unpacked" && apt-get download -qq aravis-tools); then
-		echo "deps: cannot download the package aravis-tools: run 'apt-get update' as root" >&2
-		exit 1
-	fi
-	dpkg-deb -x "$unpacked"/aravis-tools_*.deb "$unpacked/x"
-	install -D "$unpacked/x/usr/bin/$simulator" aravis-tools/usr/bin/$simulator
+	unpacked=$(unpack aravis-tools)
+	install -D "$unpacked/usr/bin/$simulator" aravis-tools/usr/bin/$simulator
 	rm -r "$unpacked"
 fi
 
+# Other people's pictures of a board, with published results: 0.7 MB of a package of 96.
+if [ ! -f opencv/right14.jpg ]; then
+	unpacked=$(unpack opencv-doc)
+	mkdir -p opencv
+	cp "$unpacked"/usr/share/doc/opencv-doc/examples/data/{left,right}[0-9][0-9].jpg opencv
+	rm -r "$unpacked"
+fi
+
+if [ "${SCAND_REQUIRE_ALL:-}" = 1 ] && ! command -v npm >/dev/null; then
+	need npm
+fi
 if command -v npm >/dev/null; then
 	if [ ! -d gltf/node_modules/gltf-validator ]; then
 		(cd gltf && npm install --no-audit --no-fund --silent)
 	fi
 else
-	echo "deps: no npm: the tests will say that they skip the Khronos validator" >&2
+	echo "deps: no npm: the tests will skip the Khronos validator, and say so" >&2
 fi

@@ -1,5 +1,7 @@
 //! The Khronos validator over the files that we write. It needs node and the npm package `gltf-validator`
-//! (`npm install` in `tests/gltf`); without them it says that it was skipped.
+//! (`npm install` in `tests/gltf`), which `tests/deps.sh` installs where npm is.
+
+mod support;
 
 use nalgebra::{Point3, Vector3};
 use scand::image::RgbImage;
@@ -8,6 +10,7 @@ use scand::output::glb;
 use scand::reconstruct::{Model, Provenance, Texture};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use support::skipped::{Needed, skip};
 
 /// Validates files; `None` where the validator is not installed, else whether all are clean, and the reports.
 fn validate(files: &[PathBuf]) -> Option<(bool, String)> {
@@ -90,7 +93,7 @@ fn the_khronos_validator_finds_nothing() {
         path
     });
     match validate(&files) {
-        None => eprintln!("skipped: run `npm install` in tests/gltf to validate glTF files"),
+        None => skip(Needed::GltfValidator, "no validator of glTF files"),
         Some((clean, report)) => {
             println!("{report}");
             assert!(clean, "{report}");

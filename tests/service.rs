@@ -1,6 +1,8 @@
 //! The daemon as a service: what systemd hands it and hears of it, who may speak to it, how it reads its configuration
 //! again and ends. Its cameras are never there; what it does with cameras is tested elsewhere.
 
+mod support;
+
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
@@ -8,6 +10,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use support::skipped::{Needed, skip};
 
 const CONFIGURATION: &str = r#"
 [rig]
@@ -248,7 +251,12 @@ fn refused_to_nobody(stand: &Stand, socket: &Path) {
     };
     let answer = match ask(65534) {
         Ok(answer) => answer,
-        Err(cause) => return println!("skipped, becoming another user needs root: {cause}"),
+        Err(cause) => {
+            return skip(
+                Needed::OtherUsers,
+                format_args!("no program runs as another user: {cause}"),
+            );
+        }
     };
     assert_eq!(answer.status.code(), Some(1));
     let words = String::from_utf8_lossy(&answer.stderr);
@@ -371,7 +379,12 @@ fn a_foot_switch_that_bounces_is_one_press() {
         VirtualDevice::builder().and_then(|b| b.name("scand test").with_keys(&keys)?.build());
     let mut switch = match made {
         Ok(switch) => switch,
-        Err(cause) => return println!("skipped, the kernel makes no input devices here: {cause}"),
+        Err(cause) => {
+            return skip(
+                Needed::InputDevices,
+                format_args!("the kernel makes no input device: {cause}"),
+            );
+        }
     };
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("scand.sock");

@@ -1,5 +1,7 @@
-//! Recordings that others wrote must load, and their models be as good as was promised. They are found through SCAND_SHARED_RECORDINGS, or beside the
-//! repository; where they are not, these tests say so and pass.
+//! Recordings that others wrote must load, and their models be as good as was promised. They are not part of scand: these
+//! tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped where they are not.
+
+mod support;
 
 use assert_cmd::Command;
 use scand::job::{Session, Silhouette};
@@ -7,6 +9,7 @@ use scand::reconstruct::{Scene, SilhouetteSource};
 use scand::sync;
 use serde_json::{Value, json};
 use std::path::PathBuf;
+use support::skipped::{Needed, skip};
 
 fn shared(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SCAND_SHARED_RECORDINGS").map_or_else(
@@ -17,7 +20,10 @@ fn shared(name: &str) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path);
     }
-    eprintln!("skipped: {} is not there", path.display());
+    skip(
+        Needed::OtherRecordings,
+        format_args!("{} is not there", path.display()),
+    );
     None
 }
 

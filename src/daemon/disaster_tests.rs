@@ -8,6 +8,7 @@ use super::service_tests::{
     times, trigger,
 };
 use crate::recording::{Outcome, Topic, unfinished};
+use crate::support::skipped::{Needed, skip};
 use crate::trigger::{Client, Reply, Request, Until};
 use std::collections::BTreeMap;
 use std::os::fd::AsRawFd;
@@ -200,8 +201,9 @@ fn power_cuts_lose_nothing_that_was_durable() {
     let test = "daemon::disaster_tests::power_cuts_lose_nothing_that_was_durable";
     let folder = tempfile::tempdir().unwrap();
     let Some(disk) = Disk::new(folder.path()) else {
-        return println!(
-            "skipped: a disk to cut the power of needs root, a loop device and mkfs.ext4"
+        return skip(
+            Needed::LoopDevice,
+            "no file system could be made and mounted",
         );
     };
     let (cuts, names) = (times(2, 20), AtomicUsize::new(0));

@@ -170,9 +170,7 @@ fn packed_chunks_hold_the_same_and_all_sums_are_right() {
 
 #[test]
 fn after_a_write_that_failed_nothing_more_is_written() {
-    let Ok(full) = File::options().write(true).open("/dev/full") else {
-        return;
-    };
+    let full = File::options().write(true).open("/dev/full").unwrap();
     let mut container = Container::begin(full, "scand", "test 1", Compression::None);
     let no_space = container.flush().unwrap_err();
     assert_eq!(no_space.kind(), std::io::ErrorKind::StorageFull);
