@@ -1,9 +1,9 @@
-# What people and CI do with scand. `make test` is the gate; .ci/run says what CI runs.
+# What people and CI do with scand. `make check` is for anybody, `make test` is the gate; .ci/run says what CI runs.
 
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo rig-demo deps test bench lint deb deb-test rig-vm torture kinect-driver
+.PHONY: help demo rig-demo deps check test bench deb deb-test rig-vm torture kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -18,17 +18,14 @@ rig-demo: deps ## play a whole rig of cameras to the daemon on this machine, and
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
-test: deps lint ## format, clippy, documentation, every test
-	$(CARGO) test --locked --features rig
+check: ## what needs neither root nor a camera library: format, clippy, documentation, licences, spelling, the default's tests
+	@CARGO=$(CARGO) scripts/check.sh
+
+test: deps check ## the gate: install what the tests need, then `check`, then every test with the whole rig
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --features rig
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked
-
-lint: ## format, clippy and documentation without warnings
-	$(CARGO) fmt --all -- --check
-	$(CARGO) clippy --locked --all-targets -- -D warnings
-	$(CARGO) clippy --locked --all-targets --features rig -- -D warnings
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps --features rig
 
 deb: deps ## build the Debian package into target/debian
 	CARGO=$(CARGO) scripts/deb.sh

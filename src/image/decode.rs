@@ -154,7 +154,7 @@ impl<'a> RawPixels<'a> {
     }
 }
 
-/// BT.601, limited range, in 256ths.
+/// BT.601, limited range, with 8 fractional bits.
 #[inline(always)]
 fn rgb_from_yuv(y: u8, u: u8, v: u8) -> [u8; 3] {
     let y = 298 * (i32::from(y) - 16) + 128;

@@ -1,0 +1,70 @@
+#!/usr/bin/env bash
+# `make check`: what needs neither root nor an installed camera library. Format, spelling, clippy over each combination
+# of features, documentation, and the tests of the default features, licences among them. A combination whose system
+# library is not there is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+cargo=${CARGO:-cargo}
+typos_version=1.52.0
+
+part() { scripts/part.sh "$@"; }
+
+# Says what is not checked, and what it wants.
+skip() {
+	echo "skipped: $1: $2" >&2
+	[ "${SCAND_REQUIRE_ALL:-}" != 1 ] || { echo "check: SCAND_REQUIRE_ALL=1 allows no skip" >&2 && exit 1; }
+}
+
+has_aravis() { pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; }
+
+# The bindings of V4L2 are made with libclang, which may lie in a folder of its version.
+has_libclang() {
+	[ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p 2>/dev/null | grep -q 'libclang[-.]' || compgen -G '/usr/lib/llvm*/lib/libclang*.so*' >/dev/null
+}
+
+# Clippy with these features, over the targets that cargo's options name.
+lint() {
+	local features=$1
+	shift
+	part "clippy, ${features:-default}" "$cargo" clippy --locked --workspace "$@" ${features:+--features "$features"} -- -D warnings
+}
+
+# Typos' own package on PyPI holds the program, which is there in two seconds.
+spelling() {
+	local folder=target/tools/typos
+	local typos=$folder/bin/typos
+	if [ "$($typos --version 2>/dev/null)" != "typos-cli $typos_version" ]; then
+		if ! { python3 -m venv $folder && $folder/bin/pip install -q --disable-pip-version-check "typos==$typos_version"; }; then
+			skip "spelling" "python3-venv and PyPI give typos $typos_version"
+			return
+		fi
+	fi
+	part "spelling" $typos
+}
+
+part "format" "$cargo" fmt --all -- --check
+spelling
+
+lint "" --all-targets
+lint live --all-targets
+lint pedal --lib --bins
+lint openni2 --lib --bins
+documented=live
+if has_aravis; then
+	lint aravis --lib --bins
+else
+	skip "clippy, aravis" "pkg-config finds no aravis-0.8 (libaravis-dev)"
+fi
+if has_libclang; then
+	lint v4l2 --lib --bins
+else
+	skip "clippy, v4l2" "there is no libclang (libclang-dev)"
+fi
+if has_aravis && has_libclang; then
+	lint rig --all-targets
+	documented=rig
+else
+	skip "clippy, rig" "it wants aravis and libclang"
+fi
+part "documentation" env RUSTDOCFLAGS="-D warnings" "$cargo" doc --locked --workspace --no-deps --features "$documented"
+part "tests, default features" "$cargo" test --locked --workspace --quiet
