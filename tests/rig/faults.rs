@@ -1,7 +1,7 @@
 //! What hours and bad networks do to a rig: nothing grows, and no picture is wrong.
 
 use super::stand::{Stand, served};
-use super::{color, network, pixels, plot, recordings};
+use super::{color, network, pixels, recordings};
 use scand::recording::{ColorPart, Outcome, Recording, Topic};
 use scand::trigger::Reply;
 use std::path::Path;
@@ -167,7 +167,22 @@ fn soak(stand: &Stand, long: Duration) -> Vec<Sample> {
 /// A curve's name, what it shows of a sample, and how much it may grow.
 type Curve = (&'static str, fn(&Sample) -> f64, f64);
 
-/// `target/tmp/soak.png` shows the last run.
+/// Writes a line a sample: its time, then its value in each curve.
+fn write_table(path: &Path, curves: &[Curve], samples: &[Sample]) {
+    let mut text = "seconds".to_owned();
+    curves
+        .iter()
+        .for_each(|(name, ..)| text += &format!(",{name}"));
+    for sample in samples {
+        text += &format!("\n{:.3}", sample.seconds);
+        curves
+            .iter()
+            .for_each(|(_, of, _)| text += &format!(",{:.3}", of(sample)));
+    }
+    std::fs::write(path, text + "\n").unwrap();
+}
+
+/// `target/tmp/soak.csv` has the samples of the last run.
 #[test]
 fn soak_memory_files_threads_and_latency_stay_flat() {
     network::alone(
@@ -186,10 +201,8 @@ fn soak_memory_files_threads_and_latency_stay_flat() {
                 ("threads", |s| s.threads, 2.0),
                 ("press to durable ms", |s| s.latency_ms, slower_ms),
             ];
-            let times: Vec<f64> = samples.iter().map(|s| s.seconds).collect();
-            let series = curves.map(|(name, of, _)| (name, samples.iter().map(of).collect()));
-            let picture = Path::new(env!("CARGO_TARGET_TMPDIR")).join("soak.png");
-            plot::write(&picture, &times, &series);
+            let table = Path::new(env!("CARGO_TARGET_TMPDIR")).join("soak.csv");
+            write_table(&table, &curves, &samples);
             let third = samples.len() / 3;
             let mut words = String::new();
             for (name, of, growth) in curves {
@@ -198,15 +211,15 @@ fn soak_memory_files_threads_and_latency_stay_flat() {
                 assert!(
                     last <= first + growth,
                     "{name}: {first:.1}, then {last:.1}: {}",
-                    picture.display()
+                    table.display()
                 );
                 words += &format!(", {name} {first:.0} then {last:.0}");
             }
             println!(
                 "shown: {} captures in {:.0} s{words} ({})",
                 samples.len(),
-                times[times.len() - 1],
-                picture.display()
+                samples[samples.len() - 1].seconds,
+                table.display()
             );
             stand.end();
         },

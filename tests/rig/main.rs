@@ -6,7 +6,6 @@ mod faults;
 #[path = "../gige/network.rs"]
 #[allow(dead_code, reason = "what the camera's own tests want beside")]
 mod network;
-mod plot;
 #[path = "../openni2-sensor/stage.rs"]
 mod stage;
 mod stand;
