@@ -5,7 +5,7 @@ use super::MessageError;
 use crate::calibration::{DepthResponse, Volume};
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use nalgebra::Point3;
-use serde::de::{DeserializeOwned, Error as _};
+use serde::de::{DeserializeOwned, Error as _, IgnoredAny};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -84,12 +84,42 @@ pub struct CameraInCapture {
         deserialize_with = "times"
     )]
     pub timestamps: Option<Vec<Timestamp>>,
-    /// Frames that were lost, as the writer counts them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lost: Option<serde_json::Value>,
+    /// What it lost; `None` where it lost nothing, or another writer says it in words of its own.
+    #[serde(
+        default,
+        skip_serializing_if = "Option::is_none",
+        deserialize_with = "known_loss"
+    )]
+    pub lost: Option<Lost>,
     /// What an operator should know although nothing was lost, in words.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
+}
+
+/// What a camera lost of a capture.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Lost {
+    /// Everything: the camera failed.
+    All {
+        /// Why.
+        fault: String,
+    },
+    /// Some of it, although the camera answered.
+    Some(LostParts),
+}
+
+/// How much was lost on the way from a camera that answered.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LostParts {
+    /// Why each lost frame was lost.
+    pub frames: Vec<String>,
+    /// Packets that never came.
+    pub missing_packets: u64,
+    /// Packets that came only when they were asked for again.
+    pub resent_packets: u64,
+    /// Frames that came and were of no use.
+    pub unused_frames: u64,
 }
 
 /// `scand.Note`: what a person said of a capture.
@@ -260,6 +290,20 @@ impl Label {
 enum Nanoseconds {
     Text(String),
     Number(u64),
+}
+
+/// What this program would have written of a loss; whatever else stands there is no reason to refuse the capture.
+fn known_loss<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Lost>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Loss {
+        Known(Lost),
+        Unknown(IgnoredAny),
+    }
+    Ok(match Loss::deserialize(from)? {
+        Loss::Known(lost) => Some(lost),
+        Loss::Unknown(_) => None,
+    })
 }
 
 impl Nanoseconds {

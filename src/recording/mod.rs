@@ -26,7 +26,9 @@ mod writer;
 
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
-pub use json::{CameraInCapture, CameraSettings, CaptureRecord, Note, Outcome, Transfer};
+pub use json::{
+    CameraInCapture, CameraSettings, CaptureRecord, Lost, LostParts, Note, Outcome, Transfer,
+};
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
@@ -43,6 +45,8 @@ mod damage_tests;
 mod packing_tests;
 #[cfg(test)]
 mod recovery_tests;
+#[cfg(test)]
+mod schema_tests;
 #[cfg(test)]
 mod session_tests;
 #[cfg(test)]

@@ -98,7 +98,28 @@ const CAPTURE: &str = r#"{
         "type": "object",
         "properties": {
           "timestamps": {"type": "array", "items": {"type": "string"}},
-          "lost": {"type": "integer"}
+          "lost": {
+            "anyOf": [
+              {
+                "description": "the camera failed",
+                "type": "object",
+                "properties": {"fault": {"type": "string"}},
+                "required": ["fault"]
+              },
+              {
+                "description": "the camera answered, and not everything came",
+                "type": "object",
+                "properties": {
+                  "frames": {"type": "array", "items": {"type": "string"}},
+                  "missing_packets": {"type": "integer", "minimum": 0},
+                  "resent_packets": {"type": "integer", "minimum": 0},
+                  "unused_frames": {"type": "integer", "minimum": 0}
+                },
+                "required": ["frames", "missing_packets", "resent_packets", "unused_frames"]
+              }
+            ]
+          },
+          "remarks": {"type": "array", "items": {"type": "string"}}
         }
       }
     }

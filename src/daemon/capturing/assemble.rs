@@ -4,7 +4,7 @@
 use super::super::rig::Shooting;
 use crate::drivers::live::{Fault, Tally};
 use crate::frame::{CameraId, Frame, Timestamp};
-use crate::recording::{CameraInCapture, CaptureRecord, Kept, Outcome};
+use crate::recording::{CameraInCapture, CaptureRecord, Kept, Lost, LostParts, Outcome};
 use crate::sync::{Capture, Shortfall};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -91,22 +91,21 @@ fn cameras(
 }
 
 /// What a camera lost, for the record; nothing where it lost nothing.
-fn lost(answer: &Result<Tally, Fault>) -> Option<serde_json::Value> {
-    match answer {
-        Err(fault) => Some(serde_json::json!({ "fault": fault.to_string() })),
-        Ok(tally) => {
-            let packets = tally.resent_packets + tally.missing_packets;
-            let any = !tally.lost.is_empty() || packets + tally.unused > 0;
-            any.then(|| {
-                serde_json::json!({
-                    "frames": tally.lost,
-                    "resent_packets": tally.resent_packets,
-                    "missing_packets": tally.missing_packets,
-                    "unused_frames": tally.unused,
-                })
-            })
+fn lost(answer: &Result<Tally, Fault>) -> Option<Lost> {
+    let tally = match answer {
+        Err(fault) => {
+            let fault = fault.to_string();
+            return Some(Lost::All { fault });
         }
-    }
+        Ok(tally) => tally,
+    };
+    let parts = LostParts {
+        frames: tally.lost.clone(),
+        missing_packets: tally.missing_packets,
+        resent_packets: tally.resent_packets,
+        unused_frames: tally.unused,
+    };
+    (parts != LostParts::default()).then_some(Lost::Some(parts))
 }
 
 /// What was short, each with what its camera had to say.
