@@ -1,75 +1,239 @@
-//! What recording costs beside plain `write(2)` of the same bytes: captures of eleven 2560x1920 Bayer frames and a burst
-//! of 30 depth and colour frames, each brought to the disk, one after the other into an open session and into an open
-//! file. Both are measured by turns in one run; what counts are the ratios. `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
+//! Measures what recording a capture costs beside the two ways it could be done without code of our own: plain `write(2)`
+//! of the same bytes, and the `mcap` crate's writer. A capture is eleven 2560x1920 Bayer frames and a burst of 30 depth and
+//! colour frames, 100 MB, brought to the disk (fdatasync). The three take turns in one process, so that load from elsewhere
+//! hits them alike; what counts are the ratios of the medians. The peak of memory is that of a process of its own for each
+//! way. `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
 
 use bytes::Bytes;
+use foxglove::messages::RawImage;
+use prost::Message;
 use rustix::time::{ClockId, clock_gettime};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{CaptureRecord, Kept, Outcome, Preamble, Session};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::Write;
-use std::path::PathBuf;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-const ROUNDS: usize = 20;
+const ROUNDS: usize = 10;
+/// Largest chunk of more than one message, as the recording has it.
+const LARGEST_CHUNK: usize = 16 << 20;
+const WAYS: [&str; 3] = ["write(2) and fdatasync", "mcap crate", "recording"];
 
 fn main() {
     // What cargo passes to benchmarks and tests means nothing here; `cargo test` shall not write gigabytes.
-    if std::env::args().any(|a| a == "--test") || !std::env::args().any(|a| a == "--bench") {
+    let arguments: Vec<String> = std::env::args().collect();
+    if let [_, flag, way] = arguments.as_slice()
+        && flag == "--peak"
+    {
+        return print_peak(way);
+    }
+    if arguments.iter().any(|a| a == "--test") || !arguments.iter().any(|a| a == "--bench") {
         return;
     }
-    let folder =
-        std::env::var_os("SCAND_BENCH_FOLDER").map_or_else(std::env::temp_dir, PathBuf::from);
-    let folder = tempfile::tempdir_in(folder).unwrap();
-    let mut file = File::create_new(folder.path().join("plain")).unwrap();
-    let begin = Timestamp(1);
-    let session = Session::begin(
-        folder.path(),
-        "session",
-        "bench",
-        begin,
-        u64::MAX,
-        Preamble::default(),
-    );
-    let mut session = session.unwrap();
-    let mut plain = Vec::new();
-    let mut recorded = Vec::new();
+    let folder = folder();
+    let mut ways = open_all(folder.path());
+    let mut rounds = vec![Vec::new(); ways.len()];
     // The first of each warms up.
     for round in 0..=ROUNDS {
         let capture = capture(round as u64);
-        let mut plainly = || measured(|| write_plainly(&mut file, &capture));
-        let mut recording = || measured(|| drop(session.keep(&capture).unwrap()));
-        // By turns the other one first: what comes first finds warm memory.
-        let (a, b) = if round % 2 == 0 {
-            let a = plainly();
-            (a, recording())
-        } else {
-            let b = recording();
-            (plainly(), b)
-        };
-        if round > 0 {
-            plain.push(a);
-            recorded.push(b);
+        for turn in 0..ways.len() {
+            // Each comes first in its turn: what comes first finds warm memory.
+            let way = (round + turn) % ways.len();
+            let cost = measured(|| ways[way].append(&capture));
+            if round > 0 {
+                rounds[way].push(cost);
+            }
         }
     }
     let megabytes = capture(0).bytes() as f64 / 1e6;
-    println!("a capture of {megabytes:.0} MB, median of {ROUNDS}");
-    for (name, rounds) in [("write(2) and fdatasync", &plain), ("recording", &recorded)] {
-        let [wall, cpu] = median(rounds);
+    println!("a capture of {megabytes:.0} MB, median of {ROUNDS} alternating runs");
+    let [wall, cpu] = median(&rounds[2]);
+    for (name, rounds) in WAYS.iter().zip(&rounds) {
+        let [its_wall, its_cpu] = median(rounds);
         println!(
-            "{name:24} wall {:6.1} ms  processor {:6.1} ms",
-            wall * 1e3,
-            cpu * 1e3
+            "{name:24} wall {:6.1} ms ({:4.2})  processor {:6.1} ms ({:4.2})  peak {:6.1} MB",
+            its_wall * 1e3,
+            its_wall / wall,
+            its_cpu * 1e3,
+            its_cpu / cpu,
+            peak_of_a_process(name)
         );
     }
-    let ratios: Vec<[f64; 2]> = plain
-        .iter()
-        .zip(&recorded)
-        .map(|(a, b)| [b[0] / a[0], b[1] / a[1]])
-        .collect();
-    let [wall, cpu] = median(&ratios);
-    println!("ratio                    wall {wall:6.2}     processor {cpu:6.2}");
+    println!("in brackets: so many times what recording takes");
+}
+
+fn folder() -> tempfile::TempDir {
+    let folder =
+        std::env::var_os("SCAND_BENCH_FOLDER").map_or_else(std::env::temp_dir, PathBuf::from);
+    tempfile::tempdir_in(folder).unwrap()
+}
+
+/// A way to bring captures to the disk.
+trait Way {
+    fn append(&mut self, capture: &Kept);
+}
+
+/// All of them, in the order of [`WAYS`].
+fn open_all(folder: &Path) -> [Box<dyn Way>; 3] {
+    let create = |name: &str| File::create_new(folder.join(name)).unwrap();
+    let begin = Timestamp(1);
+    let preamble = Preamble::default();
+    let session = Session::begin(folder, "session", "bench", begin, u64::MAX, preamble);
+    [
+        Box::new(create("plain")),
+        Box::new(Library::begin(create("library"))),
+        Box::new(session.unwrap()),
+    ]
+}
+
+impl Way for File {
+    fn append(&mut self, capture: &Kept) {
+        for frame in &capture.frames {
+            if let Picture::Raw { data, .. } = &frame.picture {
+                self.write_all(data).unwrap();
+            }
+        }
+        self.sync_data().unwrap();
+    }
+}
+
+impl Way for Session {
+    fn append(&mut self, capture: &Kept) {
+        self.keep(capture).unwrap();
+    }
+}
+
+/// A file that is written a block at a time. A picture in one call takes twice the processor time when the kernel looks
+/// for pages that lie together.
+struct Blocks(File);
+
+impl Write for Blocks {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.write(&bytes[..bytes.len().min(256 << 10)])
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Seek for Blocks {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+/// The `mcap` crate's writer, used as well as it allows: its chunks grow in the file, small writes are gathered, large
+/// ones cut up, and the memory that each message is put together in is used again.
+struct Library {
+    file: File,
+    writer: mcap::Writer<BufWriter<Blocks>>,
+    channels: BTreeMap<String, u16>,
+    message: Vec<u8>,
+    chunk: usize,
+}
+
+impl Library {
+    fn begin(file: File) -> Self {
+        let options = mcap::WriteOptions::new()
+            .profile("scand")
+            .library("bench")
+            .compression(None)
+            .chunk_size(None);
+        let sink = BufWriter::new(Blocks(file.try_clone().unwrap()));
+        Self {
+            file,
+            writer: options.create(sink).unwrap(),
+            channels: BTreeMap::new(),
+            message: Vec::new(),
+            chunk: 0,
+        }
+    }
+
+    fn channel(&mut self, topic: String) -> u16 {
+        if let Some(&channel) = self.channels.get(&topic) {
+            return channel;
+        }
+        let writer = &mut self.writer;
+        let schema = writer.add_schema("foxglove.RawImage", "protobuf", b"schema");
+        let channel = writer.add_channel(schema.unwrap(), &topic, "protobuf", &BTreeMap::new());
+        let channel = channel.unwrap();
+        self.channels.insert(topic, channel);
+        channel
+    }
+}
+
+impl Way for Library {
+    fn append(&mut self, capture: &Kept) {
+        for frame in &capture.frames {
+            let image = image(frame);
+            if self.chunk + image.data.len() > LARGEST_CHUNK {
+                self.writer.flush().unwrap();
+                self.chunk = 0;
+            }
+            self.chunk += image.data.len();
+            let channel_id = self.channel(format!("/{}/{:?}", frame.camera, frame.stream));
+            self.message.clear();
+            image.encode(&mut self.message).unwrap();
+            let header = mcap::records::MessageHeader {
+                channel_id,
+                sequence: 0,
+                log_time: frame.timestamp.0,
+                publish_time: frame.timestamp.0,
+            };
+            let written = self.writer.write_to_known_channel(&header, &self.message);
+            written.unwrap();
+        }
+        self.writer.flush().unwrap();
+        self.chunk = 0;
+        self.file.sync_data().unwrap();
+    }
+}
+
+fn image(frame: &Frame) -> RawImage {
+    let Picture::Raw {
+        width,
+        height,
+        encoding,
+        step,
+        data,
+    } = &frame.picture
+    else {
+        unreachable!("all are raw");
+    };
+    RawImage {
+        timestamp: None,
+        frame_id: frame.camera.to_string(),
+        width: *width,
+        height: *height,
+        encoding: encoding.clone(),
+        step: *step,
+        data: data.clone(),
+    }
+}
+
+/// Largest memory in megabytes of a process that records two captures in this way, the capture itself included.
+fn peak_of_a_process(way: &str) -> f64 {
+    let mut process = std::process::Command::new(std::env::current_exe().unwrap());
+    let output = process.args(["--peak", way]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.trim().parse().unwrap()
+}
+
+fn print_peak(way: &str) {
+    let folder = folder();
+    let ways = open_all(folder.path());
+    let mut way = WAYS.into_iter().zip(ways).find(|(name, _)| *name == way);
+    let capture = capture(0);
+    for _ in 0..2 {
+        way.as_mut().unwrap().1.append(&capture);
+    }
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = peak.unwrap().trim().trim_end_matches(" kB");
+    println!("{}", kilobytes.parse::<f64>().unwrap() * 1024.0 / 1e6);
 }
 
 fn median(rounds: &[[f64; 2]]) -> [f64; 2] {
@@ -89,15 +253,6 @@ fn measured(work: impl FnOnce()) -> [f64; 2] {
     let (begin, begin_cpu) = (Instant::now(), cpu());
     work();
     [begin.elapsed().as_secs_f64(), cpu() - begin_cpu]
-}
-
-fn write_plainly(file: &mut File, capture: &Kept) {
-    for frame in &capture.frames {
-        if let Picture::Raw { data, .. } = &frame.picture {
-            file.write_all(data).unwrap();
-        }
-    }
-    file.sync_data().unwrap();
 }
 
 fn capture(seed: u64) -> Kept {
