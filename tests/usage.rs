@@ -63,3 +63,28 @@ fn boards_that_cannot_be_are_wrong_usage() {
         assert!(words.contains(named), "{options}: {words}");
     }
 }
+
+#[test]
+fn the_version_tells_the_commit_and_the_features() {
+    let output = Command::cargo_bin("scand")
+        .unwrap()
+        .arg("--version")
+        .output();
+    let words = String::from_utf8(output.unwrap().stdout).unwrap();
+    // Of a checkout, its commit; an unpacked archive has none, also within another project's repository.
+    let asked = |arguments: &[&str]| {
+        let output = std::process::Command::new("git").args(arguments).output();
+        let output = output.ok().filter(|output| output.status.success());
+        output.map(|output| String::from_utf8(output.stdout).unwrap().trim().to_owned())
+    };
+    let is_ours = asked(&["rev-parse", "--show-toplevel"])
+        .and_then(|top| std::fs::canonicalize(top).ok())
+        == std::fs::canonicalize(env!("CARGO_MANIFEST_DIR")).ok();
+    let commit = asked(&["rev-parse", "--short=12", "HEAD"]).filter(|_| is_ours);
+    let commit = commit.unwrap_or_else(|| "unknown".to_owned());
+    let version = env!("CARGO_PKG_VERSION");
+    let start = format!("scand {version} (commit {commit}; features: ");
+    assert!(words.starts_with(&start), "{words} does not begin {start}");
+    let has_live = words.contains(" live");
+    assert_eq!(has_live, cfg!(feature = "live"), "{words}");
+}

@@ -83,9 +83,19 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     }
 }
 
+/// What `--version` tells: the version, and of this build its commit and its features (`build.rs`).
+const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (commit ",
+    env!("SCAND_COMMIT"),
+    "; features: ",
+    env!("SCAND_FEATURES"),
+    ")"
+);
+
 /// Scans objects with colour cameras and a depth camera.
 #[derive(Debug, Parser)]
-#[command(version, about, long_about = None, args_conflicts_with_subcommands = true)]
+#[command(version = VERSION, about, long_about = None, args_conflicts_with_subcommands = true)]
 pub struct Cli {
     #[command(flatten)]
     replay: replay::Args,

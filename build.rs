@@ -1,0 +1,65 @@
+//! Tells the program what it was built from: the commit that is checked out, `unknown` where there is no git, and its
+//! features. Only `scand --version` says so: a model and its digest are the same whatever the commit.
+
+use std::path::Path;
+use std::process::Command;
+
+/// What git answers, or `None` if it cannot.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    let text = text.trim().to_owned();
+    (output.status.success() && !text.is_empty()).then_some(text)
+}
+
+/// Whether the sources are a checkout of their own, not an unpacked archive in somebody else's.
+fn is_checkout() -> bool {
+    let top = git(&["rev-parse", "--show-toplevel"]).map(std::fs::canonicalize);
+    let here = std::fs::canonicalize(env!("CARGO_MANIFEST_DIR"));
+    matches!((top, here), (Some(Ok(top)), Ok(here)) if top == here)
+}
+
+/// Files that change with the commit that is checked out. The log of `HEAD` alone changes with each commit of this work
+/// tree and of no other one; a repository may be told to keep none.
+fn watched() -> Vec<String> {
+    let path = |name: &str| git(&["rev-parse", "--git-path", name]);
+    let present = |path: &String| Path::new(path).exists();
+    let head = path("HEAD").filter(present);
+    let log = path("logs/HEAD").filter(present);
+    if log.is_some() {
+        return head.into_iter().chain(log).collect();
+    }
+    let branch = git(&["rev-parse", "--symbolic-full-name", "HEAD"]).and_then(|name| path(&name));
+    let packed = path("packed-refs");
+    let references = [branch, packed].into_iter().flatten().filter(present);
+    head.into_iter().chain(references).collect()
+}
+
+/// The features that are switched on, by name, or `none`.
+fn features() -> String {
+    let prefix = "CARGO_FEATURE_";
+    let mut names: Vec<String> = std::env::vars()
+        .filter_map(|(key, _)| key.strip_prefix(prefix).map(str::to_lowercase))
+        .filter(|name| name != "default")
+        .collect();
+    names.sort();
+    if names.is_empty() {
+        names.push("none".to_owned());
+    }
+    names.join(" ")
+}
+
+fn main() {
+    // Without any such line cargo would run this again at each change of any file.
+    println!("cargo::rerun-if-changed=build.rs");
+    let mut commit = None;
+    if is_checkout() {
+        watched()
+            .iter()
+            .for_each(|path| println!("cargo::rerun-if-changed={path}"));
+        commit = git(&["rev-parse", "--short=12", "HEAD"]);
+    }
+    let commit = commit.as_deref().unwrap_or("unknown");
+    println!("cargo::rustc-env=SCAND_COMMIT={commit}");
+    println!("cargo::rustc-env=SCAND_FEATURES={}", features());
+}
