@@ -3,12 +3,13 @@
 //! to show a sign of life, so that one that hangs starves it.
 
 use crate::log;
+use parking_lot::Mutex;
 use std::ffi::OsString;
 use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram, UnixListener};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Takes the listening socket that systemd opened, if it did. To be called once, before there are other threads: it
@@ -113,7 +114,7 @@ impl Pulse {
 
     /// A heart for a thread that must live from now on. One that is dropped, because its thread panicked, is silent.
     pub fn heart(&self, thread: &'static str) -> Heart {
-        let mut beats = self.beats.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut beats = self.beats.lock();
         beats.threads.push((thread, false));
         Heart {
             index: beats.threads.len() - 1,
@@ -132,7 +133,7 @@ impl Pulse {
         let Some(watchdog) = self.notifier.watchdog else {
             return;
         };
-        let mut beats = self.beats.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut beats = self.beats.lock();
         beats.threads[index].1 = true;
         let hungry = now.saturating_duration_since(beats.fed);
         if beats.threads.iter().all(|(_, heard)| *heard) {

@@ -10,9 +10,10 @@ use crate::image::{DecodeError, RgbImage};
 use crate::reconstruct::Scene;
 use crate::recording::{self, ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
 use crate::sync::{self, Capture, Synchronizer};
+use parking_lot::Mutex;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Why a capture cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]
@@ -302,10 +303,7 @@ impl Session {
         let depths: Vec<DepthPlan> = depths
             .map(|(id, takes)| plan.depth(id, takes))
             .collect::<Result<_, _>>()?;
-        let mut kept = self
-            .backgrounds
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut kept = self.backgrounds.lock();
         shelf.check_size(&self.recording, capture.trigger.time)?;
         shelf.fill(&self.recording, &kept)?;
         if self.captures.len() > 1 {

@@ -4,10 +4,11 @@
 //! for a daemon that is yet to start.
 
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
+use parking_lot::Mutex;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long a press may wait to be begun: a daemon that systemd starts again is there by then.
@@ -124,7 +125,7 @@ impl Daemon {
     /// # Errors
     /// If the daemon is away.
     pub fn reject_last(&self) -> Result<Option<(String, Reply)>, Error> {
-        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let last = self.last.lock();
         let Some(capture) = last.clone() else {
             return Ok(None);
         };
@@ -202,7 +203,7 @@ impl Daemon {
     }
 
     fn remember(&self, capture: &str) {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut last = self.last.lock();
         *last = Some(capture.to_owned());
     }
 }
@@ -365,6 +366,6 @@ mod tests {
             found.len() < 4
         });
         assert_eq!(found, [false, true, false, true]);
-        assert_eq!(daemon.last.lock().unwrap().as_deref(), Some("a-0001"));
+        assert_eq!(daemon.last.lock().as_deref(), Some("a-0001"));
     }
 }

@@ -10,10 +10,10 @@ use super::{Damage, Error, MessageError, Topic};
 use crate::calibration::Board;
 use crate::frame::Timestamp;
 use bytes::Bytes;
+use parking_lot::Mutex;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
 /// A channel as a recording has it.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
@@ -306,12 +306,11 @@ impl Recording {
 
     /// An unpacked chunk, from the cache if it is there.
     fn chunk(&self, number: u32) -> Result<Bytes, Error> {
-        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = cache().get(number) {
+        if let Some(bytes) = self.cache.lock().get(number) {
             return Ok(bytes);
         }
         let bytes = chunk::unpack(&self.source, &self.index.chunks[number as usize])?;
-        cache().put(number, bytes.clone());
+        self.cache.lock().put(number, bytes.clone());
         Ok(bytes)
     }
 }

@@ -5,9 +5,9 @@ use super::job::{ENDING, Job};
 use crate::log;
 use crate::output::{self, write_atomically};
 use crate::recording::{Recording, unfinished_name};
+use parking_lot::{Condvar, Mutex};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Why a job cannot be kept.
@@ -123,14 +123,14 @@ impl Jobs {
             return Ok(());
         }
         write_atomically(&path, &as_bytes(job))?;
-        lock(&self.state).waiting += 1;
+        self.state.lock().waiting += 1;
         self.changed.notify_all();
         Ok(())
     }
 
     /// Whether nothing waits and nothing is being done.
     pub fn is_idle(&self) -> bool {
-        let state = lock(&self.state);
+        let state = self.state.lock();
         state.waiting == 0 && state.running.is_empty()
     }
 
@@ -176,7 +176,7 @@ impl Jobs {
 
     /// What is to be done yet.
     pub fn backlog(&self) -> Backlog {
-        let state = lock(&self.state);
+        let state = self.state.lock();
         let running: Vec<Running> = state.running.values().map(running).collect();
         let expected = |each: f64| {
             let left = running.iter().map(|r| (each - r.seconds).max(0.0));
@@ -212,16 +212,15 @@ impl Jobs {
 
     /// Says how many do jobs at the same time.
     pub(super) fn set_workers(&self, workers: usize) {
-        lock(&self.state).workers = workers;
+        self.state.lock().workers = workers;
     }
 
     /// The oldest job that nobody does, as soon as there is one; `None` once there shall be no more.
     pub(super) fn take(&self) -> Option<Taken> {
-        let mut state = lock(&self.state);
+        let mut state = self.state.lock();
         while !state.stopped {
             if state.waiting == 0 {
-                let woken = self.changed.wait(state);
-                state = woken.unwrap_or_else(PoisonError::into_inner);
+                self.changed.wait(&mut state);
                 continue;
             }
             match oldest(&self.folder, &state.running) {
@@ -239,7 +238,7 @@ impl Jobs {
                     log::error!("{}: {error}", self.folder.display());
                     drop(state);
                     self.pause(Duration::from_secs(5));
-                    state = lock(&self.state);
+                    state = self.state.lock();
                 }
             }
         }
@@ -272,7 +271,7 @@ impl Jobs {
 
     /// Lets a job wait again.
     pub(super) fn give_back(&self, taken: &Taken) {
-        let mut state = lock(&self.state);
+        let mut state = self.state.lock();
         state.running.remove(&taken.name);
         state.waiting += 1;
         self.changed.notify_all();
@@ -284,7 +283,7 @@ impl Jobs {
         if let Err(error) = std::fs::remove_file(&path) {
             log::warning!("{}: {error}", path.display());
         }
-        let mut state = lock(&self.state);
+        let mut state = self.state.lock();
         let Some((_, since)) = state.running.remove(&taken.name) else {
             return;
         };
@@ -300,24 +299,21 @@ impl Jobs {
 
     /// Waits, but not longer than until there shall be no more jobs.
     pub(super) fn pause(&self, time: Duration) {
-        let state = lock(&self.state);
-        drop(self.changed.wait_timeout_while(state, time, |s| !s.stopped));
+        let mut state = self.state.lock();
+        let goes_on = |state: &mut State| !state.stopped;
+        self.changed.wait_while_for(&mut state, goes_on, time);
     }
 
     /// Whether there shall be no more jobs.
     pub(super) fn is_stopped(&self) -> bool {
-        lock(&self.state).stopped
+        self.state.lock().stopped
     }
 
     /// Lets nobody take jobs any more. They are still kept.
     pub(super) fn stop(&self) {
-        lock(&self.state).stopped = true;
+        self.state.lock().stopped = true;
         self.changed.notify_all();
     }
-}
-
-fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
-    state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn as_bytes(job: &Job) -> Vec<u8> {

@@ -8,13 +8,14 @@ use super::{Job, Parameters};
 use crate::frame::{CaptureId, Timestamp};
 use crate::reconstruct::Method;
 use crate::{log, output, recording, report};
+use parking_lot::Mutex;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -87,7 +88,7 @@ impl Workers {
             let shared = shared.clone();
             let thread = std::thread::Builder::new().name(format!("worker {number}"));
             let thread = thread.spawn(move || shared.run()).map_err(io(&models))?;
-            lock(&workers.threads).push(thread);
+            workers.threads.lock().push(thread);
         }
         Ok(workers)
     }
@@ -95,7 +96,7 @@ impl Workers {
     /// Ends the processes and the threads. What was being done is done after the next start.
     pub fn stop(&self) {
         self.jobs.stop();
-        let threads = std::mem::take(&mut *lock(&self.threads));
+        let threads = std::mem::take(&mut *self.threads.lock());
         for thread in threads {
             let _ = thread.join();
         }
@@ -106,10 +107,6 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.stop();
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What all threads share.
@@ -277,7 +274,7 @@ impl Shared {
     fn tell_missing(&self, words: &str) {
         for line in words.lines() {
             if let Some(missing) = line.strip_prefix(MISSING)
-                && lock(&self.told).insert(missing.to_owned())
+                && self.told.lock().insert(missing.to_owned())
             {
                 log::warning!("{missing}");
             }

@@ -10,9 +10,9 @@ use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
 use crate::recording;
 use crate::report::{self, Measurements, Verdict};
 use anyhow::Context;
+use parking_lot::Mutex;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// How captures are reconstructed.
@@ -279,19 +279,13 @@ impl<'a> StageClock<'a> {
 
     fn begin(&self, stage: &str) {
         self.console.stage(&self.capture, stage);
-        let mut stages = self
-            .stages
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut stages = self.stages.lock();
         stages.push((stage.into(), Instant::now()));
     }
 
     /// Seconds of each stage, in their order.
     fn seconds(&self) -> Vec<(String, f64)> {
-        let stages = self
-            .stages
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let stages = self.stages.lock();
         let ends = stages
             .iter()
             .skip(1)

@@ -5,10 +5,10 @@ use super::capture::Outcome;
 use crate::job::Session;
 use crate::reconstruct::Stage;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::path::Path;
-use std::sync::Mutex;
 
 /// Stages of a capture: those of the reconstruction, reading, report and files.
 const STAGES: u64 = Stage::ALL.len() as u64 + 3;
@@ -50,10 +50,7 @@ impl Console {
         let Some(bars) = &self.bars else {
             return self.line(&format!("{capture}: {stage}"));
         };
-        let mut captures = self
-            .captures
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut captures = self.captures.lock();
         let bar = captures.entry(capture.into()).or_insert_with(|| {
             let style = ProgressStyle::with_template("{prefix} [{bar:20}] {msg}");
             let bar = ProgressBar::new(STAGES).with_prefix(capture.to_owned());
@@ -65,10 +62,7 @@ impl Console {
 
     /// A capture has ended.
     pub(super) fn finished(&self, capture: &str) {
-        let mut captures = self
-            .captures
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut captures = self.captures.lock();
         if let Some(bar) = captures.remove(capture) {
             bar.finish_and_clear();
         }

@@ -24,10 +24,11 @@ use crate::sync;
 use crate::trigger::Reply;
 use crate::workers::Jobs;
 use crossbeam_channel::{Sender, TrySendError, bounded};
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use takes::Takes;
@@ -215,7 +216,7 @@ impl Capturing {
         if self.busy.swap(true, Ordering::AcqRel) {
             return decline(order, Reply::Busy, "a capture is being taken");
         }
-        let declined = match &*lock(&self.orders) {
+        let declined = match &*self.orders.lock() {
             Some(orders) => orders.try_send(order).err().map(TrySendError::into_inner),
             None => Some(order),
         };
@@ -242,7 +243,7 @@ impl Capturing {
     /// Whether there is nothing to do: no order, no capture that waits for the disk, no model to be made.
     pub(super) fn is_idle(&self) -> bool {
         let jobs = || self.jobs.as_ref().is_none_or(|jobs| jobs.is_idle());
-        !self.is_busy() && lock(&self.status).waiting == 0 && jobs()
+        !self.is_busy() && self.status.lock().waiting == 0 && jobs()
     }
 
     /// Whether a press may wait for its model.
@@ -252,7 +253,7 @@ impl Capturing {
 
     /// What is known now.
     pub fn status(&self) -> Status {
-        let status = lock(&self.status);
+        let status = self.status.lock();
         Status {
             // The recorder counts after the capturing thread has gone on.
             complete: self.ended.complete(),
@@ -266,15 +267,11 @@ impl Capturing {
     /// Finishes the order that is being carried out, completes the session and ends all threads, whoever else holds
     /// this; the cameras whose threads hang.
     pub fn stop(&self) -> Vec<CameraId> {
-        drop(lock(&self.orders).take());
-        let thread = lock(&self.thread).take();
+        drop(self.orders.lock().take());
+        let thread = self.thread.lock().take();
         let stuck = thread.and_then(|thread| thread.join().ok());
         stuck.unwrap_or_default()
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Answers an order that is not carried out: a press with the reply, all others with the words.

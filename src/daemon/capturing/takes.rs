@@ -1,8 +1,8 @@
 //! How long the last presses took.
 
 use super::super::status::Spread;
+use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 /// Presses that count.
@@ -17,8 +17,7 @@ pub(super) struct Takes {
 impl Takes {
     /// Notes how long a press took until it was `what`.
     pub(super) fn note(&self, what: &'static str, took: Duration) {
-        let all = self.milliseconds.lock();
-        let mut all = all.unwrap_or_else(PoisonError::into_inner);
+        let mut all = self.milliseconds.lock();
         let last = all.entry(what).or_default();
         if last.len() == LAST {
             last.pop_front();
@@ -28,10 +27,7 @@ impl Takes {
 
     /// How long they took.
     pub(super) fn spreads(&self) -> BTreeMap<&'static str, Spread> {
-        let all = self
-            .milliseconds
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let all = self.milliseconds.lock();
         all.iter()
             .map(|(what, last)| (*what, spread(last)))
             .collect()

@@ -2,7 +2,7 @@
 //! many lines of its log.
 
 use crate::log;
-use std::sync::{Mutex, PoisonError};
+use parking_lot::Mutex;
 use std::time::{Duration, Instant};
 use tokio::net::unix::UCred;
 
@@ -78,7 +78,7 @@ impl Visitors {
 
     /// Whether the log names one more.
     fn is_named(&self, now: Instant) -> bool {
-        let mut visits = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut visits = self.state.lock();
         if now.duration_since(visits.since) > PERIOD {
             if visits.more > 0 {
                 log::info!("client: {} more that are not named", visits.more);

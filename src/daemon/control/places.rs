@@ -1,8 +1,9 @@
 //! Places for clients: so many in all, and fewer for one user, so that who opens all that he may leaves room for the
 //! foot switch, which is a user of its own.
 
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 /// Most clients at a time.
 const MOST: usize = 32;
@@ -25,7 +26,7 @@ impl Places {
     /// # Errors
     /// Why there is none, in words.
     pub(super) fn take(&self, user: u32) -> Result<Place, String> {
-        let mut taken = self.lock();
+        let mut taken = self.0.lock();
         if taken.values().sum::<usize>() >= MOST {
             return Err(format!("{MOST} clients are served already"));
         }
@@ -41,15 +42,11 @@ impl Places {
             user,
         })
     }
-
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<u32, usize>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let mut taken = self.places.lock();
+        let mut taken = self.places.0.lock();
         if let Some(own) = taken.get_mut(&self.user) {
             *own -= 1;
             if *own == 0 {
@@ -78,6 +75,6 @@ mod tests {
         greedy.pop();
         greedy.push(places.take(1000).unwrap());
         drop((greedy, others));
-        assert!(places.lock().is_empty());
+        assert!(places.0.lock().is_empty());
     }
 }

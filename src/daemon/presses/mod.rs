@@ -10,10 +10,11 @@ mod tests;
 use super::events::Event;
 use crate::trigger::{Reply, Until};
 use journal::Journal;
+use parking_lot::{Mutex, MutexGuard};
 use recorded::Recorded;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use tokio::sync::watch;
 
 /// Presses that are known; after them the oldest are forgotten.
@@ -97,12 +98,12 @@ impl Presses {
         if let Some(id) = &answers.id
             && !was_not_begun(&reply)
         {
-            lock(&self.journal).append(id, &reply);
+            self.journal.lock().append(id, &reply);
         }
         let settles = settles(&reply);
         self.hear(answers, reply);
         if settles && answers.id.is_some() {
-            let file = lock(&self.journal).file();
+            let file = self.journal.lock().file();
             file.iter().for_each(|file| journal::sync(file));
         }
     }
@@ -199,7 +200,7 @@ impl Presses {
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
-        lock(&self.known)
+        self.known.lock()
     }
 }
 
@@ -319,8 +320,4 @@ fn check_id(id: &str) -> Result<(), String> {
     Err(format!(
         "press_id {shown:?} is not 1 to {LONGEST_ID} letters without control characters"
     ))
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

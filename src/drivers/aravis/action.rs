@@ -2,9 +2,10 @@
 //! has none, so the packet is made here; and cameras of one group agree here on the time.
 
 use super::gvcp::{self, Answer, Message};
+use parking_lot::Mutex;
 use std::io;
 use std::net::SocketAddrV4;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 const ACTION: u16 = 0x0100;
@@ -88,7 +89,7 @@ pub struct ActionGroup {
 impl ActionGroup {
     /// The time of a shot in nanoseconds of the cameras' clock: what the first camera that asks proposes.
     pub fn agree(&self, shot: u64, proposed_ns: u64) -> u64 {
-        let mut agreed = self.agreed.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut agreed = self.agreed.lock();
         match *agreed {
             Some((number, at)) if number == shot => at,
             _ => {

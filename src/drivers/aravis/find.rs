@@ -6,8 +6,8 @@ use super::parameters::Parameters;
 use crate::drivers::live::Fault;
 use aravis::prelude::*;
 use aravis::{Camera, GvDevice, GvInterface};
+use parking_lot::Mutex;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// A camera that answers.
@@ -49,7 +49,7 @@ static OPENING: Mutex<()> = Mutex::new(());
 /// # Errors
 /// If the camera does not answer, or obeys somebody else.
 pub(super) fn take_control(found: &Found) -> Result<(GvDevice, Camera), Fault> {
-    let _alone = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = OPENING.lock();
     let away = |why: &str| Fault::Away(format!("{}: {why}", found.address));
     let interface = local_address(found.address).map_err(|e| away(&e.to_string()))?;
     let device = GvDevice::new(
@@ -88,7 +88,7 @@ static SEARCHED: Mutex<Option<(Instant, Vec<Found>)>> = Mutex::new(None);
 const FRESH: Duration = Duration::from_secs(2);
 
 fn search(parameters: &Parameters) -> Result<Found, Fault> {
-    let mut last = SEARCHED.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut last = SEARCHED.lock();
     let fresh = last.as_ref().filter(|(at, _)| at.elapsed() < FRESH);
     let all = match fresh {
         Some((_, found)) => found.clone(),

@@ -2,7 +2,8 @@
 //! last one who holds the frame lets it go.
 
 use bytes::Bytes;
-use std::sync::{Arc, Mutex, PoisonError};
+use parking_lot::Mutex;
+use std::sync::Arc;
 
 /// A bounded amount of memory for frames; clones share it.
 #[derive(Debug, Clone)]
@@ -52,14 +53,14 @@ impl Pool {
 
     /// Bytes of buffers that are in use.
     pub fn in_use(&self) -> usize {
-        let state = self.shared.lock();
+        let state = self.shared.state.lock();
         let free: usize = state.free.iter().map(Vec::capacity).sum();
         state.allocated - free
     }
 
     /// Bytes of buffers that exist.
     pub fn allocated(&self) -> usize {
-        self.shared.lock().allocated
+        self.shared.state.lock().allocated
     }
 
     /// Most bytes that there may be.
@@ -69,13 +70,9 @@ impl Pool {
 }
 
 impl Shared {
-    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// The smallest free buffer that is large enough, or a new one; free ones that are too small make way for it.
     fn take(&self, length: usize) -> Option<Vec<u8>> {
-        let mut state = self.lock();
+        let mut state = self.state.lock();
         let fitting = state.free.iter().enumerate();
         let best = fitting
             .filter(|(_, b)| b.capacity() >= length && b.capacity() <= 2 * length.max(4096))
@@ -95,7 +92,7 @@ impl Shared {
 
     fn give_back(&self, mut bytes: Vec<u8>) {
         bytes.clear();
-        self.lock().free.push(bytes);
+        self.state.lock().free.push(bytes);
     }
 }
 

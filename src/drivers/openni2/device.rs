@@ -2,12 +2,12 @@
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
-use super::library::{Failed, LIBRARY, Library, OPEN, checked, field, lock, model};
+use super::library::{Failed, LIBRARY, Library, OPEN, checked, field, model};
 use std::ffi::{CString, c_char, c_int};
 
 /// Whether a camera of this process has it.
 pub fn is_open(uri: &str) -> bool {
-    lock(&OPEN).contains_key(uri)
+    OPEN.lock().contains_key(uri)
 }
 
 /// An open device.
@@ -29,8 +29,8 @@ impl Device {
             words: words.into(),
         };
         let name = CString::new(uri).map_err(|_| refused("a zero byte in its name"))?;
-        let _held = lock(&LIBRARY);
-        if lock(&OPEN).insert(uri.to_owned(), None).is_some() {
+        let _held = LIBRARY.lock();
+        if OPEN.lock().insert(uri.to_owned(), None).is_some() {
             return Err(refused("another camera of the configuration has it"));
         }
         let mut handle = std::ptr::null_mut();
@@ -38,7 +38,7 @@ impl Device {
         let status = unsafe { ffi::oniDeviceOpen(name.as_ptr(), &raw mut handle) };
         // What it leaves in the handle where it failed must not be closed: its count of users would be wrong.
         if let Err(failed) = checked(status, doing()) {
-            lock(&OPEN).remove(uri);
+            OPEN.lock().remove(uri);
             return Err(failed);
         }
         Ok(Self {
@@ -54,7 +54,7 @@ impl Device {
 
     /// Why it is gone, if the library said so since it was opened.
     pub fn gone(&self) -> Option<&'static str> {
-        lock(&OPEN).get(&self.uri).copied().flatten()
+        OPEN.lock().get(&self.uri).copied().flatten()
     }
 
     /// Vendor and name.
@@ -157,10 +157,10 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        let _held = lock(&LIBRARY);
+        let _held = LIBRARY.lock();
         // SAFETY: opened once, closed once; its streams are gone, for each holds the device.
         unsafe { ffi::oniDeviceClose(self.handle) };
-        lock(&OPEN).remove(&self.uri);
+        OPEN.lock().remove(&self.uri);
     }
 }
 

@@ -4,10 +4,10 @@
 
 use super::ffi;
 use crate::drivers::live::Fault;
+use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What the library refused or could not do, in its own words.
@@ -44,10 +44,6 @@ unsafe impl Send for Callbacks {}
 /// The devices that are open, and what was heard of each: why it is gone. Its own lock, since the library calls back
 /// while it is being started and ended.
 pub(super) static OPEN: Mutex<BTreeMap<String, Option<&'static str>>> = Mutex::new(BTreeMap::new());
-
-pub(super) fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 pub(super) fn checked(status: c_int, doing: impl Into<String>) -> Result<(), Failed> {
     if status == ffi::STATUS_OK {
@@ -93,7 +89,7 @@ impl Library {
     /// # Errors
     /// If it finds no driver.
     pub fn start() -> Result<Self, Failed> {
-        let mut state = lock(&LIBRARY);
+        let mut state = LIBRARY.lock();
         if state.started.is_none() {
             start(&mut state)?;
         }
@@ -107,11 +103,11 @@ impl Library {
     /// # Errors
     /// If it finds no driver any more.
     pub fn renew(self) -> Result<bool, Failed> {
-        let mut state = lock(&LIBRARY);
+        let mut state = LIBRARY.lock();
         let recent = state
             .started
             .is_some_and(|at| at.elapsed() < RENEWED_AT_MOST_EACH);
-        if recent || !lock(&OPEN).is_empty() || !kinect_is_plugged_in(Path::new(USB_DEVICES)) {
+        if recent || !OPEN.lock().is_empty() || !kinect_is_plugged_in(Path::new(USB_DEVICES)) {
             return Ok(false);
         }
         if let Some(Callbacks(handle)) = state.callbacks.take() {
@@ -130,7 +126,7 @@ impl Library {
     /// # Errors
     /// If the library has no list.
     pub fn devices(self) -> Result<Vec<(String, String)>, Failed> {
-        let _held = lock(&LIBRARY);
+        let _held = LIBRARY.lock();
         let (mut list, mut count) = (std::ptr::null_mut(), 0);
         // SAFETY: both are written to; the list is given back below.
         let status = unsafe { ffi::oniGetDeviceList(&raw mut list, &raw mut count) };
@@ -225,7 +221,7 @@ fn note(info: *const ffi::DeviceInfo, why: &'static str) {
     let Some(info) = (unsafe { info.as_ref() }) else {
         return;
     };
-    if let Some(heard) = lock(&OPEN).get_mut(&field(&info.uri)) {
+    if let Some(heard) = OPEN.lock().get_mut(&field(&info.uri)) {
         *heard = heard.or(Some(why));
     }
 }

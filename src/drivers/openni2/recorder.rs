@@ -3,7 +3,7 @@
 
 use super::device::Device;
 use super::ffi;
-use super::library::{Failed, LIBRARY, checked, lock};
+use super::library::{Failed, LIBRARY, checked};
 use super::stream::Stream;
 use std::ffi::CString;
 use std::rc::Rc;
@@ -29,7 +29,7 @@ impl Recorder {
             doing: format!("recording to {shown}"),
             words: "a zero byte in its name".into(),
         })?;
-        let _held = lock(&LIBRARY);
+        let _held = LIBRARY.lock();
         let mut handle = std::ptr::null_mut();
         // SAFETY: the name ends in zero; the handle is written to.
         let status = unsafe { ffi::oniCreateRecorder(name.as_ptr(), &raw mut handle) };

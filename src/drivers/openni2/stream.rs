@@ -3,7 +3,7 @@
 
 use super::device::{Device, Value};
 use super::ffi;
-use super::library::{Failed, LIBRARY, checked, lock};
+use super::library::{Failed, LIBRARY, checked};
 use std::ffi::c_int;
 use std::marker::PhantomData;
 use std::rc::Rc;
@@ -23,7 +23,7 @@ impl Stream {
     /// # Errors
     /// If the device has no such sensor.
     pub fn create(device: &Rc<Device>, sensor: c_int) -> Result<Self, Failed> {
-        let _held = lock(&LIBRARY);
+        let _held = LIBRARY.lock();
         let mut handle = std::ptr::null_mut();
         // SAFETY: the device is open; the handle is written to.
         let status = unsafe { ffi::oniDeviceCreateStream(device.handle, sensor, &raw mut handle) };
@@ -111,7 +111,7 @@ impl Stream {
 
 impl Drop for Stream {
     fn drop(&mut self) {
-        let _held = lock(&LIBRARY);
+        let _held = LIBRARY.lock();
         self.stop();
         // SAFETY: made once, destroyed once; frames borrow the stream, so there is none.
         unsafe { ffi::oniStreamDestroy(self.handle) };

@@ -6,11 +6,12 @@ use super::pictures::{Album, Captures, Shown};
 use crate::frame::{CameraId, Timestamp};
 use crate::recording::Recording;
 use crate::simulate::Error;
+use parking_lot::{Mutex, MutexGuard};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, UdpSocket};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -122,7 +123,7 @@ impl ColorRig {
         // Its thread is joined without holding up the others.
         drop(stopped);
         let silence = UdpSocket::bind((station.address, GVCP_PORT));
-        *lock(&station.silence) = silence.ok();
+        *station.silence.lock() = silence.ok();
         Ok(())
     }
 
@@ -137,7 +138,7 @@ impl ColorRig {
         let station = self.station(id)?;
         let unservable =
             |why: String| Error::Unservable(format!("camera {id} on {}: {why}", station.address));
-        *lock(&station.silence) = None;
+        *station.silence.lock() = None;
         // The simulator would not tell.
         let free = UdpSocket::bind((station.address, GVCP_PORT));
         drop(free.map_err(|e| unservable(e.to_string()))?);
@@ -223,7 +224,7 @@ impl ColorRig {
     }
 
     fn players(&self) -> MutexGuard<'_, BTreeMap<CameraId, Player>> {
-        lock(&self.players)
+        self.players.lock()
     }
 
     fn with<T>(&self, id: &CameraId, f: impl FnOnce(&Player) -> T) -> Option<T> {
@@ -240,7 +241,7 @@ impl ColorRig {
         let (players, ended) = (self.players.clone(), self.ended.clone());
         let run = move || {
             while !ended.load(Ordering::Relaxed) {
-                let players = lock(&players);
+                let players = players.lock();
                 players.values().for_each(Player::look);
                 drop(players);
                 std::thread::sleep(Duration::from_micros(500));
@@ -261,10 +262,6 @@ impl Drop for ColorRig {
         }
         self.players().clear();
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A camera's serial number: its id, where there is room for it.

@@ -5,10 +5,11 @@
 use super::pictures::{Album, Pixels, Shown};
 use aravis::glib::translate::{FromGlibPtrNone, ToGlibPtr};
 use aravis::{Buffer, FakeCamera, GvFakeCamera};
+use parking_lot::Mutex;
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Registers of the simulator (`arvfakecamera.h`) and of every GigE Vision camera (GigE Vision 2.0, chapter 28).
@@ -67,7 +68,7 @@ impl Scene {
         if let Shown::CapturesFrom(capture) = shown {
             self.next.store(capture, Ordering::Relaxed);
         }
-        *lock(&self.shown) = shown;
+        *self.shown.lock() = shown;
     }
 
     /// Pictures sent since the start.
@@ -102,11 +103,11 @@ impl Scene {
 
     /// Which part of its packets is lost.
     pub fn set_loss(&self, ratio: f64) {
-        *lock(&self.loss) = ratio;
+        *self.loss.lock() = ratio;
     }
 
     fn picture(&self) -> Option<Arc<Pixels>> {
-        let which = match *lock(&self.shown) {
+        let which = match *self.shown.lock() {
             Shown::Background => None,
             Shown::CapturesFrom(_) => {
                 Some(self.next.fetch_add(1, Ordering::Relaxed) % self.album.len())
@@ -116,10 +117,6 @@ impl Scene {
         self.broken.fetch_or(picture.is_none(), Ordering::Relaxed);
         picture
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The clock of a camera: runs from when it was switched on, and may stand still.
@@ -134,7 +131,7 @@ const AT_BEGIN_NS: u64 = 3_600_000_000_000;
 
 impl Clock {
     fn now_ns(&self) -> u64 {
-        let frozen = *lock(&self.scene.frozen);
+        let frozen = *self.scene.frozen.lock();
         frozen.unwrap_or(AT_BEGIN_NS + self.begin.elapsed().as_nanos() as u64)
     }
 }
@@ -204,14 +201,14 @@ impl Player {
 
     /// Loses as many of its packets as its scene says.
     pub fn follow_loss(&self) {
-        let ratio = *lock(&self.clock.scene.loss);
+        let ratio = *self.clock.scene.loss.lock();
         self.simulator.set_gvsp_lost_ratio(ratio);
     }
 
     /// Stops its clock, or lets it go on.
     pub fn freeze_clock(&self, frozen: bool) {
         let now = frozen.then(|| self.clock.now_ns());
-        *lock(&self.clock.scene.frozen) = now;
+        *self.clock.scene.frozen.lock() = now;
     }
 
     /// What its clock shows, in nanoseconds.

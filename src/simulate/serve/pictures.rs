@@ -6,7 +6,8 @@ use crate::image::{RawPixels, rgb_from_file, rgb_from_raw, size_of_file};
 use crate::recording::{ColorPart, MessageRef, Recording, Topic};
 use crate::simulate::Error;
 use bytes::Bytes;
-use std::sync::{Arc, Mutex, PoisonError};
+use parking_lot::Mutex;
+use std::sync::Arc;
 
 /// What a rig shows its cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -186,7 +187,7 @@ impl Album {
     /// # Errors
     /// If it cannot be read or decoded.
     pub fn picture(&self, capture: Option<usize>) -> Result<Arc<Pixels>, Error> {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut last = self.last.lock();
         if let Some((_, pixels)) = last.as_ref().filter(|(which, _)| *which == capture) {
             return Ok(pixels.clone());
         }

@@ -20,10 +20,11 @@ use crate::log;
 use crate::recording::Preamble;
 use crate::sync::Synchronizer;
 use crossbeam_channel::{Receiver, select};
+use parking_lot::Mutex;
 use shot::cameras;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 pub(super) struct Worker {
@@ -216,7 +217,7 @@ impl Worker {
             plates_age_h: self.plates_age_h(),
             models: None,
         };
-        *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = status;
+        *self.shared.lock() = status;
     }
 }
 
@@ -225,7 +226,7 @@ fn split(answer: Answer) -> (Answer, Answer) {
     let shared = Arc::new(Mutex::new(Some(answer)));
     let half = |shared: Arc<Mutex<Option<Answer>>>| -> Answer {
         Box::new(move |result| {
-            let answer = shared.lock().unwrap_or_else(PoisonError::into_inner).take();
+            let answer = shared.lock().take();
             if let Some(answer) = answer {
                 answer(result);
             }
