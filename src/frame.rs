@@ -1,5 +1,9 @@
-//! What the rig hands over: cameras' names, timestamps, frames and triggers. Data, no behaviour beyond
+//! What the rig hands over: cameras' names and settings, timestamps, frames and triggers. Data, no behaviour beyond
 //! checking itself; nothing here decodes, stores or reconstructs.
+
+mod settings;
+
+pub use settings::{CameraSettings, Transfer};
 
 use crate::image::RawPixels;
 use bytes::Bytes;

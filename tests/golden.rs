@@ -7,14 +7,16 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{
     Board, Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, RigCalibration, Volume,
 };
-use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
+use scand::frame::{
+    CameraId, CameraSettings, CaptureId, Frame, Picture, Stream, Timestamp, Transfer, Trigger,
+};
 use scand::image::Grid;
 use scand::job::Session;
 use scand::mesh;
 use scand::reconstruct::{Parameters, Silent, reconstruct};
 use scand::recording::{
-    CameraInCapture, CameraSettings, CaptureRecord, ColorPart, Compression, DepthPart, Note,
-    Outcome, Recording, Topic, Transfer, Writer, recover,
+    CameraInCapture, CaptureRecord, ColorPart, Compression, DepthPart, Note, Outcome, Recording,
+    Topic, Writer, recover,
 };
 use scand::sync;
 use std::collections::BTreeMap;

@@ -3,8 +3,8 @@
 
 use super::load::Error;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
-use crate::frame::{CameraId, Timestamp};
-use crate::recording::{CameraSettings, ColorPart, DepthPart, MessageRef, Pose, Recording, Topic};
+use crate::frame::{CameraId, CameraSettings, Timestamp};
+use crate::recording::{ColorPart, DepthPart, MessageRef, Pose, Recording, Topic};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 

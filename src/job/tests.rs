@@ -1,13 +1,11 @@
 //! From a recording to scenes: what the format allows, and what it does not.
 
 use super::*;
-use crate::frame::{CaptureId, Frame, Picture, Stream};
+use crate::frame::{CameraSettings, CaptureId, Frame, Picture, Stream, Transfer};
 use crate::image::Grid;
 use crate::reconstruct::{Scene, SilhouetteSource};
 use crate::recording::testing::*;
-use crate::recording::{
-    CameraInCapture, CameraSettings, CaptureRecord, Compression, Outcome, Transfer, Writer,
-};
+use crate::recording::{CameraInCapture, CaptureRecord, Compression, Outcome, Writer};
 use crate::sync;
 use std::collections::BTreeMap;
 use std::path::PathBuf;

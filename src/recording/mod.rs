@@ -26,9 +26,7 @@ mod writer;
 
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
-pub use json::{
-    CameraInCapture, CameraSettings, CaptureRecord, Lost, LostParts, Note, Outcome, Transfer,
-};
+pub use json::{CameraInCapture, CaptureRecord, Lost, LostParts, Note, Outcome};
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};

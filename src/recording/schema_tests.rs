@@ -4,7 +4,7 @@
 use super::testing::*;
 use super::*;
 use crate::calibration::DepthResponse;
-use crate::frame::{CaptureId, Trigger};
+use crate::frame::{CameraSettings, CaptureId, Transfer, Trigger};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

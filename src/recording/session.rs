@@ -2,9 +2,9 @@
 //! capture is made of comes from elsewhere; here it is made durable. The order is that of [`Writer`]: `.part`, chunks,
 //! flush, fdatasync, and only then is a capture said to be kept.
 
-use super::{CameraSettings, CaptureRecord, Compression, Error, Note, Writer};
+use super::{CaptureRecord, Compression, Error, Note, Writer};
 use crate::calibration::{Camera, DepthCamera, Volume};
-use crate::frame::{CameraId, Frame, Picture, Timestamp, Trigger};
+use crate::frame::{CameraId, CameraSettings, Frame, Picture, Timestamp, Trigger};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

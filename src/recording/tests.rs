@@ -2,7 +2,7 @@
 
 use super::testing::*;
 use super::*;
-use crate::frame::{Stream, Timestamp};
+use crate::frame::{CameraSettings, Stream, Timestamp, Transfer};
 use crate::image::Grid;
 use std::collections::BTreeMap;
 use std::path::Path;

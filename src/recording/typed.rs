@@ -1,11 +1,9 @@
 //! A recording's messages as the types of other rooms.
 
-use super::{
-    CameraSettings, CaptureRecord, Error, MessageError, MessageRef, Note, Pose, Recording, Topic,
-};
+use super::{CaptureRecord, Error, MessageError, MessageRef, Note, Pose, Recording, Topic};
 use super::{json, proto};
 use crate::calibration::{DepthResponse, Intrinsics, Volume};
-use crate::frame::{Picture, Trigger};
+use crate::frame::{CameraSettings, Picture, Trigger};
 use bytes::Bytes;
 
 impl Recording {

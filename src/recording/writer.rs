@@ -3,13 +3,13 @@
 
 use super::container::Container;
 use super::encoding::MessageHead;
-use super::json::{self, CameraSettings, CaptureRecord, Note};
+use super::json::{self, CaptureRecord, Note};
 use super::records::{ChannelText, SchemaText};
 use super::rewriting::give_name;
 use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
 use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
-use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp, Trigger};
+use crate::frame::{CameraId, CameraSettings, Frame, Picture, Stream, Timestamp, Trigger};
 use crate::image::Mask;
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;

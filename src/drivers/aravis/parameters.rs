@@ -1,8 +1,8 @@
 //! What can be configured of a GigE Vision camera. Compiled always; nothing here asks a camera.
 
 use crate::drivers::pixel_format::PixelFormat;
+use crate::frame::Transfer;
 use crate::number;
-use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::net::Ipv4Addr;

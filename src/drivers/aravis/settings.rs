@@ -5,7 +5,7 @@ use super::features::{Features, fault};
 use super::parameters::{self, Activation, Parameters, Region, TriggerMode};
 use crate::drivers::live::Fault;
 use crate::drivers::pixel_format::PixelFormat;
-use crate::recording::{CameraSettings, Transfer};
+use crate::frame::{CameraSettings, Transfer};
 use aravis::prelude::*;
 use aravis::{AcquisitionMode, GvDevice};
 

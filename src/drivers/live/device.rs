@@ -1,8 +1,7 @@
 //! What every live camera is to the rest of the program, whatever its SDK: something that is opened, takes the frames
 //! of a shot, and is asked now and then whether it is still there. No thread is started here.
 
-use crate::frame::{Frame, Timestamp};
-use crate::recording::CameraSettings;
+use crate::frame::{CameraSettings, Frame, Timestamp};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

@@ -2,8 +2,8 @@
 //! where there is no such camera.
 
 use crate::drivers::pixel_format::PixelFormat;
+use crate::frame::Transfer;
 use crate::number;
-use crate::recording::Transfer;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -6,7 +6,7 @@ use super::frame::Expected;
 use super::parameters::{Parameters, TriggerMode, four_letters};
 use crate::drivers::live::{Confirmed, Fault};
 use crate::drivers::pixel_format::PixelFormat;
-use crate::recording::{CameraSettings, Transfer};
+use crate::frame::{CameraSettings, Transfer};
 use v4l::capability::Flags;
 use v4l::video::Capture;
 use v4l::video::capture::Parameters as Interval;
