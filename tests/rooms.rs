@@ -14,13 +14,12 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibration/fit", &["calibration", "frame", "image"]),
     ("calibration/response", &["calibration", "image"]),
     ("recording", &["frame", "calibration", "image"]),
-    ("drivers", &["frame", "recording", "number"]),
+    ("drivers", &["frame", "number"]),
     ("sync", &["frame", "number"]),
     (
         "job",
         &[
             "recording",
-            "drivers",
             "sync",
             "calibration",
             "frame",

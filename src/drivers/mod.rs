@@ -1,9 +1,8 @@
-//! Where frames come from: recordings that are played back, and live cameras, each SDK in a folder of its own.
+//! Where frames come from: live cameras, each SDK in a folder of its own. A recording is played back in `job`.
 
 pub mod aravis;
 #[cfg(feature = "live")]
 pub mod live;
 pub mod openni2;
 pub mod pixel_format;
-pub mod replay;
 pub mod v4l2;

@@ -3,8 +3,8 @@
 
 use super::facts::{CaptureFacts, LeftOut};
 use super::plan::{ColorPlan, DepthPlan, Plan, Shelf};
+use super::replay::{self, Event};
 use super::rig::RigAt;
-use crate::drivers::replay::{self, Event};
 use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::image::{DecodeError, RgbImage};
 use crate::reconstruct::Scene;

@@ -8,6 +8,7 @@ mod pictures;
 mod placements;
 mod plan;
 mod replacement;
+mod replay;
 mod rig;
 
 pub use digest::digest;

@@ -2,8 +2,8 @@
 //! something; no calibration, background or volume is needed.
 
 use super::load::{Error, assemble, check_counts, misnamed};
+use super::replay;
 use crate::calibration::Intrinsics;
-use crate::drivers::replay;
 use crate::frame::{CameraId, Picture, Timestamp};
 use crate::image::{DecodeError, Grid, grey_from_raw, grey_from_rgb, readings_from_raw};
 use crate::image::{rgb_from_file, rgb_from_raw, size_of_file};

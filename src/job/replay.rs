@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// What happens in a recording.
 #[derive(Clone, Debug)]
-pub enum Event {
+pub(super) enum Event {
     /// A capture was asked for.
     Trigger(Request),
     /// A camera gave a frame.
@@ -27,29 +27,29 @@ pub enum Event {
 
 /// A trigger with what the recording says became of it.
 #[derive(Clone, Debug)]
-pub struct Request {
+pub(super) struct Request {
     /// The trigger.
-    pub trigger: Trigger,
+    pub(super) trigger: Trigger,
     /// The frames that the rig took, where it listed them.
-    pub listed: BTreeMap<CameraId, Vec<Timestamp>>,
+    pub(super) listed: BTreeMap<CameraId, Vec<Timestamp>>,
     /// Why the capture failed at the rig, if it did.
-    pub failed: Option<String>,
+    pub(super) failed: Option<String>,
 }
 
 /// The events of a recording, and what could not be read of them.
 #[derive(Debug, Default)]
-pub struct Events {
+pub(super) struct Events {
     /// In the order of their timestamps.
-    pub events: Vec<(Timestamp, Event)>,
+    pub(super) events: Vec<(Timestamp, Event)>,
     /// Triggers and capture records that were left out, in words.
-    pub problems: Vec<String>,
+    pub(super) problems: Vec<String>,
 }
 
 /// Lists what happens in a recording.
 ///
 /// # Errors
 /// If the file cannot be read. A trigger that makes no sense is left out and named among the problems.
-pub fn events(recording: &Recording) -> Result<Events, Error> {
+pub(super) fn events(recording: &Recording) -> Result<Events, Error> {
     let mut found = Events::default();
     let records = capture_records(recording, &mut found.problems)?;
     triggers(recording, &records, &mut found)?;
