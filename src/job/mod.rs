@@ -2,6 +2,7 @@
 //! synchronisation into what a reconstruction is made from.
 
 mod digest;
+mod error;
 mod facts;
 mod load;
 mod pictures;
@@ -12,8 +13,9 @@ mod replay;
 mod rig;
 
 pub use digest::digest;
+pub use error::Error;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
-pub use load::{CaptureSummary, Error, Session};
+pub use load::{CaptureSummary, Session};
 pub use placements::{Placements, Readings, Shot};
 pub use replacement::{Misfit, replace_cameras};
 pub use rig::RigAt;

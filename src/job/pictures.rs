@@ -1,7 +1,7 @@
 //! Reads and decodes a capture's pictures on all cores, chunk by chunk, so that each chunk is unpacked once
 //! and little more than the decoded pictures is in memory.
 
-use super::load::Error;
+use super::error::Error;
 use crate::frame::Picture;
 use crate::image::{
     DecodeError, Grid, Mask, RgbImage, encode_linear_as_srgb, grey_from_file, grey_from_raw,
@@ -9,7 +9,11 @@ use crate::image::{
 };
 use crate::recording::{MessageRef, Recording, Topic};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// Decoded backgrounds, by message and by whether they were linear.
+pub(super) type Backgrounds = BTreeMap<(MessageRef, bool), Arc<RgbImage>>;
 
 /// What a picture is to become.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

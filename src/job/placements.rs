@@ -1,7 +1,8 @@
 //! A calibration session as a recording has it: placements of a board, each with the pictures of whatever cameras saw
 //! something; no calibration, background or volume is needed.
 
-use super::load::{Error, assemble, check_counts, misnamed};
+use super::error::Error;
+use super::load::{assemble, check_counts, misnamed};
 use super::replay;
 use crate::calibration::Intrinsics;
 use crate::frame::{CameraId, Picture, Timestamp};

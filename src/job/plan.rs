@@ -1,8 +1,8 @@
 //! What a capture needs from its recording, gathered first so that all of it can be read at once.
 
+use super::error::Error;
 use super::facts::{ColorFacts, DepthFacts, Silhouette};
-use super::load::{Backgrounds, Error};
-use super::pictures::{Decoded, Kind, Wanted, read_all};
+use super::pictures::{Backgrounds, Decoded, Kind, Wanted, read_all};
 use super::rig::RigAt;
 use crate::calibration::{Camera, DepthCamera};
 use crate::frame::{CameraId, Timestamp, Transfer};

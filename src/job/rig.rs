@@ -1,7 +1,7 @@
 //! The rig as it was at a trigger: of each calibration, pose, response, setting and volume the newest one
 //! with a log time at or before it.
 
-use super::load::Error;
+use super::error::Error;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::frame::{CameraId, CameraSettings, Timestamp};
 use crate::recording::{ColorPart, DepthPart, MessageRef, Pose, Recording, Topic};

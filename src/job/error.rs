@@ -1,0 +1,137 @@
+//! Why a capture cannot be reconstructed. Each variant names the file, and the topic, camera or capture in it.
+
+use crate::frame::{CameraId, CaptureId, Timestamp};
+use crate::image::DecodeError;
+use crate::recording;
+use std::path::PathBuf;
+
+/// Why a capture cannot be reconstructed.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The recording, or a message in it.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
+    /// A picture that cannot be decoded.
+    #[error("{path}: {topic} at {} ns: {problem}", timestamp.0)]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// The picture's timestamp.
+        timestamp: Timestamp,
+        /// What is wrong with it.
+        problem: DecodeError,
+    },
+    /// No captures.
+    #[error("{path}: has no /trigger that can be read, expected one for each capture{details}")]
+    NoTrigger {
+        /// The file.
+        path: PathBuf,
+        /// What may be the reason.
+        details: String,
+    },
+    /// More than a rig gives in a session.
+    #[error(
+        "{path}: has {triggers} messages on /trigger and /capture for {cameras} cameras, expected at most \
+         {most} of both multiplied"
+    )]
+    TooMany {
+        /// The file.
+        path: PathBuf,
+        /// Triggers and records of captures.
+        triggers: usize,
+        /// Cameras with pictures and a calibration.
+        cameras: usize,
+        /// Most of both multiplied.
+        most: usize,
+    },
+    /// Pictures that take far more memory than their file.
+    #[error(
+        "{path}: the {pictures} pictures of the capture at {} ns, the largest {} of {}x{} pixels, take {bytes} \
+         bytes, expected at most {most} for a file of this length",
+        trigger.0, largest.0, largest.1.0, largest.1.1
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Time of the trigger.
+        trigger: Timestamp,
+        /// How many pictures it needs.
+        pictures: usize,
+        /// Topic, width and height of the largest one.
+        largest: (String, (usize, usize)),
+        /// Bytes that they take.
+        bytes: u64,
+        /// Bytes that they may take.
+        most: u64,
+    },
+    /// No capture of this name.
+    #[error("{path}: has no capture {id}, only {known}")]
+    NoSuchCapture {
+        /// The file.
+        path: PathBuf,
+        /// The name that was asked for.
+        id: CaptureId,
+        /// Names that there are.
+        known: String,
+    },
+    /// A capture that is not complete.
+    #[error("{path}: capture {id} failed: {reason}")]
+    Failed {
+        /// The file.
+        path: PathBuf,
+        /// The capture.
+        id: CaptureId,
+        /// Why, naming the cameras.
+        reason: String,
+    },
+    /// Too few colour cameras.
+    #[error("{path}: capture {id} has {found} colour cameras, expected at least 2{details}")]
+    TooFewCameras {
+        /// The file.
+        path: PathBuf,
+        /// The capture.
+        id: CaptureId,
+        /// How many there are.
+        found: usize,
+        /// Which were left out, and why.
+        details: String,
+    },
+    /// A message that is needed and not there, or not yet.
+    #[error("{path}: {topic} has no message at or before the trigger at {} ns{}", trigger.0,
+            first.map_or_else(String::new, |t| format!(", its first is at {} ns", t.0)))]
+    NothingYet {
+        /// The file.
+        path: PathBuf,
+        /// The topic.
+        topic: String,
+        /// Time of the trigger.
+        trigger: Timestamp,
+        /// Time of the first message, if there is any.
+        first: Option<Timestamp>,
+    },
+    /// A pose that is missing or that no camera has.
+    #[error("{path}: /tf: pose of camera {camera}: {problem}")]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// The camera.
+        camera: CameraId,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A camera whose silhouette cannot be found.
+    #[error(
+        "{path}: colour camera {camera} has neither a mask of the frame at {} ns nor a background at or \
+         before the trigger, expected one of them", timestamp.0
+    )]
+    NoSilhouette {
+        /// The file.
+        path: PathBuf,
+        /// The camera.
+        camera: CameraId,
+        /// Timestamp of its frame.
+        timestamp: Timestamp,
+    },
+}
