@@ -1,6 +1,7 @@
 //! The way of one capture: from the recording to the files in its folder.
 
 use super::console::Console;
+use super::outcome::Outcome;
 use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::frame::CaptureId;
@@ -25,54 +26,6 @@ pub(super) struct Reconstruct<'a> {
     /// Where the captures' folders go.
     pub(super) folder: PathBuf,
     pub(super) console: &'a Console,
-}
-
-/// What became of a capture, or of a whole recording that could not be read.
-#[derive(Debug, serde::Serialize)]
-pub(super) struct Outcome {
-    /// The recording.
-    pub(super) recording: String,
-    /// The capture; none for a recording that could not be read.
-    pub(super) capture: Option<String>,
-    /// `done`, `unchanged` or `failed`.
-    pub(super) result: &'static str,
-    /// `green`, `amber` or `red`.
-    pub(super) verdict: Option<String>,
-    /// Why it failed, or the reasons of its verdict.
-    pub(super) reasons: Vec<String>,
-    /// Where its files are.
-    pub(super) folder: Option<PathBuf>,
-    /// Whether the recording was damaged.
-    pub(super) damaged: bool,
-    /// Seconds a stage.
-    pub(super) seconds: Vec<(String, f64)>,
-}
-
-impl Outcome {
-    pub(super) fn unreadable(path: &Path, error: &anyhow::Error) -> Self {
-        Self {
-            recording: path.display().to_string(),
-            capture: None,
-            result: "failed",
-            verdict: None,
-            reasons: vec![format!("{error:#}")],
-            folder: None,
-            damaged: false,
-            seconds: Vec::new(),
-        }
-    }
-
-    pub(super) fn is_done(&self) -> bool {
-        self.result != "failed"
-    }
-
-    pub(super) fn is_red(&self) -> bool {
-        self.verdict.as_deref() == Some("red")
-    }
-
-    pub(super) fn has_lost(&self) -> bool {
-        self.damaged || !self.is_done()
-    }
 }
 
 impl Reconstruct<'_> {

@@ -1,7 +1,7 @@
 //! What the user sees of a replay: a bar on a terminal, lines on a pipe, nothing when asked to be quiet; and
 //! the summary.
 
-use super::capture::Outcome;
+use super::outcome::Outcome;
 use crate::job::Session;
 use crate::reconstruct::Stage;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};

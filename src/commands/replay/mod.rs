@@ -1,10 +1,10 @@
-//! `scand --replay`: recordings in, models out. This file has the arguments, the order of the files and the
-//! exit code; a capture's way is in `capture`, what the user sees meanwhile in `console`.
+//! `scand --replay`: recordings in, models out. This file has the arguments and the order of the files; a capture's way
+//! is in `capture`, what became of it and the exit code in `outcome`, what the user sees meanwhile in `console`.
 
 mod capture;
 mod console;
+mod outcome;
 
-use super::EXIT_LOST;
 use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::frame::CaptureId;
@@ -13,8 +13,9 @@ use crate::queue;
 use crate::reconstruct::Method;
 use crate::recording;
 use anyhow::Context;
-use capture::{Outcome, Reconstruct};
+use capture::Reconstruct;
 use console::Console;
+use outcome::{Outcome, exit_code};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -195,16 +196,4 @@ fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
         stems.push(stem);
     }
     Ok(stems)
-}
-
-/// 0: all done. 1: nothing done, or a red verdict with `strict`. 3: done, but something was lost.
-fn exit_code(outcomes: &[Outcome], strict: bool) -> ExitCode {
-    let done = outcomes.iter().any(Outcome::is_done);
-    if !done || (strict && outcomes.iter().any(Outcome::is_red)) {
-        ExitCode::FAILURE
-    } else if outcomes.iter().any(Outcome::has_lost) {
-        ExitCode::from(EXIT_LOST)
-    } else {
-        ExitCode::SUCCESS
-    }
 }
