@@ -26,9 +26,7 @@ use clap::{Parser, Subcommand};
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Exit code of a run that did what was asked but lost something on the way: damage in a recording, or some
-/// captures that failed.
-pub const EXIT_LOST: u8 = 3;
+pub use crate::workers::protocol::EXIT_LOST;
 
 /// Exit code of a call with arguments that cannot be met, as clap has it.
 pub const EXIT_USAGE: u8 = 2;
@@ -126,7 +124,7 @@ enum Command {
     Status(live::ask::StatusArgs),
     Trigger(live::ask::TriggerArgs),
     #[cfg(feature = "live")]
-    #[command(hide = true)]
+    #[command(hide = true, name = crate::workers::protocol::COMMAND)]
     Work(Box<work::Args>),
 }
 

@@ -1,7 +1,7 @@
 //! `scand work`, which only the daemon calls: `scand --replay` of one capture, in a process that may do nothing else.
 
 use super::replay;
-use crate::workers::{Limits, confine, part_from};
+use crate::workers::{Limits, confine, part_from, protocol};
 use std::process::ExitCode;
 
 /// Make a model of a capture, confined. For the daemon.
@@ -9,13 +9,13 @@ use std::process::ExitCode;
 #[group(id = "work")]
 pub struct Args {
     /// The process that started this one, which ends with it.
-    #[arg(long, value_name = "PID")]
+    #[arg(long = protocol::PARENT, value_name = "PID")]
     parent: u32,
     /// Memory that may be taken, in megabytes.
-    #[arg(long, value_name = "N")]
+    #[arg(long = protocol::MEMORY_MB, value_name = "N")]
     memory_mb: u32,
     /// How much others come first, 0 to 19.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
+    #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
     nice: u32,
     #[command(flatten)]
     replay: replay::Args,
@@ -36,7 +36,44 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         nice: args.nice,
     };
     for missing in confine(limits, &args.replay.reads(), &writes)? {
-        eprintln!("scand: warning: {missing}");
+        protocol::warn(&missing);
     }
     replay::run(args.replay)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::path::{Path, PathBuf};
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn what_the_daemon_asks_for_is_what_this_command_understands() {
+        let request = protocol::Request {
+            parent: 7,
+            memory_mb: 640,
+            nice: 19,
+            recording: Path::new("sessions/-a.mcap"),
+            capture: "a-0001",
+            models: Path::new("models"),
+            config: Path::new("jobs/settings.toml"),
+        };
+        let words = std::iter::once(protocol::COMMAND.into()).chain(request.arguments());
+        let Args {
+            parent,
+            memory_mb,
+            nice,
+            replay,
+        } = Cli::parse_from(words).args;
+        assert_eq!([parent, memory_mb, nice], [7, 640, 19]);
+        let reads = ["sessions/-a.mcap", "jobs/settings.toml"].map(PathBuf::from);
+        assert_eq!(replay.reads(), reads);
+        assert_eq!(replay.writes().unwrap(), [PathBuf::from("models/-a")]);
+    }
 }

@@ -17,6 +17,7 @@ mod outcome;
 mod parameters;
 #[cfg(feature = "live")]
 mod pool;
+pub mod protocol;
 #[cfg(feature = "live")]
 mod system;
 #[cfg(all(test, feature = "live"))]

@@ -1,6 +1,6 @@
 //! What became of a job: the model that its process left, or in words why there is none.
 
-use super::Parameters;
+use super::{Parameters, protocol};
 use crate::report::Level;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -50,8 +50,7 @@ pub(super) fn model(
     words: &str,
     parameters: &Parameters,
 ) -> Result<Model, String> {
-    // 3 says that the recording is damaged elsewhere.
-    if !matches!(status.code(), Some(0 | 3)) {
+    if !protocol::left_a_model(status.code()) {
         return Err(reason(status, words, parameters));
     }
     let path = folder.join("report.json");
@@ -74,13 +73,7 @@ pub(super) fn model(
 
 /// Why a process left no model.
 fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
-    let said: Vec<&str> = words
-        .lines()
-        .filter(|line| !line.starts_with(super::pool::MISSING))
-        .take_while(|line| *line != "stack backtrace:")
-        .map(|line| line.strip_prefix("scand: ").unwrap_or(line))
-        .filter(|line| !line.is_empty())
-        .collect();
+    let said: Vec<&str> = protocol::complaints(words).collect();
     let said: String = said.join("; ").chars().take(LONGEST_REASON).collect();
     let memory = if said.contains("memory allocation of") {
         format!(" (workers.memory_mb is {})", parameters.memory_mb)

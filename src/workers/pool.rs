@@ -4,7 +4,7 @@ use super::child::{Child, End};
 use super::find::find;
 use super::jobs::{Error, Jobs, Taken};
 use super::outcome::{self, Model};
-use super::{Job, Parameters};
+use super::{Job, Parameters, protocol};
 use crate::frame::{CaptureId, Timestamp};
 use crate::reconstruct::Method;
 use crate::{log, output, recording, report};
@@ -19,8 +19,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// What a process says first of what the system cannot do for it.
-pub(super) const MISSING: &str = "scand: warning: ";
 /// How often a job is begun that ends neither well nor badly, but with the daemon.
 const MOST_BEGUN: u32 = 3;
 
@@ -34,7 +32,7 @@ pub struct Plan {
     pub method: Method,
     /// Bytes of the models' disk that are left to others: no job is begun when there is less. May change at any time.
     pub keep_free: Arc<AtomicU64>,
-    /// The program that does a job and the first of its arguments; those of `scand work` follow.
+    /// The program that does a job and the first of its arguments; those of a [`protocol::Request`] follow.
     pub command: Vec<OsString>,
 }
 
@@ -228,16 +226,18 @@ impl Shared {
     fn command(&self, path: &Path, job: &Job) -> Command {
         let parameters = &self.plan.parameters;
         let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
+        let request = protocol::Request {
+            parent: std::process::id(),
+            memory_mb: parameters.memory_mb,
+            nice: parameters.nice,
+            recording: path,
+            capture: &job.capture,
+            models: &parameters.folder,
+            config: &self.jobs.settings(),
+        };
         command
             .args(self.plan.command.iter().skip(1))
-            .args(["--parent", &std::process::id().to_string()])
-            .args(["--memory-mb", &parameters.memory_mb.to_string()])
-            .args(["--nice", &parameters.nice.to_string()])
-            .args([Path::new("--replay"), path])
-            .args(["--capture", &job.capture])
-            .args([Path::new("--out"), &parameters.folder])
-            .args([Path::new("--config"), &self.jobs.settings()])
-            .arg("--quiet");
+            .args(request.arguments());
         // Said to the daemon alone.
         for name in ["NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"] {
             command.env_remove(name);
@@ -272,10 +272,8 @@ impl Shared {
 
     /// Says what the system cannot do for a process, once.
     fn tell_missing(&self, words: &str) {
-        for line in words.lines() {
-            if let Some(missing) = line.strip_prefix(MISSING)
-                && self.told.lock().insert(missing.to_owned())
-            {
+        for missing in protocol::warnings(words) {
+            if self.told.lock().insert(missing.to_owned()) {
                 log::warning!("{missing}");
             }
         }

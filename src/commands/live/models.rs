@@ -3,7 +3,7 @@
 use crate::config::Config;
 use crate::daemon::events::{Event, Events, Verdict};
 use crate::report::Level;
-use crate::workers::{Ended, Jobs, Plan, Workers};
+use crate::workers::{Ended, Jobs, Plan, Workers, protocol};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -38,7 +38,7 @@ impl Models {
             method: config.method,
             keep_free,
             // This very program, also when another version has been installed meanwhile.
-            command: vec!["/proc/self/exe".into(), "work".into()],
+            command: vec!["/proc/self/exe".into(), protocol::COMMAND.into()],
         };
         let tell = move |ended| events.publish(event(ended));
         Ok(Workers::start(&self.jobs, plan, tell)?)

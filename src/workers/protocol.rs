@@ -1,0 +1,105 @@
+//! What the daemon and a process that makes a model for it say to each other: the command and its options, the lines on
+//! standard error, and the exit codes. `scand work` is the other end. No process is started here.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+/// The command that makes one model.
+pub const COMMAND: &str = "work";
+/// Its option for the id of the process that started it.
+pub const PARENT: &str = "parent";
+/// Its option for the memory that it may take, in megabytes.
+pub const MEMORY_MB: &str = "memory-mb";
+/// Its option for its nice value.
+pub const NICE: &str = "nice";
+
+/// Exit code of a run that did what was asked but lost something on the way: damage in a recording, or some captures
+/// that failed.
+pub const EXIT_LOST: u8 = 3;
+
+/// What a line on standard error begins with.
+const LINE: &str = "scand: ";
+/// What a line begins with that says what the system cannot do for the process.
+const WARNING: &str = "scand: warning: ";
+
+/// One model that a process is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Request<'a> {
+    /// Id of the process that asks.
+    pub parent: u32,
+    /// Memory that may be taken, in megabytes.
+    pub memory_mb: u32,
+    /// Nice value, 0 to 19.
+    pub nice: u32,
+    /// The recording.
+    pub recording: &'a Path,
+    /// The capture in it.
+    pub capture: &'a str,
+    /// Where models go: a folder for each recording, and in it one for each capture.
+    pub models: &'a Path,
+    /// The configuration of the reconstruction, a TOML file.
+    pub config: &'a Path,
+}
+
+impl Request<'_> {
+    /// The arguments that follow [`COMMAND`].
+    pub fn arguments(&self) -> Vec<OsString> {
+        let option = |name: &str| OsString::from(format!("--{name}"));
+        vec![
+            option(PARENT),
+            self.parent.to_string().into(),
+            option(MEMORY_MB),
+            self.memory_mb.to_string().into(),
+            option(NICE),
+            self.nice.to_string().into(),
+            option("replay"),
+            self.recording.into(),
+            option("capture"),
+            self.capture.into(),
+            option("out"),
+            self.models.into(),
+            option("config"),
+            self.config.into(),
+            option("quiet"),
+        ]
+    }
+}
+
+/// Tells the daemon what the system cannot do for this process.
+pub fn warn(missing: &str) {
+    eprintln!("{WARNING}{missing}");
+}
+
+/// Whether a process with this exit code left a model. Its recording may be damaged elsewhere.
+pub fn left_a_model(code: Option<i32>) -> bool {
+    code == Some(0) || code == Some(i32::from(EXIT_LOST))
+}
+
+/// What the system could not do for the process that said these words.
+pub fn warnings(words: &str) -> impl Iterator<Item = &str> {
+    words.lines().filter_map(|line| line.strip_prefix(WARNING))
+}
+
+/// What a process said of why it failed, without warnings, empty lines and the backtrace of a panic.
+pub fn complaints(words: &str) -> impl Iterator<Item = &str> {
+    words
+        .lines()
+        .filter(|line| !line.starts_with(WARNING))
+        .take_while(|line| *line != "stack backtrace:")
+        .map(|line| line.strip_prefix(LINE).unwrap_or(line))
+        .filter(|line| !line.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn warnings_are_told_apart_from_complaints() {
+        let words = "scand: warning: no Landlock\nscand: a.mcap: it is damaged\n\nthread panicked\n\
+                     stack backtrace:\n  0: main\n";
+        assert_eq!(warnings(words).collect::<Vec<_>>(), ["no Landlock"]);
+        let complaints: Vec<&str> = complaints(words).collect();
+        assert_eq!(complaints, ["a.mcap: it is damaged", "thread panicked"]);
+    }
+}
