@@ -8,9 +8,10 @@ pub use calibration::Calibration;
 pub use cameras::Cameras;
 
 use crate::daemon::{
-    CaptureParameters, HooksParameters, Link, RecordingParameters, RigParameters,
-    ServiceParameters, SocketParameters,
+    CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
+    SocketParameters,
 };
+use crate::drivers::link::Link;
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::{output, reconstruct, report, sync, workers};
 use serde::de::DeserializeOwned;

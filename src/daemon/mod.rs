@@ -17,7 +17,6 @@ mod hooks;
 #[cfg(all(test, feature = "live"))]
 mod hostile_tests;
 pub mod left;
-mod link;
 #[cfg(feature = "live")]
 mod names;
 #[cfg(feature = "live")]
@@ -56,7 +55,6 @@ pub use control::{Clients, ControlError, serve};
 pub use disk::free_bytes;
 #[cfg(feature = "live")]
 pub use hooks::Hooks;
-pub use link::{Budget, Link, Transmission, budget};
 #[cfg(feature = "live")]
 pub use packing::Packing;
 pub use parameters::{

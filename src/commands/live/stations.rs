@@ -3,8 +3,9 @@
 use super::twice;
 use crate::calibration::RigCalibration;
 use crate::config::Config;
-use crate::daemon::{Kind, Station, Transmission, budget};
+use crate::daemon::{Kind, Station};
 use crate::drivers::aravis::Parameters as GigeParameters;
+use crate::drivers::link::{Transmission, budget};
 use crate::drivers::live::{Driver, HostClock, Pool};
 use crate::drivers::pixel_format::PixelFormat;
 use crate::drivers::{aravis, openni2, v4l2};
