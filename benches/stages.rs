@@ -9,12 +9,13 @@ use scand::config::Config;
 use scand::image::Mask;
 use scand::job::{CaptureFacts, Session};
 use scand::mesh::vertex_normals;
-use scand::output::{self, StagedFolder};
+use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
     DepthView, Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
 };
 use scand::report;
+use scand::storage::StagedFolder;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 

@@ -29,6 +29,7 @@ pub mod reconstruct;
 pub mod recording;
 pub mod report;
 pub mod simulate;
+pub mod storage;
 #[cfg(test)]
 #[path = "../tests/support/mod.rs"]
 mod support;

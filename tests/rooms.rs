@@ -13,7 +13,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibration", &["frame"]),
     ("calibration/fit", &["calibration", "frame", "image"]),
     ("calibration/response", &["calibration", "image"]),
-    ("recording", &["frame", "calibration", "image"]),
+    ("recording", &["frame", "calibration", "image", "storage"]),
     ("drivers", &["frame", "number"]),
     ("sync", &["frame", "number"]),
     (
@@ -45,7 +45,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     (
         "output",
-        &["reconstruct", "image", "mesh", "calibration", "number"],
+        &[
+            "reconstruct",
+            "image",
+            "mesh",
+            "calibration",
+            "number",
+            "storage",
+        ],
     ),
     ("evaluate", &["mesh", "image", "reconstruct"]),
     (
@@ -62,10 +69,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("check", &[]),
     ("log", &[]),
     ("number", &[]),
+    ("storage", &[]),
     (
         "workers",
         &[
-            "daemon",
             "frame",
             "log",
             "number",
@@ -73,6 +80,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
             "recording",
             "report",
+            "storage",
         ],
     ),
     ("pedal", &["trigger"]),
@@ -110,7 +118,6 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),
     ("simulate", "reconstruct", SCENE),
-    ("workers", "daemon", &["free_bytes"]),
     ("workers", "reconstruct", &["Method"]),
 ];
 

@@ -2,7 +2,8 @@
 
 use super::{refuse_to_replace, wrong_usage};
 use crate::calibration::{Board, BoardKind};
-use crate::output::{Paper, board_sheet, write_atomically};
+use crate::output::{Paper, board_sheet};
+use crate::storage::write_atomically;
 use std::path::PathBuf;
 use std::process::ExitCode;
 

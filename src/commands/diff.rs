@@ -6,7 +6,8 @@ use crate::evaluate::load::load;
 use crate::evaluate::picture::{self, Row};
 use crate::evaluate::{Difference, DifferenceParameters, Side, difference, table};
 use crate::mesh::Mesh;
-use crate::output::{encode_png, write_atomically};
+use crate::output::encode_png;
+use crate::storage::write_atomically;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

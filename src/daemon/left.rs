@@ -2,7 +2,7 @@
 //! too: the ends of their presses, and the jobs of their captures. Completing one changes its name, so that after
 //! another crash, or when a person completed it, nothing else would tell. Presses and jobs themselves live elsewhere.
 
-use crate::output;
+use crate::storage::{self, write_atomically};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ fn list(recordings: &Path) -> PathBuf {
 ///
 /// # Errors
 /// If it cannot be written.
-pub fn enter(recordings: &Path, complete: &[PathBuf]) -> Result<(), output::Error> {
+pub fn enter(recordings: &Path, complete: &[PathBuf]) -> Result<(), storage::Error> {
     let file = list(recordings);
     if complete.is_empty() || !file.parent().is_some_and(Path::is_dir) {
         return Ok(());
@@ -25,7 +25,7 @@ pub fn enter(recordings: &Path, complete: &[PathBuf]) -> Result<(), output::Erro
     let names = names.map(|name| name.to_string_lossy().into_owned());
     let all: BTreeSet<String> = entered(recordings).chain(names).collect();
     let lines: String = all.iter().map(|name| format!("{name}\n")).collect();
-    output::write_atomically(&file, lines.as_bytes())
+    write_atomically(&file, lines.as_bytes())
 }
 
 fn entered(recordings: &Path) -> impl Iterator<Item = String> {

@@ -9,8 +9,6 @@ mod control;
 #[cfg(all(test, feature = "live"))]
 mod disaster_tests;
 #[cfg(feature = "live")]
-mod disk;
-#[cfg(feature = "live")]
 pub mod events;
 #[cfg(feature = "live")]
 mod hooks;
@@ -51,8 +49,6 @@ mod tests;
 pub use capturing::{Answer, Capturing, Left, Order, Plan, Press, Reread};
 #[cfg(feature = "live")]
 pub use control::{Clients, ControlError, serve};
-#[cfg(feature = "live")]
-pub use disk::free_bytes;
 #[cfg(feature = "live")]
 pub use hooks::Hooks;
 #[cfg(feature = "live")]

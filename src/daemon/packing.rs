@@ -2,10 +2,10 @@
 //! press ends it at once; what was begun is begun again later.
 
 use super::capturing::Capturing;
-use super::disk::free_bytes;
 use super::parameters::RecordingParameters;
 use crate::log;
 use crate::recording::{Packed, pack};
+use crate::storage::free_bytes;
 use crate::workers::thread_comes_last;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! The folder of a capture that became no model: its report, and the words of the process that should have made it.
 
-use super::{Error, StagedFolder};
+use crate::storage::{Error, StagedFolder};
 use std::path::Path;
 
 /// Puts the report of a failure (`report.json`) where the model would be, and beside it the `words` of who failed

@@ -3,8 +3,9 @@
 
 use super::entries::each_entry;
 use super::rewriting::{dress, io, lock, remove_stale, with_ending};
-use super::writer::{Compression, Writer, sync_folder};
+use super::writer::{Compression, Writer};
 use super::{Error, Recording};
+use crate::storage::sync_parent;
 use sha2::{Digest, Sha256};
 use std::fs::{File, FileTimes, Metadata};
 use std::os::unix::fs::MetadataExt;
@@ -132,7 +133,7 @@ fn put_into_place(file: &File, path: &Path, packed: &Path) -> Result<Packed, Err
         copy.set_times(FileTimes::new().set_modified(original.modified()?))?;
         copy.sync_all()?;
         std::fs::rename(packed, path)?;
-        sync_folder(path)
+        sync_parent(path)
     };
     dressed().map_err(io(path))?;
     Ok(Packed::Smaller(original.len(), after))

@@ -5,9 +5,10 @@
 
 use super::completing::{Unended, unended};
 use super::entries::{Entry, each_entry};
-use super::rewriting::{dress, give_name, io, lock, remove_stale, with_ending};
-use super::writer::{Compression, PART, Writer, sync_folder};
+use super::rewriting::{dress, io, lock, remove_stale, with_ending};
+use super::writer::{Compression, PART, Writer};
 use super::{Error, Recording};
+use crate::storage::{rename_noreplace, sync_parent};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
@@ -84,8 +85,8 @@ fn complete(part: &Path, path: &Path) -> Result<Option<Recovered>, Error> {
     found
         .complete(&file)
         .and_then(|()| file.sync_all())
-        .and_then(|()| give_name(part, path))
-        .and_then(|()| sync_folder(path))
+        .and_then(|()| rename_noreplace(part, path))
+        .and_then(|()| sync_parent(path))
         .map_err(io(part))?;
     Ok(Some(Recovered {
         path: path.into(),
@@ -114,7 +115,7 @@ pub(super) fn recover_by_copy(part: &Path, path: PathBuf) -> Result<Recovered, E
         done
     };
     std::fs::remove_file(part)
-        .and_then(|()| sync_folder(part))
+        .and_then(|()| sync_parent(part))
         .map_err(io(part))?;
     Ok(Recovered {
         path,
@@ -250,8 +251,8 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<Pat
         std::io::copy(file, &mut copy)?;
         let _ = dress(&copy, &file.metadata()?);
         copy.sync_all()?;
-        give_name(&staged, &tail)?;
-        sync_folder(&tail)
+        rename_noreplace(&staged, &tail)?;
+        sync_parent(&tail)
     };
     copied().map_err(io(part))?;
     Ok(tail)

@@ -2,7 +2,6 @@
 
 use super::Error;
 use std::fs::{File, Metadata, TryLockError};
-use std::io::ErrorKind::{AlreadyExists, PermissionDenied, Unsupported};
 use std::os::unix::fs::{MetadataExt, fchown};
 use std::path::{Path, PathBuf};
 
@@ -42,21 +41,6 @@ pub(super) fn dress(copy: &File, original: &Metadata) -> std::io::Result<()> {
         fchown(copy, owner, group)?;
     }
     copy.set_permissions(original.permissions())
-}
-
-/// Gives a file its name, which no other file may have: unlike a rename, a link replaces nothing.
-pub(super) fn give_name(part: &Path, path: &Path) -> std::io::Result<()> {
-    match std::fs::hard_link(part, path) {
-        Ok(()) => std::fs::remove_file(part),
-        // A file system without links.
-        Err(cause) if matches!(cause.kind(), Unsupported | PermissionDenied) => {
-            if path.try_exists()? {
-                return Err(AlreadyExists.into());
-            }
-            std::fs::rename(part, path)
-        }
-        Err(cause) => Err(cause),
-    }
 }
 
 pub(super) fn io(path: &Path) -> impl Fn(std::io::Error) -> Error {

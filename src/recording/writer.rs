@@ -5,12 +5,12 @@ use super::container::Container;
 use super::encoding::MessageHead;
 use super::json::{self, CaptureRecord, Note};
 use super::records::{ChannelText, SchemaText};
-use super::rewriting::give_name;
 use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
 use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
 use crate::frame::{CameraId, CameraSettings, Frame, Picture, Stream, Timestamp, Trigger};
 use crate::image::Mask;
+use crate::storage::{rename_noreplace, sync_parent};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -108,7 +108,7 @@ impl Writer {
         let file = File::create_new(&part).map_err(io(&part))?;
         // Tells who would recover it that it is not lost. A file system without locks does without.
         let _ = file.try_lock();
-        sync_folder(&part).map_err(io(&part))?;
+        sync_parent(&part).map_err(io(&part))?;
         let same = file.try_clone().map_err(io(&part))?;
         Ok(Self {
             path: path.into(),
@@ -329,8 +329,8 @@ impl Writer {
         })?;
         let renamed = file
             .sync_all()
-            .and_then(|()| give_name(&part, &path))
-            .and_then(|()| sync_folder(&path));
+            .and_then(|()| rename_noreplace(&part, &path))
+            .and_then(|()| sync_parent(&path));
         renamed.map_err(|cause| io(&path, cause))
     }
 
@@ -496,10 +496,4 @@ pub(super) fn part_of(path: &Path) -> PathBuf {
     let mut part = path.as_os_str().to_owned();
     part.push(PART);
     part.into()
-}
-
-/// Brings a folder's entries to the disk: those of the folder that `path` is in.
-pub(super) fn sync_folder(path: &Path) -> std::io::Result<()> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }

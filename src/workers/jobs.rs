@@ -3,8 +3,8 @@
 
 use super::job::{ENDING, Job};
 use crate::log;
-use crate::output::{self, write_atomically};
 use crate::recording::{Recording, unfinished_name};
+use crate::storage::{self, write_atomically};
 use parking_lot::{Condvar, Mutex};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub enum Error {
     },
     /// Its file cannot be written.
     #[error(transparent)]
-    Output(#[from] output::Error),
+    Storage(#[from] storage::Error),
 }
 
 /// All jobs, shared by who offers them and who does them.

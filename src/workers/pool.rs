@@ -7,6 +7,7 @@ use super::outcome::{self, Model};
 use super::{Job, Parameters, protocol};
 use crate::frame::{CaptureId, Timestamp};
 use crate::reconstruct::Method;
+use crate::storage::free_bytes;
 use crate::{log, output, recording, report};
 use parking_lot::Mutex;
 use std::collections::BTreeSet;
@@ -252,7 +253,7 @@ impl Shared {
     fn wait_for_room(&self) {
         let models = &self.plan.parameters.folder;
         let mut told = false;
-        while let Ok(free) = crate::daemon::free_bytes(models)
+        while let Ok(free) = free_bytes(models)
             && let keep_free = self.plan.keep_free.load(Ordering::Relaxed)
             && free < keep_free
             && !self.jobs.is_stopped()

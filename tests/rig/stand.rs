@@ -295,7 +295,7 @@ impl Stand {
     pub fn fill_disk_while_capturing(&self, left: u64) -> Reply {
         let filler = self.path().join("recordings/filler");
         let file = std::fs::File::create(&filler).unwrap();
-        let free = || scand::daemon::free_bytes(&self.path().join("recordings")).unwrap();
+        let free = || scand::storage::free_bytes(&self.path().join("recordings")).unwrap();
         let zeros = vec![0; 1 << 20];
         let fill = |left| while free() > left && (&file).write_all(&zeros).is_ok() {};
         // What a press is accepted with stays until it is: the rest must be gone before its frames are there.

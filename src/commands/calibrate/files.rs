@@ -7,8 +7,8 @@ use crate::calibration::exchange::{to_kalibr, to_ros};
 use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::commands::refuse_to_replace;
 use crate::frame::CameraId;
-use crate::output::write_atomically;
 use crate::report::{CalibrationPage, calibration_page};
+use crate::storage::write_atomically;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 

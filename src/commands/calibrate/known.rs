@@ -5,8 +5,8 @@ use crate::calibration::RigCalibration;
 use crate::commands::BadConfiguration;
 use crate::frame::Timestamp;
 use crate::job::RigAt;
-use crate::output::write_atomically;
 use crate::recording::{Recording, Topic};
+use crate::storage::write_atomically;
 use std::path::Path;
 use std::process::ExitCode;
 

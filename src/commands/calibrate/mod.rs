@@ -14,7 +14,7 @@ use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::config::Config;
 use crate::frame::CameraId;
 use crate::job::Placements;
-use crate::output::write_atomically;
+use crate::storage::write_atomically;
 use crate::sync;
 use indicatif::{ProgressBar, ProgressStyle};
 use sight::Sight;

@@ -6,10 +6,11 @@ use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::job::{self, CaptureFacts, Session};
-use crate::output::{self, StagedFolder};
+use crate::output;
 use crate::reconstruct::{self, Progress, Reconstruction, Scene, Stage};
 use crate::recording;
 use crate::report::{self, Measurements, Verdict};
+use crate::storage::StagedFolder;
 use anyhow::Context;
 use parking_lot::Mutex;
 use serde_json::Value;
@@ -170,13 +171,13 @@ impl Reconstruct<'_> {
             staged.write("preview.png", &output::encode_png(&sheet)?)?;
             Ok((measured, verdict))
         };
-        let glb = || {
-            staged.write(
-                "model.glb",
-                &output::glb::encode(model, id, &self.config.glb)?,
-            )
+        let glb = || -> anyhow::Result<()> {
+            let file = output::glb::encode(model, id, &self.config.glb)?;
+            Ok(staged.write("model.glb", &file)?)
         };
-        let ply = || staged.write("model.ply", &output::ply::encode(model, id)?);
+        let ply = || -> anyhow::Result<()> {
+            Ok(staged.write("model.ply", &output::ply::encode(model, id)?)?)
+        };
         let (judged, (glb, ply)) = rayon::join(judged, || rayon::join(glb, ply));
         let (measured, verdict) = judged?;
         glb.and(ply)?;

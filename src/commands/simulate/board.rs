@@ -1,9 +1,9 @@
 //! `scand simulate --calibration-session`: a recording to calibrate from, with its truth in files of its own.
 
 use crate::commands::{refuse_to_replace, wrong_usage};
-use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
+use crate::storage::write_atomically;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

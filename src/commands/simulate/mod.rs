@@ -4,11 +4,11 @@ mod board;
 mod serve;
 
 use super::{refuse_to_replace, wrong_usage};
-use crate::output::write_atomically;
 use crate::recording::Compression;
 use crate::simulate::{
     CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply, write,
 };
+use crate::storage::write_atomically;
 use anyhow::Context;
 use std::path::PathBuf;
 use std::process::ExitCode;

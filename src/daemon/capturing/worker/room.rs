@@ -1,8 +1,8 @@
 //! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk.
 
 use super::Worker;
-use crate::daemon::free_bytes;
 use crate::daemon::rig::{Kind, State};
+use crate::storage::free_bytes;
 
 impl Worker {
     /// Whether a capture can be begun; if not, why.

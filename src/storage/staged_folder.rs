@@ -1,32 +1,10 @@
-//! Putting files and folders into place: written beside under a temporary name, made durable, then renamed,
-//! so that whatever has its final name is complete, whenever the power goes.
+//! Folders that are written beside their place under a temporary name, made durable and then renamed, so that one that
+//! has its final name is complete, whenever the power goes.
 
 use super::Error;
+use super::files::{split, sync_folder, temporary_name, write_durably};
 use std::fs::{self, File};
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
-
-/// Distinguishes the temporary names of one process.
-static NEXT: AtomicU32 = AtomicU32::new(0);
-
-/// Writes a file so that under its final name there is the old content or all of the new, never a part.
-///
-/// # Errors
-/// If the file system refuses a step; the error names the path, and nothing is left behind.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let (parent, name) = split(path)?;
-    fs::create_dir_all(&parent).map_err(Error::io("create", &parent))?;
-    let part = parent.join(temporary_name(&name, "part"));
-    let written = write_durably(&part, bytes)
-        .and_then(|()| fs::rename(&part, path).map_err(Error::io("rename into place", path)))
-        .and_then(|()| sync_folder(&parent));
-    if written.is_err() {
-        // The error that matters is the first one.
-        let _ = fs::remove_file(&part);
-    }
-    written
-}
 
 /// A folder in the making. It lies beside its final place as `.NAME.part-PID-N` and is locked, so that
 /// another process can tell it from one whose maker died. Dropped without [`Self::commit`], it is removed.
@@ -66,7 +44,7 @@ impl StagedFolder {
     /// # Errors
     /// If it cannot be written; the error names the path.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
-        write_durably(&self.part.join(name), bytes)
+        write_durably(&self.part.join(name), bytes, &mut File::options())
     }
 
     /// Puts the folder into place. A folder that is already there is an error unless `replace`; it is then
@@ -76,7 +54,7 @@ impl StagedFolder {
     /// If a folder is there and not to be replaced, or the file system refuses; the target is then as it was.
     pub fn commit(mut self, replace: bool) -> Result<(), Error> {
         let (parent, name) = split(&self.target)?;
-        sync_folder(&self.part)?;
+        sync_folder(&self.part).map_err(Error::io("write", &self.part))?;
         let aside = parent.join(temporary_name(&name, "old"));
         let replaced = self.target.symlink_metadata().is_ok();
         if replaced && !replace {
@@ -94,7 +72,7 @@ impl StagedFolder {
             return Err(Error::io("rename into place", &self.target)(source));
         }
         self.committed = true;
-        sync_folder(&parent)?;
+        sync_folder(&parent).map_err(Error::io("write", &parent))?;
         if replaced {
             remove(&aside)?;
         }
@@ -160,37 +138,6 @@ fn remove(path: &Path) -> Result<(), Error> {
     }
 }
 
-fn write_durably(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let mut file = File::create(path).map_err(Error::io("create", path))?;
-    file.write_all(bytes).map_err(Error::io("write", path))?;
-    file.sync_data().map_err(Error::io("write", path))
-}
-
-/// Makes renames in a folder durable.
-fn sync_folder(folder: &Path) -> Result<(), Error> {
-    let sync = || File::open(folder)?.sync_all();
-    sync().map_err(Error::io("write", folder))
-}
-
-/// Hidden, beside the target, of this process and this call.
-fn temporary_name(name: &str, kind: &str) -> String {
-    let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    format!(".{name}.{kind}-{}-{number}", std::process::id())
-}
-
-/// A path's folder and its last name.
-fn split(path: &Path) -> Result<(PathBuf, String), Error> {
-    let name = path.file_name().ok_or_else(|| {
-        let no_name = std::io::Error::new(std::io::ErrorKind::InvalidInput, "it has no name");
-        Error::io("write", path)(no_name)
-    })?;
-    let parent = match path.parent() {
-        Some(parent) if parent != Path::new("") => parent.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    Ok((parent, name.to_string_lossy().into_owned()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,23 +152,8 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_replaced_whole_and_nothing_stays_beside_it() {
+    fn an_error_names_the_path() {
         let home = tempfile::tempdir().unwrap();
-        let path = home.path().join("deep/er/a.txt");
-        write_atomically(&path, b"one").unwrap();
-        write_atomically(&path, b"two").unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"two");
-        assert_eq!(names(path.parent().unwrap()), ["a.txt"]);
-    }
-
-    #[test]
-    fn an_error_names_the_path_and_leaves_nothing() {
-        let home = tempfile::tempdir().unwrap();
-        let taken = home.path().join("folder");
-        fs::create_dir(&taken).unwrap();
-        let error = write_atomically(&taken, b"x").unwrap_err().to_string();
-        assert!(error.contains(taken.to_str().unwrap()), "{error}");
-        assert_eq!(names(home.path()), ["folder"]);
         let below_a_file = home.path().join("file/folder");
         fs::write(home.path().join("file"), b"").unwrap();
         let error = StagedFolder::create(&below_a_file).unwrap_err();

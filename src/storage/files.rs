@@ -1,0 +1,168 @@
+//! Files that are written beside their place under a temporary name, made durable and then renamed, so that one that has
+//! its final name is complete, whenever the power goes.
+
+use super::Error;
+use std::fs::{self, File, OpenOptions};
+use std::io::ErrorKind::{AlreadyExists, InvalidInput, PermissionDenied, Unsupported};
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Distinguishes the temporary names of one process.
+static NEXT: AtomicU32 = AtomicU32::new(0);
+
+/// Writes a file so that under its final name there is the old content or all of the new, never a part.
+///
+/// # Errors
+/// If the file system refuses a step; the error names the path, and nothing is left behind.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    put(path, bytes, &mut File::options())
+}
+
+/// As [`write_atomically`], a file that its owner alone may read.
+///
+/// # Errors
+/// As those of [`write_atomically`].
+pub fn write_atomically_for_owner(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    put(path, bytes, File::options().mode(0o600))
+}
+
+fn put(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<(), Error> {
+    let (parent, name) = split(path)?;
+    fs::create_dir_all(&parent).map_err(Error::io("create", &parent))?;
+    let part = parent.join(temporary_name(&name, "part"));
+    let written = write_durably(&part, bytes, options)
+        .and_then(|()| fs::rename(&part, path).map_err(Error::io("rename into place", path)))
+        .and_then(|()| sync_folder(&parent).map_err(Error::io("write", &parent)));
+    if written.is_err() {
+        // The error that matters is the first one.
+        let _ = fs::remove_file(&part);
+    }
+    written
+}
+
+/// Gives a file its name, which no other file may have: unlike a rename, a link replaces nothing.
+///
+/// # Errors
+/// `AlreadyExists` if another file has the name; else what the file system says. The file then keeps its old name.
+pub fn rename_noreplace(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::hard_link(from, to) {
+        Ok(()) => fs::remove_file(from),
+        // A file system without links.
+        Err(cause) if matches!(cause.kind(), Unsupported | PermissionDenied) => {
+            if to.try_exists()? {
+                return Err(AlreadyExists.into());
+            }
+            fs::rename(from, to)
+        }
+        Err(cause) => Err(cause),
+    }
+}
+
+/// Makes the names in a folder durable.
+///
+/// # Errors
+/// If the folder cannot be opened or brought to the disk.
+pub fn sync_folder(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+/// Makes a file's name durable, and those of its neighbours.
+///
+/// # Errors
+/// If its folder cannot be opened or brought to the disk.
+pub fn sync_parent(path: &Path) -> io::Result<()> {
+    sync_folder(&parent(path))
+}
+
+pub(super) fn write_durably(
+    path: &Path,
+    bytes: &[u8],
+    options: &mut OpenOptions,
+) -> Result<(), Error> {
+    let file = options.write(true).create(true).truncate(true).open(path);
+    let mut file = file.map_err(Error::io("create", path))?;
+    file.write_all(bytes).map_err(Error::io("write", path))?;
+    file.sync_data().map_err(Error::io("write", path))
+}
+
+/// Hidden, beside the target, of this process and this call.
+pub(super) fn temporary_name(name: &str, kind: &str) -> String {
+    let number = NEXT.fetch_add(1, Ordering::Relaxed);
+    format!(".{name}.{kind}-{}-{number}", std::process::id())
+}
+
+/// A path's folder and its last name.
+pub(super) fn split(path: &Path) -> Result<(PathBuf, String), Error> {
+    let name = path.file_name().ok_or_else(|| {
+        let no_name = io::Error::new(InvalidInput, "it has no name");
+        Error::io("write", path)(no_name)
+    })?;
+    Ok((parent(path), name.to_string_lossy().into_owned()))
+}
+
+fn parent(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(parent) if parent != Path::new("") => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let mut names: Vec<_> = entries
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_replaced_whole_and_nothing_stays_beside_it() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("deep/er/a.txt");
+        write_atomically(&path, b"one").unwrap();
+        write_atomically(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"two");
+        assert_eq!(names(path.parent().unwrap()), ["a.txt"]);
+    }
+
+    #[test]
+    fn an_error_names_the_path_and_leaves_nothing() {
+        let home = tempfile::tempdir().unwrap();
+        let taken = home.path().join("folder");
+        fs::create_dir(&taken).unwrap();
+        let error = write_atomically(&taken, b"x").unwrap_err().to_string();
+        assert!(error.contains(taken.to_str().unwrap()), "{error}");
+        assert_eq!(names(home.path()), ["folder"]);
+    }
+
+    #[test]
+    fn what_is_for_the_owner_nobody_else_may_read() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("a.txt");
+        write_atomically_for_owner(&path, b"one").unwrap();
+        let mode = fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+    }
+
+    #[test]
+    fn a_name_that_is_taken_stays_with_its_file() {
+        let home = tempfile::tempdir().unwrap();
+        let [new, taken] = ["new", "taken"].map(|name| home.path().join(name));
+        fs::write(&new, b"new").unwrap();
+        fs::write(&taken, b"old").unwrap();
+        let error = rename_noreplace(&new, &taken).unwrap_err();
+        assert_eq!(error.kind(), AlreadyExists);
+        assert_eq!(fs::read(&taken).unwrap(), b"old");
+        fs::remove_file(&taken).unwrap();
+        rename_noreplace(&new, &taken).unwrap();
+        assert_eq!(names(home.path()), ["taken"]);
+    }
+}

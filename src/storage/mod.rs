@@ -1,0 +1,47 @@
+//! What every room that writes to a disk needs: files and folders that have their final name only when they are complete
+//! and durable, names that replace nothing, and the space that is left. Knows nothing of what the files hold.
+
+mod files;
+#[cfg(feature = "live")]
+mod space;
+mod staged_folder;
+
+pub use files::{
+    rename_noreplace, sync_folder, sync_parent, write_atomically, write_atomically_for_owner,
+};
+#[cfg(feature = "live")]
+pub use space::free_bytes;
+pub use staged_folder::StagedFolder;
+
+use std::path::{Path, PathBuf};
+
+/// Why a file or folder could not be put into place.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file system said no.
+    #[error("cannot {action} {}: {cause}", path.display())]
+    Io {
+        /// What was tried, such as `write`.
+        action: &'static str,
+        /// On which file or folder.
+        path: PathBuf,
+        /// What the system said.
+        cause: std::io::Error,
+    },
+    /// A file or folder of that name is there already and was not to be replaced.
+    #[error("{} is there already", path.display())]
+    Exists {
+        /// The file or folder.
+        path: PathBuf,
+    },
+}
+
+impl Error {
+    fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        move |cause| Self::Io {
+            action,
+            path: path.to_owned(),
+            cause,
+        }
+    }
+}
