@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # `make check`: what needs neither root nor an installed camera library. Format, spelling, clippy over each combination
-# of features, documentation, and the tests of the default features, licences among them. A combination whose system
-# library is not there is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
+# of features, licences, documentation, and the tests of the default features. A combination whose system library is not
+# there is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo=${CARGO:-cargo}
 typos_version=1.52.0
+deny_version=0.20.2
 
 part() { scripts/part.sh "$@"; }
 
@@ -42,8 +43,20 @@ spelling() {
 	part "spelling" $typos
 }
 
+# Licences, bans and sources, by deny.toml. cargo-deny runs for a second: a short build is worth more than a fast program.
+licences() {
+	local folder=target/tools
+	if ! $folder/bin/cargo-deny --version 2>/dev/null | grep -qwF "$deny_version"; then
+		part "cargo-deny, built once" env CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off \
+			"$cargo" install cargo-deny --version "$deny_version" --locked --root $folder --target-dir $folder/build --quiet
+		rm -rf $folder/build
+	fi
+	part "licences" $folder/bin/cargo-deny --log-level error --locked check licenses bans sources
+}
+
 part "format" "$cargo" fmt --all -- --check
 spelling
+licences
 
 lint "" --all-targets
 lint live --all-targets
