@@ -202,7 +202,6 @@ pub fn rgb_from_raw(raw: &RawPixels<'_>, size: (usize, usize)) -> Result<RgbImag
 }
 
 /// Makes grey values of raw `mono8` rows.
-#[allow(clippy::missing_errors_doc)]
 pub fn grey_from_raw(raw: &RawPixels<'_>, size: (usize, usize)) -> Result<Grid<u8>, DecodeError> {
     match raw.encoding {
         "mono8" => raw.map(size, |[grey]: [u8; 1]| grey),
@@ -211,7 +210,6 @@ pub fn grey_from_raw(raw: &RawPixels<'_>, size: (usize, usize)) -> Result<Grid<u
 }
 
 /// Makes depth readings of raw `16UC1` rows, little endian.
-#[allow(clippy::missing_errors_doc)]
 pub fn readings_from_raw(
     raw: &RawPixels<'_>,
     size: (usize, usize),
@@ -224,7 +222,6 @@ pub fn readings_from_raw(
 
 /// Makes colours of a picture file; grey becomes three equal channels, more than 8 bits are rounded to 8,
 /// transparency is dropped, orientation is ignored.
-#[allow(clippy::missing_errors_doc)]
 pub fn rgb_from_file(
     format: &str,
     data: &[u8],
@@ -242,7 +239,6 @@ pub fn rgb_from_file(
 }
 
 /// Makes grey values of a picture file.
-#[allow(clippy::missing_errors_doc)]
 pub fn grey_from_file(
     format: &str,
     data: &[u8],
@@ -333,7 +329,6 @@ pub fn encode_linear_as_srgb(picture: &mut RgbImage) {
 }
 
 /// Width and height of a picture file, from its header.
-#[allow(clippy::missing_errors_doc)]
 pub fn size_of_file(format: &str, data: &[u8]) -> Result<(usize, usize), DecodeError> {
     match format {
         "jpeg" | "jpg" => guarded("jpeg", || {

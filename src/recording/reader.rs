@@ -53,7 +53,6 @@ impl Recording {
     }
 
     /// Opens a file whose lock is one's own: where it ends, it was cut off.
-    #[allow(clippy::missing_errors_doc)]
     pub(super) fn open_cut_off(path: &Path) -> Result<Self, Error> {
         let mut source = Source::open(path)?;
         source.being_written = false;

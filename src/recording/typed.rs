@@ -27,31 +27,26 @@ impl Recording {
     }
 
     /// A camera's lens.
-    #[allow(clippy::missing_errors_doc)]
     pub fn intrinsics(&self, topic: &Topic, message: &MessageRef) -> Result<Intrinsics, Error> {
         self.typed(topic, message, |_, data| proto::read_intrinsics(data))
     }
 
     /// The poses that one message holds, not checked yet.
-    #[allow(clippy::missing_errors_doc)]
     pub fn poses(&self, message: &MessageRef) -> Result<Vec<Pose>, Error> {
         self.typed(&Topic::Tf, message, proto::read_poses)
     }
 
     /// What a depth camera's readings mean.
-    #[allow(clippy::missing_errors_doc)]
     pub fn response(&self, topic: &Topic, message: &MessageRef) -> Result<DepthResponse, Error> {
         self.typed(topic, message, |_, data| json::read_response(&data))
     }
 
     /// The box that is reconstructed.
-    #[allow(clippy::missing_errors_doc)]
     pub fn volume(&self, message: &MessageRef) -> Result<Volume, Error> {
         self.typed(&Topic::Volume, message, |_, data| json::read_volume(&data))
     }
 
     /// How a camera was set.
-    #[allow(clippy::missing_errors_doc)]
     pub fn settings(&self, topic: &Topic, message: &MessageRef) -> Result<CameraSettings, Error> {
         self.typed(topic, message, |_, data| {
             json::read("scand.CameraSettings", &data)
@@ -59,7 +54,6 @@ impl Recording {
     }
 
     /// A capture's trigger, at the message's log time.
-    #[allow(clippy::missing_errors_doc)]
     pub fn trigger(&self, message: &MessageRef) -> Result<Trigger, Error> {
         self.typed(&Topic::Trigger, message, |_, data| {
             json::read_trigger(&data, message.log_time())
@@ -67,7 +61,6 @@ impl Recording {
     }
 
     /// What the rig wrote when a capture was complete or had failed.
-    #[allow(clippy::missing_errors_doc)]
     pub fn capture_record(&self, message: &MessageRef) -> Result<CaptureRecord, Error> {
         self.typed(&Topic::Capture, message, |_, data| {
             json::read("scand.Capture", &data)
@@ -75,7 +68,6 @@ impl Recording {
     }
 
     /// What a person said of a capture.
-    #[allow(clippy::missing_errors_doc)]
     pub fn note(&self, message: &MessageRef) -> Result<Note, Error> {
         self.typed(&Topic::Note, message, |_, data| {
             json::read("scand.Note", &data)

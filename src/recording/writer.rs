@@ -132,13 +132,11 @@ impl Writer {
     }
 
     /// Writes which board a calibration session shows.
-    #[allow(clippy::missing_errors_doc)]
     pub fn board(&mut self, board: &Board) -> Result<(), Error> {
         self.metadata("board", &board.pairs())
     }
 
     /// Attaches a file, such as `rig.toml`.
-    #[allow(clippy::missing_errors_doc)]
     pub fn attach(
         &mut self,
         name: &str,
@@ -156,7 +154,6 @@ impl Writer {
     }
 
     /// Writes a colour camera: its lens and its pose.
-    #[allow(clippy::missing_errors_doc)]
     pub fn color_camera(&mut self, camera: &Camera, time: Timestamp) -> Result<(), Error> {
         let topic = Topic::Color(camera.id.clone(), ColorPart::Calibration);
         self.lens(&topic, &camera.id, &camera.intrinsics, time)?;
@@ -164,7 +161,6 @@ impl Writer {
     }
 
     /// Writes a depth camera: its lens, its pose and its response.
-    #[allow(clippy::missing_errors_doc)]
     pub fn depth_camera(&mut self, depth: &DepthCamera, time: Timestamp) -> Result<(), Error> {
         let DepthCamera { camera, response } = depth;
         let topic = Topic::Depth(camera.id.clone(), DepthPart::Calibration);
@@ -185,7 +181,6 @@ impl Writer {
     }
 
     /// Writes a camera's pose alone.
-    #[allow(clippy::missing_errors_doc)]
     pub fn pose(
         &mut self,
         id: &CameraId,
@@ -197,7 +192,6 @@ impl Writer {
     }
 
     /// Writes what a depth camera's readings mean.
-    #[allow(clippy::missing_errors_doc)]
     pub fn response(
         &mut self,
         id: &CameraId,
@@ -210,7 +204,6 @@ impl Writer {
     }
 
     /// Writes the box that is reconstructed.
-    #[allow(clippy::missing_errors_doc)]
     pub fn volume(&mut self, volume: &Volume, time: Timestamp) -> Result<(), Error> {
         let checked = Volume::new(volume.min, volume.max);
         let checked = checked.map_err(|e| self.unwritable(&Topic::Volume, e))?;
@@ -218,7 +211,6 @@ impl Writer {
     }
 
     /// Writes how a colour camera was set.
-    #[allow(clippy::missing_errors_doc)]
     pub fn settings(
         &mut self,
         id: &CameraId,
@@ -230,26 +222,22 @@ impl Writer {
     }
 
     /// Writes a trigger.
-    #[allow(clippy::missing_errors_doc)]
     pub fn trigger(&mut self, trigger: &Trigger) -> Result<(), Error> {
         let message = json::write_trigger(trigger);
         self.json(&Topic::Trigger, &message, trigger.time)
     }
 
     /// Writes what became of a capture.
-    #[allow(clippy::missing_errors_doc)]
     pub fn capture(&mut self, capture: &CaptureRecord, time: Timestamp) -> Result<(), Error> {
         self.json(&Topic::Capture, &json::write(capture), time)
     }
 
     /// Writes what a person said of a capture.
-    #[allow(clippy::missing_errors_doc)]
     pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
         self.json(&Topic::Note, &json::write(note), time)
     }
 
     /// Writes a frame of any camera.
-    #[allow(clippy::missing_errors_doc)]
     pub fn frame(&mut self, frame: &Frame) -> Result<(), Error> {
         let camera = frame.camera.clone();
         let topic = match frame.stream {
@@ -261,7 +249,6 @@ impl Writer {
     }
 
     /// Writes a colour camera's view of the rig with no object in it.
-    #[allow(clippy::missing_errors_doc)]
     pub fn background(
         &mut self,
         id: &CameraId,
@@ -273,7 +260,6 @@ impl Writer {
     }
 
     /// Writes the silhouette of a colour camera's frame with this timestamp.
-    #[allow(clippy::missing_errors_doc)]
     pub fn mask(&mut self, id: &CameraId, mask: &Mask, time: Timestamp) -> Result<(), Error> {
         let picture = Picture::Raw {
             width: mask.width() as u32,
@@ -298,7 +284,6 @@ impl Writer {
     }
 
     /// Brings everything written so far to the disk: what is a capture by then survives a power cut.
-    #[allow(clippy::missing_errors_doc)]
     pub fn sync(&mut self) -> Result<(), Error> {
         self.finish_chunk()?;
         let synced = self.file.sync_data();
@@ -309,7 +294,6 @@ impl Writer {
     }
 
     /// Completes the recording and gives it its name.
-    #[allow(clippy::missing_errors_doc)]
     pub fn finish(self) -> Result<(), Error> {
         let Self {
             path,

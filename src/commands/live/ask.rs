@@ -138,14 +138,12 @@ pub fn trigger(args: TriggerArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Asks for plates.
-#[allow(clippy::missing_errors_doc)]
 pub fn background(args: BackgroundArgs) -> anyhow::Result<ExitCode> {
     let last = ask(&args.connection, &Request::Background {}, Until::default())?;
     Ok(code(&last))
 }
 
 /// Begins or completes a session.
-#[allow(clippy::missing_errors_doc)]
 pub fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
     let request = match args.what {
         Session::Start { name, about } => Request::Begin {
@@ -177,7 +175,6 @@ fn running_session(connection: &Connection) -> anyhow::Result<String> {
 }
 
 /// Notes something about a capture.
-#[allow(clippy::missing_errors_doc)]
 pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
     let plain = matches!(args.text.as_str(), "accept" | "reject");
     let (kind, text) = if plain {
@@ -195,14 +192,12 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Shows the status.
-#[allow(clippy::missing_errors_doc)]
 pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     let last = ask(&args.connection, &Request::Status {}, Until::default())?;
     Ok(code(&last))
 }
 
 /// Tells what happens.
-#[allow(clippy::missing_errors_doc)]
 pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     let Connection { socket, json } = &args.connection;
     let mut client = Client::connect(socket, None)?;

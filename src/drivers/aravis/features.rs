@@ -88,7 +88,6 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a whole number, which must be within what the camera says it takes.
-    #[allow(clippy::missing_errors_doc)]
     pub fn integer(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
         if let Ok((low, high)) = self.camera.integer_bounds(name) {
             within(name, asked, low, high)?;
@@ -97,7 +96,6 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a whole number whatever bounds the camera tells: for those that tell wrong ones.
-    #[allow(clippy::missing_errors_doc)]
     pub fn integer_unbounded(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
         let words = asked.to_string();
         let written = self.camera.set_integer(name, asked);
@@ -110,7 +108,6 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a number; cameras round it to their own steps, by `tolerance` at most. Returns what it became.
-    #[allow(clippy::missing_errors_doc)]
     pub fn float(&mut self, name: &str, asked: f64, tolerance: f64) -> Result<f64, Fault> {
         if let Ok((low, high)) = self.camera.float_bounds(name) {
             within(name, asked, low, high)?;
@@ -127,7 +124,6 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a yes or no.
-    #[allow(clippy::missing_errors_doc)]
     pub fn boolean(&mut self, name: &str, asked: bool) -> Result<(), Fault> {
         let words = asked.to_string();
         let written = self.camera.set_boolean(name, asked);
@@ -140,7 +136,6 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a feature that only the configuration knows.
-    #[allow(clippy::missing_errors_doc)]
     pub fn value(&mut self, name: &str, asked: &FeatureValue) -> Result<(), Fault> {
         if !self.has(name) {
             return Err(Fault::Refused {

@@ -171,7 +171,6 @@ impl ColorRig {
     }
 
     /// Sends a camera's pictures this long after their exposure.
-    #[allow(clippy::missing_errors_doc)]
     pub fn set_delay(&self, id: &CameraId, delay: Duration) -> Result<(), Error> {
         self.station(id)?.scene.set_delay(delay);
         Ok(())
@@ -201,13 +200,11 @@ impl ColorRig {
     }
 
     /// Pictures that a camera has sent since the start.
-    #[allow(clippy::missing_errors_doc)]
     pub fn served(&self, id: &CameraId) -> Result<u64, Error> {
         Ok(self.station(id)?.scene.served())
     }
 
     /// Whether a camera had to show black, because its picture could not be read.
-    #[allow(clippy::missing_errors_doc)]
     pub fn broken(&self, id: &CameraId) -> Result<bool, Error> {
         Ok(self.station(id)?.scene.broken())
     }
