@@ -2,8 +2,8 @@
 //! recording that survives whatever happens next, and reconstructs the object by the method of Jang, Park
 //! and Lee, "Hybrid optical system for three-dimensional shape acquisition", Applied Optics 52(16), 2013.
 //!
-//! Data flows one way: `drivers` → `sync` → `recording` → `reconstruct` → `output`. No room names the next
-//! one; the commands join them. ARCHITECTURE.md has the table of what each room may use.
+//! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `job` →
+//! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.
 
 pub mod array;
 pub mod calibration;
