@@ -6,6 +6,7 @@
 //! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.
 
 pub mod array;
+pub mod calibrate;
 pub mod calibration;
 #[cfg(feature = "live")]
 pub mod check;

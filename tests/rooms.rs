@@ -13,6 +13,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibration", &["frame"]),
     ("calibration/fit", &["calibration", "frame", "image"]),
     ("calibration/response", &["calibration", "image"]),
+    (
+        "calibrate",
+        &["calibration", "frame", "image", "job", "recording", "sync"],
+    ),
     ("recording", &["frame", "calibration", "image", "storage"]),
     ("drivers", &["frame", "number"]),
     ("sync", &["frame", "number"]),

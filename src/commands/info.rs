@@ -1,7 +1,7 @@
 //! `scand info`: what a recording holds, who took part in it, and what of it is damaged.
 
-use super::calibrate::known::of_recording;
 use super::{EXIT_LOST, refuse_to_replace};
+use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::frame::{CameraId, Timestamp};
 use crate::job::{CaptureSummary, LeftOut, RigAt, Session};

@@ -1,49 +1,33 @@
 //! `scand calibrate --check`: whether the rig still is as it was calibrated, in words or JSON.
 
-use super::sight::Sight;
-use crate::calibration::RigCalibration;
-use crate::calibration::fit::{Checked, Watch, check};
+use crate::calibrate::{Check, Sight};
+use crate::calibration::fit::Checked;
 use crate::commands::EXIT_LOST;
-use crate::frame::CameraId;
-use std::collections::BTreeSet;
 use std::process::ExitCode;
 
-/// Checks and tells: 0 if all cameras are where they were, 1 if one moved, 3 if some could not be checked.
-pub(super) fn run(
-    sight: &Sight,
-    known: &RigCalibration,
-    watch: &Watch,
-    json: bool,
-    quiet: bool,
-) -> anyhow::Result<ExitCode> {
-    let checked = check(&sight.session, known, watch)?;
-    let unknown = sight
-        .session
-        .cameras
-        .iter()
-        .filter(|c| !known.cameras.contains_key(&c.id));
-    let unknown: Vec<String> = unknown.map(|c| c.id.to_string()).collect();
-    let unchecked = unchecked(sight, known, &checked);
+/// Prints a check: 0 if all cameras are where they were, 1 if one moved, 3 if some could not be checked.
+pub(super) fn print(check: &Check, sight: &Sight, json: bool, quiet: bool) -> ExitCode {
     if json {
         let told = serde_json::json!({
-            "cameras": checked,
-            "not_in_calibration": unknown,
-            "not_checked": unchecked,
+            "cameras": check.cameras,
+            "not_in_calibration": check.unknown,
+            "not_checked": check.unchecked,
             "lost": sight.lost,
         });
         say!("{told:#}");
     } else if !quiet {
-        checked.iter().for_each(|c| say!("{}", words(c)));
-        unknown
+        check.cameras.iter().for_each(|c| say!("{}", words(c)));
+        check
+            .unknown
             .iter()
             .for_each(|id| say!("camera {id}: it is not in the calibration"));
-        say!("{}", summary(&checked, &unchecked));
+        say!("{}", summary(check));
     }
-    Ok(match checked.iter().any(|c| c.motion.is_some()) {
-        true => ExitCode::FAILURE,
-        false if !unchecked.is_empty() || !sight.lost.is_empty() => ExitCode::from(EXIT_LOST),
-        false => ExitCode::SUCCESS,
-    })
+    match check.moved().next() {
+        Some(_) => ExitCode::FAILURE,
+        None if !check.unchecked.is_empty() || !sight.lost.is_empty() => ExitCode::from(EXIT_LOST),
+        None => ExitCode::SUCCESS,
+    }
 }
 
 fn words(checked: &Checked) -> String {
@@ -66,20 +50,8 @@ fn words(checked: &Checked) -> String {
     }
 }
 
-/// Cameras of the calibration and of the session that did not see the board or are not in both.
-fn unchecked<'a>(
-    sight: &'a Sight,
-    known: &'a RigCalibration,
-    checked: &[Checked],
-) -> BTreeSet<&'a CameraId> {
-    let of_session = sight.session.cameras.iter().map(|c| &c.id);
-    let seeing = |id: &CameraId| checked.iter().any(|c| c.camera == *id && c.views > 0);
-    let all = known.cameras.keys().chain(of_session);
-    all.filter(|id| !seeing(id)).collect()
-}
-
-fn summary(checked: &[Checked], unchecked: &BTreeSet<&CameraId>) -> String {
-    let names: Vec<&str> = unchecked.iter().map(|id| id.as_str()).collect();
+fn summary(check: &Check) -> String {
+    let names: Vec<&str> = check.unchecked.iter().map(|id| id.as_str()).collect();
     let (who, rest) = match names.as_slice() {
         [] => ("no camera", String::new()),
         names => (
@@ -87,8 +59,7 @@ fn summary(checked: &[Checked], unchecked: &BTreeSet<&CameraId>) -> String {
             format!("; not checked: {}", names.join(", ")),
         ),
     };
-    let moved = checked.iter().filter(|c| c.motion.is_some());
-    let moved: Vec<&str> = moved.map(|c| c.camera.as_str()).collect();
+    let moved: Vec<&str> = check.moved().map(|id| id.as_str()).collect();
     match moved.as_slice() {
         [] => format!("{who} moved{rest}"),
         [one] => format!("camera {one} moved: calibrate the rig anew{rest}"),

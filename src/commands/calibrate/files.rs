@@ -1,10 +1,9 @@
 //! The other files that a calibration is asked for: a report to read, and calibrations for ROS and Kalibr.
 
-use super::depth::Depth;
-use super::sight::Sight;
+use crate::calibrate::Outcome;
 use crate::calibration::RigCalibration;
 use crate::calibration::exchange::{to_kalibr, to_ros};
-use crate::calibration::fit::{Fit, Judgement, Limits};
+use crate::calibration::fit::Limits;
 use crate::commands::refuse_to_replace;
 use crate::frame::CameraId;
 use crate::report::{CalibrationPage, calibration_page};
@@ -46,11 +45,8 @@ impl FileArgs {
     pub(super) fn write_report(
         &self,
         sessions: &[PathBuf],
-        sight: &Sight,
-        fit: &Fit,
-        (judgement, limits): (&Judgement, &Limits),
-        missing: &[String],
-        depth: &Depth,
+        outcome: &Outcome,
+        limits: &Limits,
     ) -> anyhow::Result<()> {
         let Some(path) = &self.report else {
             return Ok(());
@@ -61,6 +57,7 @@ impl FileArgs {
                 .to_string_lossy()
                 .into_owned()
         };
+        let Outcome { sight, depth, .. } = outcome;
         let depths: Vec<_> = depth
             .planes
             .iter()
@@ -69,10 +66,10 @@ impl FileArgs {
         let lost: Vec<String> = sight.lost.iter().chain(&depth.lost).cloned().collect();
         let sources: Vec<String> = sessions.iter().map(name).collect();
         let page = CalibrationPage {
-            fit,
-            judgement,
+            fit: &outcome.fit,
+            judgement: &outcome.judgement,
             limits,
-            missing,
+            missing: &outcome.missing,
             lost: &lost,
             depths: &depths,
             depth_words: &depth.words,

@@ -2,14 +2,13 @@
 
 mod checking;
 mod depth;
+mod export;
 mod files;
-pub(super) mod known;
-mod second_look;
-mod sight;
 mod words;
 
 use super::{BadConfiguration, EXIT_LOST, refuse_to_replace};
-use crate::calibration::fit::{Fit, Level, Model, Parameters, judge, missing};
+use crate::calibrate::{self, Options, Outcome, Sight};
+use crate::calibration::fit::{Level, Model};
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::config::Config;
 use crate::frame::CameraId;
@@ -17,10 +16,9 @@ use crate::job::Placements;
 use crate::storage::write_atomically;
 use crate::sync;
 use indicatif::{ProgressBar, ProgressStyle};
-use sight::Sight;
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use words::Told;
 
@@ -116,166 +114,122 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--out", args.out.as_deref(), args.force)?;
     if let Some(from) = &args.from {
         let (out, files) = (args.out.as_deref(), &args.files);
-        return known::export(from, out, files, args.force, args.quiet);
+        return export::run(from, out, files, args.force, args.quiet);
     }
-    let table = args.depth.table()?;
     let config = configuration(&args)?;
-    let fixed = args
-        .fix_intrinsics
-        .as_deref()
-        .map(known::import)
-        .transpose()?;
-    let known = match fixed {
-        Some(fixed) => Some(fixed),
-        None => args.against.as_deref().map(known::load).transpose()?,
-    };
-    let start = args.start.as_deref().map(known::import).transpose()?;
-    let synchronisation = sync::Parameters {
-        nearest_color: match args.nearest {
-            true => sync::FreeRunning::All,
-            false => config.sync.nearest_color,
-        },
-        ..config.sync
-    };
-    let config = config.calibration;
-    let recordings = sight::open(&args.sessions, &synchronisation)?;
+    let depth = args.depth.method(config.calibration.plane.clone())?;
+    let lenses = Lenses::read(&args)?;
+    let recordings = calibrate::open(&args.sessions, &config.sync)?;
     let cameras: BTreeMap<CameraId, bool> =
         recordings.iter().flat_map(Placements::cameras).collect();
     args.files.refuse_to_replace(cameras.keys(), args.force)?;
-    let board = sight::board(args.board, &recordings)?;
-    let progress = progress(args.quiet);
-    let mut sight = sight::look(
-        &recordings,
-        &board,
-        [&known, &start].map(Option::as_ref),
-        &progress,
-    )?;
-    progress.finish_and_clear();
-    if !args.quiet {
-        sight
-            .warnings
-            .iter()
-            .chain(&sight.lost)
-            .for_each(|words| eprintln!("scand: {words}"));
+    let board = calibrate::board(args.board, &recordings)?;
+    let sight = look(&recordings, &board, &lenses, args.quiet)?;
+    if let (true, Some(known)) = (args.check, &lenses.known) {
+        let check = calibrate::check(&sight, known, &config.calibration.watch)?;
+        return Ok(checking::print(&check, &sight, args.json, args.quiet));
     }
-    if let (true, Some(known)) = (args.check, &known) {
-        return checking::run(&sight, known, &config.watch, args.json, args.quiet);
-    }
-    let parameters = Parameters {
-        model: args.model.map_or(config.fit.model, Into::into),
-        table_placement: args.table_placement.clone().or(config.fit.table_placement),
-        ..config.fit
+    let limits = config.calibration.limits.clone();
+    let options = Options {
+        depth,
+        responses: lenses.known.map(responses).unwrap_or_default(),
+        fit: config.calibration.fit,
+        wanted: config.calibration.wanted,
+        limits: config.calibration.limits,
     };
-    let fitted = second_look::fitted(&mut sight, &recordings, &parameters)?;
-    let lacking = missing(
-        &sight.session,
-        fitted.as_ref().ok(),
-        &sight.depth_cameras,
-        &config.wanted,
-    );
-    let fitted = match fitted {
-        Ok(fitted) => fitted,
-        Err(error) => return Err(unfinished(&sight, &lacking, error.into())),
-    };
-    let depth = depth::respond(
-        &args.depth,
-        table,
-        &recordings,
-        &fitted,
-        &sight.depth_cameras,
-        &config.plane,
-    );
-    if !args.quiet {
-        depth
-            .lost
-            .iter()
-            .for_each(|words| eprintln!("scand: {words}"));
-    }
-    let judgement = judge(&fitted, &depth.found(), &config.limits);
-    args.files.write_report(
-        &args.sessions,
-        &sight,
-        &fitted,
-        (&judgement, &config.limits),
-        &lacking,
-        &depth,
-    )?;
-    let refused = judgement.level == Level::Refused && !args.force;
+    let outcome = calibrate::run(sight, &recordings, options)?;
+    tell(&outcome.depth.lost, args.quiet);
+    args.files.write_report(&args.sessions, &outcome, &limits)?;
+    let refused = outcome.judgement.level == Level::Refused && !args.force;
     let out = args.out.as_deref().filter(|_| !refused);
     if !refused {
-        let mut responses = known.map(responses).unwrap_or_default();
-        let found = sight.depth_cameras.iter();
-        responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
-        let calibration = calibration(&fitted, &responses);
-        args.files.write_exports(&calibration)?;
+        args.files.write_exports(&outcome.calibration)?;
         if let Some(path) = out {
-            write_atomically(path, calibration.to_toml().as_bytes())?;
+            write_atomically(path, outcome.calibration.to_toml().as_bytes())?;
         }
     }
-    let told = Told {
-        sight: &sight,
-        fit: &fitted,
-        judgement: &judgement,
-        missing: &lacking,
-        depth: &depth,
-        written: out,
-    };
-    if args.json {
-        say!("{:#}", told.json());
-    } else if !args.quiet {
-        say!("{}", told.text());
-    }
-    if refused {
-        let rms = fitted.figures.rms_px;
-        eprintln!(
-            "scand: the calibration is refused (rms {rms:.3} px) and not written; --force writes it"
-        );
-        return Ok(ExitCode::FAILURE);
-    }
-    let lost = !sight.lost.is_empty()
-        || !depth.lost.is_empty()
-        || !depth.unfitted.is_empty()
-        || fitted.left_out.iter().any(|l| l.placement.is_none());
-    Ok(if lost {
-        ExitCode::from(EXIT_LOST)
-    } else {
-        ExitCode::SUCCESS
-    })
+    print(&args, &outcome, out);
+    Ok(exit_code(&outcome, refused))
 }
 
-/// The configuration, with values that can be meant.
+/// The configuration with what the arguments say over it, and values that can be meant.
 fn configuration(args: &Args) -> anyhow::Result<Config> {
-    let config =
+    let mut config =
         Config::load(args.config.as_deref(), &args.set).map_err(|e| BadConfiguration(e.into()))?;
     let checked = config.calibration.checked();
     checked.map_err(|words| BadConfiguration(words.into()))?;
+    if args.nearest {
+        config.sync.nearest_color = sync::FreeRunning::All;
+    }
+    let fit = &mut config.calibration.fit;
+    if let Some(model) = args.model {
+        fit.model = model.into();
+    }
+    if let Some(placement) = &args.table_placement {
+        fit.table_placement = Some(placement.clone());
+    }
     Ok(config)
 }
 
-fn progress(quiet: bool) -> ProgressBar {
+/// Calibrations that were given.
+struct Lenses {
+    /// Lenses to keep, or the whole to check against.
+    known: Option<RigCalibration>,
+    /// Lenses to start from.
+    start: Option<RigCalibration>,
+}
+
+impl Lenses {
+    fn read(args: &Args) -> anyhow::Result<Self> {
+        let import = |path: &PathBuf| calibrate::import(path).map_err(bad_file);
+        let load = |path: &PathBuf| calibrate::load(path).map_err(bad_file);
+        let known = match args.fix_intrinsics.as_ref().map(import).transpose()? {
+            Some(fixed) => Some(fixed),
+            None => args.against.as_ref().map(load).transpose()?,
+        };
+        let start = args.start.as_ref().map(import).transpose()?;
+        Ok(Self { known, start })
+    }
+}
+
+/// A calibration file that is refused is a bad configuration.
+fn bad_file(error: calibrate::Error) -> anyhow::Error {
+    match error {
+        calibrate::Error::File(error) => BadConfiguration(error.into()).into(),
+        other => other.into(),
+    }
+}
+
+/// Looks for the board behind a bar, and tells what was lost.
+fn look(
+    recordings: &[Placements],
+    board: &Board,
+    lenses: &Lenses,
+    quiet: bool,
+) -> anyhow::Result<Sight> {
+    let pictures = recordings.iter().map(|r| r.shots().len()).sum::<usize>();
+    let progress = progress(pictures as u64, quiet);
+    let lenses = [&lenses.known, &lenses.start].map(Option::as_ref);
+    let sight = calibrate::look(recordings, board, lenses, &|| progress.inc(1))?;
+    progress.finish_and_clear();
+    tell(sight.warnings.iter().chain(&sight.lost), quiet);
+    Ok(sight)
+}
+
+fn progress(length: u64, quiet: bool) -> ProgressBar {
     if quiet || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let style = ProgressStyle::with_template("looking for the board [{bar:30}] {pos}/{len}");
-    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-/// An error with what the session lacks.
-fn unfinished(sight: &Sight, lacking: &[String], error: anyhow::Error) -> anyhow::Error {
-    let mut words = String::new();
-    for lack in lacking {
-        words += &format!("\n  missing: {lack}");
+fn tell<'a>(problems: impl IntoIterator<Item = &'a String>, quiet: bool) {
+    if !quiet {
+        problems
+            .into_iter()
+            .for_each(|words| eprintln!("scand: {words}"));
     }
-    let mut reasons: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
-    for rejected in &sight.rejected {
-        *reasons
-            .entry((&rejected.camera, &rejected.reason))
-            .or_default() += 1;
-    }
-    for ((camera, reason), count) in reasons.into_iter().take(40) {
-        words += &format!("\n  camera {camera}: {reason} ({count} pictures)");
-    }
-    anyhow::anyhow!("{error}{words}")
 }
 
 fn responses(known: RigCalibration) -> BTreeMap<CameraId, DepthResponse> {
@@ -283,15 +237,26 @@ fn responses(known: RigCalibration) -> BTreeMap<CameraId, DepthResponse> {
     known.cameras.into_iter().filter_map(response).collect()
 }
 
-/// The fit as a calibration file holds it.
-fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigCalibration {
-    let entry = |c: &crate::calibration::fit::FittedCamera| {
-        let id = c.camera.id.clone();
-        let response = responses.get(&id).copied();
-        (id, (c.camera.clone(), response))
-    };
-    RigCalibration {
-        volume: fit.volume,
-        cameras: fit.cameras.iter().map(entry).collect(),
+fn print(args: &Args, outcome: &Outcome, written: Option<&Path>) {
+    let told = Told { outcome, written };
+    if args.json {
+        say!("{:#}", told.json());
+    } else if !args.quiet {
+        say!("{}", told.text());
+    }
+}
+
+/// 0: all well. 1: refused. 3: calibrated, but something was lost.
+fn exit_code(outcome: &Outcome, refused: bool) -> ExitCode {
+    if refused {
+        let rms = outcome.fit.figures.rms_px;
+        eprintln!(
+            "scand: the calibration is refused (rms {rms:.3} px) and not written; --force writes it"
+        );
+        ExitCode::FAILURE
+    } else if outcome.has_lost() {
+        ExitCode::from(EXIT_LOST)
+    } else {
+        ExitCode::SUCCESS
     }
 }

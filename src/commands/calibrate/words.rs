@@ -1,24 +1,20 @@
 //! What a calibration says to its user: a table and a verdict, or JSON.
 
-use super::depth::Depth;
-use super::sight::Sight;
-use crate::calibration::fit::{Fit, Judgement, Level};
+use super::depth;
+use crate::calibrate::Outcome;
+use crate::calibration::fit::{FittedCamera, FittedPlacement, Level};
 use std::path::Path;
 
 /// All that there is to say of a calibration.
 pub(super) struct Told<'a> {
-    pub(super) sight: &'a Sight,
-    pub(super) fit: &'a Fit,
-    pub(super) judgement: &'a Judgement,
-    pub(super) missing: &'a [String],
-    pub(super) depth: &'a Depth,
+    pub(super) outcome: &'a Outcome,
     pub(super) written: Option<&'a Path>,
 }
 
 impl Told<'_> {
     /// The table and the verdict.
     pub(super) fn text(&self) -> String {
-        let (fit, session) = (self.fit, &self.sight.session);
+        let (fit, session) = (&self.outcome.fit, &self.outcome.sight.session);
         let mut lines = vec![format!(
             "board {}: {} placements, {} views, {} cameras",
             fit.board,
@@ -52,8 +48,8 @@ impl Told<'_> {
                 "left out: {false_corners} corners that are not where they should be"
             ));
         }
-        lines.extend(self.missing.iter().map(|m| format!("missing: {m}")));
-        lines.extend(self.depth.text());
+        lines.extend(self.outcome.missing.iter().map(|m| format!("missing: {m}")));
+        lines.extend(depth::text(&self.outcome.depth));
         if let Some(volume) = &fit.volume {
             let [min, max] =
                 [volume.min, volume.max].map(|p| p.coords.map(|c| (c * 1e3).round() / 1e3));
@@ -66,7 +62,8 @@ impl Told<'_> {
         lines.push(format!("the rig's frame lies on placement {}", fit.table));
         lines.push(self.verdict());
         lines.extend(
-            self.judgement
+            self.outcome
+                .judgement
                 .reasons
                 .iter()
                 .map(|reason| format!("  {reason}")),
@@ -79,7 +76,7 @@ impl Told<'_> {
     }
 
     fn verdict(&self) -> String {
-        let worth = match self.judgement.level {
+        let worth = match self.outcome.judgement.level {
             Level::Good => "good",
             Level::Accepted => "accepted",
             Level::Doubtful => "doubtful",
@@ -91,7 +88,7 @@ impl Told<'_> {
                 .map(|(name, rms)| format!(", worst {what} {name} ({rms:.3} px)"))
                 .unwrap_or_default()
         };
-        let held_out = self.fit.held_out.map(|h| {
+        let held_out = self.outcome.fit.held_out.map(|h| {
             format!(
                 ", held out {:.3} px ({:.2} times)",
                 h.figures.rms_px, h.ratio
@@ -99,22 +96,24 @@ impl Told<'_> {
         });
         format!(
             "{worth}: rms {:.3} px{}{}{}",
-            self.fit.figures.rms_px,
+            self.outcome.fit.figures.rms_px,
             held_out.unwrap_or_default(),
-            worst("camera", &self.judgement.worst_camera),
-            worst("placement", &self.judgement.worst_placement),
+            worst("camera", &self.outcome.judgement.worst_camera),
+            worst("placement", &self.outcome.judgement.worst_placement),
         )
     }
 
     /// The same for programs.
     pub(super) fn json(&self) -> serde_json::Value {
-        let fit = self.fit;
+        let (fit, sight) = (&self.outcome.fit, &self.outcome.sight);
+        let losses = depth::losses(&self.outcome.depth);
+        let lost: Vec<String> = sight.lost.iter().cloned().chain(losses).collect();
         let cameras: serde_json::Map<_, _> = fit
             .cameras
             .iter()
             .map(|c| (c.camera.id.to_string(), camera(c)))
             .collect();
-        let placement = |p: &crate::calibration::fit::FittedPlacement| {
+        let placement = |p: &FittedPlacement| {
             let pose = &p.rig_from_board;
             serde_json::json!({
                 "name": p.name, "cameras": p.cameras, "figures": p.figures,
@@ -123,26 +122,26 @@ impl Told<'_> {
         };
         serde_json::json!({
             "board": fit.board.to_string(),
-            "verdict": self.judgement,
+            "verdict": self.outcome.judgement,
             "figures": fit.figures,
             "held_out": fit.held_out,
             "cameras": cameras,
             "placements": fit.placements.iter().map(placement).collect::<Vec<_>>(),
-            "depth": self.depth.json(),
+            "depth": depth::json(&self.outcome.depth),
             "table": fit.table,
             "volume": fit.volume.map(|v| serde_json::json!({
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
             })),
             "left_out": fit.left_out,
-            "rejected": self.sight.rejected,
-            "lost": self.sight.lost.iter().cloned().chain(self.depth.losses()).collect::<Vec<_>>(),
-            "missing": self.missing,
+            "rejected": sight.rejected,
+            "lost": lost,
+            "missing": self.outcome.missing,
             "written": self.written,
         })
     }
 }
 
-fn camera(camera: &crate::calibration::fit::FittedCamera) -> serde_json::Value {
+fn camera(camera: &FittedCamera) -> serde_json::Value {
     let (lens, pose) = (&camera.camera.intrinsics, &camera.camera.rig_from_camera);
     let (model, coefficients) = lens.distortion.to_model();
     serde_json::json!({

@@ -1,9 +1,8 @@
 //! A second look at pictures in which markers crowd the board's corners: a first fit knows what is printed around them.
 
+use super::Error;
 use super::sight::{Sight, placement_names};
-use crate::calibration::fit::{
-    Corner, Error, Fit, Parameters, crowded_views, fit, matched_with_print,
-};
+use crate::calibration::fit::{self, Corner, Fit, Parameters, crowded_views, matched_with_print};
 use crate::job::{Placements, Shot};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -11,26 +10,26 @@ use std::collections::BTreeMap;
 /// Fits a session; where markers crowd corners, once more after these have been matched with the print.
 ///
 /// # Errors
-/// As [`fit`], and if a picture cannot be read any more.
+/// As [`fit::fit`], and if a picture cannot be read any more.
 pub(super) fn fitted(
     sight: &mut Sight,
     recordings: &[Placements],
     parameters: &Parameters,
-) -> anyhow::Result<Result<Fit, Error>> {
+) -> Result<Result<Fit, fit::Error>, Error> {
     let crowded = crowded_views(&sight.session);
     if crowded.is_empty() {
-        return Ok(fit(&sight.session, parameters));
+        return Ok(fit::fit(&sight.session, parameters));
     }
     let quick = Parameters {
         folds: 0,
         ..parameters.clone()
     };
-    let first = match fit(&sight.session, &quick) {
+    let first = match fit::fit(&sight.session, &quick) {
         Ok(first) => first,
         Err(error) => return Ok(Err(error)),
     };
     match_with_print(sight, recordings, &first, &crowded)?;
-    Ok(fit(&sight.session, parameters))
+    Ok(fit::fit(&sight.session, parameters))
 }
 
 /// Puts corners that markers crowd to where the print says that they are.
@@ -39,10 +38,10 @@ fn match_with_print(
     recordings: &[Placements],
     first: &Fit,
     crowded: &[usize],
-) -> anyhow::Result<()> {
+) -> Result<(), Error> {
     let shots = shots(recordings);
     let session = &sight.session;
-    let look = |&index: &usize| -> anyhow::Result<Option<(usize, Vec<Corner>)>> {
+    let look = |&index: &usize| -> Result<Option<(usize, Vec<Corner>)>, Error> {
         let view = &session.views[index];
         let key = (
             session.placements[view.placement].clone(),
@@ -55,10 +54,7 @@ fn match_with_print(
         let corners = matched_with_print(session, first, view, &picture);
         Ok(corners.map(|corners| (index, corners)))
     };
-    let found: Vec<_> = crowded
-        .par_iter()
-        .map(look)
-        .collect::<anyhow::Result<_>>()?;
+    let found: Vec<_> = crowded.par_iter().map(look).collect::<Result<_, Error>>()?;
     for (index, corners) in found.into_iter().flatten() {
         sight.session.views[index].corners = corners;
     }

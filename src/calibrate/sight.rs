@@ -1,75 +1,83 @@
 //! From recordings to what each camera saw of the board: opens them, decodes and detects on all cores.
 
+use super::Error;
 use crate::calibration::fit::{Rejection, Session, Subject, View, find_corners};
 use crate::calibration::{Board, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
 use crate::job::{Placements, Shot};
 use crate::sync;
-use anyhow::Context;
-use indicatif::ProgressBar;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 /// What the cameras of some recordings saw.
-pub(super) struct Sight {
-    pub(super) session: Session,
+#[derive(Debug)]
+pub struct Sight {
+    /// The corners that were found.
+    pub session: Session,
     /// Cameras that measure depth.
-    pub(super) depth_cameras: Vec<CameraId>,
+    pub depth_cameras: Vec<CameraId>,
     /// Pictures in which there is no board that can be used, and why.
-    pub(super) rejected: Vec<Rejected>,
+    pub rejected: Vec<Rejected>,
     /// Pictures that could not be read, and other losses.
-    pub(super) lost: Vec<String>,
-    pub(super) warnings: Vec<String>,
+    pub lost: Vec<String>,
+    /// What a person should know of the recordings.
+    pub warnings: Vec<String>,
 }
 
 /// A picture without a board that can be used.
 #[derive(Debug, serde::Serialize)]
-pub(super) struct Rejected {
-    pub(super) camera: CameraId,
-    pub(super) placement: String,
-    pub(super) reason: String,
+pub struct Rejected {
+    /// The camera.
+    pub camera: CameraId,
+    /// The board's placement.
+    pub placement: String,
+    /// Why.
+    pub reason: String,
     #[serde(skip)]
     cause: Rejection,
 }
 
 /// Opens the recordings.
-pub(super) fn open(
-    paths: &[PathBuf],
-    parameters: &sync::Parameters,
-) -> anyhow::Result<Vec<Placements>> {
+///
+/// # Errors
+/// If one cannot be read or has no trigger.
+pub fn open(paths: &[PathBuf], parameters: &sync::Parameters) -> Result<Vec<Placements>, Error> {
     let open = |path: &PathBuf| Ok(Placements::open(path, parameters)?);
     paths.iter().map(open).collect()
 }
 
-/// The board that the recordings name, or the one that was given.
-pub(super) fn board(given: Option<Board>, recordings: &[Placements]) -> anyhow::Result<Board> {
+/// The board that was given, or the one that the recordings name.
+///
+/// # Errors
+/// If none is named, one cannot be, or two differ.
+pub fn board(given: Option<Board>, recordings: &[Placements]) -> Result<Board, Error> {
+    if let Some(board) = given {
+        return Ok(board);
+    }
     let mut named: Option<Board> = None;
-    for recording in recordings {
-        let path = recording.recording().path().display();
-        let metadata = recording
-            .recording()
+    for recording in recordings.iter().map(Placements::recording) {
+        let path = recording.path();
+        for (_, pairs) in recording
             .metadata()
             .iter()
-            .filter(|(name, _)| name == "board");
-        for (_, pairs) in metadata {
-            if given.is_some() {
-                continue;
+            .filter(|(name, _)| name == "board")
+        {
+            let found = Board::from_pairs(pairs).map_err(|cause| Error::BadBoard {
+                path: path.into(),
+                cause,
+            })?;
+            if let Some(before) = named.filter(|before| *before != found) {
+                return Err(Error::OtherBoard {
+                    path: path.into(),
+                    found: found.to_string(),
+                    before: before.to_string(),
+                });
             }
-            let board = Board::from_pairs(pairs)
-                .with_context(|| format!("{path}: metadata record board"))?;
-            if let Some(other) = named.filter(|other| *other != board) {
-                anyhow::bail!(
-                    "{path}: the board is {board}, and {other} in a recording before it: give --board"
-                );
-            }
-            named = Some(board);
+            named = Some(found);
         }
     }
-    given.or(named).context(
-        "no recording says what the board is: give --board KIND:COLUMNSxROWS:SQUARE, such as \
-         checkerboard:11x8:25mm (in inner corners)",
-    )
+    named.ok_or(Error::NoBoard)
 }
 
 /// What a picture shows.
@@ -80,74 +88,43 @@ struct Look<'a> {
     found: Result<View, Rejection>,
 }
 
-/// Looks for the board in all pictures. `lenses` are those to keep, and those to start from.
-pub(super) fn look(
+/// Looks for the board in all pictures, on all cores; `looked` is called after each. `lenses` are those to keep, and those to
+/// start from. A picture that cannot be read is lost, not an error.
+///
+/// # Errors
+/// If a lens belongs to pictures of another size, or most pictures show a board of another size.
+pub fn look(
     recordings: &[Placements],
     board: &Board,
     lenses: [Option<&RigCalibration>; 2],
-    progress: &ProgressBar,
-) -> anyhow::Result<Sight> {
+    looked: &(dyn Fn() + Sync),
+) -> Result<Sight, Error> {
     let placements = placement_names(recordings);
-    let mut cameras: BTreeMap<CameraId, bool> = BTreeMap::new();
-    let mut sight = Sight {
-        session: Session {
-            board: *board,
-            cameras: Vec::new(),
-            placements: Vec::new(),
-            views: Vec::new(),
-        },
-        depth_cameras: Vec::new(),
-        rejected: Vec::new(),
-        lost: Vec::new(),
-        warnings: Vec::new(),
-    };
+    let mut sight = Sight::new(board, &placements);
+    let shots: Vec<Vec<Shot>> = recordings.iter().map(Placements::shots).collect();
     let mut looks = Vec::new();
-    let all_shots: Vec<Vec<Shot>> = recordings.iter().map(Placements::shots).collect();
-    progress.set_length(all_shots.iter().map(Vec::len).sum::<usize>() as u64);
-    for ((recording, names), shots) in recordings.iter().zip(&placements).zip(&all_shots) {
-        let path = recording.recording().path().display().to_string();
-        cameras.extend(recording.cameras());
-        sight
-            .warnings
-            .extend(recording.warnings().iter().map(|w| format!("{path}: {w}")));
-        sight
-            .lost
-            .extend(recording.damage().iter().map(|d| format!("{path}: {d}")));
+    for ((recording, names), shots) in recordings.iter().zip(&placements).zip(&shots) {
+        sight.take_problems(recording);
         let look = |shot| {
             let look = look_at(recording, shot, board, names);
-            progress.inc(1);
+            looked();
             look
         };
-        let done: Vec<anyhow::Result<Look>> = shots.par_iter().map(look).collect();
+        let done: Vec<Result<Look, Error>> = shots.par_iter().map(look).collect();
         for look in done {
             match look {
                 Ok(look) => looks.push(look),
-                Err(error) => sight.lost.push(format!("{error:#}")),
+                Err(error) => sight.lost.push(error.to_string()),
             }
         }
     }
-    sight.session.placements = placements
-        .iter()
-        .flat_map(|names| names.values().cloned())
-        .collect();
-    let ids: Vec<CameraId> = cameras.keys().cloned().collect();
-    sight.depth_cameras = cameras
-        .into_iter()
-        .filter(|(_, depth)| *depth)
-        .map(|(id, _)| id)
-        .collect();
+    let cameras: BTreeMap<CameraId, bool> =
+        recordings.iter().flat_map(Placements::cameras).collect();
+    let depths = cameras.iter().filter(|(_, depth)| **depth);
+    sight.depth_cameras = depths.map(|(id, _)| id.clone()).collect();
+    let ids: Vec<CameraId> = cameras.into_keys().collect();
     for id in &ids {
-        let size = looks
-            .iter()
-            .find(|l| l.shot.camera == *id)
-            .map_or([1, 1], |l| l.size);
-        let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
-        sight.session.cameras.push(Subject {
-            id: id.clone(),
-            size,
-            known: known.transpose()?,
-            start: start.transpose()?,
-        });
+        sight.session.cameras.push(subject(id, &looks, lenses)?);
     }
     for look in looks {
         sight.take(look, &ids);
@@ -156,23 +133,38 @@ pub(super) fn look(
     Ok(sight)
 }
 
+/// A camera as the fit takes it, whose pictures are as large as its first.
+fn subject(
+    id: &CameraId,
+    looks: &[Look],
+    lenses: [Option<&RigCalibration>; 2],
+) -> Result<Subject, Error> {
+    let first = looks.iter().find(|l| l.shot.camera == *id);
+    let size = first.map_or([1, 1], |l| l.size);
+    let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
+    Ok(Subject {
+        id: id.clone(),
+        size,
+        known: known.transpose()?,
+        start: start.transpose()?,
+    })
+}
+
 /// The lens that a calibration has for a camera whose pictures have this size.
 fn lens_of(
     calibration: &RigCalibration,
     id: &CameraId,
     size: [usize; 2],
-) -> anyhow::Result<Option<Intrinsics>> {
+) -> Result<Option<Intrinsics>, Error> {
     let lens = calibration.cameras.get(id).map(|(c, _)| c.intrinsics);
-    if let Some(lens) = lens.filter(|lens| [lens.width, lens.height] != size) {
-        anyhow::bail!(
-            "camera {id}: its known lens is of pictures of {}x{} pixels, and its pictures have {}x{}",
-            lens.width,
-            lens.height,
-            size[0],
-            size[1]
-        );
+    match lens {
+        Some(lens) if [lens.width, lens.height] != size => Err(Error::LensSize {
+            camera: id.clone(),
+            lens: [lens.width, lens.height],
+            found: size,
+        }),
+        lens => Ok(lens),
     }
-    Ok(lens)
 }
 
 /// Names of each recording's placements by their ids; where two recordings share one, the recording's name is added.
@@ -208,7 +200,7 @@ fn look_at<'a>(
     shot: &'a Shot,
     board: &Board,
     names: &BTreeMap<String, String>,
-) -> anyhow::Result<Look<'a>> {
+) -> Result<Look<'a>, Error> {
     let picture = recording.grey(shot)?;
     let found = find_corners(&picture, board);
     // Indices are given once all pictures have been seen.
@@ -227,6 +219,35 @@ fn look_at<'a>(
 }
 
 impl Sight {
+    /// Nothing is seen yet.
+    fn new(board: &Board, placements: &[BTreeMap<String, String>]) -> Self {
+        Self {
+            session: Session {
+                board: *board,
+                cameras: Vec::new(),
+                placements: placements
+                    .iter()
+                    .flat_map(|names| names.values().cloned())
+                    .collect(),
+                views: Vec::new(),
+            },
+            depth_cameras: Vec::new(),
+            rejected: Vec::new(),
+            lost: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    /// What a person should know of a recording, and what of it is damaged.
+    fn take_problems(&mut self, recording: &Placements) {
+        let path = recording.recording().path().display();
+        let warnings = recording.warnings().iter();
+        self.warnings
+            .extend(warnings.map(|w| format!("{path}: {w}")));
+        let damage = recording.damage().iter();
+        self.lost.extend(damage.map(|d| format!("{path}: {d}")));
+    }
+
     fn take(&mut self, look: Look, ids: &[CameraId]) {
         let camera = ids.iter().position(|id| *id == look.shot.camera);
         let placement = self
@@ -261,26 +282,25 @@ impl Sight {
     }
 
     /// Refuses a session whose boards mostly are of one other size than was said.
-    fn check_size(&self) -> anyhow::Result<()> {
+    fn check_size(&self) -> Result<(), Error> {
         let mut sizes: BTreeMap<[usize; 2], usize> = BTreeMap::new();
         for rejected in &self.rejected {
             if let Rejection::Size { found, .. } = &rejected.cause {
                 *sizes.entry(*found).or_default() += 1;
             }
         }
-        let Some(([columns, rows], count)) = sizes.into_iter().max_by_key(|(_, count)| *count)
-        else {
+        let Some((found, count)) = sizes.into_iter().max_by_key(|(_, count)| *count) else {
             return Ok(());
         };
-        let board = &self.session.board;
-        anyhow::ensure!(
-            count <= self.session.views.len().max(1),
-            "the board in {count} pictures has {columns}x{rows} inner corners, and {}x{} in {}: is --board right? \
-             (it counts inner corners, one less than squares)",
-            board.columns,
-            board.rows,
-            self.session.views.len()
-        );
-        Ok(())
+        let (board, views) = (&self.session.board, self.session.views.len());
+        match count <= views.max(1) {
+            true => Ok(()),
+            false => Err(Error::BoardSize {
+                found,
+                count,
+                expected: [board.columns, board.rows],
+                views,
+            }),
+        }
     }
 }

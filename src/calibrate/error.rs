@@ -1,0 +1,131 @@
+//! Why a rig cannot be calibrated or checked.
+
+use super::sight::Rejected;
+use crate::calibration::response::ResponseError;
+use crate::calibration::{FileError, fit};
+use crate::frame::CameraId;
+use crate::{calibration, job, recording};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Most reasons for pictures without a board that an error names.
+const MOST_REASONS: usize = 40;
+
+/// Why a rig cannot be calibrated or checked.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A recording that is not a session of placements, or a picture of one that cannot be read.
+    #[error(transparent)]
+    Session(#[from] job::Error),
+    /// A recording that cannot be read.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
+    /// A calibration file that cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A recording without a calibration, where one was expected.
+    #[error("{}: it has no calibration, expected /color/ID/calibration or /depth/ID/calibration", .0.display())]
+    NoCalibration(PathBuf),
+    /// A recording whose metadata describe a board that cannot be.
+    #[error("{}: metadata record board: {cause}", path.display())]
+    BadBoard {
+        /// The recording.
+        path: PathBuf,
+        /// What is wrong with it.
+        cause: calibration::Error,
+    },
+    /// Recordings of different boards.
+    #[error("{}: the board is {found}, and {before} in a recording before it: give --board", path.display())]
+    OtherBoard {
+        /// The recording.
+        path: PathBuf,
+        /// Its board.
+        found: String,
+        /// The board of a recording before it.
+        before: String,
+    },
+    /// No recording names its board.
+    #[error(
+        "no recording says what the board is: give --board KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm \
+         (in inner corners)"
+    )]
+    NoBoard,
+    /// A lens for pictures of another size.
+    #[error(
+        "camera {camera}: its known lens is of pictures of {}x{} pixels, and its pictures have {}x{}",
+        lens[0], lens[1], found[0], found[1]
+    )]
+    LensSize {
+        /// The camera.
+        camera: CameraId,
+        /// Width and height for which its lens is known.
+        lens: [usize; 2],
+        /// Width and height of its pictures.
+        found: [usize; 2],
+    },
+    /// Most pictures show a board of another size.
+    #[error(
+        "the board in {count} pictures has {}x{} inner corners, and {}x{} in {views}: is --board right? (it counts \
+         inner corners, one less than squares)",
+        found[0], found[1], expected[0], expected[1]
+    )]
+    BoardSize {
+        /// Inner corners in most pictures: columns and rows.
+        found: [usize; 2],
+        /// How many pictures show them.
+        count: usize,
+        /// Inner corners of the board that was given or recorded.
+        expected: [usize; 2],
+        /// How many views show these.
+        views: usize,
+    },
+    /// A depth table that cannot be read.
+    #[error(transparent)]
+    Table(ResponseError),
+    /// A depth table from which no response can be fitted.
+    #[error("depth table {}: {cause}", path.display())]
+    Response {
+        /// The table.
+        path: PathBuf,
+        /// Why.
+        cause: ResponseError,
+    },
+    /// Views that do not determine the rig.
+    #[error("{cause}{}", details(.missing, .reasons))]
+    Unfitted {
+        /// Why.
+        cause: fit::Error,
+        /// What the session lacks.
+        missing: Vec<String>,
+        /// Why pictures show no board that can be used, and how many of each camera.
+        reasons: Vec<String>,
+    },
+    /// A rig that cannot be checked.
+    #[error(transparent)]
+    Check(#[from] fit::CheckError),
+}
+
+impl Error {
+    pub(super) fn unfitted(cause: fit::Error, missing: Vec<String>, rejected: &[Rejected]) -> Self {
+        let mut counts: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
+        for rejected in rejected {
+            *counts
+                .entry((&rejected.camera, &rejected.reason))
+                .or_default() += 1;
+        }
+        let reason =
+            |((camera, reason), count)| format!("camera {camera}: {reason} ({count} pictures)");
+        Self::Unfitted {
+            cause,
+            missing,
+            reasons: counts.into_iter().take(MOST_REASONS).map(reason).collect(),
+        }
+    }
+}
+
+/// Lines below the reason: what the session lacks, and what was seen instead.
+fn details(missing: &[String], reasons: &[String]) -> String {
+    let missing = missing.iter().map(|lack| format!("\n  missing: {lack}"));
+    let reasons = reasons.iter().map(|reason| format!("\n  {reason}"));
+    missing.chain(reasons).collect()
+}

@@ -1,0 +1,112 @@
+//! Calibrating a rig, from recordings of a board to a calibration and what it is worth, or to the cameras that moved since
+//! an older one. The steps and their order stand here; what they compute is in `calibration::fit` and
+//! `calibration::response`. Nothing here knows arguments, a console or exit codes, or writes a file.
+
+mod checking;
+mod depth;
+mod error;
+mod known;
+mod second_look;
+mod sight;
+
+pub use checking::{Check, check};
+pub use depth::{Depth, DepthMethod, Table};
+pub use error::Error;
+pub use known::{import, load, of_recording};
+pub use sight::{Rejected, Sight, board, look, open};
+
+use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
+use crate::calibration::{DepthResponse, RigCalibration};
+use crate::frame::CameraId;
+use crate::job::Placements;
+use std::collections::BTreeMap;
+
+/// How a session is calibrated.
+#[derive(Debug)]
+pub struct Options {
+    /// How lenses and poses are fitted.
+    pub fit: fit::Parameters,
+    /// Where the depth cameras' responses come from.
+    pub depth: DepthMethod,
+    /// Responses of depth cameras for which none is found.
+    pub responses: BTreeMap<CameraId, DepthResponse>,
+    /// What the session should have.
+    pub wanted: Wanted,
+    /// What the result is judged by.
+    pub limits: Limits,
+}
+
+/// A session that was calibrated.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What the cameras saw.
+    pub sight: Sight,
+    /// Lenses, poses and placements.
+    pub fit: Fit,
+    /// What they are worth.
+    pub judgement: Judgement,
+    /// What the session lacks, in words.
+    pub missing: Vec<String>,
+    /// What the depth cameras' readings mean.
+    pub depth: Depth,
+    /// The calibration as its file holds it.
+    pub calibration: RigCalibration,
+}
+
+impl Outcome {
+    /// Whether a picture, a reading, a view or a camera's depth response was lost on the way.
+    pub fn has_lost(&self) -> bool {
+        !self.sight.lost.is_empty()
+            || !self.depth.lost.is_empty()
+            || !self.depth.unfitted.is_empty()
+            || self.fit.left_out.iter().any(|l| l.placement.is_none())
+    }
+}
+
+/// Fits the rig to what its cameras saw in `recordings`, and judges the result.
+///
+/// # Errors
+/// If the views do not determine the rig, or a picture cannot be read any more.
+pub fn run(
+    mut sight: Sight,
+    recordings: &[Placements],
+    options: Options,
+) -> Result<Outcome, Error> {
+    let fitted = second_look::fitted(&mut sight, recordings, &options.fit)?;
+    let missing = missing(
+        &sight.session,
+        fitted.as_ref().ok(),
+        &sight.depth_cameras,
+        &options.wanted,
+    );
+    let fit = match fitted {
+        Ok(fit) => fit,
+        Err(cause) => return Err(Error::unfitted(cause, missing, &sight.rejected)),
+    };
+    let depth = depth::respond(options.depth, recordings, &fit, &sight.depth_cameras);
+    let judgement = judge(&fit, &depth.found(), &options.limits);
+    let mut responses = options.responses;
+    let found = sight.depth_cameras.iter();
+    responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
+    Ok(Outcome {
+        calibration: calibration(&fit, &responses),
+        sight,
+        fit,
+        judgement,
+        missing,
+        depth,
+    })
+}
+
+/// The fit as a calibration file holds it.
+fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigCalibration {
+    let entry = |c: &FittedCamera| {
+        let id = c.camera.id.clone();
+        let response = responses.get(&id).copied();
+        (id, (c.camera.clone(), response))
+    };
+    RigCalibration {
+        volume: fit.volume,
+        cameras: fit.cameras.iter().map(entry).collect(),
+    }
+}

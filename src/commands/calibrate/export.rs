@@ -1,0 +1,33 @@
+//! `scand calibrate --from`: a calibration that is there already, written for others.
+
+use super::bad_file;
+use super::files::FileArgs;
+use crate::calibrate;
+use crate::storage::write_atomically;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Writes the calibration of `from` to the files that are asked for.
+pub(super) fn run(
+    from: &Path,
+    out: Option<&Path>,
+    files: &FileArgs,
+    force: bool,
+    quiet: bool,
+) -> anyhow::Result<ExitCode> {
+    anyhow::ensure!(
+        out.is_some() || files.exports(),
+        "--from {}: give --ros, --kalibr or --out, where it should go",
+        from.display()
+    );
+    let calibration = calibrate::load(from).map_err(bad_file)?;
+    files.refuse_to_replace(calibration.cameras.keys(), force)?;
+    if let Some(path) = out {
+        write_atomically(path, calibration.to_toml().as_bytes())?;
+    }
+    files.write_exports(&calibration)?;
+    if !quiet {
+        say!("{}: {} cameras", from.display(), calibration.cameras.len());
+    }
+    Ok(ExitCode::SUCCESS)
+}
