@@ -20,6 +20,7 @@ pub mod image;
 pub mod job;
 #[cfg(feature = "live")]
 pub mod log;
+pub mod make_model;
 pub mod mesh;
 pub mod number;
 pub mod output;

@@ -70,6 +70,19 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
         ],
     ),
+    (
+        "make_model",
+        &[
+            "calibration",
+            "frame",
+            "job",
+            "output",
+            "reconstruct",
+            "recording",
+            "report",
+            "storage",
+        ],
+    ),
     ("check", &[]),
     ("log", &[]),
     ("number", &[]),
@@ -79,6 +92,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         &[
             "frame",
             "log",
+            "make_model",
             "number",
             "output",
             "reconstruct",

@@ -5,7 +5,7 @@ use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Moved, Ve
 use crate::frame::{CaptureId, Timestamp};
 use crate::job::CaptureFacts;
 use crate::reconstruct::Method;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Version of the report's form; it grows when a member changes its meaning or goes away.
 pub const VERSION: u32 = 1;
@@ -33,7 +33,7 @@ pub struct StageTime {
 }
 
 /// What became of a capture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// There is a model.

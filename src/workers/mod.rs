@@ -29,8 +29,6 @@ pub use confine::{ConfineError, Limits, confine, part_from, thread_comes_last};
 pub use job::Job;
 #[cfg(feature = "live")]
 pub use jobs::{Backlog, Error, Jobs, Running};
-#[cfg(feature = "live")]
-pub use outcome::Model;
 pub use parameters::Parameters;
 #[cfg(feature = "live")]
 pub use pool::{Ended, Plan, Workers};

@@ -3,12 +3,14 @@
 use super::child::{Child, End};
 use super::find::find;
 use super::jobs::{Error, Jobs, Taken};
-use super::outcome::{self, Model};
+use super::outcome;
 use super::{Job, Parameters, protocol};
 use crate::frame::{CaptureId, Timestamp};
+use crate::make_model::{FailedJob, Model, report_failure};
 use crate::reconstruct::Method;
+use crate::report::FailedCapture;
 use crate::storage::free_bytes;
-use crate::{log, output, recording, report};
+use crate::{log, recording};
 use parking_lot::Mutex;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -297,17 +299,17 @@ impl Shared {
 
     fn report(&self, job: &Job, path: &Path, reason: &str, words: &str) -> Result<(), String> {
         let id = CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let origin = report::Origin::new(&name, self.plan.method, "");
-        let capture = report::FailedCapture {
-            id: &id,
-            time_ns: Timestamp(job.trigger_ns),
-            source: &job.source,
+        let failed = FailedJob {
+            recording: path,
+            method: self.plan.method,
+            capture: FailedCapture {
+                id: &id,
+                time_ns: Timestamp(job.trigger_ns),
+                source: &job.source,
+            },
         };
-        let failure = report::Failure::new(&origin, capture, reason, report::Timing::default());
-        let text = report::to_json(&failure).map_err(|e| e.to_string())?;
         let words = (!words.is_empty()).then_some(words.as_bytes());
         let target = self.target(path, job);
-        output::write_failure(&target, text.as_bytes(), words, false).map_err(|e| e.to_string())
+        report_failure(&target, failed, reason, words, false).map_err(|e| e.to_string())
     }
 }

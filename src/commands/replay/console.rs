@@ -1,9 +1,10 @@
 //! What the user sees of a replay: a bar on a terminal, lines on a pipe, nothing when asked to be quiet; and
 //! the summary.
 
-use super::outcome::Outcome;
+use super::outcome::{Ending, Outcome};
 use crate::job::Session;
 use crate::reconstruct::Stage;
+use crate::report::Level;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -104,13 +105,13 @@ impl Console {
                 .iter()
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
-            let verdict = outcome.verdict.as_deref().unwrap_or(outcome.result);
+            let verdict = outcome.verdict.map_or("done", Level::name);
             say!("{}: {verdict}", name(outcome));
             for reason in &outcome.reasons {
                 say!("  {reason}");
             }
             match &outcome.folder {
-                Some(folder) if outcome.result == "unchanged" => {
+                Some(folder) if outcome.result == Ending::Unchanged => {
                     say!("  unchanged since it was made: {}", folder.display());
                 }
                 Some(folder) => {

@@ -1,7 +1,6 @@
-//! `scand --replay`: recordings in, models out. This file has the arguments and the order of the files; a capture's way
-//! is in `capture`, what became of it and the exit code in `outcome`, what the user sees meanwhile in `console`.
+//! `scand --replay`: recordings in, models out. This file has the arguments, the settings and the order of the
+//! files; a capture's way is in `make_model`, what the user sees meanwhile in `console`.
 
-mod capture;
 mod console;
 mod outcome;
 
@@ -9,11 +8,10 @@ use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::job::Session;
-use crate::queue;
+use crate::make_model::{ModelMaker, Settings};
 use crate::reconstruct::Method;
-use crate::recording;
+use crate::{queue, recording, sync};
 use anyhow::Context;
-use capture::Reconstruct;
 use console::Console;
 use outcome::{Outcome, exit_code};
 use std::collections::BTreeMap;
@@ -101,16 +99,23 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let stems = stems(&args.replay)?;
     let console = Console::new(args.quiet, args.json);
+    let settings = settings(&config)?;
     let mut outcomes = Vec::new();
     for (path, stem) in args.replay.iter().zip(&stems) {
-        let reconstruct = Reconstruct {
-            config: &config,
-            calibration: calibration.as_ref(),
-            force: args.force,
-            folder: args.out.join(stem),
+        let replay = Replay {
+            sync: &config.sync,
+            only: &args.capture,
+            jobs: usize::from(args.jobs),
             console: &console,
+            maker: ModelMaker {
+                settings: &settings,
+                calibration: calibration.as_ref(),
+                force: args.force,
+                folder: args.out.join(stem),
+                on_stage: &|id, stage| console.stage(id.as_str(), stage),
+            },
         };
-        match replay(path, &args.capture, &reconstruct, usize::from(args.jobs)) {
+        match replay.recording(path) {
             Ok(mut of_file) => outcomes.append(&mut of_file),
             Err(error) => outcomes.push(Outcome::unreadable(path, &error)),
         }
@@ -119,25 +124,45 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     Ok(exit_code(&outcomes, args.strict))
 }
 
-/// The outcomes of one recording's captures.
-fn replay(
-    path: &Path,
-    only: &[String],
-    reconstruct: &Reconstruct,
+/// The settings that models depend on.
+fn settings(config: &Config) -> anyhow::Result<Settings> {
+    Ok(Settings {
+        reconstruction: config.reconstruction(),
+        verdict: config.verdict.clone(),
+        glb: config.glb.clone(),
+        text: toml::to_string(&config.of_replay())?,
+    })
+}
+
+/// How a recording's captures are replayed.
+struct Replay<'a> {
+    sync: &'a sync::Parameters,
+    /// The captures that are wanted; all where none is named.
+    only: &'a [String],
+    /// Captures at the same time.
     jobs: usize,
-) -> anyhow::Result<Vec<Outcome>> {
-    let session = Session::open(path, &reconstruct.config.sync)?;
-    let wanted = wanted(&session, only).with_context(|| path.display().to_string())?;
-    reconstruct.console.file(path, &session, wanted.len());
-    let results = queue::run(jobs, wanted.len(), |i| {
-        reconstruct.capture(&session, &wanted[i])
-    });
-    let outcomes = wanted.iter().zip(results);
-    Ok(outcomes
-        .map(|(id, result)| {
-            result.unwrap_or_else(|panicked| reconstruct.failed(&session, id, &panicked))
-        })
-        .collect())
+    console: &'a Console,
+    maker: ModelMaker<'a>,
+}
+
+impl Replay<'_> {
+    /// The outcomes of one recording's captures.
+    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+        let session = Session::open(path, self.sync)?;
+        let wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        self.console.file(path, &session, wanted.len());
+        let results = queue::run(self.jobs, wanted.len(), |i| {
+            let outcome = self.maker.make(&session, &wanted[i]);
+            self.console.finished(wanted[i].as_str());
+            outcome
+        });
+        let outcome = |(id, result): (&CaptureId, Result<_, queue::Panicked>)| {
+            let outcome =
+                result.unwrap_or_else(|panicked| self.maker.failed(&session, id, &panicked));
+            Outcome::new(&session, id, outcome)
+        };
+        Ok(wanted.iter().zip(results).map(outcome).collect())
+    }
 }
 
 /// The captures that were asked for, each once; all where none was named.

@@ -1,8 +1,24 @@
-//! What became of each capture, and the exit code that follows from all of them.
+//! What became of a capture, as the summary of a replay tells it, and the exit code of them all.
 
 use crate::commands::EXIT_LOST;
+use crate::frame::CaptureId;
+use crate::job::Session;
+use crate::make_model::{self, Model};
+use crate::report::Level;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// How it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Ending {
+    /// A model was made.
+    Done,
+    /// A model of the same inputs and settings was there.
+    Unchanged,
+    /// There is no model.
+    Failed,
+}
 
 /// What became of a capture, or of a whole recording that could not be read.
 #[derive(Debug, serde::Serialize)]
@@ -11,10 +27,10 @@ pub(super) struct Outcome {
     pub(super) recording: String,
     /// The capture; none for a recording that could not be read.
     pub(super) capture: Option<String>,
-    /// `done`, `unchanged` or `failed`.
-    pub(super) result: &'static str,
-    /// `green`, `amber` or `red`.
-    pub(super) verdict: Option<String>,
+    /// How it ended.
+    pub(super) result: Ending,
+    /// What the model is worth.
+    pub(super) verdict: Option<Level>,
     /// Why it failed, or the reasons of its verdict.
     pub(super) reasons: Vec<String>,
     /// Where its files are.
@@ -26,13 +42,49 @@ pub(super) struct Outcome {
 }
 
 impl Outcome {
+    /// Of a capture.
+    pub(super) fn new(session: &Session, id: &CaptureId, outcome: make_model::Outcome) -> Self {
+        let recording = session.recording().path();
+        let capture = Some(id.to_string());
+        let of_model = |result, model: Model, damaged, seconds| Self {
+            recording: recording.display().to_string(),
+            capture: capture.clone(),
+            result,
+            verdict: Some(model.verdict),
+            reasons: model.reasons,
+            folder: Some(model.folder),
+            damaged,
+            seconds,
+        };
+        match outcome {
+            make_model::Outcome::Made {
+                model,
+                damaged,
+                seconds,
+            } => of_model(Ending::Done, model, damaged, seconds),
+            make_model::Outcome::Unchanged { model, damaged } => {
+                of_model(Ending::Unchanged, model, damaged, Vec::new())
+            }
+            make_model::Outcome::Failed { reason } => Self {
+                capture,
+                damaged: !session.damage().is_empty(),
+                ..Self::failed(recording, reason)
+            },
+        }
+    }
+
+    /// Of a recording that could not be read.
     pub(super) fn unreadable(path: &Path, error: &anyhow::Error) -> Self {
+        Self::failed(path, format!("{error:#}"))
+    }
+
+    fn failed(path: &Path, reason: String) -> Self {
         Self {
             recording: path.display().to_string(),
             capture: None,
-            result: "failed",
+            result: Ending::Failed,
             verdict: None,
-            reasons: vec![format!("{error:#}")],
+            reasons: vec![reason],
             folder: None,
             damaged: false,
             seconds: Vec::new(),
@@ -40,14 +92,14 @@ impl Outcome {
     }
 
     pub(super) fn is_done(&self) -> bool {
-        self.result != "failed"
+        self.result != Ending::Failed
     }
 
-    pub(super) fn is_red(&self) -> bool {
-        self.verdict.as_deref() == Some("red")
+    fn is_red(&self) -> bool {
+        self.verdict == Some(Level::Red)
     }
 
-    pub(super) fn has_lost(&self) -> bool {
+    fn has_lost(&self) -> bool {
         self.damaged || !self.is_done()
     }
 }

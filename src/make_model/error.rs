@@ -1,0 +1,41 @@
+//! Why no model was made of a capture.
+
+use crate::{job, output, reconstruct, storage};
+use std::path::PathBuf;
+
+/// Why no model was made of a capture.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The capture cannot be loaded.
+    #[error(transparent)]
+    Capture(#[from] job::Error),
+    /// Another calibration does not fit it.
+    #[error(transparent)]
+    Calibration(#[from] job::Misfit),
+    /// It cannot be reconstructed.
+    #[error(transparent)]
+    Reconstruction(#[from] reconstruct::Error),
+    /// The folder holds a model that may not be replaced.
+    #[error(
+        "{} holds a model made from other inputs or settings: give --force to replace it, or another --out",
+        .0.display()
+    )]
+    OtherModel(PathBuf),
+    /// A model or a picture cannot be encoded.
+    #[error(transparent)]
+    Encoding(#[from] output::Error),
+    /// A file cannot be written.
+    #[error(transparent)]
+    Storage(#[from] storage::Error),
+    /// The finished folder cannot get its name.
+    #[error("{}: {cause}", folder.display())]
+    NotPlaced {
+        /// Its name.
+        folder: PathBuf,
+        /// Why.
+        cause: storage::Error,
+    },
+    /// The report cannot become text.
+    #[error(transparent)]
+    Report(#[from] serde_json::Error),
+}

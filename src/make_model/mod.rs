@@ -1,0 +1,229 @@
+//! Making the model of a capture: from an open recording to the files in the capture's folder, or to the report of why there
+//! are none. A replay and the daemon's process of `scand make-model` both go this way. Nothing here knows arguments, a
+//! console or exit codes.
+
+mod error;
+mod failure;
+mod report_file;
+mod stages;
+
+pub use error::Error;
+pub use failure::{FailedJob, report_failure};
+pub use report_file::{Model, ReportFile};
+
+use crate::calibration::RigCalibration;
+use crate::frame::CaptureId;
+use crate::job::{self, CaptureFacts, Session};
+use crate::output;
+use crate::reconstruct::{self, Reconstruction, Scene};
+use crate::report::{self, Measurements, Origin, Verdict};
+use crate::storage::StagedFolder;
+use stages::StageTimer;
+use std::path::{Path, PathBuf};
+
+/// What models depend on besides their captures.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// The method and its parameters.
+    pub reconstruction: reconstruct::Parameters,
+    /// How they are judged.
+    pub verdict: report::Parameters,
+    /// How they are written.
+    pub glb: output::glb::Parameters,
+    /// All of these as text, for the digest.
+    pub text: String,
+}
+
+/// How models are made, and where they go.
+pub struct ModelMaker<'a> {
+    /// What they depend on.
+    pub settings: &'a Settings,
+    /// Cameras to use instead of the recorded ones.
+    pub calibration: Option<&'a RigCalibration>,
+    /// Whether other models may be replaced.
+    pub force: bool,
+    /// Where the captures' folders go.
+    pub folder: PathBuf,
+    /// Called when a stage of a capture begins.
+    pub on_stage: &'a (dyn Fn(&CaptureId, &str) + Sync),
+}
+
+/// What became of a capture.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// A model was made.
+    Made {
+        /// The model.
+        model: Model,
+        /// Whether the recording is damaged where the capture lies.
+        damaged: bool,
+        /// Seconds of each stage, in the order they ran.
+        seconds: Vec<(String, f64)>,
+    },
+    /// The model of these inputs and settings was there already.
+    Unchanged {
+        /// The model.
+        model: Model,
+        /// Whether the recording is damaged where the capture lies.
+        damaged: bool,
+    },
+    /// There is no model; its report says the same.
+    Failed {
+        /// Why.
+        reason: String,
+    },
+}
+
+impl ModelMaker<'_> {
+    /// Makes the model of one capture and writes its folder, or the report of its failure.
+    pub fn make(&self, session: &Session, id: &CaptureId) -> Outcome {
+        self.try_make(session, id)
+            .unwrap_or_else(|error| self.failed(session, id, &error))
+    }
+
+    /// The outcome of a capture that failed, with its report in its folder.
+    pub fn failed(
+        &self,
+        session: &Session,
+        id: &CaptureId,
+        error: &dyn std::fmt::Display,
+    ) -> Outcome {
+        let mut reason = error.to_string();
+        let summary = session.capture(id);
+        let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
+        let job = FailedJob {
+            recording: session.recording().path(),
+            method: self.settings.reconstruction.method,
+            capture: report::FailedCapture {
+                id,
+                time_ns,
+                source: &source,
+            },
+        };
+        let target = self.folder.join(id.as_str());
+        if let Err(also) = report_failure(&target, job, &reason, None, self.force) {
+            let also = also.to_string();
+            // What kept the model from being written mostly keeps the report as well.
+            if !reason.ends_with(&also) {
+                reason = format!("{reason}; {also}");
+            }
+        }
+        Outcome::Failed { reason }
+    }
+
+    fn try_make(&self, session: &Session, id: &CaptureId) -> Result<Outcome, Error> {
+        let timer = StageTimer::new(self.on_stage, id);
+        let (mut scene, facts) = session.load(id)?;
+        if let Some(calibration) = self.calibration {
+            job::replace_cameras(&mut scene, calibration)?;
+        }
+        let digest = job::digest(&scene, &self.settings.text);
+        let folder = self.folder.join(id.as_str());
+        let damaged = !facts.damage.is_empty();
+        if let Some(model) = self.unchanged(&folder, &digest)? {
+            return Ok(Outcome::Unchanged { model, damaged });
+        }
+        let reconstruction =
+            reconstruct::reconstruct(&scene, &self.settings.reconstruction, &timer)?;
+        timer.begin("report");
+        let made = Made {
+            scene,
+            facts,
+            reconstruction,
+        };
+        let path = session.recording().path();
+        let origin = failure::origin(path, self.settings.reconstruction.method, &digest);
+        let verdict = self.write(&folder, made, &origin, &timer)?;
+        Ok(Outcome::Made {
+            model: Model {
+                verdict: verdict.level,
+                reasons: verdict.reasons.into_iter().map(|r| r.words).collect(),
+                folder,
+            },
+            damaged,
+            seconds: timer.seconds(),
+        })
+    }
+
+    /// The model of this digest, if the folder holds it.
+    ///
+    /// # Errors
+    /// If it holds another one that may not be replaced.
+    fn unchanged(&self, folder: &Path, digest: &str) -> Result<Option<Model>, Error> {
+        if self.force || !folder.exists() {
+            return Ok(None);
+        }
+        match ReportFile::read(folder) {
+            Ok(report) if report.digest == digest && report.model.is_some() => Ok(report.model),
+            Ok(report) if report.outcome == report::Outcome::Failed => Ok(None),
+            _ => Err(Error::OtherModel(folder.into())),
+        }
+    }
+
+    /// Judges what was made and writes its files, all or none.
+    fn write(
+        &self,
+        folder: &Path,
+        made: Made,
+        origin: &Origin,
+        timer: &StageTimer,
+    ) -> Result<Verdict, Error> {
+        let staged = StagedFolder::create(folder)?;
+        let (measured, verdict) = self.write_model(&staged, &made)?;
+        timer.begin("files");
+        let Made {
+            scene,
+            facts,
+            reconstruction,
+        } = made;
+        let finish = || -> Result<(), Error> {
+            let report = report::Report::new(origin, &facts, &measured, &verdict, timer.timing());
+            staged.write(report_file::NAME, report::to_json(&report)?.as_bytes())?;
+            staged.commit(true).map_err(|cause| Error::NotPlaced {
+                folder: folder.into(),
+                cause,
+            })
+        };
+        // Giving back the pictures' memory takes as long as the disk does.
+        rayon::join(finish, || drop((scene, reconstruction))).0?;
+        Ok(verdict)
+    }
+
+    /// Measures and judges a model, and writes it and its picture, each on a core of its own.
+    fn write_model(
+        &self,
+        staged: &StagedFolder,
+        made: &Made,
+    ) -> Result<(Measurements, Verdict), Error> {
+        let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
+        let judged = || -> Result<(Measurements, Verdict), Error> {
+            let measured = report::measure(
+                &made.scene,
+                &made.reconstruction,
+                self.settings.reconstruction.method,
+            );
+            let verdict = report::judge(&measured, &made.facts, &self.settings.verdict);
+            let sheet = report::preview(&made.scene, &made.reconstruction, &verdict, id);
+            staged.write("preview.png", &output::encode_png(&sheet)?)?;
+            Ok((measured, verdict))
+        };
+        let glb = || -> Result<(), Error> {
+            let bytes = output::glb::encode(model, id, &self.settings.glb)?;
+            Ok(staged.write("model.glb", &bytes)?)
+        };
+        let ply = || -> Result<(), Error> {
+            Ok(staged.write("model.ply", &output::ply::encode(model, id)?)?)
+        };
+        let (judged, (glb, ply)) = rayon::join(judged, || rayon::join(glb, ply));
+        let judged = judged?;
+        glb.and(ply)?;
+        Ok(judged)
+    }
+}
+
+/// A capture and what was made of it.
+struct Made {
+    scene: Scene,
+    facts: CaptureFacts,
+    reconstruction: Reconstruction,
+}
