@@ -30,6 +30,8 @@ pub mod queue;
 pub mod reconstruct;
 pub mod recording;
 pub mod report;
+#[cfg(feature = "live")]
+pub mod setup;
 pub mod simulate;
 pub mod storage;
 #[cfg(test)]

@@ -142,6 +142,14 @@ impl Config {
         }
     }
 
+    /// What a replay takes of it, as the text of a file.
+    ///
+    /// # Errors
+    /// If a value has no form in TOML, which none that was read has.
+    pub fn replay_toml(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string(&self.of_replay())
+    }
+
     /// The parameters of the reconstruction's stages.
     pub fn reconstruction(&self) -> reconstruct::Parameters {
         reconstruct::Parameters {

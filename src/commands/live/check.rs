@@ -1,11 +1,12 @@
 //! `scand check`: everything that can be known to be wrong before work begins, and a bundle of it for support.
 
-use super::prepare::{Prepared, Source};
+use super::prepare::ConfigArgs;
 use crate::check::{self, Bundle, Finding, Host, State};
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
 use crate::config::Config;
 use crate::daemon::survey;
 use crate::drivers::live::HostClock;
+use crate::setup::Prepared;
 use crate::storage::free_bytes;
 use crate::trigger::{Client, Error, Reply, Request};
 use serde_json::{Value, json};
@@ -24,7 +25,7 @@ const DAEMON: Duration = Duration::from_secs(10);
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    source: Source,
+    source: ConfigArgs,
     /// Print the findings as JSON.
     #[arg(long)]
     json: bool,
@@ -219,7 +220,7 @@ fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) 
 }
 
 /// Everything that support wants to see. What is not there is left out.
-fn pack(source: &Source, lines: &str, findings: &Value, status: &Value) -> Bundle {
+fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> Bundle {
     let mut bundle = Bundle::default();
     bundle.add("check.txt", format!("{lines}\n"));
     bundle.add("check.json", format!("{findings:#}\n"));

@@ -4,19 +4,11 @@ pub mod ask;
 #[cfg(feature = "live")]
 pub mod check;
 #[cfg(feature = "live")]
-mod line;
-#[cfg(feature = "live")]
 mod models;
 #[cfg(feature = "pedal")]
 pub mod pedal;
 #[cfg(feature = "live")]
 mod prepare;
 #[cfg(feature = "live")]
-mod reread;
-#[cfg(feature = "live")]
 pub mod run;
-#[cfg(feature = "live")]
-mod stations;
 mod table;
-#[cfg(feature = "live")]
-mod twice;

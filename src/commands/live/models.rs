@@ -34,7 +34,7 @@ impl Models {
         self.jobs.offer_missing(left, &config.workers.folder);
         let plan = Plan {
             parameters: config.workers.clone(),
-            settings: settings(config)?,
+            settings: config.replay_toml()?,
             method: config.method,
             keep_free,
             // This very program, also when another version has been installed meanwhile.
@@ -43,11 +43,6 @@ impl Models {
         let tell = move |ended| events.publish(event(ended));
         Ok(Workers::start(&self.jobs, plan, tell)?)
     }
-}
-
-/// What a process that makes a model goes by.
-pub(super) fn settings(config: &Config) -> anyhow::Result<String> {
-    Ok(toml::to_string(&config.of_replay())?)
 }
 
 fn event(ended: Ended) -> Event {

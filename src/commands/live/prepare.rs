@@ -1,22 +1,13 @@
-//! From the configuration's file to everything that a daemon needs before it touches a camera.
+//! The rig's configuration, as the commands of a live rig are given it.
 
-use super::line::allow_for_lines;
-use super::stations::stations;
-use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::commands::BadConfiguration;
-use crate::config::Config;
-use crate::daemon::{Kind, Station};
-use crate::drivers::live::{HostClock, Pool};
-use crate::frame::CameraId;
-use crate::recording::Preamble;
-use anyhow::Context;
-use sha2::{Digest, Sha256};
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use crate::drivers::live::HostClock;
+use crate::setup::{Error, Prepared, Source};
+use std::path::PathBuf;
 
 /// The rig's configuration.
 #[derive(Clone, Debug, clap::Args)]
-pub(super) struct Source {
+pub(super) struct ConfigArgs {
     /// The rig's configuration (TOML).
     #[arg(long, value_name = "FILE", default_value = "/etc/scand/rig.toml")]
     pub config: PathBuf,
@@ -25,113 +16,23 @@ pub(super) struct Source {
     pub set: Vec<String>,
 }
 
-/// A rig that could be run.
-pub(super) struct Prepared {
-    pub config: Config,
-    pub stations: Vec<Station>,
-    pub preamble: Preamble,
-    pub pool: Pool,
-    /// Where the calibration is.
-    pub calibration: PathBuf,
-}
+impl ConfigArgs {
+    /// Where the configuration is.
+    pub fn source(&self) -> Source {
+        Source {
+            config: self.config.clone(),
+            set: self.set.clone(),
+        }
+    }
 
-impl Source {
     /// Reads configuration and calibration and makes a driver for each camera; opens none.
     ///
     /// # Errors
     /// If one of them is bad.
     pub fn prepare(&self, clock: HostClock) -> anyhow::Result<Prepared> {
-        let mut config = Config::load(Some(&self.config), &self.set).map_err(bad)?;
-        if config.workers.folder.as_os_str().is_empty() {
-            config.workers.folder = config.recording.folder.with_file_name("models");
-        }
-        // Libraries of cameras change the working folder of a process for moments.
-        for path in [
-            &mut config.recording.folder,
-            &mut config.socket.path,
-            &mut config.workers.folder,
-        ] {
-            *path = std::path::absolute(&*path)?;
-        }
-        let named = |problem| named(&self.config, problem);
-        allow_for_lines(&mut config).map_err(named)?;
-        let text = std::fs::read_to_string(&self.config)
-            .with_context(|| format!("configuration {}", self.config.display()))?;
-        config.hooks.checked().map_err(named)?;
-        let file = self.calibration(&config).map_err(named)?;
-        let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
-        let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
-        let stations = stations(&config, &calibration, clock, &pool).map_err(named)?;
-        let mut preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
-        let about = &mut preamble.about;
-        about.insert("calibration_sha256".into(), digest(&file)?);
-        Ok(Prepared {
-            config,
-            stations,
-            preamble,
-            pool,
-            calibration: file,
+        self.source().prepare(clock).map_err(|error| match error {
+            error @ Error::Read { .. } => error.into(),
+            error => BadConfiguration(error.into()).into(),
         })
     }
-
-    /// Where the calibration is; a relative path is beside the configuration.
-    fn calibration(&self, config: &Config) -> Result<PathBuf, String> {
-        if config.rig.calibration.as_os_str().is_empty() {
-            let words = "rig.calibration is missing, expected the file that scand calibrate wrote";
-            return Err(words.into());
-        }
-        let folder = self.config.parent().unwrap_or(Path::new("."));
-        Ok(folder.join(&config.rig.calibration))
-    }
-}
-
-/// The file's SHA-256, as `sha256sum` prints it, so that the file can be found again.
-fn digest(file: &Path) -> anyhow::Result<String> {
-    let bytes = std::fs::read(file).with_context(|| format!("calibration {}", file.display()))?;
-    Ok(format!("{:x}", Sha256::digest(bytes)))
-}
-
-fn bad(error: impl std::error::Error + Send + Sync + 'static) -> anyhow::Error {
-    BadConfiguration(Box::new(error)).into()
-}
-
-/// What is wrong with a configuration, with the file's name.
-fn named(file: &Path, problem: String) -> anyhow::Error {
-    BadConfiguration(format!("configuration {}: {problem}", file.display()).into()).into()
-}
-
-/// What every recording begins with.
-fn preamble(
-    config: &Config,
-    calibration: &RigCalibration,
-    stations: &[Station],
-    configuration: String,
-) -> Result<Preamble, String> {
-    let of = |color: bool| {
-        let chosen = stations
-            .iter()
-            .filter(move |s| (s.kind == Kind::Color) == color);
-        chosen.filter_map(|s| calibration.cameras.get(&s.id))
-    };
-    let depth = |(camera, response): &(Camera, Option<DepthResponse>)| DepthCamera {
-        camera: camera.clone(),
-        response: response.unwrap_or_default(),
-    };
-    let volume = config.rig.volume.map(|volume| {
-        let volume = Volume::new(volume.min.into(), volume.max.into());
-        volume.map_err(|e| format!("rig.volume: {e}"))
-    });
-    let volume = volume.transpose()?.or(calibration.volume);
-    if volume.is_none() {
-        return Err("rig.volume is missing, and the calibration proposes none".into());
-    }
-    Ok(Preamble {
-        colors: of(true).map(|(camera, _)| camera.clone()).collect(),
-        depths: of(false).map(depth).collect(),
-        volume,
-        settings: BTreeMap::new(),
-        backgrounds: BTreeMap::<CameraId, _>::new(),
-        configuration,
-        about: BTreeMap::from([("rig".into(), config.rig.name.clone())]),
-    })
 }

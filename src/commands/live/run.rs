@@ -1,8 +1,7 @@
 //! `scand run`: the daemon, from its configuration to its end.
 
 use super::models::Models;
-use super::prepare::{Prepared, Source};
-use super::reread::Running;
+use super::prepare::ConfigArgs;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
@@ -11,6 +10,7 @@ use crate::daemon::{
 };
 use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
+use crate::setup::{Prepared, Running, Source};
 use anyhow::Context;
 use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
@@ -23,7 +23,7 @@ use std::time::Duration;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
-    source: Source,
+    source: ConfigArgs,
     /// Check the configuration, say what it asks for, and touch nothing.
     #[arg(long)]
     check: bool,
@@ -45,7 +45,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let socket = handed_over().context("the socket that was handed over")?;
-    serve_rig(args.source, prepared, clock, socket)
+    serve_rig(args.source.source(), prepared, clock, socket)
 }
 
 fn serve_rig(

@@ -130,7 +130,7 @@ fn settings(config: &Config) -> anyhow::Result<Settings> {
         reconstruction: config.reconstruction(),
         verdict: config.verdict.clone(),
         glb: config.glb.clone(),
-        text: toml::to_string(&config.of_replay())?,
+        text: config.replay_toml()?,
     })
 }
 

@@ -1,7 +1,6 @@
 //! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key, and
 //! taken whole or not at all, so that a recording's copy of it is always true.
 
-use super::models::settings;
 use super::prepare::Source;
 use crate::config::Config;
 use crate::daemon::{Reread, ServiceParameters};
@@ -37,9 +36,12 @@ const MAY_CHANGE: &[&str] = &[
 ];
 
 /// What the daemon was started with.
-pub(super) struct Running {
+pub struct Running {
+    /// Where its configuration is.
     pub source: Source,
+    /// The configuration.
     pub config: Config,
+    /// What every recording begins with.
     pub preamble: Preamble,
     /// Where models' settings go.
     pub jobs: Option<Arc<Jobs>>,
@@ -53,7 +55,7 @@ impl Running {
     /// # Errors
     /// If they are bad, or something has changed that may not: each key by its name.
     pub fn reread(&self, clock: HostClock) -> Result<(Reread, ServiceParameters), String> {
-        let now = self.source.prepare(clock).map_err(|e| format!("{e:#}"))?;
+        let now = self.source.prepare(clock).map_err(|e| e.to_string())?;
         let mut fixed = changed(&self.config, &now.config)?;
         fixed.retain(|key| !may_change(key));
         if !fixed.is_empty() {
@@ -62,7 +64,7 @@ impl Running {
         }
         same_sizes(&self.preamble, &now.preamble)?;
         if let Some(jobs) = &self.jobs {
-            let settings = settings(&now.config).map_err(|e| format!("{e:#}"))?;
+            let settings = now.config.replay_toml().map_err(|e| e.to_string())?;
             jobs.set_settings(&settings).map_err(|e| e.to_string())?;
         }
         let keep_free = now.config.recording.keep_free();

@@ -1,0 +1,160 @@
+//! From the configuration's file to everything that a daemon needs before it touches a camera.
+
+use super::line::allow_for_lines;
+use super::stations::stations;
+use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
+use crate::config::{self, Config};
+use crate::daemon::{Kind, Station};
+use crate::drivers::live::{HostClock, Pool};
+use crate::frame::CameraId;
+use crate::recording::Preamble;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Where the rig's configuration is.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Its file (TOML).
+    pub config: PathBuf,
+    /// Values over it, `KEY=VALUE` each.
+    pub set: Vec<String>,
+}
+
+/// Why a rig cannot be run.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The configuration cannot be read, or a value is not what it should be.
+    #[error(transparent)]
+    Configuration(#[from] config::Error),
+    /// A configuration, or the calibration that it names, that no rig can have.
+    #[error("configuration {}: {problem}", file.display())]
+    Refused {
+        /// The configuration.
+        file: PathBuf,
+        /// The field, what was found, and what was expected.
+        problem: String,
+    },
+    /// A file or the working folder that cannot be read.
+    #[error("{what}: {cause}")]
+    Read {
+        /// Which.
+        what: String,
+        /// Why.
+        cause: std::io::Error,
+    },
+}
+
+/// A rig that could be run.
+pub struct Prepared {
+    /// The configuration, its paths absolute.
+    pub config: Config,
+    /// The cameras with their drivers.
+    pub stations: Vec<Station>,
+    /// What every recording begins with.
+    pub preamble: Preamble,
+    /// Memory for frames.
+    pub pool: Pool,
+    /// Where the calibration is.
+    pub calibration: PathBuf,
+}
+
+impl Source {
+    /// Reads configuration and calibration and makes a driver for each camera; opens none.
+    ///
+    /// # Errors
+    /// If one of them is bad.
+    pub fn prepare(&self, clock: HostClock) -> Result<Prepared, Error> {
+        let mut config = Config::load(Some(&self.config), &self.set)?;
+        if config.workers.folder.as_os_str().is_empty() {
+            config.workers.folder = config.recording.folder.with_file_name("models");
+        }
+        // Libraries of cameras change the working folder of a process for moments.
+        for path in [
+            &mut config.recording.folder,
+            &mut config.socket.path,
+            &mut config.workers.folder,
+        ] {
+            *path = std::path::absolute(&*path).map_err(unread("working folder", path))?;
+        }
+        let named = |problem| Error::Refused {
+            file: self.config.clone(),
+            problem,
+        };
+        allow_for_lines(&mut config).map_err(named)?;
+        let text =
+            std::fs::read_to_string(&self.config).map_err(unread("configuration", &self.config))?;
+        config.hooks.checked().map_err(named)?;
+        let file = self.calibration(&config).map_err(named)?;
+        let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
+        let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
+        let stations = stations(&config, &calibration, clock, &pool).map_err(named)?;
+        let mut preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
+        let about = &mut preamble.about;
+        about.insert("calibration_sha256".into(), digest(&file)?);
+        Ok(Prepared {
+            config,
+            stations,
+            preamble,
+            pool,
+            calibration: file,
+        })
+    }
+
+    /// Where the calibration is; a relative path is beside the configuration.
+    fn calibration(&self, config: &Config) -> Result<PathBuf, String> {
+        if config.rig.calibration.as_os_str().is_empty() {
+            let words = "rig.calibration is missing, expected the file that scand calibrate wrote";
+            return Err(words.into());
+        }
+        let folder = self.config.parent().unwrap_or(Path::new("."));
+        Ok(folder.join(&config.rig.calibration))
+    }
+}
+
+/// The file's SHA-256, as `sha256sum` prints it, so that the file can be found again.
+fn digest(file: &Path) -> Result<String, Error> {
+    let bytes = std::fs::read(file).map_err(unread("calibration", file))?;
+    Ok(format!("{:x}", Sha256::digest(bytes)))
+}
+
+fn unread(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {
+    let what = format!("{what} {}", path.display());
+    move |cause| Error::Read { what, cause }
+}
+
+/// What every recording begins with.
+fn preamble(
+    config: &Config,
+    calibration: &RigCalibration,
+    stations: &[Station],
+    configuration: String,
+) -> Result<Preamble, String> {
+    let of = |color: bool| {
+        let chosen = stations
+            .iter()
+            .filter(move |s| (s.kind == Kind::Color) == color);
+        chosen.filter_map(|s| calibration.cameras.get(&s.id))
+    };
+    let depth = |(camera, response): &(Camera, Option<DepthResponse>)| DepthCamera {
+        camera: camera.clone(),
+        response: response.unwrap_or_default(),
+    };
+    let volume = config.rig.volume.map(|volume| {
+        let volume = Volume::new(volume.min.into(), volume.max.into());
+        volume.map_err(|e| format!("rig.volume: {e}"))
+    });
+    let volume = volume.transpose()?.or(calibration.volume);
+    if volume.is_none() {
+        return Err("rig.volume is missing, and the calibration proposes none".into());
+    }
+    Ok(Preamble {
+        colors: of(true).map(|(camera, _)| camera.clone()).collect(),
+        depths: of(false).map(depth).collect(),
+        volume,
+        settings: BTreeMap::new(),
+        backgrounds: BTreeMap::<CameraId, _>::new(),
+        configuration,
+        about: BTreeMap::from([("rig".into(), config.rig.name.clone())]),
+    })
+}
