@@ -72,7 +72,7 @@ fn plan(folder: &Path, change: impl FnOnce(&mut Parameters)) -> Plan {
         settings: settings(),
         method: Default::default(),
         keep_free: Arc::default(),
-        command: vec![env!("CARGO_BIN_EXE_scand").into(), "work".into()],
+        command: vec![env!("CARGO_BIN_EXE_scand").into(), "make-model".into()],
     }
 }
 

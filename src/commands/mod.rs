@@ -15,12 +15,12 @@ pub mod diff;
 pub mod evaluate;
 pub mod info;
 pub mod live;
+#[cfg(feature = "live")]
+pub mod make_model;
 pub mod pack;
 pub mod recover;
 pub mod replay;
 pub mod simulate;
-#[cfg(feature = "live")]
-pub mod work;
 
 use clap::{Parser, Subcommand};
 use std::path::Path;
@@ -112,6 +112,9 @@ enum Command {
     Evaluate(evaluate::Args),
     Events(live::ask::EventsArgs),
     Info(info::Args),
+    #[cfg(feature = "live")]
+    #[command(hide = true, name = crate::workers::protocol::COMMAND)]
+    MakeModel(Box<make_model::Args>),
     Note(live::ask::NoteArgs),
     Pack(pack::Args),
     #[cfg(feature = "pedal")]
@@ -123,9 +126,6 @@ enum Command {
     Simulate(Box<simulate::Args>),
     Status(live::ask::StatusArgs),
     Trigger(live::ask::TriggerArgs),
-    #[cfg(feature = "live")]
-    #[command(hide = true, name = crate::workers::protocol::COMMAND)]
-    Work(Box<work::Args>),
 }
 
 /// Runs what was asked.
@@ -143,6 +143,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::ask::events(args),
         Some(Command::Info(args)) => info::run(args),
+        #[cfg(feature = "live")]
+        Some(Command::MakeModel(args)) => make_model::run(*args),
         Some(Command::Note(args)) => live::ask::note(args),
         Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "pedal")]
@@ -154,8 +156,6 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Simulate(args)) => simulate::run(*args),
         Some(Command::Status(args)) => live::ask::status(args),
         Some(Command::Trigger(args)) => live::ask::trigger(args),
-        #[cfg(feature = "live")]
-        Some(Command::Work(args)) => work::run(*args),
         None => replay::run(cli.replay),
     }
 }

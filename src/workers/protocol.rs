@@ -1,11 +1,11 @@
 //! What the daemon and a process that makes a model for it say to each other: the command and its options, the lines on
-//! standard error, and the exit codes. `scand work` is the other end. No process is started here.
+//! standard error, and the exit codes. `scand make-model` is the other end. No process is started here.
 
 use std::ffi::OsString;
 use std::path::Path;
 
 /// The command that makes one model.
-pub const COMMAND: &str = "work";
+pub const COMMAND: &str = "make-model";
 /// Its option for the id of the process that started it.
 pub const PARENT: &str = "parent";
 /// Its option for the memory that it may take, in megabytes.

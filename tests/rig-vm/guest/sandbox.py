@@ -146,7 +146,7 @@ def worker_process(unit):
     """The folder below /proc of a worker that has more filters than its unit, and that is stopped for it."""
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
-            if path.read_bytes().split(b"\0")[1:2] == [b"work"] and int(of(path.parent, "Seccomp_filters")) > unit + 1:
+            if path.read_bytes().split(b"\0")[1:2] == [b"make-model"] and int(of(path.parent, "Seccomp_filters")) > unit + 1:
                 # Held, or it could end while it is looked at.
                 os.kill(int(path.parent.name), signal.SIGSTOP)
                 return path.parent

@@ -1,4 +1,4 @@
-//! `scand work`, which only the daemon calls: `scand --replay` of one capture, in a process that may do nothing else.
+//! `scand make-model`, which only the daemon calls: `scand --replay` of one capture, in a process that may do nothing else.
 
 use super::replay;
 use crate::workers::{Limits, confine, part_from, protocol};
@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 /// Make a model of a capture, confined. For the daemon.
 #[derive(Debug, clap::Args)]
-#[group(id = "work")]
+#[group(id = "make_model")]
 pub struct Args {
     /// The process that started this one, which ends with it.
     #[arg(long = protocol::PARENT, value_name = "PID")]
