@@ -2,6 +2,8 @@
 
 mod calibration;
 mod cameras;
+#[cfg(test)]
+mod comments_tests;
 mod nan;
 
 pub use calibration::Calibration;

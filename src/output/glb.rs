@@ -17,7 +17,8 @@ use serde_json::json;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// JPEG quality of the embedded texture, 1 to 100. Default 90.
+    /// JPEG quality of the embedded texture, 1 to 100.
+    /// Default 90, range 1 to 100.
     #[serde(deserialize_with = "crate::number::count::<_, u8, 1, 100>")]
     pub jpeg_quality: u8,
 }

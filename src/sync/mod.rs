@@ -18,19 +18,23 @@ use std::fmt;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// How much before its trigger a frame of a capture may begin, in milliseconds. Default 5.
+    /// How much before its trigger a frame of a capture may begin, in milliseconds.
+    /// Default 5, range 0 to 3600000.
     #[serde(deserialize_with = "crate::number::milliseconds")]
     pub tolerance_ms: f64,
-    /// How long after its trigger a capture takes frames, in milliseconds. Default 2000.
+    /// How long after its trigger a capture takes frames, in milliseconds.
+    /// Default 2000, range 0 to 3600000.
     #[serde(deserialize_with = "crate::number::milliseconds")]
     pub window_ms: f64,
     /// Which colour cameras run freely, so that the frame nearest to the trigger counts rather than the first
     /// one after it: true for all, false for none, or a list of names. Default false.
     pub nearest_color: FreeRunning,
-    /// Frames of each depth camera that a capture takes. Default 30.
+    /// Frames of each depth camera that a capture takes.
+    /// Default 30, range 0 to 1000.
     #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
     pub depth_frames: usize,
-    /// Fewest frames of a depth camera that make a capture. Default 10.
+    /// Fewest frames of a depth camera that make a capture.
+    /// Default 10, range 0 to 1000.
     #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
     pub min_depth_frames: usize,
     /// Whether a capture goes on without a camera that gave too few frames. Default false.

@@ -33,27 +33,35 @@ use region::Region;
 pub struct Parameters {
     /// Side of the cells that are segmented before the contour is located, in pixels; 0 chooses 1, 2 or 4
     /// from the size of the object's region.
+    /// Default 0, range 0 to 64.
     #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 64>")]
     pub cell_px: usize,
     /// How many standard deviations of noise a cell must differ from the plate to count as object.
+    /// Default 4, range 0.001 to 1000.
     #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
     pub significance: f32,
     /// Darkest shadow that may fall on the backdrop, as a share of its light.
+    /// Default 0.12, range 0 to 1.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
     pub darkest_shadow: f32,
     /// How much of the light that a shadow takes may be coloured, as a share.
+    /// Default 0.15, range 0 to 1.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
     pub shadow_tint: f32,
     /// How much light the object may throw onto the backdrop, as a share of its light.
+    /// Default 0.06, range 0 to 1.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
     pub spill: f32,
     /// Cost of a boundary along one side of a cell, in units of evidence.
+    /// Default 12, range 0 to 1000000.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
     pub smoothness: f32,
     /// Smallest hole that stays a hole, in pixels.
+    /// Default 40, range 0 to 1000000000.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000000>")]
     pub smallest_hole_px: f32,
     /// Smallest separate piece that is kept, as a share of the largest one's area.
+    /// Default 0.005, range 0 to 1.
     #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
     pub smallest_piece: f32,
 }
