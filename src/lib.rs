@@ -5,6 +5,12 @@
 //! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `job` →
 //! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.
 
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
+#![cfg_attr(
+    test,
+    allow(clippy::disallowed_methods, reason = "a test's channel ends with it")
+)]
+
 pub mod array;
 pub mod calibrate;
 pub mod calibration;

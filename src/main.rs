@@ -1,5 +1,7 @@
 //! The thin binary: arguments in, exit code out. Everything else lives in the library.
 
+#![warn(clippy::unwrap_used)]
+
 use clap::Parser;
 use scand::commands::{Cli, exit_code, run};
 use std::process::ExitCode;

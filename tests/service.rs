@@ -389,7 +389,7 @@ fn a_foot_switch_that_bounces_is_one_press() {
     let folder = tempfile::tempdir().unwrap();
     let socket = folder.path().join("scand.sock");
     let listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
-    let (sender, requests) = std::sync::mpsc::channel();
+    let (sender, requests) = std::sync::mpsc::sync_channel(16);
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let mut line = String::new();

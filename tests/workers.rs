@@ -1,6 +1,8 @@
 //! Processes that make models beside a rig: the real program on a small recording, what becomes of it when it may not
 //! have the memory it wants or its daemon is killed, and what it may not do at all.
 
+#![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
+
 use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;

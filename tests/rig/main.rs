@@ -1,6 +1,8 @@
 //! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a depth
 //! camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
 
+#![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
+
 mod configuration;
 mod faults;
 #[path = "../gige/network.rs"]

@@ -44,10 +44,8 @@ impl Recorder {
             checked(status, format!("recording a stream to {shown}"))?;
         }
         // SAFETY: the recorder is there.
-        checked(
-            unsafe { ffi::oniRecorderStart(handle) },
-            format!("recording to {shown}"),
-        )?;
+        let status = unsafe { ffi::oniRecorderStart(handle) };
+        checked(status, format!("recording to {shown}"))?;
         Ok(Some(recorder))
     }
 }
