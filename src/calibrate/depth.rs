@@ -1,7 +1,7 @@
 //! What the depth cameras' readings mean: from the boards' planes, from a table, or not asked.
 
 use super::Error;
-use super::sight::placement_names;
+use super::detections::placement_names;
 use crate::calibration::fit::{Fit, FittedCamera};
 use crate::calibration::response::{
     DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,

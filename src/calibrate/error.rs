@@ -1,6 +1,6 @@
 //! Why a rig cannot be calibrated or checked.
 
-use super::sight::Rejected;
+use super::detections::Rejected;
 use crate::calibration::response::ResponseError;
 use crate::calibration::{FileError, fit};
 use crate::frame::CameraId;

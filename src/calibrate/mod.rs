@@ -2,18 +2,18 @@
 //! an older one. The steps and their order stand here; what they compute is in `calibration::fit` and
 //! `calibration::response`. Nothing here knows arguments, a console or exit codes, or writes a file.
 
-mod checking;
+mod check;
 mod depth;
+mod detections;
 mod error;
-mod known;
-mod second_look;
-mod sight;
+mod import;
+mod two_pass_fit;
 
-pub use checking::{Check, check};
+pub use check::{Check, check};
 pub use depth::{Depth, DepthMethod, Table};
+pub use detections::{Detections, Rejected, board, detect_boards, open};
 pub use error::Error;
-pub use known::{import, load, of_recording};
-pub use sight::{Rejected, Sight, board, look, open};
+pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
 use crate::calibration::{DepthResponse, RigCalibration};
@@ -40,7 +40,7 @@ pub struct Options {
 #[derive(Debug)]
 pub struct Outcome {
     /// What the cameras saw.
-    pub sight: Sight,
+    pub detections: Detections,
     /// Lenses, poses and placements.
     pub fit: Fit,
     /// What they are worth.
@@ -56,7 +56,7 @@ pub struct Outcome {
 impl Outcome {
     /// Whether a picture, a reading, a view or a camera's depth response was lost on the way.
     pub fn has_lost(&self) -> bool {
-        !self.sight.lost.is_empty()
+        !self.detections.lost.is_empty()
             || !self.depth.lost.is_empty()
             || !self.depth.unfitted.is_empty()
             || self.fit.left_out.iter().any(|l| l.placement.is_none())
@@ -68,29 +68,29 @@ impl Outcome {
 /// # Errors
 /// If the views do not determine the rig, or a picture cannot be read any more.
 pub fn run(
-    mut sight: Sight,
+    mut detections: Detections,
     recordings: &[Placements],
     options: Options,
 ) -> Result<Outcome, Error> {
-    let fitted = second_look::fitted(&mut sight, recordings, &options.fit)?;
+    let fitted = two_pass_fit::fit_in_two_passes(&mut detections, recordings, &options.fit)?;
     let missing = missing(
-        &sight.session,
+        &detections.session,
         fitted.as_ref().ok(),
-        &sight.depth_cameras,
+        &detections.depth_cameras,
         &options.wanted,
     );
     let fit = match fitted {
         Ok(fit) => fit,
-        Err(cause) => return Err(Error::unfitted(cause, missing, &sight.rejected)),
+        Err(cause) => return Err(Error::unfitted(cause, missing, &detections.rejected)),
     };
-    let depth = depth::respond(options.depth, recordings, &fit, &sight.depth_cameras);
+    let depth = depth::respond(options.depth, recordings, &fit, &detections.depth_cameras);
     let judgement = judge(&fit, &depth.found(), &options.limits);
     let mut responses = options.responses;
-    let found = sight.depth_cameras.iter();
+    let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
     Ok(Outcome {
         calibration: calibration(&fit, &responses),
-        sight,
+        detections,
         fit,
         judgement,
         missing,

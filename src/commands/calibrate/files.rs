@@ -57,13 +57,15 @@ impl FileArgs {
                 .to_string_lossy()
                 .into_owned()
         };
-        let Outcome { sight, depth, .. } = outcome;
+        let Outcome {
+            detections, depth, ..
+        } = outcome;
         let depths: Vec<_> = depth
             .planes
             .iter()
             .map(|(id, fit)| (id.clone(), fit))
             .collect();
-        let lost: Vec<String> = sight.lost.iter().chain(&depth.lost).cloned().collect();
+        let lost: Vec<String> = detections.lost.iter().chain(&depth.lost).cloned().collect();
         let sources: Vec<String> = sessions.iter().map(name).collect();
         let page = CalibrationPage {
             fit: &outcome.fit,

@@ -1,13 +1,13 @@
 //! `scand calibrate SESSION.mcap`: from pictures of a board to the rig's calibration, with a verdict.
 
-mod checking;
+mod check;
 mod depth;
 mod export;
 mod files;
-mod words;
+mod summary;
 
 use super::{BadConfiguration, EXIT_LOST, refuse_to_replace};
-use crate::calibrate::{self, Options, Outcome, Sight};
+use crate::calibrate::{self, Detections, Options, Outcome};
 use crate::calibration::fit::{Level, Model};
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::config::Config;
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use words::Told;
+use summary::Summary;
 
 /// Calibrate a rig from recordings in which its cameras see a board in many places.
 #[derive(Debug, clap::Args)]
@@ -124,10 +124,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         recordings.iter().flat_map(Placements::cameras).collect();
     args.files.refuse_to_replace(cameras.keys(), args.force)?;
     let board = calibrate::board(args.board, &recordings)?;
-    let sight = look(&recordings, &board, &lenses, args.quiet)?;
+    let detections = detect_boards(&recordings, &board, &lenses, args.quiet)?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
-        let check = calibrate::check(&sight, known, &config.calibration.watch)?;
-        return Ok(checking::print(&check, &sight, args.json, args.quiet));
+        let check = calibrate::check(&detections, known, &config.calibration.watch)?;
+        return Ok(check::print(&check, &detections, args.json, args.quiet));
     }
     let limits = config.calibration.limits.clone();
     let options = Options {
@@ -137,7 +137,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         wanted: config.calibration.wanted,
         limits: config.calibration.limits,
     };
-    let outcome = calibrate::run(sight, &recordings, options)?;
+    let outcome = calibrate::run(detections, &recordings, options)?;
     tell(&outcome.depth.lost, args.quiet);
     args.files.write_report(&args.sessions, &outcome, &limits)?;
     let refused = outcome.judgement.level == Level::Refused && !args.force;
@@ -201,19 +201,19 @@ fn bad_file(error: calibrate::Error) -> anyhow::Error {
 }
 
 /// Looks for the board behind a bar, and tells what was lost.
-fn look(
+fn detect_boards(
     recordings: &[Placements],
     board: &Board,
     lenses: &Lenses,
     quiet: bool,
-) -> anyhow::Result<Sight> {
+) -> anyhow::Result<Detections> {
     let pictures = recordings.iter().map(|r| r.shots().len()).sum::<usize>();
     let progress = progress(pictures as u64, quiet);
     let lenses = [&lenses.known, &lenses.start].map(Option::as_ref);
-    let sight = calibrate::look(recordings, board, lenses, &|| progress.inc(1))?;
+    let detections = calibrate::detect_boards(recordings, board, lenses, &|| progress.inc(1))?;
     progress.finish_and_clear();
-    tell(sight.warnings.iter().chain(&sight.lost), quiet);
-    Ok(sight)
+    tell(detections.warnings.iter().chain(&detections.lost), quiet);
+    Ok(detections)
 }
 
 fn progress(length: u64, quiet: bool) -> ProgressBar {
@@ -238,7 +238,7 @@ fn responses(known: RigCalibration) -> BTreeMap<CameraId, DepthResponse> {
 }
 
 fn print(args: &Args, outcome: &Outcome, written: Option<&Path>) {
-    let told = Told { outcome, written };
+    let told = Summary { outcome, written };
     if args.json {
         say!("{:#}", told.json());
     } else if !args.quiet {

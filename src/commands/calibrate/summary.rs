@@ -6,15 +6,15 @@ use crate::calibration::fit::{FittedCamera, FittedPlacement, Level};
 use std::path::Path;
 
 /// All that there is to say of a calibration.
-pub(super) struct Told<'a> {
+pub(super) struct Summary<'a> {
     pub(super) outcome: &'a Outcome,
     pub(super) written: Option<&'a Path>,
 }
 
-impl Told<'_> {
+impl Summary<'_> {
     /// The table and the verdict.
     pub(super) fn text(&self) -> String {
-        let (fit, session) = (&self.outcome.fit, &self.outcome.sight.session);
+        let (fit, session) = (&self.outcome.fit, &self.outcome.detections.session);
         let mut lines = vec![format!(
             "board {}: {} placements, {} views, {} cameras",
             fit.board,
@@ -105,9 +105,9 @@ impl Told<'_> {
 
     /// The same for programs.
     pub(super) fn json(&self) -> serde_json::Value {
-        let (fit, sight) = (&self.outcome.fit, &self.outcome.sight);
+        let (fit, detections) = (&self.outcome.fit, &self.outcome.detections);
         let losses = depth::losses(&self.outcome.depth);
-        let lost: Vec<String> = sight.lost.iter().cloned().chain(losses).collect();
+        let lost: Vec<String> = detections.lost.iter().cloned().chain(losses).collect();
         let cameras: serde_json::Map<_, _> = fit
             .cameras
             .iter()
@@ -133,7 +133,7 @@ impl Told<'_> {
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
             })),
             "left_out": fit.left_out,
-            "rejected": sight.rejected,
+            "rejected": detections.rejected,
             "lost": lost,
             "missing": self.outcome.missing,
             "written": self.written,

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 /// What the cameras of some recordings saw.
 #[derive(Debug)]
-pub struct Sight {
+pub struct Detections {
     /// The corners that were found.
     pub session: Session,
     /// Cameras that measure depth.
@@ -81,65 +81,68 @@ pub fn board(given: Option<Board>, recordings: &[Placements]) -> Result<Board, E
 }
 
 /// What a picture shows.
-struct Look<'a> {
+struct Detection<'a> {
     shot: &'a Shot,
     placement: String,
     size: [usize; 2],
     found: Result<View, Rejection>,
 }
 
-/// Looks for the board in all pictures, on all cores; `looked` is called after each. `lenses` are those to keep, and those to
+/// Looks for the board in all pictures, on all cores; `on_picture` is called after each. `lenses` are those to keep, and those to
 /// start from. A picture that cannot be read is lost, not an error.
 ///
 /// # Errors
 /// If a lens belongs to pictures of another size, or most pictures show a board of another size.
-pub fn look(
+pub fn detect_boards(
     recordings: &[Placements],
     board: &Board,
     lenses: [Option<&RigCalibration>; 2],
-    looked: &(dyn Fn() + Sync),
-) -> Result<Sight, Error> {
+    on_picture: &(dyn Fn() + Sync),
+) -> Result<Detections, Error> {
     let placements = placement_names(recordings);
-    let mut sight = Sight::new(board, &placements);
+    let mut detections = Detections::new(board, &placements);
     let shots: Vec<Vec<Shot>> = recordings.iter().map(Placements::shots).collect();
-    let mut looks = Vec::new();
+    let mut found = Vec::new();
     for ((recording, names), shots) in recordings.iter().zip(&placements).zip(&shots) {
-        sight.take_problems(recording);
-        let look = |shot| {
-            let look = look_at(recording, shot, board, names);
-            looked();
-            look
+        detections.take_problems(recording);
+        let detect = |shot| {
+            let detection = detect(recording, shot, board, names);
+            on_picture();
+            detection
         };
-        let done: Vec<Result<Look, Error>> = shots.par_iter().map(look).collect();
-        for look in done {
-            match look {
-                Ok(look) => looks.push(look),
-                Err(error) => sight.lost.push(error.to_string()),
+        let done: Vec<Result<Detection, Error>> = shots.par_iter().map(detect).collect();
+        for detection in done {
+            match detection {
+                Ok(detection) => found.push(detection),
+                Err(error) => detections.lost.push(error.to_string()),
             }
         }
     }
     let cameras: BTreeMap<CameraId, bool> =
         recordings.iter().flat_map(Placements::cameras).collect();
     let depths = cameras.iter().filter(|(_, depth)| **depth);
-    sight.depth_cameras = depths.map(|(id, _)| id.clone()).collect();
+    detections.depth_cameras = depths.map(|(id, _)| id.clone()).collect();
     let ids: Vec<CameraId> = cameras.into_keys().collect();
     for id in &ids {
-        sight.session.cameras.push(subject(id, &looks, lenses)?);
+        detections
+            .session
+            .cameras
+            .push(subject(id, &found, lenses)?);
     }
-    for look in looks {
-        sight.take(look, &ids);
+    for detection in found {
+        detections.take(detection, &ids);
     }
-    sight.check_size()?;
-    Ok(sight)
+    detections.check_size()?;
+    Ok(detections)
 }
 
 /// A camera as the fit takes it, whose pictures are as large as its first.
 fn subject(
     id: &CameraId,
-    looks: &[Look],
+    found: &[Detection],
     lenses: [Option<&RigCalibration>; 2],
 ) -> Result<Subject, Error> {
-    let first = looks.iter().find(|l| l.shot.camera == *id);
+    let first = found.iter().find(|l| l.shot.camera == *id);
     let size = first.map_or([1, 1], |l| l.size);
     let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
     Ok(Subject {
@@ -195,12 +198,12 @@ pub(super) fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String,
     all
 }
 
-fn look_at<'a>(
+fn detect<'a>(
     recording: &Placements,
     shot: &'a Shot,
     board: &Board,
     names: &BTreeMap<String, String>,
-) -> Result<Look<'a>, Error> {
+) -> Result<Detection<'a>, Error> {
     let picture = recording.grey(shot)?;
     let found = find_corners(&picture, board);
     // Indices are given once all pictures have been seen.
@@ -210,7 +213,7 @@ fn look_at<'a>(
         face,
         corners,
     };
-    Ok(Look {
+    Ok(Detection {
         shot,
         placement: names.get(&shot.placement).cloned().unwrap_or_default(),
         size: [picture.width(), picture.height()],
@@ -218,7 +221,7 @@ fn look_at<'a>(
     })
 }
 
-impl Sight {
+impl Detections {
     /// Nothing is seen yet.
     fn new(board: &Board, placements: &[BTreeMap<String, String>]) -> Self {
         Self {
@@ -248,33 +251,33 @@ impl Sight {
         self.lost.extend(damage.map(|d| format!("{path}: {d}")));
     }
 
-    fn take(&mut self, look: Look, ids: &[CameraId]) {
-        let camera = ids.iter().position(|id| *id == look.shot.camera);
+    fn take(&mut self, detection: Detection, ids: &[CameraId]) {
+        let camera = ids.iter().position(|id| *id == detection.shot.camera);
         let placement = self
             .session
             .placements
             .iter()
-            .position(|p| *p == look.placement);
+            .position(|p| *p == detection.placement);
         let (Some(camera), Some(placement)) = (camera, placement) else {
             return;
         };
         let expected = self.session.cameras[camera].size;
-        if look.size != expected {
+        if detection.size != expected {
             self.lost.push(format!(
                 "camera {}: its picture of {} has {}x{} pixels, its first one {}x{}; it is left out",
-                look.shot.camera, look.placement, look.size[0], look.size[1], expected[0], expected[1]
+                detection.shot.camera, detection.placement, detection.size[0], detection.size[1], expected[0], expected[1]
             ));
             return;
         }
-        match look.found {
+        match detection.found {
             Ok(view) => self.session.views.push(View {
                 camera,
                 placement,
                 ..view
             }),
             Err(cause) => self.rejected.push(Rejected {
-                camera: look.shot.camera.clone(),
-                placement: look.placement,
+                camera: detection.shot.camera.clone(),
+                placement: detection.placement,
                 reason: cause.to_string(),
                 cause,
             }),

@@ -1,18 +1,18 @@
 //! `scand calibrate --check`: whether the rig still is as it was calibrated, in words or JSON.
 
-use crate::calibrate::{Check, Sight};
+use crate::calibrate::{Check, Detections};
 use crate::calibration::fit::Checked;
 use crate::commands::EXIT_LOST;
 use std::process::ExitCode;
 
 /// Prints a check: 0 if all cameras are where they were, 1 if one moved, 3 if some could not be checked.
-pub(super) fn print(check: &Check, sight: &Sight, json: bool, quiet: bool) -> ExitCode {
+pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: bool) -> ExitCode {
     if json {
         let told = serde_json::json!({
             "cameras": check.cameras,
             "not_in_calibration": check.unknown,
             "not_checked": check.unchecked,
-            "lost": sight.lost,
+            "lost": detections.lost,
         });
         say!("{told:#}");
     } else if !quiet {
@@ -25,7 +25,9 @@ pub(super) fn print(check: &Check, sight: &Sight, json: bool, quiet: bool) -> Ex
     }
     match check.moved().next() {
         Some(_) => ExitCode::FAILURE,
-        None if !check.unchecked.is_empty() || !sight.lost.is_empty() => ExitCode::from(EXIT_LOST),
+        None if !check.unchecked.is_empty() || !detections.lost.is_empty() => {
+            ExitCode::from(EXIT_LOST)
+        }
         None => ExitCode::SUCCESS,
     }
 }

@@ -1,7 +1,7 @@
-//! A second look at pictures in which markers crowd the board's corners: a first fit knows what is printed around them.
+//! Fits once more where markers crowd the board's corners: the first fit knows what is printed around them.
 
 use super::Error;
-use super::sight::{Sight, placement_names};
+use super::detections::{Detections, placement_names};
 use crate::calibration::fit::{self, Corner, Fit, Parameters, crowded_views, matched_with_print};
 use crate::job::{Placements, Shot};
 use rayon::prelude::*;
@@ -11,37 +11,37 @@ use std::collections::BTreeMap;
 ///
 /// # Errors
 /// As [`fit::fit`], and if a picture cannot be read any more.
-pub(super) fn fitted(
-    sight: &mut Sight,
+pub(super) fn fit_in_two_passes(
+    detections: &mut Detections,
     recordings: &[Placements],
     parameters: &Parameters,
 ) -> Result<Result<Fit, fit::Error>, Error> {
-    let crowded = crowded_views(&sight.session);
+    let crowded = crowded_views(&detections.session);
     if crowded.is_empty() {
-        return Ok(fit::fit(&sight.session, parameters));
+        return Ok(fit::fit(&detections.session, parameters));
     }
     let quick = Parameters {
         folds: 0,
         ..parameters.clone()
     };
-    let first = match fit::fit(&sight.session, &quick) {
+    let first = match fit::fit(&detections.session, &quick) {
         Ok(first) => first,
         Err(error) => return Ok(Err(error)),
     };
-    match_with_print(sight, recordings, &first, &crowded)?;
-    Ok(fit::fit(&sight.session, parameters))
+    match_with_print(detections, recordings, &first, &crowded)?;
+    Ok(fit::fit(&detections.session, parameters))
 }
 
 /// Puts corners that markers crowd to where the print says that they are.
 fn match_with_print(
-    sight: &mut Sight,
+    detections: &mut Detections,
     recordings: &[Placements],
     first: &Fit,
     crowded: &[usize],
 ) -> Result<(), Error> {
     let shots = shots(recordings);
-    let session = &sight.session;
-    let look = |&index: &usize| -> Result<Option<(usize, Vec<Corner>)>, Error> {
+    let session = &detections.session;
+    let rematch = |&index: &usize| -> Result<Option<(usize, Vec<Corner>)>, Error> {
         let view = &session.views[index];
         let key = (
             session.placements[view.placement].clone(),
@@ -54,9 +54,12 @@ fn match_with_print(
         let corners = matched_with_print(session, first, view, &picture);
         Ok(corners.map(|corners| (index, corners)))
     };
-    let found: Vec<_> = crowded.par_iter().map(look).collect::<Result<_, Error>>()?;
+    let found: Vec<_> = crowded
+        .par_iter()
+        .map(rematch)
+        .collect::<Result<_, Error>>()?;
     for (index, corners) in found.into_iter().flatten() {
-        sight.session.views[index].corners = corners;
+        detections.session.views[index].corners = corners;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! Whether the rig still is as it was calibrated.
 
-use super::{Error, Sight};
+use super::{Detections, Error};
 use crate::calibration::RigCalibration;
 use crate::calibration::fit::{self, Checked, Watch};
 use crate::frame::CameraId;
@@ -29,9 +29,13 @@ impl Check {
 ///
 /// # Errors
 /// If fewer than three cameras saw the board, or half of them and more disagree.
-pub fn check(sight: &Sight, known: &RigCalibration, watch: &Watch) -> Result<Check, Error> {
-    let cameras = fit::check(&sight.session, known, watch)?;
-    let of_session = sight.session.cameras.iter().map(|c| &c.id);
+pub fn check(
+    detections: &Detections,
+    known: &RigCalibration,
+    watch: &Watch,
+) -> Result<Check, Error> {
+    let cameras = fit::check(&detections.session, known, watch)?;
+    let of_session = detections.session.cameras.iter().map(|c| &c.id);
     let seeing = |id: &CameraId| cameras.iter().any(|c| c.camera == *id && c.views > 0);
     let all = known.cameras.keys().chain(of_session.clone());
     Ok(Check {
