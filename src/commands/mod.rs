@@ -103,29 +103,29 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Background(live::ask::BackgroundArgs),
+    Background(live::client::BackgroundArgs),
     Board(board::Args),
     Calibrate(Box<calibrate::Args>),
     #[cfg(feature = "live")]
     Check(live::check::Args),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
-    Events(live::ask::EventsArgs),
+    Events(live::client::EventsArgs),
     Info(info::Args),
     #[cfg(feature = "live")]
     #[command(hide = true, name = crate::workers::protocol::COMMAND)]
     MakeModel(Box<make_model::Args>),
-    Note(live::ask::NoteArgs),
+    Note(live::client::NoteArgs),
     Pack(pack::Args),
     #[cfg(feature = "pedal")]
     Pedal(live::pedal::Args),
     Recover(recover::Args),
     #[cfg(feature = "live")]
     Run(live::run::Args),
-    Session(live::ask::SessionArgs),
+    Session(live::client::SessionArgs),
     Simulate(Box<simulate::Args>),
-    Status(live::ask::StatusArgs),
-    Trigger(live::ask::TriggerArgs),
+    Status(live::client::StatusArgs),
+    Trigger(live::client::TriggerArgs),
 }
 
 /// Runs what was asked.
@@ -134,28 +134,28 @@ enum Command {
 /// What went wrong, in words for the terminal; [`exit_code`] has its exit code.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
-        Some(Command::Background(args)) => live::ask::background(args),
+        Some(Command::Background(args)) => live::client::background(args),
         Some(Command::Board(args)) => board::run(args),
         Some(Command::Calibrate(args)) => calibrate::run(*args),
         #[cfg(feature = "live")]
         Some(Command::Check(args)) => live::check::run(args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
-        Some(Command::Events(args)) => live::ask::events(args),
+        Some(Command::Events(args)) => live::client::events(args),
         Some(Command::Info(args)) => info::run(args),
         #[cfg(feature = "live")]
         Some(Command::MakeModel(args)) => make_model::run(*args),
-        Some(Command::Note(args)) => live::ask::note(args),
+        Some(Command::Note(args)) => live::client::note(args),
         Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "pedal")]
         Some(Command::Pedal(args)) => live::pedal::run(args),
         Some(Command::Recover(args)) => recover::run(args),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
-        Some(Command::Session(args)) => live::ask::session(args),
+        Some(Command::Session(args)) => live::client::session(args),
         Some(Command::Simulate(args)) => simulate::run(*args),
-        Some(Command::Status(args)) => live::ask::status(args),
-        Some(Command::Trigger(args)) => live::ask::trigger(args),
+        Some(Command::Status(args)) => live::client::status(args),
+        Some(Command::Trigger(args)) => live::client::trigger(args),
         None => replay::run(cli.replay),
     }
 }

@@ -1,6 +1,6 @@
 //! From the configuration's file to everything that a daemon needs before it touches a camera.
 
-use super::line::allow_for_lines;
+use super::line_trigger::allow_for_lines;
 use super::stations::stations;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::config::{self, Config};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// Where the rig's configuration is.
 #[derive(Clone, Debug)]
-pub struct Source {
+pub struct ConfigSource {
     /// Its file (TOML).
     pub config: PathBuf,
     /// Values over it, `KEY=VALUE` each.
@@ -59,7 +59,7 @@ pub struct Prepared {
     pub calibration: PathBuf,
 }
 
-impl Source {
+impl ConfigSource {
     /// Reads configuration and calibration and makes a driver for each camera; opens none.
     ///
     /// # Errors

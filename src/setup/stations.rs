@@ -1,6 +1,6 @@
 //! From a configuration to the cameras that are to be opened, each with its driver. Nothing is opened here.
 
-use super::twice;
+use super::duplicate_devices;
 use crate::calibration::RigCalibration;
 use crate::config::Config;
 use crate::daemon::{Kind, Station};
@@ -43,7 +43,7 @@ pub(super) fn stations(
         add(&mut stations, calibration, id, Kind::Color, driver)?;
     }
     let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
-    twice::no_v4l2(&videos)?;
+    duplicate_devices::check_unique_v4l2(&videos)?;
     for (id, parameters) in videos {
         let driver = v4l2_driver(&id, parameters, &shared)?;
         add(&mut stations, calibration, id, Kind::Color, driver)?;
@@ -53,7 +53,7 @@ pub(super) fn stations(
         config.openni2.each()?,
         openni2::Parameters::checked,
     )?;
-    twice::no_openni2(&depths)?;
+    duplicate_devices::check_unique_openni2(&depths)?;
     for (id, mut parameters) in depths {
         parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
         let kind = if parameters.take_turns() {
@@ -123,7 +123,7 @@ fn staggered(
     calibration: &RigCalibration,
 ) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
     let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
-    twice::no_gige(&cameras)?;
+    duplicate_devices::check_unique_gige(&cameras)?;
     let transmissions = cameras.iter().filter_map(|(id, parameters)| {
         let (camera, _) = calibration.cameras.get(id)?;
         let pixels = [camera.intrinsics.width, camera.intrinsics.height];

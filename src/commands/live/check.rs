@@ -1,6 +1,6 @@
 //! `scand check`: everything that can be known to be wrong before work begins, and a bundle of it for support.
 
-use super::prepare::ConfigArgs;
+use super::config_args::ConfigArgs;
 use crate::check::{self, Bundle, Finding, Host, State};
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
 use crate::config::Config;

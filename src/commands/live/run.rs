@@ -1,7 +1,7 @@
 //! `scand run`: the daemon, from its configuration to its end.
 
+use super::config_args::ConfigArgs;
 use super::models::Models;
-use super::prepare::ConfigArgs;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
@@ -10,7 +10,7 @@ use crate::daemon::{
 };
 use crate::drivers::live::{Backoff, HostClock};
 use crate::log;
-use crate::setup::{Prepared, Running, Source};
+use crate::setup::{ConfigSource, Prepared, Running};
 use anyhow::Context;
 use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
@@ -49,7 +49,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn serve_rig(
-    source: Source,
+    source: ConfigSource,
     prepared: Prepared,
     clock: HostClock,
     socket: Option<UnixListener>,
@@ -99,7 +99,7 @@ fn serve_rig(
         jobs,
         keep_free,
     };
-    let reread = Box::new(move || running.reread(clock));
+    let reread = Box::new(move || running.reload(clock));
     let mut service = Service::new(notifier, &pulse, policy, reread);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");

@@ -1,6 +1,6 @@
 //! `scand trigger`, `background`, `session`, `note`, `status` and `events`: what a running daemon is asked.
 
-use super::table;
+use super::status_table;
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until, Verdict};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -275,7 +275,7 @@ fn words(reply: &Reply) -> String {
         Reply::Ok { words } => words.clone(),
         Reply::Listening => "listening".into(),
         Reply::Ending => "the daemon is ending: the same press id may be asked for again".into(),
-        Reply::Status { status } => table::status(status),
+        Reply::Status { status } => status_table::status(status),
     }
 }
 

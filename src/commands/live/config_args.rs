@@ -2,7 +2,7 @@
 
 use crate::commands::BadConfiguration;
 use crate::drivers::live::HostClock;
-use crate::setup::{Error, Prepared, Source};
+use crate::setup::{ConfigSource, Error, Prepared};
 use std::path::PathBuf;
 
 /// The rig's configuration.
@@ -18,8 +18,8 @@ pub(super) struct ConfigArgs {
 
 impl ConfigArgs {
     /// Where the configuration is.
-    pub fn source(&self) -> Source {
-        Source {
+    pub fn source(&self) -> ConfigSource {
+        ConfigSource {
             config: self.config.clone(),
             set: self.set.clone(),
         }

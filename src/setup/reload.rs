@@ -1,7 +1,7 @@
 //! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key, and
 //! taken whole or not at all, so that a recording's copy of it is always true.
 
-use super::prepare::Source;
+use super::prepare::ConfigSource;
 use crate::config::Config;
 use crate::daemon::{Reread, ServiceParameters};
 use crate::drivers::live::HostClock;
@@ -38,7 +38,7 @@ const MAY_CHANGE: &[&str] = &[
 /// What the daemon was started with.
 pub struct Running {
     /// Where its configuration is.
-    pub source: Source,
+    pub source: ConfigSource,
     /// The configuration.
     pub config: Config,
     /// What every recording begins with.
@@ -54,7 +54,7 @@ impl Running {
     ///
     /// # Errors
     /// If they are bad, or something has changed that may not: each key by its name.
-    pub fn reread(&self, clock: HostClock) -> Result<(Reread, ServiceParameters), String> {
+    pub fn reload(&self, clock: HostClock) -> Result<(Reread, ServiceParameters), String> {
         let now = self.source.prepare(clock).map_err(|e| e.to_string())?;
         let mut fixed = changed(&self.config, &now.config)?;
         fixed.retain(|key| !may_change(key));

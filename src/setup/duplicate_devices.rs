@@ -11,16 +11,16 @@ type Cameras<P> = BTreeMap<CameraId, P>;
 
 /// # Errors
 /// If two cameras have one address, serial number or name.
-pub(super) fn no_gige(cameras: &Cameras<aravis::Parameters>) -> Result<(), String> {
-    no_value("aravis", "address", cameras, |p| p.address)?;
-    no_value("aravis", "serial", cameras, |p| p.serial.as_deref())?;
-    no_value("aravis", "name", cameras, |p| p.name.as_deref())
+pub(super) fn check_unique_gige(cameras: &Cameras<aravis::Parameters>) -> Result<(), String> {
+    check_unique("aravis", "address", cameras, |p| p.address)?;
+    check_unique("aravis", "serial", cameras, |p| p.serial.as_deref())?;
+    check_unique("aravis", "name", cameras, |p| p.name.as_deref())
 }
 
 /// # Errors
 /// If two cameras have one device, by its path or where their paths lead to.
-pub(super) fn no_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(), String> {
-    no_value("v4l2", "device", cameras, |p| Some(p.device()))?;
+pub(super) fn check_unique_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(), String> {
+    check_unique("v4l2", "device", cameras, |p| Some(p.device()))?;
     let mut taken = BTreeMap::new();
     for (id, parameters) in cameras {
         let device = parameters.device();
@@ -40,12 +40,12 @@ pub(super) fn no_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(), String>
 
 /// # Errors
 /// If two cameras have one device, or two take any.
-pub(super) fn no_openni2(cameras: &Cameras<openni2::Parameters>) -> Result<(), String> {
-    no_value("openni2", "device", cameras, |p| Some(p.device()))
+pub(super) fn check_unique_openni2(cameras: &Cameras<openni2::Parameters>) -> Result<(), String> {
+    check_unique("openni2", "device", cameras, |p| Some(p.device()))
         .map_err(|words| format!("{words}, expected a serial number, a URI or a file of its own"))
 }
 
-fn no_value<'a, P, V: Ord + Debug>(
+fn check_unique<'a, P, V: Ord + Debug>(
     driver: &str,
     field: &str,
     cameras: &'a Cameras<P>,
@@ -83,7 +83,7 @@ mod tests {
     fn gige_cameras_are_told_apart_by_each_field_that_they_have() {
         let sound = "c00 = { serial = 'a', name = 'b' }\nc01 = { serial = 'b', name = 'a' }\n\
                      c02 = { address = '10.0.0.2' }";
-        assert_eq!(no_gige(&cameras(sound)), Ok(()));
+        assert_eq!(check_unique_gige(&cameras(sound)), Ok(()));
         for (field, value, shown) in [
             ("address", "10.0.0.7", "10.0.0.7"),
             ("serial", "217", "\"217\""),
@@ -93,7 +93,7 @@ mod tests {
                 "a = {{ {field} = '{value}' }}\nb = {{ serial = 'b' }}\nc = {{ {field} = '{value}' }}"
             );
             assert_eq!(
-                no_gige(&cameras(&text)).unwrap_err(),
+                check_unique_gige(&cameras(&text)).unwrap_err(),
                 format!("aravis.cameras.c: {field} {shown} is that of a already")
             );
         }
@@ -111,7 +111,7 @@ mod tests {
         }
         let of = |devices: [&str; 2]| {
             let [a, b] = devices.map(path);
-            no_v4l2(&cameras(&format!(
+            check_unique_v4l2(&cameras(&format!(
                 "a = {{ device = '{a}' }}\nb = {{ device = '{b}' }}"
             )))
         };
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn depth_cameras_are_told_apart_by_their_devices_and_one_may_be_any() {
         assert_eq!(
-            no_openni2(&cameras("a = { device = '1d27/0601@3/7' }\nb = {}")),
+            check_unique_openni2(&cameras("a = { device = '1d27/0601@3/7' }\nb = {}")),
             Ok(())
         );
         for (text, named) in [
@@ -152,7 +152,7 @@ mod tests {
                 "device \"x1\" is that of a",
             ),
         ] {
-            let words = no_openni2(&cameras(text)).unwrap_err();
+            let words = check_unique_openni2(&cameras(text)).unwrap_err();
             assert!(
                 words.contains(named) && words.contains("openni2.cameras.b"),
                 "{words}"
