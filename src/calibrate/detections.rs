@@ -1,7 +1,7 @@
 //! From recordings to what each camera saw of the board: opens them, decodes and detects on all cores.
 
 use super::Error;
-use crate::calibration::fit::{Rejection, Session, Subject, View, find_corners};
+use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corners};
 use crate::calibration::{Board, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
 use crate::job::{Placements, Shot};
@@ -141,11 +141,11 @@ fn subject(
     id: &CameraId,
     found: &[Detection],
     lenses: [Option<&RigCalibration>; 2],
-) -> Result<Subject, Error> {
+) -> Result<SessionCamera, Error> {
     let first = found.iter().find(|l| l.shot.camera == *id);
     let size = first.map_or([1, 1], |l| l.size);
     let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
-    Ok(Subject {
+    Ok(SessionCamera {
         id: id.clone(),
         size,
         known: known.transpose()?,

@@ -24,12 +24,12 @@ pub(super) struct CameraState {
     pub camera_from_rig: Isometry3<f64>,
     pub pose_free: bool,
     /// What the lens is believed to be without any picture, and how little that weighs.
-    pub prior: [Option<Belief>; PARAMETERS],
+    pub prior: [Option<Prior>; PARAMETERS],
 }
 
 /// A value with its standard deviation.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Belief {
+pub(super) struct Prior {
     pub value: f64,
     pub deviation: f64,
 }
@@ -43,7 +43,7 @@ pub(super) struct PlacementState {
 
 /// What one camera saw of one placement.
 #[derive(Clone, Debug)]
-pub(super) struct Seen {
+pub(super) struct Observation {
     pub camera: usize,
     pub placement: usize,
     /// Whether it is the back of the board.
@@ -61,7 +61,7 @@ pub(super) struct Bundle {
     pub placements: Vec<PlacementState>,
     pub board_from_back: Isometry3<f64>,
     pub back_free: bool,
-    pub views: Vec<Seen>,
+    pub views: Vec<Observation>,
 }
 
 /// How residuals count: as Cauchy's loss of this scale in pixels; squared where it is infinite.
@@ -88,8 +88,8 @@ impl Loss {
 
 /// Squared residual, in px², of a point that is behind its camera.
 const BEHIND: f64 = 1e8;
-/// Variance, in px², that the lenses' beliefs are weighed against.
-const BELIEF_VARIANCE: f64 = 0.04;
+/// Variance, in px², that the lenses' priors are weighed against.
+const PRIOR_VARIANCE: f64 = 0.04;
 
 /// A view's share of the normal equations.
 struct Share {
@@ -120,7 +120,7 @@ impl Bundle {
     }
 
     /// Where a view's shared columns are.
-    fn column(&self, view: &Seen, local: usize) -> usize {
+    fn column(&self, view: &Observation, local: usize) -> usize {
         if local < CAMERA {
             view.camera * CAMERA + local
         } else {
@@ -144,7 +144,7 @@ impl Bundle {
     }
 
     /// A point of a view's face in the board's frame.
-    fn on_board(&self, view: &Seen, p: Point3<f64>) -> Point3<f64> {
+    fn on_board(&self, view: &Observation, p: Point3<f64>) -> Point3<f64> {
         if view.back {
             self.board_from_back * p
         } else {
@@ -153,7 +153,7 @@ impl Bundle {
     }
 
     /// Residuals (pixel predicted less pixel seen) of a view; `None` for a point behind the camera.
-    pub(super) fn residuals(&self, view: &Seen) -> Vec<Option<Vector2<f64>>> {
+    pub(super) fn residuals(&self, view: &Observation) -> Vec<Option<Vector2<f64>>> {
         let camera = &self.cameras[view.camera];
         let pose = camera.camera_from_rig * self.placements[view.placement].rig_from_board;
         let residual = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
@@ -167,7 +167,7 @@ impl Bundle {
     }
 
     fn cost(&self, loss: Loss) -> f64 {
-        let of_view = |view: &Seen| -> f64 {
+        let of_view = |view: &Observation| -> f64 {
             let residuals = self.residuals(view).into_iter();
             let losses = residuals.map(|r| loss.of(r.map_or(BEHIND, |r| r.norm_squared())).0);
             view.weight * losses.sum::<f64>()
@@ -176,24 +176,24 @@ impl Bundle {
         costs.iter().sum::<f64>() + self.belief_cost()
     }
 
-    fn beliefs(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+    fn priors(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         self.cameras.iter().enumerate().flat_map(|(c, camera)| {
             let believed = camera.prior.iter().enumerate();
-            believed.filter_map(move |(i, belief)| {
-                let belief = (*belief)?;
-                let weight = BELIEF_VARIANCE / belief.deviation.powi(2);
-                let error = camera.lens.values[i] - belief.value;
+            believed.filter_map(move |(i, prior)| {
+                let prior = (*prior)?;
+                let weight = PRIOR_VARIANCE / prior.deviation.powi(2);
+                let error = camera.lens.values[i] - prior.value;
                 camera.free[i].then_some((c * CAMERA + i, weight, error))
             })
         })
     }
 
     fn belief_cost(&self) -> f64 {
-        self.beliefs().map(|(_, w, e)| w * e * e).sum()
+        self.priors().map(|(_, w, e)| w * e * e).sum()
     }
 
     /// A view's share, at the present state.
-    fn share(&self, view: &Seen, loss: Loss) -> Share {
+    fn share(&self, view: &Observation, loss: Loss) -> Share {
         let camera = &self.cameras[view.camera];
         let placement = &self.placements[view.placement].rig_from_board;
         let rig_rotation = camera.camera_from_rig.rotation.to_rotation_matrix();
@@ -257,7 +257,7 @@ impl Bundle {
         for (view, share) in self.views.iter().zip(shares) {
             self.add_share(&mut normal, view, share);
         }
-        for (column, weight, error) in self.beliefs() {
+        for (column, weight, error) in self.priors() {
             normal.shared[(column, column)] += weight;
             normal.gradient[column] += weight * error;
         }
@@ -269,7 +269,7 @@ impl Bundle {
         normal
     }
 
-    fn add_share(&self, normal: &mut Normal, view: &Seen, mut share: Share) {
+    fn add_share(&self, normal: &mut Normal, view: &Observation, mut share: Share) {
         normal.cost += share.cost;
         let columns: [usize; SHARED] = std::array::from_fn(|i| self.column(view, i));
         for (i, &row) in columns.iter().enumerate() {
@@ -529,7 +529,7 @@ mod tests {
                 Point2::new(300.0 + noise * i as f64, 200.0 - noise * i as f64),
             )
         };
-        let view = |camera, back| Seen {
+        let view = |camera, back| Observation {
             camera,
             placement: 0,
             back,

@@ -3,9 +3,9 @@
 
 use super::appearance;
 use super::grid::{self, Labelled, Rejection};
-use super::polish;
 use super::resize;
 use super::session::Corner;
+use super::subpixel;
 use crate::calibration::{Board, BoardKind, Face};
 use crate::image::Grid;
 use calib_targets_charuco::{CharucoBoardSpec, CharucoDetector, CharucoParams};
@@ -89,7 +89,7 @@ fn find_at_size(
         corner.pixel = corner.pixel * scale + shift;
     }
     let largest_move = scale.max(1.0) * LARGEST_MOVE;
-    Ok((face, polish::polished(full, corners, board, largest_move)))
+    Ok((face, subpixel::polished(full, corners, board, largest_move)))
 }
 
 fn features_config() -> DetectorConfig {

@@ -1,6 +1,6 @@
 //! How well a fit predicts what it did not see: placements are left out in turn.
 
-use super::adjust::{Bundle, Seen};
+use super::adjust::{Bundle, Observation};
 use super::outliers::{mild_loss, placed};
 use super::result::{Figures, HeldOut};
 use rayon::prelude::*;
@@ -51,7 +51,7 @@ fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<(Vec<f64>
             .filter(|v| v.placement == placement)
             .cloned()
             .collect();
-        let of = |b: &Bundle, v: &Seen| {
+        let of = |b: &Bundle, v: &Observation| {
             b.residuals(v)
                 .into_iter()
                 .flatten()

@@ -2,41 +2,41 @@
 //! is uncertain of them. It computes from pictures and the corners found in them; it reads no file and draws nothing.
 
 mod adjust;
-mod alone;
 mod appearance;
 mod corners;
+mod coverage;
+mod drift;
 mod frame;
-mod gaps;
+mod gradient_refine;
 mod grid;
 mod holdout;
 mod lens;
-mod links;
-mod moved;
 mod outliers;
 mod planar;
-mod polish;
-mod print;
-mod refine;
+mod pose_graph;
 mod resize;
 mod result;
+mod robust_weights;
 mod session;
+mod single_camera;
 mod solve;
+mod subpixel;
 mod template;
+mod template_refine;
 mod verdict;
 mod volume;
-mod weights;
 
 pub use corners::find_corners;
-pub use gaps::{Wanted, missing};
+pub use coverage::{Wanted, missing};
+pub use drift::{CheckError, Checked, Motion, Watch, check};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
-pub use moved::{CheckError, Checked, Motion, Watch, check};
-pub use print::{crowded_views, matched_with_print};
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals,
 };
-pub use session::{Corner, Session, Subject, View};
+pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;
+pub use template_refine::{crowded_views, matched_with_print};
 pub use verdict::{Judgement, Level, Limits, judge};
 
 use super::within;

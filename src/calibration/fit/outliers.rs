@@ -1,7 +1,7 @@
 //! What does not belong: false corners, views that no pose explains, placements during which the board moved, and
 //! placements that are there twice. It decides what to leave out and says why; it fits no lens.
 
-use super::adjust::{Bundle, Loss, PlacementState, Seen};
+use super::adjust::{Bundle, Loss, Observation, PlacementState};
 use super::planar;
 use super::result::Figures;
 use nalgebra::{Isometry3, Point2, Point3};
@@ -22,7 +22,7 @@ struct Judged {
 }
 
 /// The root mean square of a view's residuals as their median tells it, so that single false corners do not count.
-fn rms(bundle: &Bundle, view: &Seen) -> f64 {
+fn rms(bundle: &Bundle, view: &Observation) -> f64 {
     let lengths = bundle.residuals(view).into_iter();
     rms_of_median(median(lengths.map(|r| r.map_or(1e3, |r| r.norm()))))
 }
@@ -32,7 +32,7 @@ fn rms_of_median(median: f64) -> f64 {
     median / (2.0 * std::f64::consts::LN_2).sqrt() * std::f64::consts::SQRT_2
 }
 
-fn judged(bundle: &Bundle, view: &Seen) -> Judged {
+fn judged(bundle: &Bundle, view: &Observation) -> Judged {
     let camera = &bundle.cameras[view.camera];
     let start = camera.camera_from_rig * bundle.placements[view.placement].rig_from_board;
     let start = if view.back {
@@ -144,13 +144,13 @@ fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -
 }
 
 /// A bundle of one placement's views in which only the board's pose is free, adjusted.
-pub(super) fn placed(bundle: &Bundle, placement: usize, views: Vec<Seen>) -> Bundle {
+pub(super) fn placed(bundle: &Bundle, placement: usize, views: Vec<Observation>) -> Bundle {
     let mut cameras = bundle.cameras.clone();
     for camera in &mut cameras {
         camera.pose_free = false;
         camera.free.fill(false);
     }
-    let seen = views.into_iter().map(|view| Seen {
+    let seen = views.into_iter().map(|view| Observation {
         placement: 0,
         ..view
     });
@@ -199,7 +199,7 @@ pub(super) fn drop_false_corners(bundle: &mut Bundle, deviations: f64) -> Vec<us
 /// of a pixel: one of them says nothing new.
 pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, String)> {
     const SAME_PX: f64 = 1.0;
-    let mut by_placement: Vec<Vec<&Seen>> = vec![Vec::new(); bundle.placements.len()];
+    let mut by_placement: Vec<Vec<&Observation>> = vec![Vec::new(); bundle.placements.len()];
     for view in &bundle.views {
         by_placement[view.placement].push(view);
     }
@@ -236,7 +236,7 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
 
 /// Mean distance of some of a view's corners from the other's nearest; of whatever name, for a board that looks the same
 /// turned may have been read the other way round.
-fn mean_distance(a: &Seen, b: &Seen) -> Option<f64> {
+fn mean_distance(a: &Observation, b: &Observation) -> Option<f64> {
     const SOME: usize = 12;
     let nearest = |pixel: &Point2<f64>| {
         let distances = b.points.iter().map(|(_, other)| (pixel - other).norm());
@@ -250,7 +250,7 @@ fn mean_distance(a: &Seen, b: &Seen) -> Option<f64> {
 
 impl Bundle {
     /// Takes views out; placements that nothing sees any more stay where they are.
-    pub(super) fn retain_views(&mut self, keep: impl Fn(usize, &Seen) -> bool) {
+    pub(super) fn retain_views(&mut self, keep: impl Fn(usize, &Observation) -> bool) {
         let mut index = 0;
         self.views.retain(|view| {
             index += 1;

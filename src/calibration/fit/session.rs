@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3}
 
 /// A camera that is to be calibrated.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Subject {
+pub struct SessionCamera {
     /// Its name.
     pub id: CameraId,
     /// Width and height of its pictures in pixels.
@@ -47,7 +47,7 @@ pub struct Session {
     /// The board.
     pub board: Board,
     /// The cameras.
-    pub cameras: Vec<Subject>,
+    pub cameras: Vec<SessionCamera>,
     /// The placements' names.
     pub placements: Vec<String>,
     /// What was seen; at most one view a camera and placement.

@@ -1,18 +1,18 @@
 //! The order of the fit's steps: cameras alone, their tree, one bundle, what does not belong, the rig's frame, and
 //! what is uncertain.
 
-use super::adjust::{Bundle, CAMERA, CameraState, Loss, PlacementState, Seen};
-use super::alone::{self, Alone};
+use super::adjust::{Bundle, CAMERA, CameraState, Loss, Observation, PlacementState};
 use super::frame::{lowest_placement, rig_from_table};
 use super::holdout::{hangs_together, held_out};
 use super::lens::PARAMETERS;
-use super::links::{Comparison, Link, Tree, poses, tree};
 use super::outliers::{self, Verdict, mild_loss};
 use super::planar::PlanePose;
+use super::pose_graph::{Comparison, Link, Tree, poses, tree};
 use super::result::{
     Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
 };
 use super::session::{Corner, Session, View};
+use super::single_camera::{self, Alone};
 use super::volume::proposed;
 use super::{Error, Parameters};
 use crate::calibration::{Camera, Face};
@@ -120,7 +120,7 @@ fn alone(
             .iter()
             .filter(|v| v.camera == camera)
             .collect();
-        alone::calibrate(
+        single_camera::calibrate(
             &session.cameras[camera],
             &views,
             &session.board,
@@ -236,11 +236,11 @@ impl<'a> Solver<'a> {
             lens: alone.lens,
             free: match subject.known {
                 Some(_) => [false; PARAMETERS],
-                None => alone::free_parameters(parameters.model),
+                None => single_camera::free_parameters(parameters.model),
             },
             camera_from_rig: pose.unwrap_or_else(Isometry3::identity),
             pose_free: pose.is_some_and(|p| p != Isometry3::identity()),
-            prior: alone::beliefs(&alone.lens),
+            prior: single_camera::priors(&alone.lens),
         });
         let mut bundle = Bundle {
             cameras: cameras.collect(),
@@ -398,7 +398,7 @@ impl<'a> Solver<'a> {
 
     /// Residuals of all views; cameras and placements as the bundle numbers them.
     fn residuals(&self) -> Vec<ViewResiduals> {
-        let of_view = |view: &Seen| ViewResiduals {
+        let of_view = |view: &Observation| ViewResiduals {
             camera: view.camera,
             placement: view.placement,
             face: if view.back { Face::Back } else { Face::Front },
@@ -450,7 +450,7 @@ impl<'a> Solver<'a> {
         let used = self.used();
         let square = self.session.board.square;
         let index = |length: f64| (length / square).round() as usize;
-        let view = |v: &Seen| View {
+        let view = |v: &Observation| View {
             camera: v.camera,
             placement: used.iter().position(|&u| u == v.placement).unwrap_or(0),
             face: if v.back { Face::Back } else { Face::Front },
@@ -558,8 +558,8 @@ fn read_alike(
     });
 }
 
-fn seen(session: &Session, view: &View) -> Seen {
-    Seen {
+fn seen(session: &Session, view: &View) -> Observation {
+    Observation {
         camera: view.camera,
         placement: view.placement,
         back: view.face == Face::Back,

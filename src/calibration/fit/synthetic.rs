@@ -1,6 +1,6 @@
 //! A rig without pictures, for tests: cameras around a table, a board in many places, corners with noise.
 
-use super::session::{Corner, Session, Subject, View};
+use super::session::{Corner, Session, SessionCamera, View};
 use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
 use crate::frame::CameraId;
 use nalgebra::{
@@ -194,7 +194,7 @@ impl Truth {
                 }
             }
         }
-        let subject = |c: &Camera| Subject {
+        let subject = |c: &Camera| SessionCamera {
             id: c.id.clone(),
             size: [c.intrinsics.width, c.intrinsics.height],
             known: None,

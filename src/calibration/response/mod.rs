@@ -2,7 +2,7 @@
 //! planes its colour picture gives. Pure functions; nothing here reads a recording.
 
 mod correction;
-mod doubt;
+mod jackknife;
 mod paper;
 mod plane;
 mod polynomial;

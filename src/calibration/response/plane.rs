@@ -2,7 +2,7 @@
 //! depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
 
 use super::correction::Correction;
-use super::doubt::{self, Normals};
+use super::jackknife::{self, Normals};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics, within};
 use crate::image::Grid;
@@ -524,7 +524,8 @@ fn report(
     let bias = by_distance(planes, values);
     let [near, far] = distances(planes);
     let readings = [near, far].map(|z| (z - values[1]) / values[0]);
-    let doubt = doubt::deviation(&normals(planes, values, parameters), readings).max(LEAST_DOUBT);
+    let doubt =
+        jackknife::deviation(&normals(planes, values, parameters), readings).max(LEAST_DOUBT);
     let response = DepthResponse {
         slope: values[0],
         intercept: values[1],

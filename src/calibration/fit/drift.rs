@@ -1,10 +1,10 @@
 //! Whether a rig still is as it was calibrated: which camera moved, and by how much, from as little as one placement.
 
-use super::adjust::{Bundle, CameraState, PlacementState, Seen, moved};
+use super::adjust::{Bundle, CameraState, Observation, PlacementState, moved};
 use super::lens::{Lens, PARAMETERS};
-use super::links::{Comparison, Tree, poses};
 use super::outliers::mild_loss;
 use super::planar;
+use super::pose_graph::{Comparison, Tree, poses};
 use super::result::Figures;
 use super::session::{Session, View};
 use crate::calibration::{Camera, Face, RigCalibration, within};
@@ -159,7 +159,7 @@ pub fn check(
 
 /// The session without cameras that are not known, and the known ones.
 fn known_part(session: &Session, known: &RigCalibration) -> (Session, Vec<Camera>) {
-    let of = |(index, subject): (usize, &super::Subject)| {
+    let of = |(index, subject): (usize, &super::SessionCamera)| {
         let (camera, _) = known.cameras.get(&subject.id)?;
         let size = [camera.intrinsics.width, camera.intrinsics.height];
         (size == subject.size).then(|| (index, camera.clone()))
@@ -219,13 +219,13 @@ fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
         pose_free: false,
         prior: [None; PARAMETERS],
     };
-    let placement = |agreed: &Option<super::links::Agreed>| PlacementState {
+    let placement = |agreed: &Option<super::pose_graph::Agreed>| PlacementState {
         rig_from_board: agreed
             .as_ref()
             .map_or_else(Isometry3::identity, |a| a.root_from_board),
         free: agreed.is_some(),
     };
-    let seen = |v: &View| Seen {
+    let seen = |v: &View| Observation {
         camera: v.camera,
         placement: v.placement,
         back: v.face == Face::Back,
@@ -250,7 +250,7 @@ fn off_px(bundle: &Bundle, camera: usize) -> f64 {
 /// The corners that a camera saw: where they are in the rig, and their pixels.
 fn in_rig(bundle: &Bundle, camera: usize) -> Vec<(Point3<f64>, Point2<f64>)> {
     let views = bundle.views.iter().filter(|v| v.camera == camera);
-    let of_view = |view: &Seen| {
+    let of_view = |view: &Observation| {
         let rig_from_board = bundle.placements[view.placement].rig_from_board;
         let pose = if view.back {
             rig_from_board * bundle.board_from_back

@@ -2,9 +2,9 @@
 //! such a corner can be laid over the picture until both agree. The markers' ink is then evidence and pulls nothing. It
 //! finds no board and fits no lens.
 
-use super::polish;
 use super::result::Fit;
 use super::session::{Corner, Session, View};
+use super::subpixel;
 use super::template::Template;
 use crate::calibration::{Board, BoardKind, Face, Intrinsics, Rectangle};
 use crate::image::{Grid, srgb};
@@ -31,7 +31,7 @@ pub fn crowded_views(session: &Session) -> Vec<usize> {
         BoardKind::Checkerboard => false,
         BoardKind::Charuco(_) => {
             let size = session.cameras[view.camera].size;
-            polish::crowded(size, &view.corners, &session.board)
+            subpixel::crowded(size, &view.corners, &session.board)
         }
     };
     let all = session.views.iter().enumerate();

@@ -1,7 +1,7 @@
 //! How much each view counts, from what its residuals are: one that sees corners three times as well as another says nine
 //! times as much, and what is stated of either's errors follows its own.
 
-use super::adjust::{Bundle, Seen};
+use super::adjust::{Bundle, Observation};
 use super::outliers::mild_loss;
 
 /// Times that weights and residuals are made to agree.
@@ -50,9 +50,9 @@ impl Bundle {
 
     /// A view's residuals; the parameters of its camera and of its placement are fitted to it as far as it counts among
     /// their views.
-    fn spread(&self, view: &Seen) -> Spread {
-        let counts = |v: &Seen| v.weight * v.points.len() as f64;
-        let part = |belongs: &dyn Fn(&Seen) -> bool| {
+    fn spread(&self, view: &Observation) -> Spread {
+        let counts = |v: &Observation| v.weight * v.points.len() as f64;
+        let part = |belongs: &dyn Fn(&Observation) -> bool| {
             let all = self.views.iter().filter(|v| belongs(v));
             counts(view) / all.map(counts).sum::<f64>()
         };

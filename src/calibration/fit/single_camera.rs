@@ -1,9 +1,9 @@
 //! One camera by itself: its lens and the board's pose in each of its views, from which the rig's fit starts.
 
-use super::adjust::{Belief, Bundle, CameraState, Loss, PlacementState, Seen};
+use super::adjust::{Bundle, CameraState, Loss, Observation, PlacementState, Prior};
 use super::lens::{Lens, Model, PARAMETERS};
 use super::planar::{self, PlanePose};
-use super::session::{Subject, View};
+use super::session::{SessionCamera, View};
 use crate::calibration::Board;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 
@@ -17,7 +17,7 @@ pub(super) struct Alone {
 
 /// Fits a camera's lens to its views; a known lens is kept. `None` if no lens can explain them.
 pub(super) fn calibrate(
-    subject: &Subject,
+    subject: &SessionCamera,
     views: &[&View],
     board: &Board,
     model: Model,
@@ -38,7 +38,11 @@ pub(super) fn calibrate(
 
 /// Lenses to start from: the one that is given; else one of the focal length that the homographies give, where they
 /// give one that a camera can have; and else several.
-fn starts(subject: &Subject, pairs: &[Vec<(Point3<f64>, Point2<f64>)>], model: Model) -> Vec<Lens> {
+fn starts(
+    subject: &SessionCamera,
+    pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
+    model: Model,
+) -> Vec<Lens> {
     if let Some(start) = &subject.start {
         let mut lens = Lens::from_intrinsics(start);
         let free = free_parameters(model);
@@ -78,7 +82,7 @@ fn from_start(
             free: [false; PARAMETERS],
             camera_from_rig: Isometry3::identity(),
             pose_free: false,
-            prior: beliefs(&lens),
+            prior: priors(&lens),
         }],
         placements: Vec::new(),
         board_from_back: Isometry3::identity(),
@@ -94,7 +98,7 @@ fn from_start(
             rig_from_board: pose.camera_from_plane,
             free: true,
         });
-        bundle.views.push(Seen {
+        bundle.views.push(Observation {
             camera: 0,
             placement,
             back: false,
@@ -122,7 +126,7 @@ pub(super) fn free_parameters(model: Model) -> [bool; PARAMETERS] {
 
 /// What any lens is believed to be like; so weak that a few good views overrule it, and enough to keep in bounds what
 /// no view speaks of.
-pub(super) fn beliefs(start: &Lens) -> [Option<Belief>; PARAMETERS] {
+pub(super) fn priors(start: &Lens) -> [Option<Prior>; PARAMETERS] {
     let middle = Lens::pinhole(start.size, start.focal_px());
     let (side, focal) = (start.side(), start.focal_px());
     let deviations = [
@@ -139,11 +143,11 @@ pub(super) fn beliefs(start: &Lens) -> [Option<Belief>; PARAMETERS] {
         1.0,
         1.0,
     ];
-    let belief = |i: usize| Belief {
+    let prior = |i: usize| Prior {
         value: middle.values[i],
         deviation: deviations[i],
     };
-    std::array::from_fn(|i| Some(belief(i)))
+    std::array::from_fn(|i| Some(prior(i)))
 }
 
 impl Bundle {

@@ -1,6 +1,6 @@
 //! Corners of a whole board to a fraction of a pixel, in windows that hold nothing but the two edges that cross there.
 
-use super::refine;
+use super::gradient_refine;
 use super::session::Corner;
 use crate::calibration::{Board, BoardKind};
 use crate::image::Grid;
@@ -29,7 +29,7 @@ pub(super) fn polished(
     let windows = windows([picture.width(), picture.height()], &corners, board);
     for (corner, window) in corners.iter_mut().zip(windows) {
         let refined = window.and_then(|Window { half, stripes }| {
-            refine::refined(picture, corner.pixel, half as i32, |o| stripes.hold(o))
+            gradient_refine::refined(picture, corner.pixel, half as i32, |o| stripes.hold(o))
         });
         if let Some(at) = refined.filter(|at| (at - corner.pixel).norm() < largest_move) {
             corner.pixel = at;
