@@ -133,7 +133,7 @@ fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
         let simulated = simulation(Shape::Cup, |o| o.depth.bias_mm = bias_mm);
         let parameters = Parameters {
             restoration: restore::Parameters {
-                form: restore::Form::Lid,
+                form: restore::Form::Coating,
                 ..restore::Parameters::default()
             },
             ..Parameters::default()

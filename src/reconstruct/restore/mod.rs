@@ -5,11 +5,11 @@
 //! - `lid` (the paper's): the hull's patch over each region is given the Laplacian coordinates of the depth.
 
 mod carve;
+mod coating;
 mod consistency;
 mod factor;
 mod iterate;
 mod laplacian;
-mod lid;
 mod provenance;
 mod relax;
 
@@ -31,7 +31,8 @@ pub enum Form {
     #[default]
     Carve,
     /// The paper's coating transfer onto the hull's lid.
-    Lid,
+    #[serde(rename = "lid")]
+    Coating,
 }
 
 /// How concave regions are restored. Lengths in millimetres where the name says so.
@@ -146,10 +147,10 @@ pub fn restore(
         .collect();
     match parameters.form {
         Form::Carve => carve_and_relax(template, &sources, depths, parameters),
-        Form::Lid => {
+        Form::Coating => {
             let mut model = plain(template);
             for (source, depth) in sources.iter().zip(&depths) {
-                lid::restore(
+                coating::restore(
                     &mut model,
                     source,
                     depth,
