@@ -64,13 +64,13 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         BoardKind::Checkerboard => String::new(),
         BoardKind::Charuco(markers) => format!(", markers of {}", markers.dictionary),
     };
-    say!(
+    outln!(
         "{}: {pages} page{} on {paper}{markers}; print at 100 % and measure the rulers. The board is --board {board}",
         args.out.display(),
         if pages == 1 { "" } else { "s" }
     );
     if board.is_symmetric() {
-        say!(
+        outln!(
             "it looks the same turned by 180 degrees: one corner more or less a row would be better"
         );
     }

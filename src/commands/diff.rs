@@ -79,9 +79,9 @@ fn compare(args: &Args) -> anyhow::Result<Difference> {
         draw(path, &found, &a.mesh, &b.mesh)?;
     }
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&found)?);
+        outln!("{}", serde_json::to_string_pretty(&found)?);
     } else {
-        say!("{}", words(&found));
+        outln!("{}", words(&found));
     }
     Ok(found)
 }

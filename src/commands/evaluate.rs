@@ -65,9 +65,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         draw(path, &found, &model.mesh, &truth.mesh)?;
     }
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&found)?);
+        outln!("{}", serde_json::to_string_pretty(&found)?);
     } else {
-        say!("{}", table::table(&found));
+        outln!("{}", table::table(&found));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -48,7 +48,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     } else {
         info.in_words()
     };
-    say!("{text}");
+    outln!("{text}");
     Ok(if info.damage.is_empty() {
         ExitCode::SUCCESS
     } else {

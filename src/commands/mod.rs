@@ -3,7 +3,7 @@
 
 /// `println!` to a reader that may have gone away, as `head` does: then there is nobody left to tell, and that is no
 /// error.
-macro_rules! say {
+macro_rules! outln {
     ($($words:tt)*) => {
         $crate::commands::write_out(&format!($($words)*))
     };

@@ -23,11 +23,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         match pack(path, || true) {
             Ok(Packed::Smaller(before, after)) => {
                 let share = 100.0 * after as f64 / before.max(1) as f64;
-                say!("{path_words}: {before} bytes are {after} now ({share:.0} %)");
+                outln!("{path_words}: {before} bytes are {after} now ({share:.0} %)");
             }
-            Ok(Packed::Already) => say!("{path_words}: is packed already"),
+            Ok(Packed::Already) => outln!("{path_words}: is packed already"),
             Ok(Packed::NotWorthwhile | Packed::GivenUp) => {
-                say!("{path_words}: would hardly be smaller, and stays as it is");
+                outln!("{path_words}: would hardly be smaller, and stays as it is");
             }
             Err(error) => {
                 code = ExitCode::FAILURE;

@@ -33,7 +33,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         match complete(part) {
             Ok(recovered) => {
                 lost |= recovered.tail.is_some();
-                say!("{}", words(&recovered));
+                outln!("{}", words(&recovered));
             }
             Err(error) => {
                 failed = true;
@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     if parts.is_empty() {
-        say!("nothing to recover");
+        outln!("nothing to recover");
     }
     Ok(match (failed, lost) {
         (true, _) => ExitCode::FAILURE,

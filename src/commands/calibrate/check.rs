@@ -14,14 +14,14 @@ pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: b
             "not_checked": check.unchecked,
             "lost": detections.lost,
         });
-        say!("{told:#}");
+        outln!("{told:#}");
     } else if !quiet {
-        check.cameras.iter().for_each(|c| say!("{}", words(c)));
+        check.cameras.iter().for_each(|c| outln!("{}", words(c)));
         check
             .unknown
             .iter()
-            .for_each(|id| say!("camera {id}: it is not in the calibration"));
-        say!("{}", summary(check));
+            .for_each(|id| outln!("camera {id}: it is not in the calibration"));
+        outln!("{}", summary(check));
     }
     match check.moved().next() {
         Some(_) => ExitCode::FAILURE,

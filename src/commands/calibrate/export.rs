@@ -27,7 +27,7 @@ pub(super) fn run(
     }
     files.write_exports(&calibration)?;
     if !quiet {
-        say!("{}: {} cameras", from.display(), calibration.cameras.len());
+        outln!("{}: {} cameras", from.display(), calibration.cameras.len());
     }
     Ok(ExitCode::SUCCESS)
 }

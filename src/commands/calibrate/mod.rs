@@ -240,9 +240,9 @@ fn responses(known: RigCalibration) -> BTreeMap<CameraId, DepthResponse> {
 fn print(args: &Args, outcome: &Outcome, written: Option<&Path>) {
     let told = Summary { outcome, written };
     if args.json {
-        say!("{:#}", told.json());
+        outln!("{:#}", told.json());
     } else if !args.quiet {
-        say!("{}", told.text());
+        outln!("{}", told.text());
     }
 }
 

@@ -56,9 +56,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let as_lines: Vec<String> = findings.all.iter().map(Finding::line).collect();
     let as_lines = as_lines.join("\n");
     if args.json {
-        say!("{as_json:#}");
+        outln!("{as_json:#}");
     } else {
-        say!("{as_lines}");
+        outln!("{as_lines}");
     }
     if let Some(path) = &args.bundle {
         let status = findings.status.unwrap_or_default();

@@ -204,9 +204,9 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     client.send(&Request::Events {})?;
     let first = client.reply()?;
     if *json {
-        say!("{}", serde_json::to_string(&first)?);
+        outln!("{}", serde_json::to_string(&first)?);
     } else if first != Reply::Listening {
-        say!("{}", words(&first));
+        outln!("{}", words(&first));
     }
     if first != Reply::Listening {
         return Ok(ExitCode::FAILURE);
@@ -214,9 +214,9 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     loop {
         let event = client.event()?;
         if *json {
-            say!("{}", serde_json::to_string(&event)?);
+            outln!("{}", serde_json::to_string(&event)?);
         } else {
-            say!("{}", event_words(&event));
+            outln!("{}", event_words(&event));
         }
     }
 }
@@ -229,9 +229,9 @@ fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Resu
     loop {
         let reply = client.reply()?;
         if connection.json {
-            say!("{}", serde_json::to_string(&reply)?);
+            outln!("{}", serde_json::to_string(&reply)?);
         } else {
-            say!("{}", words(&reply));
+            outln!("{}", words(&reply));
         }
         if reply.is_end(until) {
             return Ok(reply);

@@ -37,7 +37,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let clock = HostClock::start();
     let prepared = args.source.prepare(clock)?;
     if args.check {
-        say!(
+        outln!(
             "{}: {} cameras, all of them calibrated",
             args.source.config.display(),
             prepared.stations.len()

@@ -91,7 +91,7 @@ impl Console {
             let summary = serde_json::json!({
                 "done": done, "failed": outcomes.len() - done, "captures": outcomes,
             });
-            say!("{summary:#}");
+            outln!("{summary:#}");
         } else if !self.quiet {
             self.table(outcomes, out);
         }
@@ -106,23 +106,23 @@ impl Console {
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
             let verdict = outcome.verdict.map_or("done", Level::name);
-            say!("{}: {verdict}", name(outcome));
+            outln!("{}: {verdict}", name(outcome));
             for reason in &outcome.reasons {
-                say!("  {reason}");
+                outln!("  {reason}");
             }
             match &outcome.folder {
                 Some(folder) if outcome.result == Ending::Unchanged => {
-                    say!("  unchanged since it was made: {}", folder.display());
+                    outln!("  unchanged since it was made: {}", folder.display());
                 }
                 Some(folder) => {
-                    say!("  {}", folder.display());
-                    say!("  {total:.2} s: {}", stages.join(", "));
+                    outln!("  {}", folder.display());
+                    outln!("  {total:.2} s: {}", stages.join(", "));
                 }
                 None => {}
             }
         }
         let done = outcomes.iter().filter(|o| o.is_done()).count();
-        say!(
+        outln!(
             "{done} done, {} failed, in {}",
             outcomes.len() - done,
             out.display()

@@ -97,10 +97,10 @@ pub(super) fn run(
     write_board_session(&session, out, compression)
         .with_context(|| format!("writing {}", out.display()))?;
     let (count, board) = (session.placements().len(), session.board());
-    say!("{}: {count} placements of {board}", out.display());
+    outln!("{}: {count} placements of {board}", out.display());
     if let Some(path) = truth {
         write_atomically(path, session.truth().to_toml().as_bytes())?;
-        say!(
+        outln!(
             "{}: {} cameras",
             path.display(),
             session.truth().cameras.len()
@@ -108,7 +108,7 @@ pub(super) fn run(
     }
     if let Some(path) = placements_truth {
         write_atomically(&path, &placements_json(&session)?)?;
-        say!("{}: {count} poses", path.display());
+        outln!("{}: {count} poses", path.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -210,7 +210,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let simulation = Simulation::new(options(args).0).map_err(wrong_usage)?;
     write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
-    say!(
+    outln!(
         "{}: {} captures",
         out.display(),
         simulation.options().captures
@@ -218,7 +218,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if let Some(truth) = truth {
         write_atomically(&truth, &ply(simulation.truth()))?;
         let triangles = simulation.truth().triangles.len();
-        say!("{}: {triangles} triangles", truth.display());
+        outln!("{}: {triangles} triangles", truth.display());
     }
     Ok(ExitCode::SUCCESS)
 }

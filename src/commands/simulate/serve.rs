@@ -78,17 +78,17 @@ mod serving {
             rig.show(Shown::Background);
         }
         for (id, address, serial) in rig.cameras() {
-            say!("{id} {address} {serial}");
+            outln!("{id} {address} {serial}");
         }
-        say!("serving");
+        outln!("serving");
         for line in std::io::stdin().lock().lines() {
             let line = line?;
             if line.trim() == "quit" {
                 return Ok(ExitCode::SUCCESS);
             }
             match obey(&rig, &line) {
-                Ok(()) => say!("ok"),
-                Err(error) => say!("error: {error:#}"),
+                Ok(()) => outln!("ok"),
+                Err(error) => outln!("error: {error:#}"),
             }
         }
         // Nobody says anything any more: a signal ends it.
