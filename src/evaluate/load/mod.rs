@@ -1,6 +1,11 @@
 //! Reads model files back: PLY, GLB and OBJ into one mesh in the rig's frame (z up, metres) with what they
 //! know of each vertex. Nothing in a file is trusted: counts are held against the file's size before memory
 //! is taken, indices against the vertices, and coordinates must be finite.
+//!
+//! The crates `gltf` and `tobj` do not promise as much. The validation of `gltf` 1.4 panics where POSITION names no
+//! accessor; it computes with the header's length and an accessor's stride and count unchecked, reads an accessor as
+//! whatever type it is asked for, and refuses positions without bounds. Each would have to be checked here before. `tobj`
+//! 4.0 does not say in which line an error is.
 
 mod glb;
 mod obj;
