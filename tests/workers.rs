@@ -198,7 +198,7 @@ fn processes(folder: &Path) -> Vec<String> {
         let line = std::fs::read(Path::new("/proc").join(pid).join("cmdline"));
         let line = line.unwrap_or_default();
         let line = String::from_utf8_lossy(&line);
-        line.contains("\0work\0") && line.contains(folder.to_str().unwrap())
+        line.contains("\0make-model\0") && line.contains(folder.to_str().unwrap())
     };
     let all = std::fs::read_dir("/proc").unwrap();
     all.filter_map(|p| p.unwrap().file_name().into_string().ok())
