@@ -17,6 +17,27 @@ const SECTIONS: [(&str, &str); 8] = [
     ("glb", "src/output/glb.rs"),
 ];
 
+/// The same of a calibration, with the name of its parameters.
+const CALIBRATION: [(&str, &str, &str); 5] = [
+    ("fit", "src/calibration/fit/mod.rs", "pub struct Parameters"),
+    (
+        "limits",
+        "src/calibration/fit/verdict.rs",
+        "pub struct Limits",
+    ),
+    (
+        "wanted",
+        "src/calibration/fit/coverage.rs",
+        "pub struct Wanted",
+    ),
+    ("watch", "src/calibration/fit/drift.rs", "pub struct Watch"),
+    (
+        "plane",
+        "src/calibration/response/plane.rs",
+        "pub struct PlaneParameters",
+    ),
+];
+
 fn text(file: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap()
 }
@@ -46,8 +67,30 @@ fn said(comment: &str) -> Option<[f64; 3]> {
     Some([default, least, most].map(|number| number.parse().unwrap()))
 }
 
+/// Whether a section takes a value.
 fn is_read(section: &str, key: &str, value: f64) -> bool {
-    Config::load(None, &[format!("{section}.{key}={value}")]).is_ok()
+    let setting = format!("{section}.{key}={value}");
+    Config::load(None, &[setting]).is_ok_and(|config| config.calibration.checked().is_ok())
+}
+
+/// Holds a comment's default and range against the value that is shipped and against what is read.
+fn check(section: &str, key: &str, shipped: f64, [default, least, most]: [f64; 3]) {
+    let name = format!("{section}.{key}");
+    assert_eq!(default, shipped, "{name}");
+    for bound in [least, most] {
+        assert!(is_read(section, key, bound), "{name}={bound} is refused");
+    }
+    for beyond in [least - 1.0, most + 1.0] {
+        assert!(!is_read(section, key, beyond), "{name}={beyond} is read");
+    }
+}
+
+/// The numbers of a section and their values.
+fn numbers(section: &Table) -> impl Iterator<Item = (&String, f64)> {
+    section.iter().filter_map(|(key, value)| {
+        let whole = value.as_integer().map(|whole| whole as f64);
+        Some((key, whole.or(value.as_float())?))
+    })
 }
 
 #[test]
@@ -55,32 +98,37 @@ fn a_number_says_its_default_and_its_range_as_they_are_read() {
     let shipped = text("config/replay.toml");
     let defaults: Table = toml::from_str(&shipped).unwrap();
     for (section, source) in SECTIONS {
-        let (start, source) = (format!("[{section}]\n"), text(source));
-        let start = shipped.find(&start).unwrap();
-        let shown = &shipped[start..];
+        let source = text(source);
+        let shown = &shipped[shipped.find(&format!("[{section}]\n")).unwrap()..];
         let parameters = &source[source.find("pub struct Parameters").unwrap()..];
-        let mut numbers = 0;
-        for (key, value) in defaults[section].as_table().unwrap() {
-            let whole = value.as_integer().map(|whole| whole as f64);
-            let Some(value) = whole.or(value.as_float()) else {
-                continue;
-            };
+        for (key, value) in numbers(defaults[section].as_table().unwrap()) {
             let comment = line_above(shown, &format!("{key} = "));
-            let name = format!("{section}.{key}");
-            let [default, least, most] = said(comment).unwrap_or_else(|| {
-                panic!("{name}: {comment:?}, expected \"Default N, range N to N.\"")
+            let found = said(comment).unwrap_or_else(|| {
+                panic!("{section}.{key}: {comment:?}, expected \"Default N, range N to N.\"")
             });
-            assert_eq!(default, value, "{name}");
-            for bound in [least, most] {
-                assert!(is_read(section, key, bound), "{name}={bound} is refused");
-            }
-            for beyond in [least - 1.0, most + 1.0] {
-                assert!(!is_read(section, key, beyond), "{name}={beyond} is read");
-            }
+            check(section, key, value, found);
             let of_source = line_above(parameters, &format!("pub {key}: "));
-            assert_eq!(said(of_source), said(comment), "{name}: {of_source}");
-            numbers += 1;
+            assert_eq!(said(of_source), Some(found), "{section}.{key}: {of_source}");
         }
-        assert!(numbers > 0, "{section} has no number");
     }
+}
+
+#[test]
+fn a_number_of_a_calibration_says_them_too() {
+    let defaults: Table = toml::from_str(&text("config/calibrate.toml")).unwrap();
+    let mut ranges = 0;
+    for (section, source, parameters) in CALIBRATION {
+        let source = text(source);
+        let parameters = &source[source.find(parameters).unwrap()..];
+        for (key, value) in numbers(defaults["calibration"][section].as_table().unwrap()) {
+            let comment = line_above(parameters, &format!("pub {key}: "));
+            assert!(comment.contains("Default "), "{section}.{key}: {comment:?}");
+            // Limits that bound each other have no range of their own.
+            if let Some(found) = said(comment) {
+                check(&format!("calibration.{section}"), key, value, found);
+                ranges += 1;
+            }
+        }
+    }
+    assert!(ranges >= 20, "{ranges}");
 }

@@ -17,13 +17,14 @@ use serde::Serialize;
 #[derive(serde::Deserialize, Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct DifferenceParameters {
-    /// Points on each surface, beside its vertices: 200 000.
+    /// Points on each surface, beside its vertices. Default 200 000.
     pub samples: usize,
-    /// Surfaces nowhere farther apart than this are the same, in millimetres: 0.01. Round-off is never a difference.
+    /// Surfaces nowhere farther apart than this are the same, in millimetres. Default 0.01. Round-off is never a
+    /// difference.
     pub tolerance_mm: f64,
-    /// At most this many places of largest differences are told: 8.
+    /// At most this many places of largest differences are told. Default 8.
     pub places: usize,
-    /// Places are at least this far apart, in millimetres: 10.
+    /// Places are at least this far apart, in millimetres. Default 10.
     pub place_distance_mm: f64,
 }
 

@@ -11,13 +11,16 @@ use std::collections::BTreeSet;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Wanted {
-    /// Views of each camera. Default 6.
+    /// Views of each camera.
+    /// Default 6, range 0 to 1000.
     pub views: usize,
-    /// Placements that each camera shares with its nearest partner. Default 4.
+    /// Placements that each camera shares with its nearest partner.
+    /// Default 4, range 0 to 1000.
     pub shared: usize,
     /// Distances from a depth camera, in metres, between which the board should be seen. Default 0.7 to 1.3.
     pub depths: [f64; 2],
-    /// Length of the steps in which these distances should be seen, in metres. Default 0.15.
+    /// Length of the steps in which these distances should be seen, in metres.
+    /// Default 0.15, range 0.01 to 20.
     pub depth_step: f64,
     /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
     pub tilts_degrees: [f64; 2],

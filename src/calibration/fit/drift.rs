@@ -16,9 +16,11 @@ use rayon::prelude::*;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Watch {
-    /// Root mean square in pixels by which the board is elsewhere in its picture. Default 0.4.
+    /// Root mean square in pixels by which the board is elsewhere in its picture.
+    /// Default 0.4, range 0.001 to 1000.
     pub moved_px: f64,
-    /// And how many times what is usual among the cameras, where that is less. Default 3.
+    /// And how many times what is usual among the cameras, where that is less.
+    /// Default 3, range 1 to 1000.
     pub ratio: f64,
 }
 

@@ -48,18 +48,23 @@ use crate::frame::CameraId;
 pub struct Parameters {
     /// Model of the lenses' distortion. Default `plumb_bob`.
     pub model: Model,
-    /// Fewest views from which a lens is fitted. Default 3.
+    /// Fewest views from which a lens is fitted.
+    /// Default 3, range 1 to 1000.
     pub min_views: usize,
-    /// Fewest corners that make a view. Default 6.
+    /// Fewest corners that make a view.
+    /// Default 6, range 4 to 10000.
     pub min_corners: usize,
     /// The placement that lies flat on the table; by default the one that all others lie above.
     pub table_placement: Option<String>,
-    /// How many times the usual residual a view may have before it is left out. Default 3.
+    /// How many times the usual residual a view may have before it is left out.
+    /// Default 3, range 1 to 1000.
     pub outlier_ratio: f64,
-    /// How many standard deviations a corner may be off before it is false. Default 5.
+    /// How many standard deviations a corner may be off before it is false.
+    /// Default 5, range 1 to 1000.
     pub false_corner_deviations: f64,
-    /// Parts of the placements that are held out in turn to see how well they are predicted; 0 for no such test.
-    /// Default 5.
+    /// Parts of the placements that are held out in turn to see how well they are predicted; 0 for no
+    /// such test.
+    /// Default 5, range 0 to 1000.
     pub folds: usize,
 }
 

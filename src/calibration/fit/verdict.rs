@@ -15,13 +15,17 @@ pub struct Limits {
     pub accepted_px: f64,
     /// Beyond which it is refused. Default 0.6.
     pub refused_px: f64,
-    /// How many times the fit's residual that of placements held out may be. Default 1.3.
+    /// How many times the fit's residual that of placements held out may be.
+    /// Default 1.3, range 1 to 1000.
     pub held_out_ratio: f64,
-    /// Part of a camera's picture in which the board should have been seen. Default 0.2.
+    /// Part of a camera's picture in which the board should have been seen.
+    /// Default 0.2, range 0 to 1.
     pub coverage: f64,
-    /// Fewest views of a camera with which nothing is amiss. Default 6.
+    /// Fewest views of a camera with which nothing is amiss.
+    /// Default 6, range 0 to 1000.
     pub views: usize,
-    /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with. Default 1.
+    /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with.
+    /// Default 1, range 0 to 1000.
     pub depth_bias_mm: f64,
 }
 

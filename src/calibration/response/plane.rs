@@ -24,19 +24,25 @@ pub struct PlaneView<'a> {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlaneParameters {
-    /// Largest angle in degrees between a ray and the board's normal. Default 60.
+    /// Largest angle in degrees between a ray and the board's normal.
+    /// Default 60, range 1 to 89.
     pub steepest_degrees: f64,
-    /// Fewest views that say enough. Default 3.
+    /// Fewest views that say enough.
+    /// Default 3, range 1 to 1000.
     pub min_views: usize,
-    /// Nearest and farthest board, as a part of the nearest one's distance, that say enough: below it only the offset is
-    /// fitted. Default 1.1.
+    /// Nearest and farthest board, as a part of the nearest one's distance, that say enough: below it
+    /// only the offset is fitted.
+    /// Default 1.1, range 1 to 1000.
     pub min_span: f64,
-    /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of the distance.
-    /// Default 0.0015.
+    /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of
+    /// the distance.
+    /// Default 0.0015, range 0.000001 to 1.
     pub noise_at_1m: f64,
-    /// By how much the scale s(z) may be expected to be off 1, and to change a metre. Default 0.02.
+    /// By how much the scale s(z) may be expected to be off 1, and to change a metre.
+    /// Default 0.02, range 0.000001 to 1.
     pub scale_expected: f64,
-    /// Pixels whose errors are one and the same, because a sensor matches windows. Default 100.
+    /// Pixels whose errors are one and the same, because a sensor matches windows.
+    /// Default 100, range 1 to 1000000.
     pub correlated_pixels: f64,
 }
 
