@@ -1,5 +1,5 @@
 //! What any bytes are given to, and what must hold whatever they are: nothing panics, and what is read back is what was
-//! read. Shared by the fuzzer's targets and by `tests/fuzzing.rs`, which runs the same on stable Rust.
+//! read. Shared by the fuzzer's targets and by `tests/offline/fuzzing.rs`, which runs the same on stable Rust.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{

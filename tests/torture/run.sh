@@ -18,15 +18,15 @@ promises() {
 		power|a power cut loses no durable capture|lib|daemon::disaster_tests::power_cuts
 		kill|a killed daemon loses nothing that a client was told|lib|daemon::disaster_tests::kills daemon::service_tests::a_kill_between
 		kill|a killed rig of twelve cameras loses no durable capture|rig|what_was_acknowledged_survives
-		kill|a killed replay leaves whole models or none|disasters|a_replay_that_is_killed
+		kill|a killed replay leaves whole models or none|offline|disasters::a_replay_that_is_killed
 		kill|killed workers, or their daemon, lose no job|workers|a_killed_daemon a_killed_worker
-		kill|recovery is fast|disasters|a_recording_that_was_cut_off
+		kill|recovery is fast|offline|disasters::a_recording_that_was_cut_off
 		disk|a call that the disk refuses is never acknowledged falsely|lib|daemon::disaster_tests::a_disk
-		disk|a replay whose disk refuses leaves no half output|disasters|a_replay_whose_disk
+		disk|a replay whose disk refuses leaves no half output|offline|disasters::a_replay_whose_disk
 		disk|a full disk fails one capture, a slow one disturbs no camera|rig|a_full_disk a_slow_disk
-		damage|damaged and hostile recordings: an error, bounded, no panic|hostile|
+		damage|damaged and hostile recordings: an error, bounded, no panic|offline|hostile::
 		damage|recordings cut, flipped and recovered at every byte|lib|recording::
-		damage|damaged inputs of every parser: no panic|fuzzing|
+		damage|damaged inputs of every parser: no panic|offline|fuzzing::
 		presses|every press has one last answer and at most one capture|lib|daemon::service_tests::a_thousand_presses daemon::service_tests::told_to_end
 		presses|storms and nonsense harm neither capture, memory nor log|lib|daemon::hostile_tests::
 		cameras|cameras that fail are named and come back|rig|cameras_that_fail a_late_frame
@@ -35,9 +35,9 @@ promises() {
 		cameras|cameras that come and go leave nothing behind|gige|faults::
 		cameras|a camera that is unplugged is named and comes back each time|lib|drivers::live::supervisor_tests::an_unplugged
 		workers|crashes, hangs and memory fail one job alone|lib|workers::tests::
-		workers|a panic in any stage fails one capture alone|hostile|tiny::a_panic
+		workers|a panic in any stage fails one capture alone|offline|hostile::tiny::a_panic
 		workers|real workers: memory beyond the limit, confinement|workers|one_that_
-		upgrades|files of released versions are read, later ones refused|golden|
+		upgrades|files of released versions are read, later ones refused|offline|golden::
 		soak|memory, files, threads and latency stay flat|rig|soak
 	END
 }

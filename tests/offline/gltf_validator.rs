@@ -1,8 +1,7 @@
 //! The Khronos validator over the files that we write. It needs node and the npm package `gltf-validator`
 //! (`npm install` in `tests/gltf`), which `tests/deps.sh` installs where npm is.
 
-mod support;
-
+use crate::support::skipped::{Needed, skip};
 use nalgebra::{Point3, Vector3};
 use scand::image::RgbImage;
 use scand::mesh::Mesh;
@@ -10,7 +9,6 @@ use scand::output::glb;
 use scand::reconstruct::{Model, Provenance, Texture};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use support::skipped::{Needed, skip};
 
 /// Validates files; `None` where the validator is not installed, else whether all are clean, and the reports.
 fn validate(files: &[PathBuf]) -> Option<(bool, String)> {

@@ -1,15 +1,13 @@
 //! Recordings that others wrote must load, and their models be as good as was promised. They are not part of scand: these
 //! tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped where they are not.
 
-mod support;
-
+use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;
 use scand::job::{Session, Silhouette};
 use scand::reconstruct::{Scene, SilhouetteSource};
 use scand::sync;
 use serde_json::{Value, json};
 use std::path::PathBuf;
-use support::skipped::{Needed, skip};
 
 fn shared(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SCAND_SHARED_RECORDINGS").map_or_else(

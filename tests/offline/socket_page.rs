@@ -5,7 +5,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 
-const PAGE: &str = include_str!("../docs/socket.md");
+const PAGE: &str = include_str!("../../docs/socket.md");
 
 /// The examples of a section, as they stand between backticks.
 fn examples(heading: &str) -> Vec<&'static str> {

@@ -1,8 +1,7 @@
 //! The daemon as a service: what systemd hands it and hears of it, who may speak to it, how it reads its configuration
 //! again and ends. Its cameras are never there; what it does with cameras is tested elsewhere.
 
-mod support;
-
+use crate::support::skipped::{Needed, skip};
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
@@ -10,7 +9,6 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use support::skipped::{Needed, skip};
 
 const CONFIGURATION: &str = r#"
 [rig]

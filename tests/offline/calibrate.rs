@@ -1,13 +1,11 @@
 //! Calibration by the command, from recordings: other people's pictures with published results.
 
-mod support;
-
+use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{Compression, Writer};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use support::skipped::{Needed, skip};
 
 /// OpenCV's pictures of a chessboard: `left01.jpg` to `right14.jpg`.
 fn opencv_pictures() -> Option<PathBuf> {
