@@ -107,7 +107,6 @@ const ROOMS: &[(&str, &[&str])] = &[
             "log",
             "make_model",
             "number",
-            "output",
             "reconstruct",
             "recording",
             "report",

@@ -80,3 +80,67 @@ impl ReportFile {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{CaptureId, Timestamp};
+    use crate::make_model::{FailedJob, report_failure};
+    use crate::reconstruct::Method;
+    use crate::report::FailedCapture;
+
+    fn read(text: &str) -> Result<ReportFile, String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(NAME), text).unwrap();
+        ReportFile::read(folder.path())
+    }
+
+    #[test]
+    fn a_model_is_read_whatever_else_its_report_tells() {
+        let report = read(
+            r#"{"version": 9, "outcome": "done", "digest": "abc", "new": [1], "verdict": {"level": "amber",
+                "reasons": [{"level": "amber", "code": "a_new_one", "words": "it was cut"}]}}"#,
+        )
+        .unwrap();
+        assert_eq!(
+            (report.outcome, report.digest.as_str()),
+            (Outcome::Done, "abc")
+        );
+        let model = report.model.unwrap();
+        assert_eq!(model.verdict, Level::Amber);
+        assert_eq!(model.reasons, ["it was cut"]);
+    }
+
+    #[test]
+    fn the_report_of_a_failure_is_no_model() {
+        let home = tempfile::tempdir().unwrap();
+        let folder = home.path().join("a1");
+        let job = FailedJob {
+            recording: Path::new("cup.mcap"),
+            method: Method::default(),
+            capture: FailedCapture {
+                id: &CaptureId::new("a1").unwrap(),
+                time_ns: Timestamp(1),
+                source: "test",
+            },
+        };
+        report_failure(&folder, job, "no light", Some(b"words"), false).unwrap();
+        let report = ReportFile::read(&folder).unwrap();
+        assert_eq!((report.outcome, report.model), (Outcome::Failed, None));
+        assert_eq!(std::fs::read(folder.join("worker.log")).unwrap(), b"words");
+    }
+
+    #[test]
+    fn what_is_no_report_is_named() {
+        for text in ["", "{}", r#"{"outcome": "unknown"}"#] {
+            let problem = read(text).unwrap_err();
+            assert!(problem.contains(NAME), "{problem}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let file = std::fs::File::create(folder.path().join(NAME)).unwrap();
+        file.set_len(LONGEST + 1).unwrap();
+        let problem = ReportFile::read(folder.path()).unwrap_err();
+        assert!(problem.contains("expected at most"), "{problem}");
+        assert!(ReportFile::read(&folder.path().join("none")).is_err());
+    }
+}
