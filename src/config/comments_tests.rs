@@ -132,3 +132,45 @@ fn a_number_of_a_calibration_says_them_too() {
     }
     assert!(ranges >= 20, "{ranges}");
 }
+
+/// The defaults of the whole comment above a line, such as `… Default 0.005 and 0.03.`
+fn defaults_above(text: &str, begin: &str) -> Vec<f64> {
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let at = lines.iter().position(|line| line.starts_with(begin));
+    let at = at.unwrap_or_else(|| panic!("no line begins with {begin:?}"));
+    let is_comment = |line: &&&str| line.starts_with("# ") || line.starts_with("/// ");
+    let mut comment: Vec<&str> = lines[..at]
+        .iter()
+        .rev()
+        .take_while(is_comment)
+        .copied()
+        .collect();
+    comment.reverse();
+    let words = comment
+        .iter()
+        .flat_map(|line| line.split_whitespace().skip(1));
+    let after = words.skip_while(|word| *word != "Default").skip(1);
+    let numbers =
+        after.take_while(|word| *word == "and" || word.starts_with(|c: char| c.is_ascii_digit()));
+    numbers
+        .filter_map(|word| word.trim_end_matches('.').parse().ok())
+        .collect()
+}
+
+#[test]
+fn the_verdicts_limits_say_their_defaults() {
+    let shipped = text("config/replay.toml");
+    let source = text("src/report/verdict/parameters.rs");
+    let defaults: Table = toml::from_str(&shipped).unwrap();
+    let limits = defaults["verdict"].as_table().unwrap();
+    for (name, limits) in limits.iter().filter_map(|(n, l)| Some((n, l.as_table()?))) {
+        let sides = ["amber", "red"].into_iter();
+        let expected: Vec<f64> = sides
+            .filter_map(|side| limits.get(side)?.as_float())
+            .collect();
+        let shown = defaults_above(&shipped, &format!("[verdict.{name}]"));
+        assert_eq!(shown, expected, "config/replay.toml: verdict.{name}");
+        let documented = defaults_above(&source, &format!("pub {name}: "));
+        assert_eq!(documented, expected, "verdict.{name}");
+    }
+}
