@@ -16,6 +16,8 @@ pub mod calibrate;
 pub mod calibration;
 #[cfg(feature = "live")]
 pub mod check;
+#[cfg(feature = "live")]
+pub mod clock;
 pub mod commands;
 pub mod config;
 pub mod daemon;

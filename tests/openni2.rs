@@ -4,8 +4,9 @@
 #[path = "openni2-sensor/stage.rs"]
 mod stage;
 
+use scand::clock::Clock;
 use scand::drivers::live::{
-    Backoff, Device, Driver, Event, Fault, HostClock, Message, Pool, Shot, Tally, supervise,
+    Backoff, Device, Driver, Event, Fault, Message, Pool, Shot, Tally, supervise,
 };
 use scand::drivers::openni2::{OpenNi2, Parameters};
 use scand::frame::{CameraId, Frame, Picture, Stream, Timestamp};
@@ -42,7 +43,7 @@ fn color_bytes(frame: usize) -> Vec<u8> {
 /// What a test's process works with.
 struct Stand {
     folder: PathBuf,
-    clock: HostClock,
+    clock: Clock,
     pool: Pool,
 }
 
@@ -61,7 +62,7 @@ fn staged_with(name: &str, files: &dyn Fn(&Path) -> Vec<String>, body: fn(&Stand
     if let Some(folder) = std::env::var_os("SCAND_TEST_STAGED") {
         return body(&Stand {
             folder: folder.into(),
-            clock: HostClock::start(),
+            clock: Clock::system(),
             pool: Pool::new(64 << 20),
         });
     }
@@ -132,7 +133,7 @@ impl Stand {
     fn shot(&self, number: u64, seconds: f64) -> Shot {
         Shot {
             number,
-            trigger: self.clock.now(),
+            trigger: self.clock.timestamp(),
             deadline: Instant::now() + Duration::from_secs_f64(seconds),
             abandoned: Arc::default(),
         }

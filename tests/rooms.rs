@@ -18,7 +18,8 @@ const ROOMS: &[(&str, &[&str])] = &[
         &["calibration", "frame", "image", "job", "recording", "sync"],
     ),
     ("recording", &["frame", "calibration", "image", "storage"]),
-    ("drivers", &["frame", "number"]),
+    ("clock", &["frame"]),
+    ("drivers", &["clock", "frame", "number"]),
     ("sync", &["frame", "number"]),
     (
         "job",
@@ -87,6 +88,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         "setup",
         &[
             "calibration",
+            "clock",
             "config",
             "daemon",
             "drivers",
@@ -113,7 +115,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "storage",
         ],
     ),
-    ("pedal", &["trigger"]),
+    ("pedal", &["clock", "trigger"]),
     ("queue", &[]),
     ("trigger", &[]),
     (

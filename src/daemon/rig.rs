@@ -2,9 +2,9 @@
 //! is noted. No camera is waited for longer than a shot may take.
 
 use super::systemd::Heart;
+use crate::clock::Clock;
 use crate::drivers::live::{
-    Backoff, Confirmed, Driver, Ending, Event, Fault, HostClock, Message, Shot, Supervised, Tally,
-    supervise,
+    Backoff, Confirmed, Driver, Ending, Event, Fault, Message, Shot, Supervised, Tally, supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -61,7 +61,7 @@ pub(super) struct Shooting {
 pub struct Rig {
     cameras: BTreeMap<CameraId, Camera>,
     events: Receiver<Message>,
-    clock: HostClock,
+    clock: Clock,
     shots: u64,
     /// Frames that came when their shot was over.
     late_frames: u64,
@@ -82,7 +82,7 @@ impl Rig {
     /// If the system has no thread left.
     pub fn start(
         stations: Vec<Station>,
-        clock: HostClock,
+        clock: Clock,
         frames_a_shot: usize,
         backoff: Backoff,
     ) -> std::io::Result<Self> {
@@ -103,7 +103,7 @@ impl Rig {
     }
 
     /// The host's timeline.
-    pub(super) fn clock(&self) -> HostClock {
+    pub(super) fn clock(&self) -> Clock {
         self.clock
     }
 

@@ -1,9 +1,8 @@
 //! Cameras of the tests' own, and a daemon that takes captures with them.
 
 use super::*;
-use crate::drivers::live::{
-    Backoff, Confirmed, Device, Driver, Fault, HostClock, Pool, Shot, Tally,
-};
+use crate::clock::Clock;
+use crate::drivers::live::{Backoff, Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::recording::{Outcome, Preamble, Recording, Topic};
 use crate::sync;
@@ -51,7 +50,7 @@ const MOODS: [Mood; 8] = [
 struct Played {
     id: CameraId,
     depth: bool,
-    clock: HostClock,
+    clock: Clock,
     pool: Pool,
     mood: Arc<AtomicU32>,
     shots: Arc<AtomicU32>,
@@ -117,9 +116,9 @@ impl Device for Played {
             Mood::Sound | Mood::Late | Mood::Early | Mood::Slow | Mood::VerySlow => {}
         }
         let begin = match mood {
-            Mood::Late => self.clock.now().0 + 200_000_000,
+            Mood::Late => self.clock.timestamp().0 + 200_000_000,
             Mood::Early => shot.trigger.0 - 30_000_000,
-            _ => self.clock.now().0,
+            _ => self.clock.timestamp().0,
         };
         let takes_ms = match mood {
             Mood::Slow => 100,
@@ -216,7 +215,7 @@ pub(super) fn start_with(
     memory: usize,
     change: impl FnOnce(&mut Plan),
 ) -> Stand {
-    let (clock, pool) = (HostClock::start(), Pool::new(memory));
+    let (clock, pool) = (Clock::system(), Pool::new(memory));
     let mut moods = BTreeMap::new();
     let mut stations = Vec::new();
     for &(name, kind) in cameras {

@@ -2,7 +2,8 @@
 
 use super::rig::{Rig, State, Station};
 use super::status::{self, CameraStatus};
-use crate::drivers::live::{Backoff, HostClock};
+use crate::clock::Clock;
+use crate::drivers::live::Backoff;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,7 @@ use std::time::{Duration, Instant};
 /// If the system has no thread left.
 pub fn survey(
     stations: Vec<Station>,
-    clock: HostClock,
+    clock: Clock,
     patience: Duration,
 ) -> std::io::Result<BTreeMap<String, CameraStatus>> {
     let mut rig = Rig::start(stations, clock, 64, Backoff::default())?;

@@ -3,9 +3,10 @@
 use super::line_trigger::allow_for_lines;
 use super::stations::stations;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
+use crate::clock::Clock;
 use crate::config::{self, Config};
 use crate::daemon::{Kind, Station};
-use crate::drivers::live::{HostClock, Pool};
+use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::recording::Preamble;
 use sha2::{Digest, Sha256};
@@ -64,7 +65,7 @@ impl ConfigSource {
     ///
     /// # Errors
     /// If one of them is bad.
-    pub fn prepare(&self, clock: HostClock) -> Result<Prepared, Error> {
+    pub fn prepare(&self, clock: Clock) -> Result<Prepared, Error> {
         let mut config = Config::load(Some(&self.config), &self.set)?;
         if config.workers.folder.as_os_str().is_empty() {
             config.workers.folder = config.recording.folder.with_file_name("models");

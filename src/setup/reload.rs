@@ -2,9 +2,9 @@
 //! taken whole or not at all, so that a recording's copy of it is always true.
 
 use super::prepare::ConfigSource;
+use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::{Reread, ServiceParameters};
-use crate::drivers::live::HostClock;
 use crate::recording::Preamble;
 use crate::workers::Jobs;
 use std::collections::BTreeSet;
@@ -54,7 +54,7 @@ impl Running {
     ///
     /// # Errors
     /// If they are bad, or something has changed that may not: each key by its name.
-    pub fn reload(&self, clock: HostClock) -> Result<(Reread, ServiceParameters), String> {
+    pub fn reload(&self, clock: Clock) -> Result<(Reread, ServiceParameters), String> {
         let now = self.source.prepare(clock).map_err(|e| e.to_string())?;
         let mut fixed = changed(&self.config, &now.config)?;
         fixed.retain(|key| !may_change(key));

@@ -2,11 +2,12 @@
 
 use super::duplicate_devices;
 use crate::calibration::RigCalibration;
+use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::{Kind, Station};
 use crate::drivers::aravis::Parameters as GigeParameters;
 use crate::drivers::link::{Transmission, budget};
-use crate::drivers::live::{Driver, HostClock, Pool};
+use crate::drivers::live::{Driver, Pool};
 use crate::drivers::pixel_format::PixelFormat;
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::frame::CameraId;
@@ -16,7 +17,7 @@ use std::time::Duration;
 
 /// What drivers share.
 struct Shared<'a> {
-    clock: HostClock,
+    clock: Clock,
     pool: &'a Pool,
 }
 
@@ -31,7 +32,7 @@ const PLAIN_PACKET: u32 = 1500;
 pub(super) fn stations(
     config: &Config,
     calibration: &RigCalibration,
-    clock: HostClock,
+    clock: Clock,
     pool: &Pool,
 ) -> Result<Vec<Station>, String> {
     let shared = Shared { clock, pool };

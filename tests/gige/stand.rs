@@ -1,7 +1,8 @@
 //! A small recording, the cameras that serve it, and one camera opened by the driver.
 
+use scand::clock::Clock;
 use scand::drivers::aravis::{ActionGroup, GigeDriver, Parameters};
-use scand::drivers::live::{Device, Driver, Fault, HostClock, Pool, Shot, Tally};
+use scand::drivers::live::{Device, Driver, Fault, Pool, Shot, Tally};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{Compression, Recording, Writer};
 use scand::simulate::serve::{ColorOptions, ColorRig};
@@ -82,7 +83,7 @@ pub fn recording(size: [u32; 2]) -> (tempfile::TempDir, Arc<Recording>) {
 /// Cameras that are served.
 pub struct Stand {
     pub rig: ColorRig,
-    pub clock: HostClock,
+    pub clock: Clock,
     pub pool: Pool,
     pub actions: ActionGroup,
     pub size: [u32; 2],
@@ -98,7 +99,7 @@ impl Stand {
         let (folder, recording) = recording(size);
         Self {
             rig: ColorRig::start(recording, options).unwrap(),
-            clock: HostClock::start(),
+            clock: Clock::system(),
             pool: Pool::new(64 << 20),
             actions: ActionGroup::default(),
             size,
@@ -136,7 +137,7 @@ impl Stand {
     pub fn shot(&self, number: u64, patience: Duration) -> Shot {
         Shot {
             number,
-            trigger: self.clock.now(),
+            trigger: self.clock.timestamp(),
             deadline: Instant::now() + patience,
             abandoned: Arc::default(),
         }

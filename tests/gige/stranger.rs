@@ -1,8 +1,9 @@
 //! A camera that is not ours: the library's own stand-alone simulator, which has no clock that can be read.
 
 use crate::network::alone;
+use scand::clock::Clock;
 use scand::drivers::aravis::{ActionGroup, GigeDriver, Parameters};
-use scand::drivers::live::{Driver, HostClock, Pool, Shot};
+use scand::drivers::live::{Driver, Pool, Shot};
 use scand::frame::Picture;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};
@@ -42,7 +43,7 @@ fn a_camera_of_others_is_set_and_triggered() {
             packet_size: Some(8000),
             ..Parameters::default()
         };
-        let clock = HostClock::start();
+        let clock = Clock::system();
         let id = crate::stand::id("c00");
         let pool = Pool::new(8 << 20);
         let mut driver = GigeDriver::new(id, parameters, pool, clock, ActionGroup::default());
@@ -63,7 +64,7 @@ fn a_camera_of_others_is_set_and_triggered() {
         for number in 0..20 {
             let shot = Shot {
                 number,
-                trigger: clock.now(),
+                trigger: clock.timestamp(),
                 deadline: Instant::now() + Duration::from_secs(2),
                 abandoned: Arc::default(),
             };

@@ -2,10 +2,10 @@
 
 use super::config_args::ConfigArgs;
 use crate::check::{self, Bundle, Finding, Host, State};
+use crate::clock::Clock;
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
 use crate::config::Config;
 use crate::daemon::survey;
-use crate::drivers::live::HostClock;
 use crate::setup::Prepared;
 use crate::storage::free_bytes;
 use crate::trigger::{Client, Error, Reply, Request};
@@ -72,7 +72,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn findings(args: &Args) -> Findings {
-    let clock = HostClock::start();
+    let clock = Clock::system();
     match args.source.prepare(clock) {
         Ok(prepared) => prepared_findings(args, prepared, clock),
         Err(error) => {
@@ -92,7 +92,7 @@ fn findings(args: &Args) -> Findings {
     }
 }
 
-fn prepared_findings(args: &Args, prepared: Prepared, clock: HostClock) -> Findings {
+fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings {
     let Prepared {
         config,
         stations,
@@ -237,7 +237,7 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
         }
     };
     file("rig.toml", &source.config);
-    if let Ok(prepared) = source.prepare(HostClock::start()) {
+    if let Ok(prepared) = source.prepare(Clock::system()) {
         file("calibration.toml", &prepared.calibration);
     }
     file("os-release", Path::new("/etc/os-release"));

@@ -1,7 +1,7 @@
 //! The rig's configuration, as the commands of a live rig are given it.
 
+use crate::clock::Clock;
 use crate::commands::BadConfiguration;
-use crate::drivers::live::HostClock;
 use crate::setup::{ConfigSource, Error, Prepared};
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ impl ConfigArgs {
     ///
     /// # Errors
     /// If one of them is bad.
-    pub fn prepare(&self, clock: HostClock) -> anyhow::Result<Prepared> {
+    pub fn prepare(&self, clock: Clock) -> anyhow::Result<Prepared> {
         self.source().prepare(clock).map_err(|error| match error {
             error @ Error::Read { .. } => error.into(),
             error => BadConfiguration(error.into()).into(),

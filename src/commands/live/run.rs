@@ -2,13 +2,14 @@
 
 use super::config_args::ConfigArgs;
 use super::models::Models;
+use crate::clock::Clock;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
     Capturing, Hooks, Kind, Left, Notifier, Packing, Plan, Pulse, Rig, Service, Station,
     handed_over, serve,
 };
-use crate::drivers::live::{Backoff, HostClock};
+use crate::drivers::live::Backoff;
 use crate::log;
 use crate::setup::{ConfigSource, Prepared, Running};
 use anyhow::Context;
@@ -34,7 +35,7 @@ pub struct Args {
 /// # Errors
 /// If the configuration is bad, the recordings' folder or the socket cannot be made.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let clock = HostClock::start();
+    let clock = Clock::system();
     let prepared = args.source.prepare(clock)?;
     if args.check {
         outln!(
@@ -51,7 +52,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 fn serve_rig(
     source: ConfigSource,
     prepared: Prepared,
-    clock: HostClock,
+    clock: Clock,
     socket: Option<UnixListener>,
 ) -> anyhow::Result<ExitCode> {
     let Prepared {

@@ -10,7 +10,8 @@ use super::parameters::{Parameters, TriggerMode};
 use super::precision_time::PrecisionTime;
 use super::settings::{Set, Setting};
 use super::stream::{Frames, Layout};
-use crate::drivers::live::{Confirmed, Device, Driver, Fault, HostClock, Pool, Shot, Tally};
+use crate::clock::Clock;
+use crate::drivers::live::{Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
 use crate::frame::{CameraId, Frame, Timestamp};
 use aravis::prelude::*;
 use aravis::{Buffer, Camera, GvDevice};
@@ -24,7 +25,7 @@ pub struct GigeDriver {
     id: CameraId,
     parameters: Parameters,
     pool: Pool,
-    clock: HostClock,
+    clock: Clock,
     actions: ActionGroup,
 }
 
@@ -34,7 +35,7 @@ impl GigeDriver {
         id: CameraId,
         parameters: Parameters,
         pool: Pool,
-        clock: HostClock,
+        clock: Clock,
         actions: ActionGroup,
     ) -> Self {
         Self {
@@ -66,7 +67,7 @@ pub(super) struct OpenCamera {
     pub(super) id: CameraId,
     pub(super) parameters: Parameters,
     pub(super) pool: Pool,
-    pub(super) clock: HostClock,
+    pub(super) clock: Clock,
     pub(super) actions: ActionGroup,
     pub(super) found: Found,
     pub(super) confirmed: Confirmed,

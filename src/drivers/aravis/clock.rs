@@ -1,7 +1,8 @@
 //! A camera's clock on the host's timeline: read by a latch where the camera has one, or else bounded by when its frames
 //! came. No frame is taken here.
 
-use crate::drivers::live::{DeviceClock, HostClock, Reading};
+use crate::clock::Clock;
+use crate::drivers::live::{DeviceClock, Reading};
 use crate::frame::Timestamp;
 use aravis::prelude::*;
 use aravis::{Camera, GvDevice};
@@ -40,7 +41,7 @@ const SLACK_NS: i128 = 5_000_000;
 
 /// A camera's clock.
 pub(super) struct CameraClock {
-    host: HostClock,
+    host: Clock,
     clock: DeviceClock,
     latch: Option<Latch>,
     /// Whether the bit that asks for a latch was seen to fall back.
@@ -54,7 +55,7 @@ pub(super) struct CameraClock {
 
 impl CameraClock {
     /// Finds out how the clock can be read, and reads it some times.
-    pub fn find(camera: &Camera, device: &GvDevice, host: HostClock) -> Self {
+    pub fn find(camera: &Camera, device: &GvDevice, host: Clock) -> Self {
         let mut clock = Self {
             host,
             clock: DeviceClock::default(),
@@ -129,9 +130,9 @@ impl CameraClock {
     fn latched(&mut self, latch: Latch, camera: &Camera, device: &GvDevice) -> Option<Reading> {
         let host = self.host;
         let feature = |command: &str, value: &str| {
-            let before = host.now();
+            let before = host.timestamp();
             camera.execute_command(command).ok()?;
-            let after = host.now();
+            let after = host.timestamp();
             Some((before, after, camera.integer(value).ok()?.max(0) as u64))
         };
         let (before, after, value) = match latch {
@@ -161,15 +162,15 @@ impl CameraClock {
             return None;
         }
         let shown = value()?;
-        let before = self.host.now();
+        let before = self.host.timestamp();
         device.write_register(CONTROL, LATCH_BIT).ok()?;
         let done = wait_until(is_done)?;
-        let after = self.host.now();
+        let after = self.host.timestamp();
         self.bit_falls |= done;
         let latched = value()?;
         // There are cameras whose bit stays.
         let is_new = done || !self.bit_falls && latched != shown;
-        let after = if done { after } else { self.host.now() };
+        let after = if done { after } else { self.host.timestamp() };
         is_new.then_some((before, after, latched))
     }
 
@@ -190,7 +191,7 @@ impl CameraClock {
         not_before: Option<Timestamp>,
         (camera, device): (&Camera, &GvDevice),
     ) -> Result<Timestamp, String> {
-        let not_after = self.host.now();
+        let not_after = self.host.timestamp();
         let judged = self.judge(stamp_ns, not_before, not_after);
         if judged.is_ok() || self.latch.is_none() || self.problem.is_some() {
             return judged;

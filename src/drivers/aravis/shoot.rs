@@ -171,7 +171,7 @@ impl OpenCamera {
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
         self.drain(tally);
-        let triggered = self.clock.now();
+        let triggered = self.clock.timestamp();
         if let Err(error) = self.camera.software_trigger() {
             if no_answer(&error) {
                 self.control_lost.store(true, Ordering::Relaxed);
@@ -214,7 +214,7 @@ impl OpenCamera {
             precision_time.state(&self.camera)?;
         }
         let lead = (self.parameters.action_lead.unwrap_or(0.02) * 1e9) as u64;
-        let proposed = Timestamp(self.clock.now().0 + lead);
+        let proposed = Timestamp(self.clock.timestamp().0 + lead);
         let proposed = self.camera_clock.device_time(proposed);
         let proposed =
             proposed.ok_or("its clock cannot be read, so that nothing can be scheduled")?;
@@ -299,7 +299,7 @@ impl OpenCamera {
             return Ok(());
         }
         if tally.lost.is_empty() {
-            let waited = self.clock.now().nanoseconds_since(shot.trigger) as f64 / 1e9;
+            let waited = self.clock.timestamp().nanoseconds_since(shot.trigger) as f64 / 1e9;
             tally
                 .lost
                 .push(format!("no frame came within {waited:.2} s of the trigger"));

@@ -1,58 +1,7 @@
-//! Clocks of hosts and cameras. The host's timeline is its monotonic clock, with the offset to UTC taken once, so that
-//! a step of the wall clock moves nothing; a camera's clock is mapped onto it by what was seen of both at once.
+//! A camera's clock, mapped onto the host's timeline ([`crate::clock`]) by what was seen of both at once.
 
 use crate::frame::Timestamp;
 use std::collections::VecDeque;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-
-/// The host's timeline: nanoseconds of UTC that run as the monotonic clock does.
-#[derive(Debug, Clone, Copy)]
-pub struct HostClock {
-    begin: Instant,
-    begin_utc_ns: u64,
-}
-
-impl HostClock {
-    /// Takes the offset between monotonic clock and UTC.
-    pub fn start() -> Self {
-        let begin = Instant::now();
-        let utc = SystemTime::now().duration_since(UNIX_EPOCH);
-        Self {
-            begin,
-            begin_utc_ns: utc.unwrap_or_default().as_nanos() as u64,
-        }
-    }
-
-    /// The time now.
-    pub fn now(&self) -> Timestamp {
-        self.at(Instant::now())
-    }
-
-    /// The time of an instant.
-    pub fn at(&self, instant: Instant) -> Timestamp {
-        match instant.checked_duration_since(self.begin) {
-            Some(later) => Timestamp(self.begin_utc_ns + later.as_nanos() as u64),
-            None => {
-                let earlier = self.begin.duration_since(instant).as_nanos() as u64;
-                Timestamp(self.begin_utc_ns.saturating_sub(earlier))
-            }
-        }
-    }
-
-    /// The time of a reading of the monotonic clock (`CLOCK_MONOTONIC`), as V4L2 stamps its frames.
-    pub fn of_monotonic(&self, reading: Duration) -> Timestamp {
-        let now = Instant::now();
-        let monotonic = monotonic_now();
-        let age = monotonic.as_nanos() as i128 - reading.as_nanos() as i128;
-        Timestamp((i128::from(self.at(now).0) - age).max(0) as u64)
-    }
-}
-
-/// `CLOCK_MONOTONIC`, which is what [`Instant`] reads on Linux.
-fn monotonic_now() -> Duration {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
-}
 
 /// A moment of a camera's clock, and what is known of when that was for the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -258,12 +207,5 @@ mod tests {
             .unwrap();
         let (time, _) = clock.host_time(91_000_000_000).unwrap();
         assert!(time.0.abs_diff(HOST + 4_000_000_000) < 200_000);
-    }
-
-    #[test]
-    fn the_monotonic_clock_is_the_hosts_timeline() {
-        let clock = HostClock::start();
-        let mapped = clock.of_monotonic(monotonic_now());
-        assert!(mapped.0.abs_diff(clock.now().0) < 50_000_000);
     }
 }

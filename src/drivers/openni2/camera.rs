@@ -10,7 +10,8 @@ use super::recorder::Recorder;
 use super::settings::{self, Read};
 use super::stream::{self, Stream};
 use super::whole::Expected;
-use crate::drivers::live::{Confirmed, Fault, HostClock, Pool};
+use crate::clock::Clock;
+use crate::drivers::live::{Confirmed, Fault, Pool};
 use crate::frame::{CameraId, Timestamp};
 use std::path::Path;
 use std::rc::Rc;
@@ -22,7 +23,7 @@ pub struct Camera {
     pub(super) id: CameraId,
     pub(super) parameters: Parameters,
     pub(super) pool: Pool,
-    pub(super) host: HostClock,
+    pub(super) host: Clock,
     pub(super) confirmed: Confirmed,
     /// Of depth and of colour.
     pub(super) expected: [Expected; 2],
@@ -46,7 +47,7 @@ impl Camera {
         id: CameraId,
         parameters: Parameters,
         pool: Pool,
-        host: HostClock,
+        host: Clock,
     ) -> Result<Self, Fault> {
         let library = Library::start()?;
         let device = match find(library, parameters.device()) {
@@ -152,7 +153,7 @@ impl Camera {
             let Some(which) = self.wait(left)? else {
                 continue;
             };
-            let arrival = self.host.now();
+            let arrival = self.host.timestamp();
             let frame = self.streams[which].read()?;
             if let (0, Some(frame)) = (which, frame) {
                 seen.push((frame.facts().timestamp, arrival));

@@ -2,7 +2,8 @@
 
 use super::camera::Camera;
 use super::parameters::Parameters;
-use crate::drivers::live::{Device, Driver, Fault, HostClock, Pool};
+use crate::clock::Clock;
+use crate::drivers::live::{Device, Driver, Fault, Pool};
 use crate::frame::CameraId;
 
 /// Opens one depth camera.
@@ -11,12 +12,12 @@ pub struct OpenNi2 {
     id: CameraId,
     parameters: Parameters,
     pool: Pool,
-    clock: HostClock,
+    clock: Clock,
 }
 
 impl OpenNi2 {
     /// A camera that is set so, whose frames lie in this memory and are stamped by this clock.
-    pub fn new(id: CameraId, parameters: Parameters, pool: Pool, clock: HostClock) -> Self {
+    pub fn new(id: CameraId, parameters: Parameters, pool: Pool, clock: Clock) -> Self {
         Self {
             id,
             parameters,

@@ -116,7 +116,7 @@ impl Camera {
             let Some(which) = self.wait(left)? else {
                 continue;
             };
-            let arrival = self.host.now();
+            let arrival = self.host.timestamp();
             let device_us = self.streams[which].read()?.map(|f| f.facts().timestamp);
             if let Some(device_us) = device_us {
                 let known = self.clock.see(which, device_us, arrival);
@@ -150,7 +150,7 @@ impl Camera {
                 continue;
             };
             newest = Instant::now();
-            let arrival = self.host.now();
+            let arrival = self.host.timestamp();
             self.receive(which, arrival, shot, &mut burst, take)?;
         }
         Ok(burst.tally)

@@ -4,9 +4,8 @@ use super::device::{self, Filled, Queue};
 use super::frame::{self, Expected, Whole};
 use super::parameters::{Parameters, TriggerMode};
 use super::{jpeg, settings};
-use crate::drivers::live::{
-    Confirmed, Device, Driver, Fault, HostClock, LINE_LEAD, Pool, Shot, Tally,
-};
+use crate::clock::Clock;
+use crate::drivers::live::{Confirmed, Device, Driver, Fault, LINE_LEAD, Pool, Shot, Tally};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use std::collections::VecDeque;
 use std::io;
@@ -19,12 +18,12 @@ pub struct V4l2Driver {
     id: CameraId,
     parameters: Parameters,
     pool: Pool,
-    clock: HostClock,
+    clock: Clock,
 }
 
 impl V4l2Driver {
     /// A camera that is set so, whose frames lie in this memory and are stamped by this clock.
-    pub fn new(id: CameraId, parameters: Parameters, pool: Pool, clock: HostClock) -> Self {
+    pub fn new(id: CameraId, parameters: Parameters, pool: Pool, clock: Clock) -> Self {
         Self {
             id,
             parameters,
@@ -164,7 +163,7 @@ impl Camera {
 
     /// Takes a frame, if one has come, and keeps it if it is whole.
     fn receive(&mut self, tally: &mut Tally) -> Result<bool, Fault> {
-        let arrival = self.driver.clock.now();
+        let arrival = self.driver.clock.timestamp();
         let taken = self.queue.take().map_err(|why| self.broken(&why))?;
         let Some(filled) = taken else {
             return Ok(false);
@@ -319,7 +318,7 @@ mod tests {
         let parameters: Parameters = toml::from_str(&text).unwrap();
         parameters.checked().unwrap();
         let id = CameraId::new("c00").unwrap();
-        let mut driver = V4l2Driver::new(id, parameters, Pool::new(1 << 20), HostClock::start());
+        let mut driver = V4l2Driver::new(id, parameters, Pool::new(1 << 20), Clock::system());
         driver.open().err().unwrap().to_string()
     }
 

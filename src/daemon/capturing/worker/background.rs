@@ -17,7 +17,7 @@ impl Worker {
         self.ready_for_a_capture()?;
         let trigger = Trigger {
             id: CaptureId::new("background").map_err(|e| e.to_string())?,
-            time: self.rig.clock().now(),
+            time: self.rig.clock().timestamp(),
             source: "background".into(),
             press_id: None,
             subject: None,
@@ -37,7 +37,7 @@ impl Worker {
             &self.heart,
         );
         self.note_shot(&shooting);
-        let now = self.rig.clock().now();
+        let now = self.rig.clock().timestamp();
         let kept = assemble(capture, shooting, f64::INFINITY, now);
         if kept.record.outcome == Outcome::Failed {
             return Err(kept.record.reason.unwrap_or_default());
@@ -66,7 +66,7 @@ impl Worker {
             .map(|(id, ..)| plates.get(id).map(|(time, _)| *time))
             .collect();
         let oldest = times?.into_iter().min()?;
-        let age_ns = self.rig.clock().now().nanoseconds_since(oldest);
+        let age_ns = self.rig.clock().timestamp().nanoseconds_since(oldest);
         Some(age_ns as f64 / 3.6e12)
     }
 }

@@ -64,7 +64,7 @@ impl Worker {
         let cameras = cameras(&rig);
         let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
         plan.preamble.backgrounds =
-            plates::newest(&plan.recording.folder, &colors, rig.clock().now());
+            plates::newest(&plan.recording.folder, &colors, rig.clock().timestamp());
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
             rig,

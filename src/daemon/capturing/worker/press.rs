@@ -63,7 +63,7 @@ impl Worker {
     fn take(&mut self, id: CaptureId, press: &Press) -> Kept {
         let trigger = Trigger {
             id,
-            time: self.rig.clock().now(),
+            time: self.rig.clock().timestamp(),
             source: press.source.clone(),
             press_id: press.press_id.clone(),
             subject: press.subject.clone(),
@@ -77,7 +77,7 @@ impl Worker {
             &self.heart,
         );
         self.note_shot(&shooting);
-        let now = self.rig.clock().now();
+        let now = self.rig.clock().timestamp();
         assemble(capture, shooting, self.plan.capture.largest_skew_ms, now)
     }
 

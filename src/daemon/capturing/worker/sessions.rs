@@ -14,7 +14,7 @@ impl Worker {
     /// The next capture's id; begins a session, named by the time, where there is none.
     pub(super) fn next_id(&mut self) -> Result<String, String> {
         if self.session.is_none() {
-            let now = self.rig.clock().now();
+            let now = self.rig.clock().timestamp();
             let name = names::free(&self.plan.recording.folder, now);
             self.begin_session(&name, BTreeMap::new(), Box::new(log_error))?;
         }
@@ -49,7 +49,7 @@ impl Worker {
             folder,
             name,
             &self.plan.program,
-            self.rig.clock().now(),
+            self.rig.clock().timestamp(),
             self.largest_file(),
             preamble,
         );
@@ -78,7 +78,7 @@ impl Worker {
     }
 
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
-        let time = self.rig.clock().now();
+        let time = self.rig.clock().timestamp();
         let events = self.plan.events.clone();
         let event = Event::Note {
             capture: note.capture.clone(),
@@ -101,7 +101,7 @@ impl Worker {
 
     pub(super) fn preamble_changed(&mut self) {
         let preamble = Box::new(self.plan.preamble.clone());
-        let work = Work::Change(preamble, self.largest_file(), self.rig.clock().now());
+        let work = Work::Change(preamble, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.recorder.hand_over(work) {
             // Rather a session of its own than one whose later captures have old plates.
             log::warning!("the disk is behind: the next capture begins a session");

@@ -1,0 +1,184 @@
+//! The time. Whoever waits, judges an age or stamps what happens is handed a [`Clock`], so that a test can hand in one
+//! that stands still until it is advanced. Clocks of cameras, which run on their own, are `drivers::live`'s.
+
+use crate::frame::Timestamp;
+use crossbeam_channel::{Receiver, RecvTimeoutError};
+#[cfg(test)]
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// The host's timeline: the monotonic clock, with the offset to UTC taken once, so that a step of the wall clock moves
+/// nothing.
+#[derive(Debug, Clone, Copy)]
+pub struct Clock {
+    begin: Instant,
+    begin_utc_ns: u64,
+    /// By how many nanoseconds a test has advanced its clock; `None` for one that runs by itself. Leaked, so that clocks
+    /// are copied like the numbers that they are elsewhere.
+    #[cfg(test)]
+    advanced_ns: Option<&'static AtomicU64>,
+}
+
+impl Clock {
+    /// The system's clock, with today's offset between monotonic clock and UTC.
+    pub fn system() -> Self {
+        let begin = Instant::now();
+        let utc = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self {
+            begin,
+            begin_utc_ns: utc.unwrap_or_default().as_nanos() as u64,
+            #[cfg(test)]
+            advanced_ns: None,
+        }
+    }
+
+    /// A clock that shows `begin` until it is advanced.
+    #[cfg(test)]
+    pub(crate) fn by_hand(begin: Timestamp) -> Self {
+        Self {
+            begin: Instant::now(),
+            begin_utc_ns: begin.0,
+            advanced_ns: Some(Box::leak(Box::default())),
+        }
+    }
+
+    /// Advances a clock that was made by [`Self::by_hand`], and every copy of it.
+    #[cfg(test)]
+    pub(crate) fn advance(&self, by: Duration) {
+        let advanced = self.advanced_ns.expect("a clock that is advanced by hand");
+        advanced.fetch_add(by.as_nanos() as u64, Ordering::AcqRel);
+    }
+
+    /// The monotonic time.
+    pub fn now(&self) -> Instant {
+        #[cfg(test)]
+        if let Some(advanced) = self.advanced_ns {
+            return self.begin + Duration::from_nanos(advanced.load(Ordering::Acquire));
+        }
+        Instant::now()
+    }
+
+    /// The time now, in nanoseconds of UTC that run as the monotonic clock does.
+    pub fn timestamp(&self) -> Timestamp {
+        self.at(self.now())
+    }
+
+    /// How long ago an instant was.
+    pub fn elapsed(&self, since: Instant) -> Duration {
+        self.now().saturating_duration_since(since)
+    }
+
+    /// How long it is until an instant; zero if it has passed.
+    pub fn until(&self, instant: Instant) -> Duration {
+        instant.saturating_duration_since(self.now())
+    }
+
+    /// The timestamp of an instant.
+    pub fn at(&self, instant: Instant) -> Timestamp {
+        match instant.checked_duration_since(self.begin) {
+            Some(later) => Timestamp(self.begin_utc_ns + later.as_nanos() as u64),
+            None => {
+                let earlier = self.begin.duration_since(instant).as_nanos() as u64;
+                Timestamp(self.begin_utc_ns.saturating_sub(earlier))
+            }
+        }
+    }
+
+    /// The timestamp of a reading of the monotonic clock (`CLOCK_MONOTONIC`), as V4L2 stamps its frames.
+    pub fn of_monotonic(&self, reading: Duration) -> Timestamp {
+        let now = self.now();
+        let monotonic = monotonic_now();
+        let age = monotonic.as_nanos() as i128 - reading.as_nanos() as i128;
+        Timestamp((i128::from(self.at(now).0) - age).max(0) as u64)
+    }
+
+    /// Waits for so long.
+    pub fn sleep(&self, duration: Duration) {
+        #[cfg(test)]
+        if self.advanced_ns.is_some() {
+            let end = self.now() + duration;
+            while self.now() < end {
+                std::thread::sleep(LOOK);
+            }
+            return;
+        }
+        std::thread::sleep(duration);
+    }
+
+    /// Waits for a message, at most for so long.
+    ///
+    /// # Errors
+    /// If none came, or none can come any more.
+    pub fn recv_timeout<T>(
+        &self,
+        receiver: &Receiver<T>,
+        at_most: Duration,
+    ) -> Result<T, RecvTimeoutError> {
+        #[cfg(test)]
+        if self.advanced_ns.is_some() {
+            let end = self.now() + at_most;
+            loop {
+                match receiver.recv_timeout(LOOK) {
+                    Err(RecvTimeoutError::Timeout) if self.now() < end => {}
+                    received => return received,
+                }
+            }
+        }
+        receiver.recv_timeout(at_most)
+    }
+}
+
+/// How often a thread that waits looks whether the clock was advanced.
+#[cfg(test)]
+const LOOK: Duration = Duration::from_millis(1);
+
+/// `CLOCK_MONOTONIC`, which is what [`Instant`] reads on Linux.
+fn monotonic_now() -> Duration {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_monotonic_clock_is_the_hosts_timeline() {
+        let clock = Clock::system();
+        let before = clock.timestamp();
+        let mapped = clock.of_monotonic(monotonic_now());
+        let after = clock.timestamp();
+        // The two clocks are read one after the other.
+        let slack = after.0 - before.0;
+        assert!(mapped.0 + slack >= before.0 && mapped.0 <= after.0 + slack);
+    }
+
+    #[test]
+    fn a_clock_by_hand_stands_until_it_is_advanced_and_all_its_copies_with_it() {
+        let clock = Clock::by_hand(Timestamp(5_000));
+        let copy = clock;
+        let begin = copy.now();
+        assert_eq!(copy.timestamp(), Timestamp(5_000));
+        clock.advance(Duration::from_secs(3));
+        assert_eq!(copy.timestamp(), Timestamp(3_000_005_000));
+        assert_eq!(copy.elapsed(begin), Duration::from_secs(3));
+        assert_eq!(copy.until(begin + Duration::from_secs(4)).as_secs(), 1);
+    }
+
+    #[test]
+    fn who_waits_by_hand_waits_until_the_clock_is_advanced_or_a_message_comes() {
+        let clock = Clock::by_hand(Timestamp(0));
+        let (sender, receiver) = crossbeam_channel::bounded(1);
+        std::thread::scope(|scope| {
+            let hour = Duration::from_secs(3600);
+            let waits = scope.spawn(move || clock.recv_timeout::<u8>(&receiver, hour));
+            sender.send(7).unwrap();
+            assert_eq!(waits.join().unwrap(), Ok(7));
+            let sleeps = scope.spawn(move || clock.sleep(hour));
+            while !sleeps.is_finished() {
+                clock.advance(hour);
+                std::thread::yield_now();
+            }
+        });
+    }
+}
