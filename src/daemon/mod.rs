@@ -7,6 +7,8 @@ mod capturing;
 #[cfg(feature = "live")]
 mod control;
 #[cfg(all(test, feature = "live"))]
+mod digest_tests;
+#[cfg(all(test, feature = "live"))]
 mod disaster_tests;
 #[cfg(feature = "live")]
 pub mod events;

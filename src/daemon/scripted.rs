@@ -25,6 +25,8 @@ pub(super) enum Mood {
     Silent,
     /// A frame comes damaged.
     Loses,
+    /// A frame comes damaged, and at the next shot the camera is sound.
+    LosesOnce,
     /// Exposes 200 ms late.
     Late,
     /// Exposed 30 ms before the trigger was heard of, by a signal of its own.
@@ -35,11 +37,12 @@ pub(super) enum Mood {
     VerySlow,
 }
 
-const MOODS: [Mood; 8] = [
+const MOODS: [Mood; 9] = [
     Mood::Sound,
     Mood::Unplugged,
     Mood::Silent,
     Mood::Loses,
+    Mood::LosesOnce,
     Mood::Late,
     Mood::Early,
     Mood::Slow,
@@ -55,6 +58,8 @@ struct Played {
     mood: Arc<AtomicU32>,
     shots: Arc<AtomicU32>,
     confirmed: Confirmed,
+    /// By how much more each shot's frames are late, so that they follow each other by a clock that stands still.
+    later_ns: u64,
 }
 
 impl Driver for Played {
@@ -109,7 +114,10 @@ impl Device for Played {
                 }
                 return Ok(tally);
             }
-            Mood::Loses => {
+            Mood::Loses | Mood::LosesOnce => {
+                if mood == Mood::LosesOnce {
+                    self.mood.store(Mood::Sound as u32, Ordering::Relaxed);
+                }
                 tally.lost.push("a damaged frame".into());
                 return Ok(tally);
             }
@@ -134,7 +142,7 @@ impl Device for Played {
         for i in 0..if self.depth { 14 } else { 1 } {
             for &stream in streams {
                 // So close that the next shot's are later, however soon it comes.
-                let time = Timestamp(begin + i * 20_000);
+                let time = Timestamp(begin + u64::from(number) * self.later_ns + i * 20_000);
                 match self.frame(stream, time, number as u8) {
                     Some(frame) => take(frame),
                     None => tally.lost.push("no memory".into()),
@@ -194,7 +202,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
     }
 }
 
-const CAMERAS: [(&str, Kind); 4] = [
+pub(super) const CAMERAS: [(&str, Kind); 4] = [
     ("c00", Kind::Color),
     ("c01", Kind::Color),
     ("c02", Kind::Color),
@@ -215,7 +223,29 @@ pub(super) fn start_with(
     memory: usize,
     change: impl FnOnce(&mut Plan),
 ) -> Stand {
-    let (clock, pool) = (Clock::system(), Pool::new(memory));
+    start_on(Clock::system(), 0, cameras, folder, memory, change)
+}
+
+/// With a clock that stands still until it is advanced.
+pub(super) fn start_at(
+    clock: Clock,
+    cameras: &[(&str, Kind)],
+    folder: tempfile::TempDir,
+    memory: usize,
+    change: impl FnOnce(&mut Plan),
+) -> Stand {
+    start_on(clock, 1_000_000, cameras, folder, memory, change)
+}
+
+fn start_on(
+    clock: Clock,
+    later_ns: u64,
+    cameras: &[(&str, Kind)],
+    folder: tempfile::TempDir,
+    memory: usize,
+    change: impl FnOnce(&mut Plan),
+) -> Stand {
+    let pool = Pool::new(memory);
     let mut moods = BTreeMap::new();
     let mut stations = Vec::new();
     for &(name, kind) in cameras {
@@ -230,6 +260,7 @@ pub(super) fn start_with(
             pool: pool.clone(),
             mood,
             shots: Arc::default(),
+            later_ns,
             confirmed: Confirmed {
                 identity: "played".into(),
                 frame_bytes: (PIXELS * if depth { 5 } else { 1 }) as u64,
