@@ -43,8 +43,13 @@ pub mod setup;
 pub mod simulate;
 pub mod storage;
 #[cfg(test)]
-#[path = "../tests/support/mod.rs"]
-mod support;
+#[path = "../tests/support"]
+#[allow(dead_code, reason = "it depends on the features what is used")]
+mod support {
+    pub mod dice;
+    pub mod skipped;
+    pub mod torture;
+}
 pub mod sync;
 pub mod trigger;
 pub mod workers;

@@ -3,6 +3,9 @@
 
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 
+#[path = "support/mod.rs"]
+mod support;
+
 use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
@@ -17,13 +20,11 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use support::program::scand;
+use support::torture::times;
 
 /// Says to a test's own process that it is to play another part, in this folder.
 const PART: &str = "SCAND_TEST_WORKERS_PART";
-
-fn scand() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_scand"))
-}
 
 /// A recording of two captures, simulated once.
 fn simulated() -> PathBuf {
@@ -254,13 +255,6 @@ fn a_killed_daemon_takes_its_processes_along_and_loses_no_job() {
         let folder = home.path().join("models/cup").join(&capture);
         assert_eq!(report(&folder)["outcome"], "done", "{capture}");
     }
-}
-
-/// How often a test does something: so often in the gate, and so often, times the variable's number, where
-/// `SCAND_TORTURE` asks for more.
-fn times(gate: u64, torture: u64) -> u64 {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use super::scripted::{Mood, Stand, captures, recordings, start_in};
 use super::*;
 use crate::recording::{Outcome, Topic};
+pub(super) use crate::support::{dice::Dice, torture::times};
 use crate::trigger::{Client, Event, Reply, Request, Until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::BufReader;
@@ -309,26 +310,6 @@ fn told_to_end_it_finishes_the_capture_and_every_client_has_its_end() {
     assert!(daemon.wait().unwrap().success());
     let found = recordings(&folder.path().join("recordings"));
     assert_eq!(found.iter().flat_map(captures).count(), 1);
-}
-
-/// How often a test does something: so often in the gate, and so often, times the variable's number, where
-/// `SCAND_TORTURE` asks for more.
-pub(super) fn times(gate: u64, torture: u64) -> u64 {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
-}
-
-/// Numbers that look random and are the same in each run.
-pub(super) struct Dice(pub(super) u64);
-
-impl Dice {
-    pub(super) fn below(&mut self, limit: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) % limit
-    }
 }
 
 /// Presses by a name until that has its end, and goes away at any moment meanwhile; all last answers that were heard.

@@ -2,6 +2,7 @@
 
 use crate::network::alone;
 use crate::stand::{CAPTURES, Stand, id, milliseconds_after};
+use crate::support::torture::times;
 use crossbeam_channel::{Receiver, unbounded};
 use scand::drivers::live::{Backoff, Event, Fault, Message, supervise};
 use std::time::{Duration, Instant};
@@ -187,8 +188,7 @@ fn held() -> (u64, usize) {
 fn nothing_leaks_over_many_reconnects() {
     alone("faults::nothing_leaks_over_many_reconnects", || {
         let stand = Stand::new([64, 48]);
-        let torture = std::env::var("SCAND_TORTURE");
-        let rounds = torture.map_or(200, |n| 1000 * n.parse::<u64>().unwrap());
+        let rounds = times(200, 1000);
         let round = |number| {
             let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
             assert_eq!(stand.shoot(device.as_mut(), number).1.len(), 1);

@@ -11,3 +11,5 @@ mod frames;
 mod network;
 mod stand;
 mod stranger;
+#[path = "../support/mod.rs"]
+mod support;

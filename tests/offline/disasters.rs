@@ -2,33 +2,14 @@
 //! refused by the disk. What has its final name is complete, and a second run makes what the first would have made.
 //! `make torture` asks for more of each.
 
+use crate::support::dice::Dice;
+use crate::support::program::scand;
+use crate::support::torture::{self, times};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::time::Instant;
-
-fn times(gate: u64, torture: u64) -> u64 {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
-}
-
-fn scand() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_scand"))
-}
-
-/// Numbers that look random and are the same in each run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, limit: u64) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) % limit
-    }
-}
 
 /// A recording that is simulated once, with these arguments.
 fn simulated(name: &str, arguments: &str) -> PathBuf {
@@ -257,7 +238,7 @@ fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
     damaged[sound.len() / 2..][..4096].fill(0);
     let size = sound.len() / 1_000_000;
     // Beside other tests it is what they leave of the disk and the processor.
-    let least = std::env::var("SCAND_TORTURE").map_or(0.05, |_| 0.3);
+    let least = torture::asked().map_or(0.05, |_| 0.3);
     for (what, bytes) in [("cut off", cut_off), ("damaged in the middle", &damaged)] {
         let ratio = recovery_over_copying(bytes);
         println!("shown: recovery of {size} MB, {what}, at {ratio:.2} times the speed of copying");

@@ -5,17 +5,14 @@
 #[allow(dead_code, reason = "targets are called by their names in the list")]
 mod bodies;
 
+use crate::support::dice::Dice;
+use crate::support::torture::times;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Longest that any input may take: a hundred times what most take.
 const LONGEST: Duration = Duration::from_secs(10);
-
-fn times(gate: u64, torture: u64) -> u64 {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
-}
 
 fn below_here(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
@@ -26,19 +23,6 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     let mut files: Vec<_> = entries.map(|e| e.unwrap().path()).collect();
     files.sort();
     files
-}
-
-/// Numbers that look random and are the same in each run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, limit: usize) -> usize {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
-        (self.0 >> 33) as usize % limit.max(1)
-    }
 }
 
 /// Sound inputs of a target.
@@ -132,12 +116,12 @@ const MAGIC: [&[u8]; 8] = [
 /// Damages bytes at one to eight places.
 fn damage(sound: &[u8], other: &[u8], dice: &mut Dice) -> Vec<u8> {
     let mut bytes = sound.to_vec();
-    for _ in 0..1 + dice.below(8) {
-        let at = dice.below(bytes.len());
-        let end = (at + 1 + dice.below(64)).min(bytes.len());
-        match dice.below(7) {
-            0 if !bytes.is_empty() => bytes[at] ^= 1 << dice.below(8),
-            1 if !bytes.is_empty() => bytes[at] = dice.below(256) as u8,
+    for _ in 0..1 + dice.index(8) {
+        let at = dice.index(bytes.len());
+        let end = (at + 1 + dice.index(64)).min(bytes.len());
+        match dice.index(7) {
+            0 if !bytes.is_empty() => bytes[at] ^= 1 << dice.index(8),
+            1 if !bytes.is_empty() => bytes[at] = dice.index(256) as u8,
             2 => bytes.truncate(at),
             3 => drop(bytes.drain(at..end)),
             4 => {
@@ -145,12 +129,12 @@ fn damage(sound: &[u8], other: &[u8], dice: &mut Dice) -> Vec<u8> {
                 bytes.splice(at..at, piece);
             }
             5 => {
-                let from = dice.below(other.len());
-                let piece = &other[from..(from + dice.below(200)).min(other.len())];
+                let from = dice.index(other.len());
+                let piece = &other[from..(from + dice.index(200)).min(other.len())];
                 bytes.splice(at..at, piece.iter().copied());
             }
             _ => {
-                let piece = MAGIC[dice.below(MAGIC.len())];
+                let piece = MAGIC[dice.index(MAGIC.len())];
                 let end = (at + piece.len()).min(bytes.len());
                 bytes.splice(at..end, piece.iter().copied());
             }
@@ -198,7 +182,7 @@ fn sound_inputs_with_random_damage_do_no_harm() {
         let (mut dice, mut count) = (Dice(seconds), 0u64);
         let begin = Instant::now();
         while begin.elapsed() < Duration::from_secs(seconds) {
-            let [sound, other] = [(); 2].map(|()| &seeds[dice.below(seeds.len())]);
+            let [sound, other] = [(); 2].map(|()| &seeds[dice.index(seeds.len())]);
             give(target, &damage(sound, other, &mut dice));
             count += 1;
         }

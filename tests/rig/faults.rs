@@ -2,18 +2,12 @@
 
 use super::stand::{Stand, served};
 use super::{color, network, pixels, recordings};
+use crate::support::torture::{self, times};
 use scand::recording::{ColorPart, Outcome, Recording, Topic};
 use scand::trigger::Reply;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
-
-/// How many of something: so many in the gate, and so many, times the variable's number, where `SCAND_TORTURE` asks for
-/// more.
-fn times(gate: u64, torture: u64) -> u64 {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<u64>().unwrap())
-}
 
 /// The packets of pictures, and no commands.
 const PICTURES: &str = "udp length > 500";
@@ -194,7 +188,7 @@ fn soak_memory_files_threads_and_latency_stay_flat() {
             let samples = soak(&stand, Duration::from_secs(times(5, 60)));
             assert!(samples.len() >= 6, "{} captures", samples.len());
             // Beside other tests a machine is as fast as they leave it.
-            let slower_ms = std::env::var("SCAND_TORTURE").map_or(f64::INFINITY, |_| 100.0);
+            let slower_ms = torture::asked().map_or(f64::INFINITY, |_| 100.0);
             let curves: [Curve; 4] = [
                 ("memory MB", |s| s.memory_mb, 30.0),
                 ("open files", |s| s.files, 3.0),

@@ -11,6 +11,8 @@ mod network;
 #[path = "../openni2-sensor/stage.rs"]
 mod stage;
 mod stand;
+#[path = "../support/mod.rs"]
+mod support;
 
 use scand::frame::{CameraId, Picture};
 use scand::recording::{ColorPart, DepthPart, Outcome, Recording, Topic};
@@ -266,8 +268,7 @@ fn what_was_acknowledged_survives_a_kill_at_any_moment() {
         || {
             let mut stand = Stand::start(&["sync.depth_frames=10"]);
             let mut acknowledged = BTreeSet::new();
-            let rounds =
-                std::env::var("SCAND_TORTURE").map_or(6, |n| 15 * n.parse::<u64>().unwrap());
+            let rounds = support::torture::times(6, 15);
             for round in 0..rounds {
                 if let Reply::Durable { capture, .. } = stand.press() {
                     acknowledged.insert(capture);

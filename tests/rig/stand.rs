@@ -1,6 +1,7 @@
 //! The processes of a rig: the cameras, the daemon, and what a test says to them.
 
 use super::stage;
+pub use crate::support::program::scand;
 use scand::trigger::{Client, Reply, Request, Until};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -10,10 +11,6 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 /// The program under test.
-pub fn scand() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_scand"))
-}
-
 /// The recording that the cameras play, and the true surface of what it shows; simulated once.
 pub fn served() -> (PathBuf, PathBuf) {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));

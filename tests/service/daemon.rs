@@ -1,6 +1,7 @@
 //! The daemon as a service: what systemd hands it and hears of it, who may speak to it, how it reads its configuration
 //! again and ends. Its cameras are never there; what it does with cameras is tested elsewhere.
 
+use crate::support::program::scand;
 use crate::support::skipped::{Needed, skip};
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -24,10 +25,6 @@ device = "/dev/none-0"
 [v4l2.cameras.c01]
 device = "/dev/none-1"
 "#;
-
-fn scand() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_scand"))
-}
 
 /// A folder with a configuration, and a daemon that may be running in it.
 struct Stand {

@@ -1,6 +1,7 @@
 //! What an operator types, against a daemon in a process of its own. Its cameras are never there: a press fails, and says
 //! so everywhere.
 
+use crate::support::program::scand;
 use scand::recording::{Outcome, Recording, Topic};
 use scand::trigger::Event;
 use std::io::{BufRead, BufReader};
@@ -28,10 +29,6 @@ device = "/dev/none-0"
 [v4l2.cameras.c01]
 device = "/dev/none-1"
 "#;
-
-fn scand() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_scand"))
-}
 
 struct Stand {
     folder: tempfile::TempDir,

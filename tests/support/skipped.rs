@@ -7,7 +7,6 @@ use std::io::Write;
 
 /// Something outside this repository that a test needs. `tests/deps.sh` installs what can be installed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-#[allow(dead_code, reason = "each test program needs some of them")]
 pub enum Needed {
     /// The Khronos glTF validator, which runs in node.
     GltfValidator,
@@ -64,7 +63,6 @@ fn judged(needed: Needed, cause: &dyn Display, require_all: bool) -> Result<Stri
 /// # Panics
 ///
 /// Under `SCAND_REQUIRE_ALL=1`, if the machine must have what is `needed`.
-#[allow(dead_code, reason = "not every test program skips")]
 pub fn skip(needed: Needed, cause: impl Display) {
     let require_all = std::env::var_os("SCAND_REQUIRE_ALL").is_some_and(|value| value == "1");
     match judged(needed, &cause, require_all) {

@@ -159,8 +159,7 @@ fn a_camera_that_is_not_there_yet_is_opened_later_and_named_meanwhile() {
 
 #[test]
 fn an_unplugged_camera_is_named_when_idle_and_comes_back_each_time() {
-    let torture = std::env::var("SCAND_TORTURE");
-    let rounds = torture.map_or(100, |n| 1000 * n.parse::<u64>().unwrap());
+    let rounds = crate::support::torture::times(100, 1000);
     let stand = stand(sound, 0);
     stand.ready();
     for round in 0..rounds {

@@ -2,6 +2,7 @@
 //! assembled, loaded and reconstructed through the library.
 
 use super::recording::Messages;
+use crate::support::torture::times;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
@@ -110,13 +111,6 @@ fn frame(writer: &mut Writer, camera: &Camera, stream: Stream, ms: u64, picture:
         picture,
     };
     writer.frame(&frame).unwrap();
-}
-
-/// How many a test takes: so many in the gate, and so many, times the variable's number, where `SCAND_TORTURE` asks for
-/// more.
-fn times(gate: usize, torture: usize) -> usize {
-    let asked = std::env::var("SCAND_TORTURE");
-    asked.map_or(gate, |n| torture * n.parse::<usize>().unwrap())
 }
 
 struct Place {
@@ -282,7 +276,7 @@ fn thousands_of_flipped_bits_do_no_harm() {
     let mut fates = Fates::default();
     let bits = 8 * place.sound.len();
     // A step that shares no factor with 8, so that every bit of a byte has its turn.
-    for bit in (0..bits).step_by((bits / times(4000, 40_000)) | 1) {
+    for bit in (0..bits).step_by((bits / times(4000, 40_000) as usize) | 1) {
         let mut broken = place.sound.clone();
         broken[bit / 8] ^= 1 << (bit % 8);
         place.try_all(&broken, &mut fates, false);
@@ -301,7 +295,7 @@ fn flipped_bits_that_the_checksums_do_not_know_do_no_harm() {
     let sound = Messages::read(&place.sound);
     for (i, message) in sound.0.iter().enumerate() {
         let bits = 8 * message.data.len();
-        for bit in (0..bits).step_by((bits / times(50, 200)) | 1) {
+        for bit in (0..bits).step_by((bits / times(50, 200) as usize) | 1) {
             let mut broken = sound.clone();
             broken.0[i].data[bit / 8] ^= 1 << (bit % 8);
             place.try_all(&broken.bytes(), &mut fates, true);
