@@ -1,6 +1,6 @@
 //! From recordings to what each camera saw of the board: opens them, decodes and detects on all cores.
 
-use super::Error;
+use super::error::{Error, Rejected};
 use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corners};
 use crate::calibration::{Board, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
@@ -23,19 +23,6 @@ pub struct Detections {
     pub lost: Vec<String>,
     /// What a person should know of the recordings.
     pub warnings: Vec<String>,
-}
-
-/// A picture without a board that can be used.
-#[derive(Debug, serde::Serialize)]
-pub struct Rejected {
-    /// The camera.
-    pub camera: CameraId,
-    /// The board's placement.
-    pub placement: String,
-    /// Why.
-    pub reason: String,
-    #[serde(skip)]
-    cause: Rejection,
 }
 
 /// Opens the recordings.

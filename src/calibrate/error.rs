@@ -1,6 +1,5 @@
 //! Why a rig cannot be calibrated or checked.
 
-use super::detections::Rejected;
 use crate::calibration::response::ResponseError;
 use crate::calibration::{FileError, fit};
 use crate::frame::CameraId;
@@ -10,6 +9,19 @@ use std::path::PathBuf;
 
 /// Most reasons for pictures without a board that an error names.
 const MOST_REASONS: usize = 40;
+
+/// A picture without a board that can be used.
+#[derive(Debug, serde::Serialize)]
+pub struct Rejected {
+    /// The camera.
+    pub camera: CameraId,
+    /// The board's placement.
+    pub placement: String,
+    /// Why.
+    pub reason: String,
+    #[serde(skip)]
+    pub(super) cause: fit::Rejection,
+}
 
 /// Why a rig cannot be calibrated or checked.
 #[derive(Debug, thiserror::Error)]

@@ -11,8 +11,8 @@ mod two_pass_fit;
 
 pub use check::{Check, check};
 pub use depth::{Depth, DepthMethod, Table};
-pub use detections::{Detections, Rejected, board, detect_boards, open};
-pub use error::Error;
+pub use detections::{Detections, board, detect_boards, open};
+pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
