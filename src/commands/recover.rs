@@ -1,8 +1,7 @@
 //! `scand recover`: recordings that a crash or a power cut left unfinished become complete files.
 
 use super::EXIT_LOST;
-use crate::daemon::left;
-use crate::recording::{Error, Recovered, finished_name, recover, unfinished};
+use crate::recording::{Error, Recovered, finished_name, left, recover, unfinished};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -16,7 +16,6 @@ pub mod events;
 mod hooks;
 #[cfg(all(test, feature = "live"))]
 mod hostile_tests;
-pub mod left;
 #[cfg(feature = "live")]
 mod names;
 #[cfg(feature = "live")]

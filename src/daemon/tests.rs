@@ -3,7 +3,7 @@
 use super::scripted::{Mood, Stand, captures, press, recordings, start, start_in, start_with};
 use super::*;
 use crate::frame::CameraId;
-use crate::recording::{ColorPart, Outcome, Recording, Topic};
+use crate::recording::{ColorPart, Outcome, Recording, Topic, left};
 use crate::trigger::{Event, Reply, Until};
 use crossbeam_channel::{bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};

@@ -9,6 +9,7 @@ mod entries;
 mod error;
 mod index;
 mod json;
+pub mod left;
 mod packing;
 mod proto;
 mod reader;

@@ -9,7 +9,6 @@ mod turn;
 mod worker;
 
 use super::events::Events;
-use super::left;
 use super::presses::{Asked, Following, Presses, Promise};
 use super::recorder::Recorder;
 use super::rig::Rig;
@@ -19,7 +18,7 @@ use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::log;
-use crate::recording::{Error, Note, Preamble, finished_name, recover, unfinished};
+use crate::recording::{Error, Note, Preamble, finished_name, left, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
 use crate::workers::Jobs;
@@ -335,7 +334,9 @@ impl Left {
 
     /// Forgets them: presses and jobs are settled.
     pub fn settled(self) {
-        left::settled(&self.folder);
+        if let Err(error) = left::settled(&self.folder) {
+            log::warning!("{error}");
+        }
     }
 }
 

@@ -36,24 +36,28 @@ fn entered(recordings: &Path) -> impl Iterator<Item = String> {
 }
 
 /// All that were entered, under the names that they have when they are complete.
-#[cfg(feature = "live")]
-pub(super) fn all(recordings: &Path) -> Vec<PathBuf> {
+pub fn all(recordings: &Path) -> Vec<PathBuf> {
     let names = entered(recordings);
     names.map(|name| recordings.join(name)).collect()
 }
 
 /// Forgets them: what follows from them is on the disk.
-#[cfg(feature = "live")]
-pub(super) fn settled(recordings: &Path) {
-    match std::fs::remove_file(list(recordings)) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            crate::log::warning!("{}: {error}", list(recordings).display());
-        }
-        _ => {}
+///
+/// # Errors
+/// If the list is there and cannot be removed.
+pub fn settled(recordings: &Path) -> Result<(), storage::Error> {
+    let file = list(recordings);
+    match std::fs::remove_file(&file) {
+        Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => Err(storage::Error::Io {
+            action: "remove",
+            path: file,
+            cause,
+        }),
+        _ => Ok(()),
     }
 }
 
-#[cfg(all(test, feature = "live"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -68,8 +72,8 @@ mod tests {
         enter(folder.path(), &[path("c.mcap"), path("a.mcap")]).unwrap();
         let expected = ["a.mcap", "b.mcap", "c.mcap"].map(path);
         assert_eq!(all(folder.path()), expected);
-        settled(folder.path());
-        settled(folder.path());
+        settled(folder.path()).unwrap();
+        settled(folder.path()).unwrap();
         assert_eq!(all(folder.path()), Vec::<PathBuf>::new());
     }
 }
