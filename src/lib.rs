@@ -34,6 +34,8 @@ pub mod number;
 pub mod output;
 #[cfg(feature = "live")]
 pub mod pedal;
+#[cfg(feature = "live")]
+pub mod process;
 pub mod queue;
 pub mod reconstruct;
 pub mod recording;

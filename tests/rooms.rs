@@ -101,6 +101,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("check", &[]),
     ("log", &[]),
     ("number", &[]),
+    ("process", &[]),
     ("storage", &[]),
     (
         "workers",
@@ -109,6 +110,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "log",
             "make_model",
             "number",
+            "process",
             "reconstruct",
             "recording",
             "report",
@@ -347,8 +349,8 @@ const UNSAFE: &[(&str, usize)] = &[
     ("drivers/openni2/recorder", 4),
     ("drivers/openni2/stream", 12),
     ("drivers/v4l2/device", 17),
+    ("process/system", 3),
     ("simulate/serve/gige", 4),
-    ("workers/system", 3),
 ];
 
 #[test]

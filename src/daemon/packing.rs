@@ -4,9 +4,9 @@
 use super::capturing::Capturing;
 use super::parameters::RecordingParameters;
 use crate::log;
+use crate::process::thread_comes_last;
 use crate::recording::{Packed, pack};
 use crate::storage::free_bytes;
-use crate::workers::thread_comes_last;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 //! starts no process, sends no signal, and has limits of memory. Files are guarded by Landlock, calls to the system by a
 //! seccomp filter; where a kernel lacks one of them, that is said. design/workers.md has the reasons.
 
-use super::system;
+use crate::process::{close_inherited, come_last};
 use landlock::{
     ABI, Access, AccessFs, AccessNet, Ruleset, RulesetAttr, RulesetCreatedAttr, RulesetError,
     RulesetStatus, Scope, path_beneath_rules,
@@ -60,7 +60,7 @@ pub fn part_from(parent: u32) -> Result<(), ConfineError> {
     {
         return Err(ConfineError::Orphan);
     }
-    system::close_inherited().map_err(|cause| limit("its open files", cause))
+    close_inherited().map_err(|cause| limit("its open files", cause))
 }
 
 /// Confines this thread, all that it starts, and in its limits the whole process, for ever. It may read what is in
@@ -73,7 +73,10 @@ pub fn confine(
     reads: &[PathBuf],
     writes: &[PathBuf],
 ) -> Result<Vec<String>, ConfineError> {
-    let mut missing = come_last(limits.nice);
+    let missing = come_last(limits.nice).into_iter();
+    let mut missing: Vec<String> = missing
+        .map(|what| format!("a worker cannot have {what}"))
+        .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;
     set_limit("the largest file", Resource::Fsize, bytes)?;
@@ -106,30 +109,6 @@ fn set_limit(what: &'static str, resource: Resource, most: u64) -> Result<(), Co
         maximum: Some(most),
     };
     rustix::process::setrlimit(resource, bounded).map_err(|cause| limit(what, cause.into()))
-}
-
-/// Lets everybody else come first: at the processors, at the disk, and when memory runs out.
-fn come_last(nice: u32) -> Vec<String> {
-    let mut missing = thread_comes_last(nice);
-    if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {
-        missing.push(format!("the first place when memory runs out: {error}"));
-    }
-    let words = |what| format!("a worker cannot have {what}");
-    missing.into_iter().map(words).collect()
-}
-
-/// Lets all other threads come before this one, at the processors and at the disk; what cannot be had, and why.
-pub fn thread_comes_last(nice: u32) -> Vec<String> {
-    let niced = rustix::process::setpriority_process(None, nice as i32).map_err(Into::into);
-    let steps = [
-        ("nice", niced),
-        ("the scheduler's batch class", system::schedule_as_batch()),
-        ("the disk's idle class", system::use_idle_disk()),
-    ];
-    let failed = steps
-        .into_iter()
-        .filter_map(|(what, done)| Some(format!("{what}: {}", done.err()?)));
-    failed.collect()
 }
 
 /// What a process reads of the system itself: its own state, how many processors there are, the machine's name.

@@ -3,8 +3,6 @@
 //! who makes it, when, and what becomes of one who fails.
 
 #[cfg(feature = "live")]
-mod child;
-#[cfg(feature = "live")]
 mod confine;
 #[cfg(feature = "live")]
 mod find;
@@ -18,13 +16,11 @@ mod parameters;
 #[cfg(feature = "live")]
 mod pool;
 pub mod protocol;
-#[cfg(feature = "live")]
-mod system;
 #[cfg(all(test, feature = "live"))]
 mod tests;
 
 #[cfg(feature = "live")]
-pub use confine::{ConfineError, Limits, confine, part_from, thread_comes_last};
+pub use confine::{ConfineError, Limits, confine, part_from};
 #[cfg(feature = "live")]
 pub use job::Job;
 #[cfg(feature = "live")]

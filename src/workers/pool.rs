@@ -1,12 +1,12 @@
 //! The threads that take jobs, one after the other, and start a process for each.
 
-use super::child::{Child, End};
 use super::find::find;
 use super::jobs::{Error, Jobs, Taken};
 use super::outcome;
 use super::{Job, Parameters, protocol};
 use crate::frame::{CaptureId, Timestamp};
 use crate::make_model::{FailedJob, Model, report_failure};
+use crate::process::{Child, End};
 use crate::reconstruct::Method;
 use crate::report::FailedCapture;
 use crate::storage::free_bytes;

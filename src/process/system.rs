@@ -10,7 +10,10 @@ use std::io::{Error, Result};
 /// Closes all files but the three standard ones: what the SDKs of cameras hold open is no business of a worker.
 ///
 /// Called at the very start of a process, before anything is opened.
-pub(super) fn close_inherited() -> Result<()> {
+///
+/// # Errors
+/// If the system refuses.
+pub fn close_inherited() -> Result<()> {
     // SAFETY: the process has just begun and holds no file but the standard ones, which stay.
     let closed = unsafe { libc::syscall(libc::SYS_close_range, 3u32, u32::MAX, 0u32) };
     done(closed)

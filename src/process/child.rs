@@ -16,7 +16,7 @@ const MOST_WORDS: usize = 16 << 10;
 const ASKED: Duration = Duration::from_millis(100);
 
 /// How a process came to its end.
-pub(super) enum End {
+pub enum End {
     /// By itself, or by a signal.
     Ended(ExitStatus),
     /// It took too long.
@@ -26,7 +26,7 @@ pub(super) enum End {
 }
 
 /// A process that runs. It ends at the latest with the thread that started it.
-pub(super) struct Child {
+pub struct Child {
     process: std::process::Child,
     handle: OwnedFd,
     words: JoinHandle<Vec<u8>>,
@@ -34,7 +34,10 @@ pub(super) struct Child {
 
 impl Child {
     /// Starts it, in a group of its own: an interrupt from the keyboard is the daemon's to hear.
-    pub(super) fn start(command: &mut Command) -> io::Result<Self> {
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start(command: &mut Command) -> io::Result<Self> {
         let mut process = command
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -59,7 +62,10 @@ impl Child {
     }
 
     /// Waits for its end, which comes after `limit` at the latest; also its last words.
-    pub(super) fn wait(
+    ///
+    /// # Errors
+    /// If the system cannot tell.
+    pub fn wait(
         mut self,
         limit: Duration,
         cancelled: impl Fn() -> bool,

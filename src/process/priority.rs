@@ -1,0 +1,27 @@
+//! How this process, or one of its threads, makes way for all others.
+
+use super::system;
+
+/// Lets everybody else come before this process: at the processors, at the disk, and when memory runs out; what cannot be
+/// had, and why.
+pub fn come_last(nice: u32) -> Vec<String> {
+    let mut missing = thread_comes_last(nice);
+    if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {
+        missing.push(format!("the first place when memory runs out: {error}"));
+    }
+    missing
+}
+
+/// Lets all other threads come before this one, at the processors and at the disk; what cannot be had, and why.
+pub fn thread_comes_last(nice: u32) -> Vec<String> {
+    let niced = rustix::process::setpriority_process(None, nice as i32).map_err(Into::into);
+    let steps = [
+        ("nice", niced),
+        ("the scheduler's batch class", system::schedule_as_batch()),
+        ("the disk's idle class", system::use_idle_disk()),
+    ];
+    let failed = steps
+        .into_iter()
+        .filter_map(|(what, done)| Some(format!("{what}: {}", done.err()?)));
+    failed.collect()
+}
