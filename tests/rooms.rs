@@ -98,7 +98,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "workers",
         ],
     ),
-    ("check", &[]),
+    ("check", &["storage"]),
     ("log", &[]),
     ("number", &[]),
     ("process", &[]),

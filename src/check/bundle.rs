@@ -1,6 +1,7 @@
 //! What support wants to see, in one file of a bounded size: a tar archive packed with zstd. The archive's form is the
 //! oldest one that everything reads (POSIX ustar).
 
+use crate::storage;
 use std::io::{Error, ErrorKind, Result, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -33,18 +34,19 @@ impl Bundle {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn save(&self, path: &Path) -> Result<()> {
-        use std::os::unix::fs::OpenOptionsExt;
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(".part");
-        let part = path.with_file_name(name);
-        let mut options = std::fs::File::options();
-        options.write(true).create(true).truncate(true).mode(0o600);
-        let file = options.open(&part)?;
-        let mut packed = zstd::Encoder::new(file, 6)?;
+    pub fn save(&self, path: &Path) -> std::result::Result<(), storage::Error> {
+        let packed = self.packed().map_err(|cause| storage::Error::Io {
+            action: "pack",
+            path: path.into(),
+            cause,
+        })?;
+        storage::write_atomically_for_owner(path, &packed)
+    }
+
+    fn packed(&self) -> Result<Vec<u8>> {
+        let mut packed = zstd::Encoder::new(Vec::new(), 6)?;
         self.write(&mut packed)?;
-        packed.finish()?.sync_all()?;
-        std::fs::rename(&part, path)
+        packed.finish()
     }
 
     fn write(&self, to: &mut impl Write) -> Result<()> {
