@@ -43,6 +43,7 @@ pub mod report;
 #[cfg(feature = "live")]
 pub mod setup;
 pub mod simulate;
+pub mod statistics;
 pub mod storage;
 #[cfg(test)]
 #[path = "../tests/support"]

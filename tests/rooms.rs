@@ -11,8 +11,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("mesh", &["array", "image"]),
     ("frame", &["image"]),
     ("calibration", &["frame"]),
-    ("calibration/fit", &["calibration", "frame", "image"]),
-    ("calibration/response", &["calibration", "image"]),
+    (
+        "calibration/fit",
+        &["calibration", "frame", "image", "statistics"],
+    ),
+    (
+        "calibration/response",
+        &["calibration", "image", "statistics"],
+    ),
     (
         "calibrate",
         &["calibration", "frame", "image", "job", "recording", "sync"],
@@ -34,7 +40,15 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     (
         "reconstruct",
-        &["array", "image", "mesh", "frame", "calibration", "number"],
+        &[
+            "array",
+            "image",
+            "mesh",
+            "frame",
+            "calibration",
+            "number",
+            "statistics",
+        ],
     ),
     (
         "report",
@@ -46,6 +60,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "image",
             "mesh",
             "number",
+            "statistics",
         ],
     ),
     (
@@ -59,7 +74,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "storage",
         ],
     ),
-    ("evaluate", &["mesh", "image", "reconstruct"]),
+    ("evaluate", &["mesh", "image", "reconstruct", "statistics"]),
     (
         "simulate",
         &[
@@ -102,6 +117,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("log", &[]),
     ("number", &[]),
     ("process", &[]),
+    ("statistics", &[]),
     ("storage", &[]),
     (
         "workers",

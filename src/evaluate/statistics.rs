@@ -1,5 +1,6 @@
 //! What is said of a set of numbers: means, quantiles, shares.
 
+use crate::statistics::interpolated_quantile;
 use serde::Serialize;
 
 /// Distances in millimetres, in four figures.
@@ -50,11 +51,7 @@ impl Sorted {
 
     /// The value that a share of `q` lies below, interpolated linearly between neighbours.
     pub fn quantile(&self, q: f64) -> Option<f64> {
-        let last = self.0.len().checked_sub(1)?;
-        let at = q.clamp(0.0, 1.0) * last as f64;
-        let below = at.floor() as usize;
-        let above = (below + 1).min(last);
-        Some(self.0[below] + (self.0[above] - self.0[below]) * at.fract())
+        interpolated_quantile(&self.0, q)
     }
 }
 

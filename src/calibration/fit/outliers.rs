@@ -3,7 +3,7 @@
 
 use super::adjust::{Bundle, Loss, Observation, PlacementState};
 use super::planar;
-use super::result::Figures;
+use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 
@@ -55,7 +55,7 @@ fn judged(bundle: &Bundle, view: &Observation) -> Judged {
 }
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {
-    Figures::of(values).median_px
+    upper_median(&mut values.collect::<Vec<f64>>()).unwrap_or(0.0)
 }
 
 /// What residuals usually are, in pixels, where they are less: a fifth of a pixel and less is never worth a word.

@@ -3,6 +3,7 @@
 use super::session::View;
 use crate::calibration::{Board, Camera, Face, Volume};
 use crate::frame::CameraId;
+use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Point2, Vector2};
 
 /// A calibrated rig with what is known of its errors.
@@ -83,12 +84,13 @@ impl Figures {
     /// The figures of residuals.
     pub fn of(lengths: impl Iterator<Item = f64>) -> Self {
         let mut lengths: Vec<f64> = lengths.collect();
+        let median_px = upper_median(&mut lengths).unwrap_or(0.0);
         lengths.sort_by(f64::total_cmp);
         let n = lengths.len();
         Self {
             corners: n,
             rms_px: (lengths.iter().fold(0.0, |sum, l| sum + l * l) / n.max(1) as f64).sqrt(),
-            median_px: lengths.get(n / 2).copied().unwrap_or(0.0),
+            median_px,
             max_px: lengths.last().copied().unwrap_or(0.0),
         }
     }

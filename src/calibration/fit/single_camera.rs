@@ -5,6 +5,7 @@ use super::lens::{Lens, Model, PARAMETERS};
 use super::planar::{self, PlanePose};
 use super::session::{SessionCamera, View};
 use crate::calibration::Board;
+use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 
 /// A camera by itself.
@@ -161,11 +162,8 @@ impl Bundle {
 
     /// Standard deviation of a coordinate's residual, from the median, so that false corners do not count.
     pub(super) fn robust_deviation(&self) -> f64 {
-        let lengths = self.lengths();
         // The median of a Rayleigh distribution.
-        lengths
-            .get(lengths.len() / 2)
-            .map_or(0.0, |median| median / 1.1774)
+        upper_median(&mut self.lengths()).map_or(0.0, |median| median / 1.1774)
     }
 
     /// The loss under which residuals of three robust deviations count half.

@@ -6,6 +6,7 @@ use super::jackknife::{self, Normals};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics, within};
 use crate::image::Grid;
+use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
 
@@ -418,11 +419,8 @@ fn start(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
                 .map(|s| plane.depth(s, 1.0) / s.reading),
         );
     }
-    ratios.sort_by(f64::total_cmp);
-    let slope = match spans(planes, parameters.min_span) {
-        true => ratios[ratios.len() / 2],
-        false => 0.001,
-    };
+    let usual = upper_median(&mut ratios).filter(|_| spans(planes, parameters.min_span));
+    let slope = usual.unwrap_or(0.001);
     Values::new(slope, 0.0, 1.0, 0.0)
 }
 
@@ -491,17 +489,14 @@ fn usual_error(planes: &[Plane<'_>], values: &Values, parameters: &PlaneParamete
             (plane.error(s, values) / (parameters.noise_at_1m * z * z)).abs()
         }));
     }
-    let middle = errors.len() / 2;
-    let (_, median, _) = errors.select_nth_unstable_by(middle, f64::total_cmp);
-    1.4826 * *median
+    1.4826 * upper_median(&mut errors).unwrap_or(0.0)
 }
 
 /// Median of a view's errors over z².
 fn view_error(plane: &Plane<'_>, values: &Values) -> f64 {
     let error = |s: &Sample| plane.error(s, values) / plane.depth(s, 1.0).powi(2);
     let mut errors: Vec<f64> = plane.samples.iter().map(error).collect();
-    let middle = errors.len() / 2;
-    *errors.select_nth_unstable_by(middle, f64::total_cmp).1
+    upper_median(&mut errors).unwrap_or(0.0)
 }
 
 /// The view that disagrees with all others, if there is one, and by how much at 1 m.
@@ -511,8 +506,7 @@ fn worst(planes: &[Plane<'_>], values: &Values) -> Option<(usize, f64)> {
     }
     let errors: Vec<f64> = planes.iter().map(|p| view_error(p, values)).collect();
     let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let limit = (VIEW_DEVIATIONS * 1.4826 * sizes[sizes.len() / 2]).max(VIEW_OFF);
+    let limit = (VIEW_DEVIATIONS * 1.4826 * upper_median(&mut sizes)?).max(VIEW_OFF);
     let (k, &error) = errors
         .iter()
         .enumerate()

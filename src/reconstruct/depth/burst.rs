@@ -4,6 +4,7 @@
 use super::{Facts, Parameters, Spread};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
+use crate::statistics::upper_median;
 use rayon::prelude::*;
 
 /// The frames' depth in a window: the bounding rectangle of the region.
@@ -197,11 +198,7 @@ fn median_at(frames: &[Grid<f32>], pixel: usize, sorted: &mut Vec<f32>) -> f32 {
     sorted.clear();
     let readings = frames.iter().map(|frame| frame.pixels()[pixel]);
     sorted.extend(readings.filter(|&z| z > 0.0));
-    if sorted.is_empty() {
-        return 0.0;
-    }
-    let middle = sorted.len() / 2;
-    *sorted.select_nth_unstable_by(middle, f32::total_cmp).1
+    upper_median(sorted).unwrap_or(0.0)
 }
 
 /// Left, top, width and height of the pixels that are 128 and up; all 0 where there are none.

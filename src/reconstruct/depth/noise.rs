@@ -3,6 +3,7 @@
 
 use super::burst::Fused;
 use crate::image::Grid;
+use crate::statistics::upper_median;
 
 /// The sensor's noise in one frame: σ(z, slope)² = (coefficient·z²)² + (jitter·slope)², with the part that is the
 /// same in every frame beside it.
@@ -40,13 +41,15 @@ impl SensorNoise {
         let per_square_depth = if scaled.is_empty() {
             TYPICAL_PER_SQUARE_DEPTH
         } else {
-            median(&mut scaled).max(LEAST_PER_SQUARE_DEPTH)
+            upper_median(&mut scaled)
+                .unwrap_or(0.0)
+                .max(LEAST_PER_SQUARE_DEPTH)
         };
         Self {
             per_square_depth,
             jitter_px: 0.1,
             fixed_per_square_depth: 1.4e-3,
-            median_deviation: median(&mut deviations),
+            median_deviation: upper_median(&mut deviations).unwrap_or(0.0),
         }
     }
 
@@ -87,12 +90,4 @@ pub fn slope(depth: &Grid<f32>, x: usize, y: usize) -> f32 {
         }
     };
     across(1, 0).hypot(across(0, 1))
-}
-
-fn median(values: &mut [f32]) -> f32 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }

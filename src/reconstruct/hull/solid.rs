@@ -4,6 +4,7 @@ use super::cone::{Cone, SURELY};
 use crate::calibration::Volume;
 use crate::frame::CameraId;
 use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
+use crate::statistics::upper_median;
 use nalgebra::{Point3, Vector3};
 
 /// The volume's floor. Cameras are numbered from 0, the volume's other sides from [`WALLS`].
@@ -53,8 +54,7 @@ impl<'a> Hull<'a> {
             .iter()
             .map(|c| c.camera().pixel_footprint(p))
             .collect();
-        sizes.sort_by(f64::total_cmp);
-        sizes.get(sizes.len() / 2).copied().unwrap_or(0.0)
+        upper_median(&mut sizes).unwrap_or(0.0)
     }
 
     /// How far the hull reaches from a point within it along a unit vector, in metres: to a third of it at worst, for

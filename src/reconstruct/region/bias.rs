@@ -2,10 +2,11 @@
 //! true depth is known, and used no further than the calibration's uncertainty allows.
 
 use super::Parameters;
-use super::front::{Front, median, stands_on_table};
+use super::front::{Front, stands_on_table};
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
+use crate::statistics::lower_median;
 use nalgebra::{Point2, Point3};
 
 /// An offset of the depth.
@@ -111,7 +112,7 @@ fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, 
     let places: Vec<f32> = tiles
         .iter_mut()
         .filter(|t| t.len() >= LEAST_PIXELS / 4)
-        .map(|t| median(t))
+        .filter_map(|t| lower_median(t))
         .collect();
     let (center, error) = robust_center(tiles.concat())?;
     Some((center, error.max(spread_of(places))))
@@ -179,7 +180,7 @@ fn robust_center(mut values: Vec<f32>) -> Option<(f64, f64)> {
     if values.len() < LEAST_PIXELS {
         return None;
     }
-    let center = median(&mut values);
+    let center = lower_median(&mut values)?;
     let spread = spread_of(values);
     // A tenth of the spread: a fixed pattern does not average out as noise does.
     (spread < 6e-3).then_some((f64::from(center), 0.1 * spread))
@@ -187,14 +188,13 @@ fn robust_center(mut values: Vec<f32>) -> Option<(f64, f64)> {
 
 /// Standard deviation by the median of the distances from the median; 0 of fewer than two values.
 fn spread_of(mut values: Vec<f32>) -> f64 {
-    if values.len() < 2 {
+    let Some(center) = lower_median(&mut values) else {
         return 0.0;
-    }
-    let center = median(&mut values);
+    };
     for v in &mut values {
         *v = (*v - center).abs();
     }
-    1.4826 * f64::from(median(&mut values))
+    1.4826 * f64::from(lower_median(&mut values).unwrap_or(0.0))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::mesh::{Fragment, Mesh, rasterize};
+use crate::statistics::lower_median;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -128,17 +129,11 @@ pub fn front_vertices(
             *next += 1;
         }
     }
-    let of_vertex = |range: &[usize]| median(&mut values[range[0]..range[1]]) > threshold;
+    let of_vertex = |range: &[usize]| {
+        let median = lower_median(&mut values[range[0]..range[1]]);
+        median.is_some_and(|median| median > threshold)
+    };
     starts.windows(2).map(of_vertex).collect()
-}
-
-/// The median; of an even number of values the lower one.
-pub(super) fn median(values: &mut [f32]) -> f32 {
-    if values.is_empty() {
-        return f32::NAN;
-    }
-    let middle = (values.len() - 1) / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Whether a triangle shows its back: seen from outside it is counter-clockwise, which in a picture with y

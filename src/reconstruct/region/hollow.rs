@@ -4,6 +4,7 @@
 
 use crate::image::{Grid, Mask};
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+use crate::statistics::lower_median;
 
 /// For each pixel, in metres, how far it lies behind the convex envelope of the measured depth along the
 /// rows, columns and diagonals through it (the largest of the four). 0 where there is no measured depth.
@@ -49,7 +50,7 @@ fn inverse_depth(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
                 }
             }
         }
-        super::front::median(&mut values[..count]).recip()
+        lower_median(&mut values[..count]).map_or(0.0, f32::recip)
     })
 }
 

@@ -5,6 +5,7 @@ use super::{Parameters, Source};
 use crate::image::{Grid, PixelRect};
 use crate::reconstruct::depth::DepthKind;
 use crate::reconstruct::region::Regions;
+use crate::statistics::upper_median;
 use rayon::prelude::*;
 
 /// Depth before which space is empty, for each pixel of the depth camera; 0 where the ray carves nothing.
@@ -68,8 +69,8 @@ fn break_through(
                 .collect();
             let measured =
                 2 * gaps.len() >= group.len() && gaps.len() >= parameters.least_opening_px;
-            gaps.sort_by(f32::total_cmp);
-            let opens = measured && gaps[gaps.len() / 2] > through;
+            let usual = upper_median(&mut gaps);
+            let opens = measured && usual.is_some_and(|gap| gap > through);
             for p in group {
                 opened[p] = opens;
                 carving[p] = if opens {

@@ -3,6 +3,7 @@
 
 use super::cells::Cells;
 use crate::image::{RgbImage, srgb};
+use crate::statistics::upper_median;
 
 /// What turns the plate into the picture of the backdrop.
 #[derive(Clone, Debug)]
@@ -225,7 +226,7 @@ fn gain_of_channel(cells: &Cells, reference: &[usize], c: usize) -> f32 {
         .unwrap_or(0);
     let mode = (fullest as f32 + (WINDOW as f32 - BINS as f32) / 2.0) * BIN;
     log_ratios.retain(|r| (r - mode).abs() < 0.1);
-    let centre = median(&mut log_ratios).unwrap_or(0.0);
+    let centre = upper_median(&mut log_ratios).unwrap_or(0.0);
     log_ratios.retain(|r| (r - centre).abs() < 0.05);
     let n = log_ratios.len().max(1) as f32;
     (log_ratios.iter().sum::<f32>() / n).exp()
@@ -234,17 +235,8 @@ fn gain_of_channel(cells: &Cells, reference: &[usize], c: usize) -> f32 {
 /// Standard deviation of one value from absolute differences of two; the median finds which differences are
 /// noise, their mean square is not quantised as the median is.
 fn deviation_of_pairs(differences: &mut [f32]) -> f32 {
-    let rough = 1.4826 * median(differences).unwrap_or(0.0) + 0.5;
+    let rough = 1.4826 * upper_median(differences).unwrap_or(0.0) + 0.5;
     let small = differences.iter().filter(|&&d| d < 3.0 * rough);
     let (sum, n) = small.fold((0.0, 0u32), |(sum, n), d| (sum + d * d, n + 1));
     (sum / (2 * n.max(1)) as f32).sqrt().max(LEAST_NOISE)
-}
-
-/// The middle value; `None` of nothing.
-pub(super) fn median(values: &mut [f32]) -> Option<f32> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    Some(*values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }

@@ -4,6 +4,7 @@
 use super::Surface;
 use super::view::View;
 use super::visibility::Sight;
+use crate::statistics::upper_median;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
@@ -64,7 +65,7 @@ fn compare(surface: &Surface, views: [usize; 2]) -> Option<Pair> {
     let fewest = ratios.iter().map(Vec::len).min().unwrap_or(0);
     (fewest >= FEWEST_SAMPLES).then(|| Pair {
         views,
-        log_ratio: ratios.map(|mut r| f64::from(median(&mut r))),
+        log_ratio: ratios.map(|mut r| f64::from(upper_median(&mut r).unwrap_or(0.0))),
         weight: fewest as f64,
     })
 }
@@ -72,12 +73,6 @@ fn compare(surface: &Surface, views: [usize; 2]) -> Option<Pair> {
 fn mean_at(view: &View, vertex: usize) -> Vector3<f32> {
     let [x, y, _] = view.projected[vertex];
     view.mean_color(x, y)
-}
-
-/// The middle value.
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 /// Least squares over the logarithms of gains: log g_a − log g_b = −log ratio for each pair.

@@ -1,13 +1,13 @@
 //! What a depth camera contributed: how much of the concave regions it read, and how well the model agrees
 //! with it there.
 
-use super::{median, quantile};
 use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use crate::reconstruct::depth::{DepthKind, Facts};
 use crate::reconstruct::region::Bias;
 use crate::reconstruct::{DepthResult, DepthView};
+use crate::statistics::{nearest_rank_quantile, upper_median};
 use serde::Serialize;
 
 /// The figures of one depth camera.
@@ -118,7 +118,7 @@ impl RegionMeasures {
             .filter(|f| f.is_finite())
             .collect();
         let mut off = differences(view, result, model, &inside);
-        let middle = median(&mut off).unwrap_or(0.0);
+        let middle = upper_median(&mut off).unwrap_or(0.0);
         off.iter_mut().for_each(|d| *d = d.abs());
         Self {
             count: regions.count,
@@ -127,10 +127,10 @@ impl RegionMeasures {
             coverage: share(kind(DepthKind::Measured), inside.len()),
             filled: share(kind(DepthKind::Filled), inside.len()),
             empty: share(kind(DepthKind::None), inside.len()),
-            median_depth: f64::from(median(&mut behind_hull).unwrap_or(0.0)),
-            greatest_depth: f64::from(quantile(&mut behind_hull, 0.98).unwrap_or(0.0)),
+            median_depth: f64::from(upper_median(&mut behind_hull).unwrap_or(0.0)),
+            greatest_depth: f64::from(nearest_rank_quantile(&mut behind_hull, 0.98).unwrap_or(0.0)),
             model_behind_depth: f64::from(middle),
-            disagreement: f64::from(quantile(&mut off, 0.9).unwrap_or(0.0)),
+            disagreement: f64::from(nearest_rank_quantile(&mut off, 0.9).unwrap_or(0.0)),
         }
     }
 }

@@ -62,15 +62,3 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
         method,
     }
 }
-
-/// Middle value of a list, which is put in order; `None` of an empty one.
-fn median(values: &mut [f32]) -> Option<f32> {
-    quantile(values, 0.5)
-}
-
-/// The value below which a `share` of the list lies.
-fn quantile(values: &mut [f32], share: f64) -> Option<f32> {
-    let last = values.len().checked_sub(1)?;
-    let at = (share * last as f64).round() as usize;
-    Some(*values.select_nth_unstable_by(at, f32::total_cmp).1)
-}

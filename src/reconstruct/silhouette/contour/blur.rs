@@ -3,7 +3,7 @@
 
 use super::Colors;
 use crate::image::Mask;
-use crate::reconstruct::silhouette::photometry::median;
+use crate::statistics::upper_median;
 
 /// Places along the contour that are looked at, about.
 const PLACES: usize = 300;
@@ -56,7 +56,7 @@ fn spread(
         .filter_map(|i| {
             values.clear();
             values.extend(profiles.iter().map(|p| p[i]));
-            median(&mut values)
+            upper_median(&mut values)
         })
         .collect();
     let (inner, outer) = (falls_below(&profile, 0.841)?, falls_below(&profile, 0.159)?);

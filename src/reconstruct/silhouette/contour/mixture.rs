@@ -4,7 +4,7 @@
 use super::{Band, Colors, ContourFacts, clip};
 use crate::array::three;
 use crate::image::{Mask, PixelRect};
-use crate::reconstruct::silhouette::photometry::median;
+use crate::statistics::upper_median;
 use std::ops::Range;
 
 /// How far from the contour a pixel must be to show one side alone, in pixels.
@@ -257,7 +257,7 @@ fn facts(sides: &[Sides]) -> ContourFacts {
     let mut contrasts: Vec<f32> = sides.iter().map(|s| s.contrast).collect();
     let weak = contrasts.iter().filter(|&&c| c < WEAK_CONTRAST).count();
     ContourFacts {
-        contrast: median(&mut contrasts).unwrap_or(0.0),
+        contrast: upper_median(&mut contrasts).unwrap_or(0.0),
         weak: weak as f32 / sides.len().max(1) as f32,
         blur_px: None,
     }

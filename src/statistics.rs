@@ -1,0 +1,91 @@
+//! Medians and quantiles, each with its convention in its name: which of two middle values counts, and whether what lies
+//! between two values is interpolated. Models' bytes depend on it. Values are ordered as by `total_cmp`.
+
+use std::cmp::Ordering;
+
+/// A number that can be put in order.
+pub trait Number: Copy {
+    /// The order that IEEE 754 gives to all its values.
+    fn order(&self, other: &Self) -> Ordering;
+}
+
+impl Number for f32 {
+    fn order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+impl Number for f64 {
+    fn order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+/// The median; of an even number of values the upper of the two in the middle, `None` of none. Puts the values in
+/// another order.
+pub fn upper_median<T: Number>(values: &mut [T]) -> Option<T> {
+    ranked(values, values.len() / 2)
+}
+
+/// The median; of an even number of values the lower of the two in the middle, `None` of none. Puts the values in
+/// another order.
+pub fn lower_median<T: Number>(values: &mut [T]) -> Option<T> {
+    ranked(values, values.len().checked_sub(1)? / 2)
+}
+
+/// The value whose rank is nearest to that below which a `share` of the values lies, 0 to 1; of two ranks that are as near
+/// the upper one. `None` of none. Puts the values in another order.
+pub fn nearest_rank_quantile<T: Number>(values: &mut [T], share: f64) -> Option<T> {
+    let last = values.len().checked_sub(1)?;
+    ranked(values, (share * last as f64).round() as usize)
+}
+
+/// The value below which a `share` of the values lies, 0 to 1, interpolated linearly between neighbours; `None` of none.
+/// The values are in ascending order.
+pub fn interpolated_quantile(ascending: &[f64], share: f64) -> Option<f64> {
+    let last = ascending.len().checked_sub(1)?;
+    let at = share.clamp(0.0, 1.0) * last as f64;
+    let below = at.floor() as usize;
+    let above = (below + 1).min(last);
+    Some(ascending[below] + (ascending[above] - ascending[below]) * at.fract())
+}
+
+/// The value that has this place in ascending order, counted from 0.
+fn ranked<T: Number>(values: &mut [T], rank: usize) -> Option<T> {
+    (rank < values.len()).then(|| *values.select_nth_unstable_by(rank, T::order).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conventions_differ_where_the_number_of_values_is_even() {
+        assert_eq!(upper_median(&mut [4.0, 1.0, 3.0, 2.0]), Some(3.0));
+        assert_eq!(lower_median(&mut [4.0, 1.0, 3.0, 2.0]), Some(2.0));
+        assert_eq!(upper_median(&mut [3.0f32, 1.0, 2.0]), Some(2.0));
+        assert_eq!(lower_median(&mut [3.0f32, 1.0, 2.0]), Some(2.0));
+        assert_eq!(interpolated_quantile(&[1.0, 2.0, 3.0, 4.0], 0.5), Some(2.5));
+        assert_eq!(
+            nearest_rank_quantile(&mut [4.0, 1.0, 3.0, 2.0], 0.5),
+            Some(3.0)
+        );
+    }
+
+    #[test]
+    fn quantiles_reach_from_the_least_to_the_greatest() {
+        let mut values: Vec<f64> = (0..=10).rev().map(f64::from).collect();
+        assert_eq!(nearest_rank_quantile(&mut values, 0.0), Some(0.0));
+        assert_eq!(nearest_rank_quantile(&mut values, 0.98), Some(10.0));
+        assert_eq!(interpolated_quantile(&[1.0, 2.0], 0.25), Some(1.25));
+        assert_eq!(interpolated_quantile(&[1.0, 2.0], 7.0), Some(2.0));
+    }
+
+    #[test]
+    fn nothing_has_none() {
+        assert_eq!(upper_median::<f32>(&mut []), None);
+        assert_eq!(lower_median::<f64>(&mut []), None);
+        assert_eq!(nearest_rank_quantile::<f32>(&mut [], 0.5), None);
+        assert_eq!(interpolated_quantile(&[], 0.5), None);
+    }
+}
