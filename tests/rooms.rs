@@ -1,6 +1,6 @@
 //! Which room of `src` may use which: the table that ARCHITECTURE.md refers to, held against the sources.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -318,6 +318,160 @@ fn a_room_uses_what_its_row_allows() {
     }
     let rows: BTreeSet<String> = ROOMS.iter().map(|(room, _)| (*room).to_owned()).collect();
     assert_eq!(seen, rows, "rooms that are there, and rows of the table");
+}
+
+/// A module of the library: where it stands, what it says, and which names it hands on from others.
+struct Module {
+    path: Vec<String>,
+    code: String,
+    handed_on: Vec<Vec<String>>,
+}
+
+/// The library's modules, without those that are compiled for tests alone.
+fn modules() -> Vec<Module> {
+    let files = sources().into_iter();
+    let places = files.map(|file| (place(&file), file));
+    let kept = places.filter(|(place, _)| !is_test(place) && place != &["main"]);
+    let module = |(mut path, file): (Vec<String>, PathBuf)| {
+        if path
+            .last()
+            .is_some_and(|name| name == "mod" || name == "lib")
+        {
+            path.pop();
+        }
+        let code = code(&file);
+        let handed_on = ["pub use ", "pub(super) use ", "pub(crate) use "];
+        let handed_on = handed_on.iter().flat_map(|prefix| paths(&code, prefix));
+        Module {
+            path,
+            handed_on: handed_on.collect(),
+            code,
+        }
+    };
+    kept.map(module).collect()
+}
+
+/// A path that is written in a module, as one from the library's root; `None` if it begins with another library.
+fn from_root(modules: &[Module], within: &[String], path: &[String]) -> Option<Vec<String>> {
+    let first = path.first()?.as_str();
+    match first {
+        "crate" => Some(path[1..].to_vec()),
+        "self" => Some([within, &path[1..]].concat()),
+        "super" => {
+            let (_, parent) = within.split_last()?;
+            match path.get(1).map(String::as_str) {
+                Some("super") => from_root(modules, parent, &path[1..]),
+                _ => Some([parent, &path[1..]].concat()),
+            }
+        }
+        _ => {
+            let child = [within, &path[..1]].concat();
+            let is_module = modules.iter().any(|module| module.path == child);
+            is_module.then(|| [within, path].concat())
+        }
+    }
+}
+
+/// The module that has what a path from the library's root names: where it stands, and not who hands it on.
+fn home(modules: &[Module], path: &[String]) -> Option<Vec<String>> {
+    let here = |length: usize| modules.iter().find(|module| module.path == path[..length]);
+    let module = (0..=path.len()).rev().find_map(here)?;
+    let Some(name) = path.get(module.path.len()) else {
+        return Some(module.path.clone());
+    };
+    let handed_on = module.handed_on.iter();
+    let origin = handed_on
+        .filter(|found| found.last() == Some(name))
+        .find_map(|found| from_root(modules, &module.path, found));
+    match origin {
+        Some(origin) => home(modules, &origin),
+        None => Some(module.path.clone()),
+    }
+}
+
+/// Who uses whom within a folder: for each folder, its files and folders by name. A folder's own file may use what is
+/// in the folder, and what is in it may use the folder's own file: neither is listed.
+fn arrows() -> BTreeMap<Vec<String>, BTreeMap<String, BTreeSet<String>>> {
+    let modules = modules();
+    let mut arrows: BTreeMap<_, BTreeMap<String, BTreeSet<String>>> = BTreeMap::new();
+    for module in &modules {
+        for prefix in ["crate", "super", "self"] {
+            for path in paths(&module.code, &format!("{prefix}::")) {
+                let path = [vec![prefix.to_owned()], path].concat();
+                let path = from_root(&modules, &module.path, &path);
+                let Some(used) = path.and_then(|path| home(&modules, &path)) else {
+                    continue;
+                };
+                let both = module.path.iter().zip(&used);
+                let shared = both.take_while(|(a, b)| a == b).count();
+                if let (Some(from), Some(to)) = (module.path.get(shared), used.get(shared)) {
+                    let folder = arrows.entry(used[..shared].to_vec()).or_default();
+                    folder.entry(from.clone()).or_default().insert(to.clone());
+                }
+            }
+        }
+    }
+    arrows
+}
+
+/// A circle, as the names that it leads through.
+fn circle(uses: &BTreeMap<String, BTreeSet<String>>) -> Option<Vec<String>> {
+    fn walk<'a>(
+        at: &'a str,
+        uses: &'a BTreeMap<String, BTreeSet<String>>,
+        way: &mut Vec<&'a str>,
+        done: &mut BTreeSet<&'a str>,
+    ) -> Option<Vec<String>> {
+        if let Some(begin) = way.iter().position(|name| *name == at) {
+            return Some(way[begin..].iter().map(ToString::to_string).collect());
+        }
+        if !done.insert(at) {
+            return None;
+        }
+        way.push(at);
+        let found = uses.get(at).into_iter().flatten();
+        let found = found
+            .map(|next| walk(next, uses, way, done))
+            .find_map(|c| c);
+        way.pop();
+        found
+    }
+    let mut done = BTreeSet::new();
+    uses.keys()
+        .find_map(|name| walk(name, uses, &mut Vec::new(), &mut done))
+}
+
+/// Rooms, files and the folders within rooms have an order: none uses what uses it, however many steps lead back. Read
+/// from the text: paths that begin with `crate`, `super` or `self` are seen, traits' methods and macros are not.
+#[test]
+fn nothing_goes_in_a_circle() {
+    let circles: Vec<String> = arrows()
+        .iter()
+        .filter(|(folder, _)| folder.first().is_none_or(|room| room != "recording"))
+        .filter_map(|(folder, uses)| {
+            Some(format!(
+                "{}: {}",
+                folder.join("/"),
+                circle(uses)?.join(" → ")
+            ))
+        })
+        .collect();
+    assert_eq!(circles, Vec::<String>::new());
+}
+
+#[test]
+fn circles_are_found_and_trees_are_not_circles() {
+    let uses = |arrows: &[(&str, &str)]| {
+        let mut uses: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        for (from, to) in arrows {
+            uses.entry((*from).into()).or_default().insert((*to).into());
+        }
+        uses
+    };
+    let tree = [("a", "b"), ("a", "c"), ("b", "d"), ("c", "d")];
+    assert_eq!(circle(&uses(&tree)), None);
+    let led_back = [("a", "b"), ("b", "c"), ("c", "d"), ("d", "b")];
+    assert_eq!(circle(&uses(&led_back)).unwrap(), ["b", "c", "d"]);
 }
 
 #[test]
