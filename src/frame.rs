@@ -164,7 +164,6 @@ pub enum Picture {
     },
 }
 
-/// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
 impl Picture {
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
@@ -174,6 +173,7 @@ impl Picture {
     }
 }
 
+/// The pixels of a raw picture; of a compressed one, an encoding that nothing reads.
 impl<'a> From<&'a Picture> for RawPixels<'a> {
     fn from(picture: &'a Picture) -> Self {
         match picture {

@@ -132,7 +132,7 @@ pub(super) fn header(body: &[u8]) -> Parsed<(String, String)> {
     Ok((cursor.string()?, cursor.string()?))
 }
 
-/// A schema's number, name, encoding and the hash of its definition.
+/// A schema's number, name and encoding.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Schema {
     pub id: u16,

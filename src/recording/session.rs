@@ -43,14 +43,8 @@ pub struct Kept {
 impl Kept {
     /// Bytes of its pictures.
     pub fn bytes(&self) -> u64 {
-        let bytes = self.frames.iter().map(|f| picture_bytes(&f.picture));
+        let bytes = self.frames.iter().map(|f| f.picture.bytes() as u64);
         bytes.sum()
-    }
-}
-
-fn picture_bytes(picture: &Picture) -> u64 {
-    match picture {
-        Picture::Raw { data, .. } | Picture::Compressed { data, .. } => data.len() as u64,
     }
 }
 
