@@ -1,6 +1,6 @@
 //! Closed meshes whose properties are known in closed form, for tests.
 
-use super::Mesh;
+use super::{Mesh, cuboid};
 use nalgebra::{Point3, Vector3};
 use std::f32::consts::TAU;
 
@@ -107,23 +107,9 @@ fn split(
     finer
 }
 
-/// A cube of the given half edge, with 8 vertices.
+/// An axis-aligned cube around the origin with the given half edge.
 pub fn cube(half: f32) -> Mesh {
-    let vertices = (0..8)
-        .map(|i| {
-            let at = |bit: u32| if i >> bit & 1 == 1 { half } else { -half };
-            Point3::new(at(0), at(1), at(2))
-        })
-        .collect();
-    #[rustfmt::skip]
-    let triangles = vec![
-        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
-        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
-    ];
-    Mesh {
-        vertices,
-        triangles,
-    }
+    cuboid([-half; 3], [half; 3])
 }
 
 /// Adds `other` to `mesh` without welding.

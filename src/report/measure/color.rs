@@ -5,7 +5,7 @@ use super::outline;
 use crate::calibration::{Camera, Volume};
 use crate::frame::CameraId;
 use crate::image::{Grid, PixelRect};
-use crate::mesh::{Fragment, Mesh, convex_hull, rasterize};
+use crate::mesh::{Fragment, Mesh, cuboid, rasterize};
 use crate::reconstruct::ColorView;
 use crate::reconstruct::silhouette::{Facts, Silhouette};
 use nalgebra::{Matrix2, Point3, Vector2};
@@ -158,7 +158,8 @@ impl Cells {
 
     /// Whether the middle of each cell sees the volume; all of them, where the camera is inside of it.
     fn inside(&self, camera: &Camera, volume: Volume) -> Grid<bool> {
-        let corners = box_of(volume);
+        let corner = |p: Point3<f64>| p.cast::<f32>().coords.into();
+        let corners = cuboid(corner(volume.min), corner(volume.max));
         let is_seen = |&v: &Point3<f32>| camera.project_for_raster(v)[2].is_finite();
         if !corners.vertices.iter().all(is_seen) {
             return Grid::filled(self.width, self.height, true);
@@ -218,19 +219,6 @@ fn is_far(projected: &Grid<f32>, x: usize, y: usize) -> bool {
                 .is_none_or(|&covered| covered == 0.0)
         })
     })
-}
-
-fn box_of(volume: Volume) -> Mesh {
-    let corners: Vec<Point3<f32>> = (0..8)
-        .map(|corner| {
-            let at = |axis: usize| {
-                let high = corner >> axis & 1 == 1;
-                (if high { volume.max } else { volume.min })[axis] as f32
-            };
-            Point3::new(at(0), at(1), at(2))
-        })
-        .collect();
-    convex_hull(&corners).unwrap_or_default()
 }
 
 /// The displacement, in cells, that best explains the difference: one step of Lucas and Kanade's registration
