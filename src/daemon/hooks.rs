@@ -4,27 +4,16 @@
 use super::HooksParameters;
 use super::events::{Event, Events, Subscription, Verdict};
 use crate::log;
-use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
-use std::io::Read;
-use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, Stdio};
+use crate::process::{Cancel, Child, End};
+use std::process::Command;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::sync::Notify;
+use tokio::task::JoinSet;
 
-/// How often it is looked whether a command has ended.
-const LOOK: Duration = Duration::from_millis(10);
-/// Bytes of a command's words that the log gets.
-const WORDS: u64 = 300;
-/// What systemd tells the daemon, and no child of it.
-const NOT_INHERITED: [&str; 5] = [
-    "NOTIFY_SOCKET",
-    "LISTEN_FDS",
-    "LISTEN_PID",
-    "WATCHDOG_USEC",
-    "WATCHDOG_PID",
-];
+/// Letters of a command's words that the log gets: the last of them.
+const MOST_LETTERS: usize = 300;
 
 /// The thread that runs commands.
 pub struct Hooks {
@@ -43,11 +32,11 @@ impl Hooks {
         }
         let mut running = Running {
             parameters: parameters.clone(),
-            hooks: Vec::new(),
+            hooks: JoinSet::new(),
+            cancel: Cancel::new()?,
         };
         let mut heard = events.subscribe();
-        let runtime = tokio::runtime::Builder::new_current_thread();
-        let runtime = { runtime }.enable_time().build()?;
+        let runtime = tokio::runtime::Builder::new_current_thread().build()?;
         let stop = Arc::new(Notify::new());
         let stopped = stop.clone();
         let thread = std::thread::Builder::new()
@@ -65,7 +54,9 @@ impl Hooks {
 
 struct Running {
     parameters: HooksParameters,
-    hooks: Vec<Hook>,
+    /// A thread waits for each command.
+    hooks: JoinSet<()>,
+    cancel: Cancel,
 }
 
 impl Running {
@@ -79,14 +70,11 @@ impl Running {
                     Some(event) => self.take(&event),
                     None => break,
                 },
-                () = tokio::time::sleep(LOOK), if !self.hooks.is_empty() => {}
+                Some(_) = self.hooks.join_next(), if !self.hooks.is_empty() => {}
             }
-            self.hooks.retain_mut(|hook| !hook.is_over());
         }
-        for hook in &mut self.hooks {
-            hook.kill();
-            let _ = hook.child.wait();
-        }
+        self.cancel.cancel();
+        while self.hooks.join_next().await.is_some() {}
     }
 
     fn take(&mut self, event: &Event) {
@@ -96,84 +84,33 @@ impl Running {
         let Some((program, arguments)) = command.split_first() else {
             return;
         };
-        let limit = Duration::from_millis(self.parameters.timeout_ms);
-        match spawn(program, arguments, event) {
-            Ok(child) => self.hooks.push(Hook {
-                name,
-                child,
-                end: Instant::now() + limit,
-                killed: false,
-            }),
+        let mut command = Command::new(program);
+        command.args(arguments).envs(environment(event));
+        match Child::start(&mut command) {
+            Ok(child) => {
+                let limit = Duration::from_millis(self.parameters.timeout_ms);
+                let cancel = self.cancel.clone();
+                self.hooks
+                    .spawn_blocking(move || tell(name, child.wait(limit, &cancel)));
+            }
             Err(error) => log::warning!("hooks.{name}: {program}: {error}"),
         }
     }
 }
 
-/// A command that runs.
-struct Hook {
-    name: &'static str,
-    child: Child,
-    end: Instant,
-    killed: bool,
-}
-
-impl Hook {
-    /// Whether it has ended; one whose time is over is killed.
-    fn is_over(&mut self) -> bool {
-        if self.has_exited() {
-            // Nothing that it left behind goes on; its number is still its own, as nobody has waited for it.
-            self.kill();
-            self.tell();
-            return true;
+/// Tells the log how a command ended, if not well.
+fn tell(name: &str, ended: std::io::Result<(End, String)>) {
+    match ended {
+        Ok((End::Ended(status), _)) if status.success() => {}
+        Ok((End::Ended(status), words)) => {
+            let words = words.trim();
+            let before = words.chars().count().saturating_sub(MOST_LETTERS);
+            let last: String = words.chars().skip(before).collect();
+            log::warning!("hooks.{name}: {status}: {last}");
         }
-        if Instant::now() >= self.end && !self.killed {
-            self.killed = true;
-            log::warning!("hooks.{}: killed when its time was over", self.name);
-            self.kill();
-        }
-        false
-    }
-
-    fn pid(&self) -> Option<Pid> {
-        Pid::from_raw(self.child.id() as i32)
-    }
-
-    fn has_exited(&self) -> bool {
-        let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
-        let Some(pid) = self.pid() else {
-            return true;
-        };
-        // An error is that of a child that is not there any more.
-        waitid(WaitId::Pid(pid), look).map_or(true, |status| status.is_some())
-    }
-
-    fn kill(&self) {
-        if let Some(pid) = self.pid() {
-            let _ = kill_process_group(pid, Signal::KILL);
-        }
-    }
-
-    /// Tells the log how it ended, if not well.
-    fn tell(&mut self) {
-        let Ok(status) = self.child.wait() else {
-            return;
-        };
-        if status.success() || self.killed {
-            return;
-        }
-        let words = self.words();
-        log::warning!("hooks.{}: {status}: {}", self.name, words.trim());
-    }
-
-    /// What it said of its trouble, as far as that is there: nobody waits for more.
-    fn words(&mut self) -> String {
-        let Some(said) = self.child.stderr.take() else {
-            return String::new();
-        };
-        let there = rustix::io::ioctl_fionread(&said).unwrap_or(0);
-        let mut bytes = Vec::new();
-        let _ = said.take(there.min(WORDS)).read_to_end(&mut bytes);
-        String::from_utf8_lossy(&bytes).into_owned()
+        Ok((End::TimedOut, _)) => log::warning!("hooks.{name}: killed when its time was over"),
+        Ok((End::Cancelled, _)) => {}
+        Err(error) => log::warning!("hooks.{name}: {error}"),
     }
 }
 
@@ -199,21 +136,6 @@ fn verdict_word(verdict: Verdict) -> &'static str {
         Verdict::Amber => "amber",
         Verdict::Red => "red",
     }
-}
-
-fn spawn(program: &str, arguments: &[String], event: &Event) -> std::io::Result<Child> {
-    let mut command = Command::new(program);
-    command
-        .args(arguments)
-        .envs(environment(event))
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .process_group(0);
-    NOT_INHERITED.iter().for_each(|name| {
-        command.env_remove(name);
-    });
-    command.spawn()
 }
 
 /// An event's members as `SCAND_CAPTURE` and so on; `SCAND_EVENT` is what happened. Words of clients have no control
@@ -242,6 +164,7 @@ fn environment(event: &Event) -> Vec<(String, String)> {
 mod tests {
     use super::*;
     use std::path::Path;
+    use std::time::Instant;
 
     fn shell(script: &str) -> Vec<String> {
         ["sh", "-c", script].map(Into::into).into()

@@ -1,21 +1,27 @@
-//! A process that does a job: started, listened to, waited for, and killed when its time is over or nobody wants its
-//! work any more.
+//! A process that does something for this one: started, listened to, waited for, and killed with all that it started when
+//! its time is over or nobody wants its work any more.
 
+use super::cancel::Cancel;
+use super::inherited;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use rustix::fs::{OFlags, fcntl_setfl};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
 use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
-use std::process::{Command, ExitStatus, Stdio};
-use std::thread::JoinHandle;
+use std::process::{ChildStderr, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// How much of what a process says is kept: the last of it, in bytes.
 const MOST_WORDS: usize = 16 << 10;
-/// How often is asked whether its work is still wanted.
-const ASKED: Duration = Duration::from_millis(100);
+/// Bytes that are read at once.
+const PIECE: usize = 4096;
+/// Pieces that are read once a process has ended: as many as a pipe holds. Something that it left behind may go on
+/// talking.
+const LAST_PIECES: usize = 16;
 
 /// How a process came to its end.
+#[derive(Debug)]
 pub enum End {
     /// By itself, or by a signal.
     Ended(ExitStatus),
@@ -25,30 +31,33 @@ pub enum End {
     Cancelled,
 }
 
-/// A process that runs. It ends at the latest with the thread that started it.
+/// A process that runs.
 pub struct Child {
     process: std::process::Child,
     handle: OwnedFd,
-    words: JoinHandle<Vec<u8>>,
+    words: Words,
 }
 
 impl Child {
-    /// Starts it, in a group of its own: an interrupt from the keyboard is the daemon's to hear.
+    /// Starts it, in a group of its own: an interrupt from the keyboard is this process's to hear. Standard error is kept,
+    /// standard input and output are closed to it, and it does not see what systemd told this process.
     ///
     /// # Errors
     /// If it cannot be started.
     pub fn start(command: &mut Command) -> io::Result<Self> {
+        inherited::remove_from(command);
         let mut process = command
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             .process_group(0)
             .spawn()?;
-        let stderr = process.stderr.take();
-        let words = std::thread::spawn(move || stderr.map(last_words).unwrap_or_default());
-        let pid = Pid::from_raw(process.id() as i32).ok_or(io::ErrorKind::NotFound)?;
-        match pidfd_open(pid, PidfdFlags::empty()) {
-            Ok(handle) => Ok(Self {
+        let listen = |process: &mut std::process::Child| -> io::Result<(OwnedFd, Words)> {
+            let words = Words::new(process.stderr.take())?;
+            Ok((pidfd_open(pid(process)?, PidfdFlags::empty())?, words))
+        };
+        match listen(&mut process) {
+            Ok((handle, words)) => Ok(Self {
                 process,
                 handle,
                 words,
@@ -56,69 +65,117 @@ impl Child {
             Err(error) => {
                 let _ = process.kill();
                 let _ = process.wait();
-                Err(error.into())
+                Err(error)
             }
         }
     }
 
-    /// Waits for its end, which comes after `limit` at the latest; also its last words.
+    /// Waits for its end, which comes after `limit` at the latest; also the last of what it said. What it started and
+    /// left in its group ends with it.
     ///
     /// # Errors
     /// If the system cannot tell.
-    pub fn wait(
-        mut self,
-        limit: Duration,
-        cancelled: impl Fn() -> bool,
-    ) -> io::Result<(End, String)> {
-        let begun = Instant::now();
-        let end = loop {
-            if let Some(status) = self.process.try_wait()? {
-                break End::Ended(status);
-            }
-            let left = limit.saturating_sub(begun.elapsed());
-            if left.is_zero() {
-                break End::TimedOut;
-            }
-            if cancelled() {
-                break End::Cancelled;
-            }
-            wait_for(&self.handle, left.min(ASKED))?;
-        };
-        if !matches!(end, End::Ended(_)) {
+    pub fn wait(mut self, limit: Duration, cancel: &Cancel) -> io::Result<(End, String)> {
+        let woken = self.listen(Instant::now() + limit, cancel);
+        // The number is still its own and its group's, as nobody has waited for it.
+        let _ = pid(&self.process).map(|pid| kill_process_group(pid, Signal::KILL));
+        if !matches!(woken, Ok(Woken::Ended)) {
             self.process.kill()?;
-            self.process.wait()?;
         }
-        let words = self.words.join().unwrap_or_default();
-        Ok((end, String::from_utf8_lossy(&words).into_owned()))
+        let status = self.process.wait()?;
+        self.words.read(LAST_PIECES);
+        let end = match woken? {
+            Woken::Ended => End::Ended(status),
+            Woken::TimedOut => End::TimedOut,
+            Woken::Cancelled => End::Cancelled,
+        };
+        Ok((end, self.words.text()))
+    }
+
+    /// Reads what it says until something ends it.
+    fn listen(&mut self, deadline: Instant, cancel: &Cancel) -> io::Result<Woken> {
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(Woken::TimedOut);
+            }
+            let mut files = vec![
+                PollFd::new(&self.handle, PollFlags::IN),
+                PollFd::new(cancel, PollFlags::IN),
+            ];
+            let pipe = self.words.pipe.as_ref();
+            files.extend(pipe.map(|pipe| PollFd::new(pipe, PollFlags::IN)));
+            match poll(&mut files, Some(&timespec(left))) {
+                Ok(_) | Err(rustix::io::Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
+            let [ended, cancelled] = [0, 1].map(|i: usize| !files[i].revents().is_empty());
+            if ended {
+                return Ok(Woken::Ended);
+            }
+            if cancelled {
+                return Ok(Woken::Cancelled);
+            }
+            self.words.read(1);
+        }
     }
 }
 
-/// Waits until a process ends, or the time is over.
-fn wait_for(handle: &OwnedFd, time: Duration) -> io::Result<()> {
-    let time = Timespec {
+/// Why nothing is waited for any longer.
+enum Woken {
+    Ended,
+    TimedOut,
+    Cancelled,
+}
+
+fn pid(process: &std::process::Child) -> io::Result<Pid> {
+    Pid::from_raw(process.id() as i32).ok_or_else(|| io::ErrorKind::NotFound.into())
+}
+
+fn timespec(time: Duration) -> Timespec {
+    Timespec {
         tv_sec: time.as_secs() as i64,
         tv_nsec: time.subsec_nanos().into(),
-    };
-    match poll(&mut [PollFd::new(handle, PollFlags::IN)], Some(&time)) {
-        Ok(_) | Err(rustix::io::Errno::INTR) => Ok(()),
-        Err(error) => Err(error.into()),
     }
 }
 
-/// Reads to the end and keeps the last of it.
-fn last_words(mut from: impl Read) -> Vec<u8> {
-    let mut words = Vec::new();
-    let mut piece = [0; 4096];
-    loop {
-        match from.read(&mut piece) {
-            Ok(0) => return words,
-            Ok(length) => words.extend_from_slice(&piece[..length]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(_) => return words,
+/// The last of what a process says.
+struct Words {
+    /// `None` once nobody can say any more.
+    pipe: Option<ChildStderr>,
+    bytes: Vec<u8>,
+}
+
+impl Words {
+    fn new(pipe: Option<ChildStderr>) -> io::Result<Self> {
+        if let Some(pipe) = &pipe {
+            fcntl_setfl(pipe, OFlags::NONBLOCK)?;
         }
-        if words.len() > 2 * MOST_WORDS {
-            words.drain(..words.len() - MOST_WORDS);
+        Ok(Self {
+            pipe,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// Reads what is there, in so many pieces at most.
+    fn read(&mut self, pieces: usize) {
+        let mut piece = [0; PIECE];
+        for _ in 0..pieces {
+            match self.pipe.as_mut().map(|pipe| pipe.read(&mut piece)) {
+                Some(Ok(length)) if length > 0 => self.bytes.extend_from_slice(&piece[..length]),
+                Some(Err(error)) if error.kind() == io::ErrorKind::WouldBlock => return,
+                Some(Err(error)) if error.kind() == io::ErrorKind::Interrupted => {}
+                _ => self.pipe = None,
+            }
         }
+        if self.bytes.len() > 2 * MOST_WORDS {
+            self.bytes.drain(..self.bytes.len() - MOST_WORDS);
+        }
+    }
+
+    fn text(&self) -> String {
+        let before = self.bytes.len().saturating_sub(MOST_WORDS);
+        String::from_utf8_lossy(&self.bytes[before..]).into_owned()
     }
 }
 
@@ -126,29 +183,83 @@ fn last_words(mut from: impl Read) -> Vec<u8> {
 mod tests {
     use super::*;
 
+    const LONG: Duration = Duration::from_secs(60);
+
     fn shell(script: &str) -> Command {
         let mut command = Command::new("/bin/sh");
         command.args(["-c", script]);
         command
     }
 
+    fn run(command: &mut Command, limit: Duration) -> (End, String) {
+        let child = Child::start(command).unwrap();
+        child.wait(limit, &Cancel::new().unwrap()).unwrap()
+    }
+
     #[test]
     fn the_last_of_what_it_says_is_kept() {
         let script = "i=0; while [ $i -lt 9000 ]; do echo $i >&2; i=$((i+1)); done; exit 3";
-        let child = Child::start(&mut shell(script)).unwrap();
-        let (end, words) = child.wait(Duration::from_secs(60), || false).unwrap();
+        let (end, words) = run(&mut shell(script), LONG);
         assert!(matches!(end, End::Ended(status) if status.code() == Some(3)));
         assert!(words.ends_with("8998\n8999\n"), "{words}");
-        assert!(words.len() <= 3 * MOST_WORDS, "{}", words.len());
+        assert!(words.len() <= MOST_WORDS, "{}", words.len());
     }
 
     #[test]
     fn one_that_hangs_and_one_that_nobody_wants_are_killed() {
-        let child = Child::start(&mut shell("echo begun >&2; exec sleep 1000")).unwrap();
-        let (end, _) = child.wait(Duration::from_millis(300), || false).unwrap();
+        let mut hangs = shell("echo begun >&2; exec sleep 1000");
+        let (end, _) = run(&mut hangs, Duration::from_millis(300));
         assert!(matches!(end, End::TimedOut));
+        let cancel = Cancel::new().unwrap();
         let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
-        let (end, _) = child.wait(Duration::from_secs(60), || true).unwrap();
+        let others = cancel.clone();
+        let thread = std::thread::spawn(move || others.cancel());
+        let (end, _) = child.wait(LONG, &cancel).unwrap();
         assert!(matches!(end, End::Cancelled));
+        thread.join().unwrap();
+        // Once said, it stays said.
+        let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
+        assert!(matches!(
+            child.wait(LONG, &cancel).unwrap().0,
+            End::Cancelled
+        ));
+    }
+
+    #[test]
+    fn one_that_closes_its_words_early_is_waited_for_all_the_same() {
+        let (end, words) = run(&mut shell("echo a >&2; exec 2>&-; sleep 0.2; exit 4"), LONG);
+        assert!(matches!(end, End::Ended(status) if status.code() == Some(4)));
+        assert_eq!(words, "a\n");
+    }
+
+    #[test]
+    fn what_left_its_group_and_holds_its_words_keeps_nobody_waiting() {
+        let script = "setsid sleep 1000 & echo $! >&2";
+        let (end, words) = run(&mut shell(script), LONG);
+        assert!(matches!(end, End::Ended(status) if status.success()));
+        let left: i32 = words.trim().parse().unwrap();
+        let left = Pid::from_raw(left).unwrap();
+        let _ = rustix::process::kill_process(left, Signal::KILL);
+    }
+
+    #[test]
+    fn it_sees_nothing_of_what_systemd_told_this_process() {
+        let told = [
+            "NOTIFY_SOCKET",
+            "WATCHDOG_PID",
+            "WATCHDOG_USEC",
+            "LISTEN_PID",
+            "LISTEN_FDS",
+            "LISTEN_FDNAMES",
+        ];
+        let mut command = shell("env >&2");
+        command.env("KEPT", "1").envs(told.map(|name| (name, "1")));
+        let (_, words) = run(&mut command, LONG);
+        let seen: Vec<&str> = words
+            .lines()
+            .filter_map(|l| Some(l.split_once('=')?.0))
+            .collect();
+        assert!(seen.contains(&"KEPT"), "{words}");
+        assert!(!seen.iter().any(|name| told.contains(name)), "{words}");
     }
 }

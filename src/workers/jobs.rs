@@ -3,6 +3,7 @@
 
 use super::job::{ENDING, Job};
 use crate::log;
+use crate::process::Cancel;
 use crate::recording::{Recording, unfinished_name};
 use crate::storage::{self, write_atomically};
 use parking_lot::{Condvar, Mutex};
@@ -32,6 +33,7 @@ pub struct Jobs {
     folder: PathBuf,
     state: Mutex<State>,
     changed: Condvar,
+    cancel: Cancel,
 }
 
 #[derive(Default)]
@@ -101,6 +103,7 @@ impl Jobs {
                 let _ = std::fs::remove_file(&path);
             }
         }
+        let cancel = Cancel::new().map_err(io)?;
         let state = State {
             waiting,
             ..State::default()
@@ -110,6 +113,7 @@ impl Jobs {
             folder,
             state: Mutex::new(state),
             changed: Condvar::new(),
+            cancel,
         })
     }
 
@@ -309,10 +313,16 @@ impl Jobs {
         self.state.lock().stopped
     }
 
+    /// Ends the processes that do jobs once there shall be no more.
+    pub(super) fn cancel(&self) -> &Cancel {
+        &self.cancel
+    }
+
     /// Lets nobody take jobs any more. They are still kept.
     pub(super) fn stop(&self) {
         self.state.lock().stopped = true;
         self.changed.notify_all();
+        self.cancel.cancel();
     }
 }
 

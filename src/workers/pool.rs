@@ -168,7 +168,7 @@ impl Shared {
         self.jobs.note(taken);
         let child = Child::start(&mut self.command(&path, &taken.job));
         let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
-        let waited = child.and_then(|child| child.wait(limit, || self.jobs.is_stopped()));
+        let waited = child.and_then(|child| child.wait(limit, self.jobs.cancel()));
         let (model, words) = match waited {
             Err(error) => (
                 Err(format!("its process cannot be run: {error}")),
@@ -241,13 +241,6 @@ impl Shared {
         command
             .args(self.plan.command.iter().skip(1))
             .args(request.arguments());
-        // Said to the daemon alone.
-        for name in ["NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"] {
-            command.env_remove(name);
-        }
-        for name in ["LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"] {
-            command.env_remove(name);
-        }
         command
     }
 

@@ -1,0 +1,21 @@
+//! What systemd tells a service in its environment, which none of its children may believe is said to them.
+
+use std::process::Command;
+
+/// The variables of systemd's protocols for readiness, watchdogs and sockets (sd_notify(3), sd_watchdog_enabled(3),
+/// sd_listen_fds(3)).
+const OF_SYSTEMD: [&str; 6] = [
+    "NOTIFY_SOCKET",
+    "WATCHDOG_PID",
+    "WATCHDOG_USEC",
+    "LISTEN_PID",
+    "LISTEN_FDS",
+    "LISTEN_FDNAMES",
+];
+
+/// Lets a child inherit nothing of what systemd told this process.
+pub(super) fn remove_from(command: &mut Command) {
+    for name in OF_SYSTEMD {
+        command.env_remove(name);
+    }
+}
