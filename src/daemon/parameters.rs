@@ -155,9 +155,11 @@ pub struct HooksParameters {
     pub red: Vec<String>,
     /// A capture is not whole, a press was refused, or a model could not be made.
     pub failed: Vec<String>,
-    /// How long a command may run, in milliseconds; then it is killed with its children. Default 5000.
+    /// How long a command may run, in milliseconds, 1 to 60000; then it is killed with its children. Default 5000.
+    #[serde(deserialize_with = "count::<_, _, 1, 60_000>")]
     pub timeout_ms: u64,
-    /// How many may run at a time. Default 4.
+    /// How many may run at a time, 1 to 16. Default 4.
+    #[serde(deserialize_with = "count::<_, _, 1, 16>")]
     pub at_most: usize,
 }
 
@@ -207,14 +209,6 @@ impl HooksParameters {
                 ));
             }
         }
-        if !(1..=60_000).contains(&self.timeout_ms) {
-            let found = self.timeout_ms;
-            return Err(format!("hooks.timeout_ms is {found}, expected 1 to 60000"));
-        }
-        if !(1..=16).contains(&self.at_most) {
-            let found = self.at_most;
-            return Err(format!("hooks.at_most is {found}, expected 1 to 16"));
-        }
         Ok(())
     }
 }
@@ -234,11 +228,18 @@ mod tests {
         for (refused, named) in [
             (with(|h| h.red = vec![String::new()]), "hooks.red"),
             (with(|h| h.green = vec!["a\0".into()]), "hooks.green"),
-            (with(|h| h.timeout_ms = 0), "hooks.timeout_ms"),
-            (with(|h| h.at_most = 17), "hooks.at_most"),
         ] {
             let refused = refused.unwrap_err();
             assert!(refused.contains(named), "{refused}");
+        }
+    }
+
+    #[test]
+    fn hooks_have_a_time_and_a_number_within_bounds() {
+        for refused in ["timeout_ms = 0", "at_most = 17"] {
+            let read = toml::from_str::<HooksParameters>(refused).unwrap_err();
+            let name = refused.split(' ').next().unwrap();
+            assert!(read.to_string().contains(name), "{read}");
         }
     }
 }
