@@ -98,11 +98,19 @@ where
     D: Deserializer<'de>,
     T: Deserialize<'de>,
 {
-    let found = f64::deserialize(from)?;
-    // Not a number is in no range.
-    let holds = (f64::from(LEAST)..=f64::from(MOST)).contains(&found);
-    let found = checked(found, holds, &format!("{LEAST} to {MOST}"))?;
-    T::deserialize(found.into_deserializer())
+    between(from, LEAST.into(), MOST.into())
+}
+
+/// The same from 0.01.
+///
+/// # Errors
+/// If it is none.
+pub fn from_a_hundredth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    between(from, 1e-2, MOST.into())
 }
 
 /// The same from 0.001: of what would divide by 0.
@@ -114,10 +122,47 @@ where
     D: Deserializer<'de>,
     T: Deserialize<'de>,
 {
+    between(from, 1e-3, MOST.into())
+}
+
+/// The same from 0.000001.
+///
+/// # Errors
+/// If it is none.
+pub fn from_a_millionth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
+    between(from, 1e-6, MOST.into())
+}
+
+fn between<'de, D, T>(from: D, least: f64, most: f64) -> Result<T, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Deserialize<'de>,
+{
     let found = f64::deserialize(from)?;
-    let holds = (1e-3..=f64::from(MOST)).contains(&found);
-    let found = checked(found, holds, &format!("0.001 to {MOST}"))?;
+    // Not a number is in no range.
+    let holds = (least..=most).contains(&found);
+    let found = checked(found, holds, &format!("{least} to {most}"))?;
     T::deserialize(found.into_deserializer())
+}
+
+/// Two numbers, each from `LEAST` to `MOST`.
+///
+/// # Errors
+/// If they are not.
+pub fn each_within<'de, D, const LEAST: i32, const MOST: i32>(from: D) -> Result<[f64; 2], D::Error>
+where
+    D: Deserializer<'de>,
+{
+    let values = <[f64; 2]>::deserialize(from)?;
+    for value in values {
+        let holds = (f64::from(LEAST)..=f64::from(MOST)).contains(&value);
+        checked(value, holds, &format!("two numbers from {LEAST} to {MOST}"))?;
+    }
+    Ok(values)
 }
 
 /// Any number but NaN and the infinities.

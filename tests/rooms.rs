@@ -13,11 +13,11 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibration", &["frame"]),
     (
         "calibration/fit",
-        &["calibration", "frame", "image", "statistics"],
+        &["calibration", "frame", "image", "number", "statistics"],
     ),
     (
         "calibration/response",
-        &["calibration", "image", "statistics"],
+        &["calibration", "image", "number", "statistics"],
     ),
     (
         "calibrate",
@@ -154,6 +154,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "commands",
         &[
+            "calibrate",
             "calibration",
             "check",
             "config",
@@ -164,6 +165,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "image",
             "job",
             "log",
+            "make_model",
             "mesh",
             "output",
             "pedal",
@@ -171,6 +173,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "reconstruct",
             "recording",
             "report",
+            "setup",
             "simulate",
             "storage",
             "sync",

@@ -17,7 +17,6 @@ pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};
 
 use nalgebra::{Point2, Point3};
-use std::ops::RangeInclusive;
 
 /// Why a calibration is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
@@ -35,18 +34,6 @@ pub enum Error {
     /// A lens model that is not read.
     #[error("distortion model {0:?} is not plumb_bob, rational_polynomial or empty")]
     UnknownDistortionModel(String),
-}
-
-/// Refuses a parameter that is not within its bounds: its field, what it is, and what was expected.
-fn within(field: &str, found: f64, bounds: RangeInclusive<f64>) -> Result<(), String> {
-    match bounds.contains(&found) {
-        true => Ok(()),
-        false => Err(format!(
-            "{field} is {found}, expected {} to {}",
-            bounds.start(),
-            bounds.end()
-        )),
-    }
 }
 
 /// The box that bounds the object, in the rig's frame.

@@ -20,7 +20,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Refuses values that cannot be meant.
+    /// Refuses values that contradict each other.
     ///
     /// # Errors
     /// If there is one: its section, field, value, and what was expected.
@@ -29,10 +29,7 @@ impl Calibration {
             let part = part.to_owned();
             move |words: String| format!("calibration.{part}.{words}")
         };
-        self.fit.checked().map_err(named("fit"))?;
         self.limits.checked().map_err(named("limits"))?;
-        self.wanted.checked().map_err(named("wanted"))?;
-        self.watch.checked().map_err(named("watch"))?;
-        self.plane.checked().map_err(named("plane"))
+        self.wanted.checked().map_err(named("wanted"))
     }
 }

@@ -453,36 +453,54 @@ mod tests {
     fn what_a_calibration_cannot_be_held_against_is_refused() {
         assert_eq!(Config::default().calibration.checked(), Ok(()));
         for (text, named) in [
-            ("calibration.limits.good_px=-1", "limits.good_px is -1"),
+            (
+                "calibration.limits.good_px=-1",
+                "-1 found, expected 0 to 100",
+            ),
+            (
+                "calibration.limits.coverage=20",
+                "20 found, expected 0 to 1",
+            ),
+            ("calibration.limits.views=1001", "1001, expected 0 to 1000"),
+            ("calibration.fit.outlier_ratio=0.0", "expected 1 to 1000"),
+            ("calibration.fit.min_corners=3", "3, expected 4 to 10000"),
+            (
+                "calibration.wanted.depths=[0.7, 21.0]",
+                "expected two numbers from 0 to 20",
+            ),
+            ("calibration.wanted.depth_step=0.0", "expected 0.01 to 20"),
+            (
+                "calibration.watch.moved_px=inf",
+                "inf found, expected 0.001 to 1000",
+            ),
+            (
+                "calibration.plane.noise_at_1m=0.0",
+                "expected 0.000001 to 1",
+            ),
+        ] {
+            let message = settings(&[text]).unwrap_err().to_string();
+            assert!(
+                message.contains(named) && message.contains(text),
+                "{message}"
+            );
+        }
+        for (text, named) in [
             (
                 "calibration.limits.good_px=0.5",
-                "limits.accepted_px is 0.4",
+                "limits.accepted_px is 0.4, expected 0.5",
             ),
-            ("calibration.limits.coverage=20", "limits.coverage is 20"),
             (
-                "calibration.fit.outlier_ratio=0.0",
-                "fit.outlier_ratio is 0",
+                "calibration.limits.refused_px=0.3",
+                "limits.refused_px is 0.3, expected 0.4",
             ),
             (
                 "calibration.wanted.depths=[1.3, 0.7]",
-                "wanted.depths is 1.3",
-            ),
-            (
-                "calibration.wanted.depth_step=0.0",
-                "wanted.depth_step is 0",
-            ),
-            ("calibration.watch.moved_px=inf", "watch.moved_px is inf"),
-            (
-                "calibration.plane.noise_at_1m=0.0",
-                "plane.noise_at_1m is 0",
+                "wanted.depths is 1.3, expected 0 to 0.7",
             ),
         ] {
             let found = settings(&[text]).unwrap().calibration.checked();
             let words = found.unwrap_err();
-            assert!(
-                words.contains(named) && words.contains("expected"),
-                "{words}"
-            );
+            assert!(words.contains(named), "{words}");
         }
         assert!(settings(&["calibration.limits.god_px=0.2"]).is_err());
     }

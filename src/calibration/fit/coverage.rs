@@ -2,8 +2,9 @@
 
 use super::result::Fit;
 use super::session::Session;
-use crate::calibration::{Camera, within};
+use crate::calibration::Camera;
 use crate::frame::CameraId;
+use crate::number;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
 
@@ -13,16 +14,21 @@ use std::collections::BTreeSet;
 pub struct Wanted {
     /// Views of each camera.
     /// Default 6, range 0 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
     pub views: usize,
     /// Placements that each camera shares with its nearest partner.
     /// Default 4, range 0 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
     pub shared: usize,
     /// Distances from a depth camera, in metres, between which the board should be seen. Default 0.7 to 1.3.
+    #[serde(deserialize_with = "number::each_within::<_, 0, 20>")]
     pub depths: [f64; 2],
     /// Length of the steps in which these distances should be seen, in metres.
     /// Default 0.15, range 0.01 to 20.
+    #[serde(deserialize_with = "number::from_a_hundredth::<_, _, 20>")]
     pub depth_step: f64,
     /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
+    #[serde(deserialize_with = "number::each_within::<_, 0, 90>")]
     pub tilts_degrees: [f64; 2],
 }
 
@@ -39,20 +45,16 @@ impl Default for Wanted {
 }
 
 impl Wanted {
-    /// Refuses values that cannot be meant.
+    /// Refuses values that contradict each other.
     ///
     /// # Errors
     /// If there is one: its field, what it is, and what was expected.
     pub fn checked(&self) -> Result<(), String> {
-        within("views", self.views as f64, 0.0..=1000.0)?;
-        within("shared", self.shared as f64, 0.0..=1000.0)?;
         let [near, far] = self.depths;
-        within("depths", near, 0.0..=far.min(20.0))?;
-        within("depths", far, 0.0..=20.0)?;
-        within("depth_step", self.depth_step, 0.01..=20.0)?;
-        let [flat, tilted] = self.tilts_degrees;
-        within("tilts_degrees", flat, 0.0..=90.0)?;
-        within("tilts_degrees", tilted, 0.0..=90.0)
+        match near <= far {
+            true => Ok(()),
+            false => Err(format!("depths is {near}, expected 0 to {far}")),
+        }
     }
 }
 

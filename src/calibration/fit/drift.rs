@@ -7,8 +7,9 @@ use super::planar;
 use super::pose_graph::{Comparison, Tree, poses};
 use super::result::Figures;
 use super::session::{Session, View};
-use crate::calibration::{Camera, Face, RigCalibration, within};
+use crate::calibration::{Camera, Face, RigCalibration};
 use crate::frame::CameraId;
+use crate::number;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -18,9 +19,11 @@ use rayon::prelude::*;
 pub struct Watch {
     /// Root mean square in pixels by which the board is elsewhere in its picture.
     /// Default 0.4, range 0.001 to 1000.
+    #[serde(deserialize_with = "number::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
     /// And how many times what is usual among the cameras, where that is less.
     /// Default 3, range 1 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
     pub ratio: f64,
 }
 
@@ -30,17 +33,6 @@ impl Default for Watch {
             moved_px: 0.4,
             ratio: 3.0,
         }
-    }
-}
-
-impl Watch {
-    /// Refuses values that cannot be meant.
-    ///
-    /// # Errors
-    /// If there is one: its field, what it is, and what was expected.
-    pub fn checked(&self) -> Result<(), String> {
-        within("moved_px", self.moved_px, 0.001..=1000.0)?;
-        within("ratio", self.ratio, 1.0..=1000.0)
     }
 }
 

@@ -39,8 +39,8 @@ pub use solve::fit;
 pub use template_refine::{crowded_views, matched_with_print};
 pub use verdict::{Judgement, Level, Limits, judge};
 
-use super::within;
 use crate::frame::CameraId;
+use crate::number;
 
 /// How a calibration is fitted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -50,21 +50,26 @@ pub struct Parameters {
     pub model: Model,
     /// Fewest views from which a lens is fitted.
     /// Default 3, range 1 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 1, 1000>")]
     pub min_views: usize,
     /// Fewest corners that make a view.
     /// Default 6, range 4 to 10000.
+    #[serde(deserialize_with = "number::count::<_, _, 4, 10_000>")]
     pub min_corners: usize,
     /// The placement that lies flat on the table; by default the one that all others lie above.
     pub table_placement: Option<String>,
     /// How many times the usual residual a view may have before it is left out.
     /// Default 3, range 1 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
     pub outlier_ratio: f64,
     /// How many standard deviations a corner may be off before it is false.
     /// Default 5, range 1 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
     pub false_corner_deviations: f64,
     /// Parts of the placements that are held out in turn to see how well they are predicted; 0 for no
     /// such test.
     /// Default 5, range 0 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
     pub folds: usize,
 }
 
@@ -79,21 +84,6 @@ impl Default for Parameters {
             false_corner_deviations: 5.0,
             folds: 5,
         }
-    }
-}
-
-impl Parameters {
-    /// Refuses values that cannot be meant.
-    ///
-    /// # Errors
-    /// If there is one: its field, what it is, and what was expected.
-    pub fn checked(&self) -> Result<(), String> {
-        within("min_views", self.min_views as f64, 1.0..=1000.0)?;
-        within("min_corners", self.min_corners as f64, 4.0..=10_000.0)?;
-        within("outlier_ratio", self.outlier_ratio, 1.0..=1000.0)?;
-        let deviations = self.false_corner_deviations;
-        within("false_corner_deviations", deviations, 1.0..=1000.0)?;
-        within("folds", self.folds as f64, 0.0..=1000.0)
     }
 }
 

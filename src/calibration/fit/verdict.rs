@@ -1,8 +1,8 @@
 //! What a fit is worth, in words. Limits are parameters; nothing is estimated here.
 
 use super::result::{Fit, FittedCamera, FittedPlacement};
-use crate::calibration::within;
 use crate::frame::CameraId;
+use crate::number;
 use std::collections::BTreeMap;
 
 /// When a calibration is good.
@@ -10,22 +10,29 @@ use std::collections::BTreeMap;
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// Root mean square residual, in pixels, up to which a calibration is good. Default 0.25.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
     pub good_px: f64,
     /// Up to which it is accepted. Default 0.4.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
     pub accepted_px: f64,
     /// Beyond which it is refused. Default 0.6.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
     pub refused_px: f64,
     /// How many times the fit's residual that of placements held out may be.
     /// Default 1.3, range 1 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
     pub held_out_ratio: f64,
     /// Part of a camera's picture in which the board should have been seen.
     /// Default 0.2, range 0 to 1.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
     pub coverage: f64,
     /// Fewest views of a camera with which nothing is amiss.
     /// Default 6, range 0 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
     pub views: usize,
     /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with.
     /// Default 1, range 0 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
 }
 
@@ -44,19 +51,17 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Refuses values that cannot be meant.
+    /// Refuses values that contradict each other.
     ///
     /// # Errors
     /// If there is one: its field, what it is, and what was expected.
     pub fn checked(&self) -> Result<(), String> {
-        const MOST_PX: f64 = 100.0;
-        within("good_px", self.good_px, 0.0..=MOST_PX)?;
-        within("accepted_px", self.accepted_px, self.good_px..=MOST_PX)?;
-        within("refused_px", self.refused_px, self.accepted_px..=MOST_PX)?;
-        within("held_out_ratio", self.held_out_ratio, 1.0..=1000.0)?;
-        within("coverage", self.coverage, 0.0..=1.0)?;
-        within("views", self.views as f64, 0.0..=1000.0)?;
-        within("depth_bias_mm", self.depth_bias_mm, 0.0..=1000.0)
+        let not_below = |field: &str, found: f64, least: f64| match found >= least {
+            true => Ok(()),
+            false => Err(format!("{field} is {found}, expected {least} to 100")),
+        };
+        not_below("accepted_px", self.accepted_px, self.good_px)?;
+        not_below("refused_px", self.refused_px, self.accepted_px)
     }
 }
 

@@ -4,8 +4,9 @@
 use super::correction::Correction;
 use super::jackknife::{self, Normals};
 use super::{ResponseError, too_little};
-use crate::calibration::{Board, DepthResponse, Intrinsics, within};
+use crate::calibration::{Board, DepthResponse, Intrinsics};
 use crate::image::Grid;
+use crate::number;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
@@ -27,23 +28,29 @@ pub struct PlaneView<'a> {
 pub struct PlaneParameters {
     /// Largest angle in degrees between a ray and the board's normal.
     /// Default 60, range 1 to 89.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 89>")]
     pub steepest_degrees: f64,
     /// Fewest views that say enough.
     /// Default 3, range 1 to 1000.
+    #[serde(deserialize_with = "number::count::<_, _, 1, 1000>")]
     pub min_views: usize,
     /// Nearest and farthest board, as a part of the nearest one's distance, that say enough: below it
     /// only the offset is fitted.
     /// Default 1.1, range 1 to 1000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
     pub min_span: f64,
     /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of
     /// the distance.
     /// Default 0.0015, range 0.000001 to 1.
+    #[serde(deserialize_with = "number::from_a_millionth::<_, _, 1>")]
     pub noise_at_1m: f64,
     /// By how much the scale s(z) may be expected to be off 1, and to change a metre.
     /// Default 0.02, range 0.000001 to 1.
+    #[serde(deserialize_with = "number::from_a_millionth::<_, _, 1>")]
     pub scale_expected: f64,
     /// Pixels whose errors are one and the same, because a sensor matches windows.
     /// Default 100, range 1 to 1000000.
+    #[serde(deserialize_with = "number::within::<_, _, 1, 1_000_000>")]
     pub correlated_pixels: f64,
 }
 
@@ -57,21 +64,6 @@ impl Default for PlaneParameters {
             scale_expected: 0.02,
             correlated_pixels: 100.0,
         }
-    }
-}
-
-impl PlaneParameters {
-    /// Refuses values that cannot be meant.
-    ///
-    /// # Errors
-    /// If there is one: its field, what it is, and what was expected.
-    pub fn checked(&self) -> Result<(), String> {
-        within("steepest_degrees", self.steepest_degrees, 1.0..=89.0)?;
-        within("min_views", self.min_views as f64, 1.0..=1000.0)?;
-        within("min_span", self.min_span, 1.0..=1000.0)?;
-        within("noise_at_1m", self.noise_at_1m, 1e-6..=1.0)?;
-        within("scale_expected", self.scale_expected, 1e-6..=1.0)?;
-        within("correlated_pixels", self.correlated_pixels, 1.0..=1e6)
     }
 }
 
