@@ -1,4 +1,4 @@
-//! What the depth cameras' readings mean: from the boards' planes, from a table, or not asked.
+//! Fits what the depth cameras' readings mean: from the boards' planes or from a table.
 
 use super::Error;
 use super::detections::placement_names;

@@ -1,4 +1,4 @@
-//! From recordings to what each camera saw of the board: opens them, decodes and detects on all cores.
+//! Opens recordings, decodes their pictures and detects the board in them, on all cores.
 
 use super::error::{Error, Rejected};
 use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corners};

@@ -1,4 +1,4 @@
-//! Calibrations that are there already, read from whatever file has one.
+//! Reads a calibration from a calibration file, a recording, or the files of ROS and Kalibr.
 
 use super::Error;
 use crate::calibration::RigCalibration;

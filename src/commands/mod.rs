@@ -1,8 +1,7 @@
 //! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
 //! into words and exit codes; the work itself is done in the rooms.
 
-/// `println!` to a reader that may have gone away, as `head` does: then there is nobody left to tell, and that is no
-/// error.
+/// `println!` that ignores a reader that has gone away, as `head` does: a closed pipe is no error.
 macro_rules! outln {
     ($($words:tt)*) => {
         $crate::commands::write_out(&format!($($words)*))
@@ -41,7 +40,7 @@ fn write_out(text: &str) {
     let _ = write!(std::io::stdout().lock(), "{text}{end}");
 }
 
-/// What is there may be worth more than what would come: an option's file is replaced only with --force.
+/// Refuses to overwrite the existing file of an option unless `force` is given.
 ///
 /// # Errors
 /// If something has the file's name.

@@ -1,4 +1,5 @@
-//! A model that lies in its folder, as its report tells: read back by who makes models and by who waits for one.
+//! The report in a model's folder, read back: by a replay that finds a model there, and by the daemon when its process
+//! has ended.
 
 use crate::report::{Level, Outcome};
 use serde::Deserialize;

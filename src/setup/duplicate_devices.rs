@@ -1,5 +1,5 @@
-//! One camera under two names: one of them could never be opened, or each gets the other's pictures. Found before
-//! anything is.
+//! Refuses a configuration that gives one device two names: one of them could never be opened, or each would get the
+//! other's pictures.
 
 use crate::drivers::{aravis, openni2, v4l2};
 use crate::frame::CameraId;

@@ -1,4 +1,4 @@
-//! Cameras that an electrical signal triggers: what the configuration has to allow for them.
+//! Checks and adapts a configuration to cameras that an electrical signal triggers.
 
 use crate::config::Config;
 use crate::drivers::live::LINE_LEAD;

@@ -1,5 +1,5 @@
-//! From a rig's configuration to all that a daemon needs before it touches a camera, and to what of it may change while the
-//! daemon runs. Nothing here opens a camera, or knows arguments, a console or exit codes.
+//! Prepares a rig: reads its configuration and calibration and makes a driver for each camera. Also decides which settings
+//! may change while the daemon runs. Nothing here opens a camera, or knows arguments, a console or exit codes.
 
 mod duplicate_devices;
 mod line_trigger;

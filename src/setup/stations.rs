@@ -1,4 +1,4 @@
-//! From a configuration to the cameras that are to be opened, each with its driver. Nothing is opened here.
+//! Makes a driver for each camera of a configuration. Nothing is opened here.
 
 use super::duplicate_devices;
 use crate::calibration::RigCalibration;

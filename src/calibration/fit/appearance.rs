@@ -1,6 +1,6 @@
-//! Which part of which face a grid of corners shows, where markers are too small to be read one by one: all that lies
-//! between the corners is held against how each face looks there. It looks at no picture but through the brightness
-//! it is given.
+//! Finds which part of which face a grid of corners shows, where the markers are too small to be read one by one:
+//! compares everything between the corners with how each face looks there. It sees pictures only through the
+//! brightness that it is given.
 
 use super::grid::{Labelled, bounded, turned, without_false_corners};
 use super::session::Corner;

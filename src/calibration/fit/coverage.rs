@@ -1,4 +1,4 @@
-//! What a session still lacks, in words for the person with the board.
+//! Says what a session still lacks, in words for the person who holds the board.
 
 use super::result::Fit;
 use super::session::Session;

@@ -1,4 +1,4 @@
-//! Whether a rig still is as it was calibrated: which camera moved, and by how much, from as little as one placement.
+//! Finds which cameras of a rig have moved since its calibration, and by how much, from as little as one placement.
 
 use super::adjust::{Bundle, CameraState, Observation, PlacementState, moved};
 use super::lens::{Lens, PARAMETERS};

@@ -1,6 +1,6 @@
-//! A corner to a fraction of a pixel: the point to which the gradients around it are perpendicular (Förstner and
-//! Gülch, "A fast operator for detection and precise location of distinct points, corners and centres of circular
-//! features", 1987).
+//! Refines one corner to a fraction of a pixel: the point to which the gradients around it are perpendicular
+//! (Förstner and Gülch, "A fast operator for detection and precise location of distinct points, corners and centres
+//! of circular features", 1987).
 
 use crate::image::Grid;
 use nalgebra::{Matrix2, Point2, Vector2};

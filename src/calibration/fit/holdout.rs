@@ -1,4 +1,4 @@
-//! How well a fit predicts what it did not see: placements are left out in turn.
+//! Measures how well a fit predicts views that it was not given, by leaving out placements in turn.
 
 use super::adjust::{Bundle, Observation};
 use super::outliers::{mild_loss, placed};

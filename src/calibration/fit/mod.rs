@@ -96,7 +96,7 @@ pub enum Error {
         /// What each camera has.
         details: String,
     },
-    /// Cameras between which there is no way over shared placements.
+    /// The cameras do not form one connected graph of shared board placements.
     #[error("{}", disjoint(.groups, .ambiguous))]
     Disjoint {
         /// The cameras that hang together.

@@ -1,5 +1,5 @@
-//! What does not belong: false corners, views that no pose explains, placements during which the board moved, and
-//! placements that are there twice. It decides what to leave out and says why; it fits no lens.
+//! Finds what to leave out: false corners, views that no pose explains, placements during which the board moved, and
+//! placements that were recorded twice. It gives the reason for each; it fits no lens.
 
 use super::adjust::{Bundle, Loss, Observation, PlacementState};
 use super::planar;

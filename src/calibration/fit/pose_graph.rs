@@ -1,5 +1,5 @@
-//! How cameras hang together through the placements that they share: relative poses by vote, a maximum spanning tree
-//! of cameras, and one reading of the board for all cameras of a placement.
+//! Joins cameras through the placements that they share: relative poses by vote, a maximum spanning tree of cameras,
+//! and one reading of the board for all cameras of a placement.
 
 use super::planar::PlanePose;
 use super::session::{Session, board_from_turned, outermost, turns};

@@ -1,5 +1,5 @@
-//! How much each view counts, from what its residuals are: one that sees corners three times as well as another says nine
-//! times as much, and what is stated of either's errors follows its own.
+//! Weights each view by its residuals: a view whose corners are three times as exact counts nine times as much, and
+//! the uncertainty that is stated of its errors follows from its own residuals.
 
 use super::adjust::{Bundle, Observation};
 use super::outliers::mild_loss;

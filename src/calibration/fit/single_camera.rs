@@ -1,4 +1,5 @@
-//! One camera by itself: its lens and the board's pose in each of its views, from which the rig's fit starts.
+//! Calibrates each camera by itself: its lens and the board's pose in each of its views, from which the fit of the
+//! rig starts.
 
 use super::adjust::{Bundle, CameraState, Loss, Observation, PlacementState, Prior};
 use super::lens::{Lens, Model, PARAMETERS};

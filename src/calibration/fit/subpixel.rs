@@ -1,4 +1,5 @@
-//! Corners of a whole board to a fraction of a pixel, in windows that hold nothing but the two edges that cross there.
+//! Refines the corners of a whole board to a fraction of a pixel, in windows that hold only the two edges that cross
+//! there.
 
 use super::gradient_refine;
 use super::session::Corner;

@@ -1,5 +1,5 @@
-//! Corners that markers crowd, taken from the print itself: a first fit says how the board lies, so what is printed around
-//! such a corner can be laid over the picture until both agree. The markers' ink is then evidence and pulls nothing. It
+//! Refines corners that markers crowd. A first fit says how the board lies, so that the print around such a corner
+//! can be laid over the picture until both agree; marker edges then contribute to the match instead of biasing it. It
 //! finds no board and fits no lens.
 
 use super::result::Fit;

@@ -1,4 +1,4 @@
-//! What a fit is worth, in words. Limits are parameters; nothing is estimated here.
+//! Judges a fit, in words. The limits are parameters; nothing is estimated here.
 
 use super::result::{Fit, FittedCamera, FittedPlacement};
 use crate::frame::CameraId;

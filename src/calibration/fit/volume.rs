@@ -1,4 +1,4 @@
-//! The volume that is proposed: what all cameras see, from the table up.
+//! Proposes the volume: what all cameras see, from the table up.
 
 use crate::calibration::{Camera, Volume};
 use nalgebra::{Point3, Vector3};

@@ -1,4 +1,4 @@
-//! Whether a smooth correction of each pixel would make depth better: one is fitted to all views but one, and must
+//! Tests whether a smooth correction of each pixel would improve depth: one is fitted to all views but one, and must
 //! predict that one.
 
 use crate::calibration::Intrinsics;

@@ -1,6 +1,6 @@
-//! How far a response may be off: as far as responses differ that are fitted without one of the boards each (the
-//! jackknife; Efron and Stein, "The jackknife estimate of variance", 1981). A board's pixels share its pose's error, so
-//! their number says nothing.
+//! Estimates how far a response may be off: by how much responses differ that are fitted without one of the boards
+//! each (the jackknife; Efron and Stein, "The jackknife estimate of variance", 1981). All pixels of a board share the
+//! error of its pose, so their number is no measure.
 
 use nalgebra::{Matrix4, Vector4};
 

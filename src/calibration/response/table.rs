@@ -1,4 +1,4 @@
-//! Tables of measurements: what a depth camera said of a target at distances that were measured by hand.
+//! Reads tables of measurements: a depth camera's readings of a target at distances that were measured by hand.
 
 use super::ResponseError;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! What a calibration is asked, and says, of depth cameras: where their responses come from, and what was found of them.
+//! The options of a calibration that concern depth cameras, and its results for them as text and as JSON.
 
 use crate::calibrate::{Depth, DepthMethod, Table};
 use crate::calibration::response::{PlaneFit, PlaneParameters};

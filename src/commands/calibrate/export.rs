@@ -1,4 +1,4 @@
-//! `scand calibrate --from`: a calibration that is there already, written for others.
+//! `scand calibrate --from`: writes an existing calibration in the formats of others.
 
 use super::bad_file;
 use super::files::FileArgs;

@@ -1,4 +1,4 @@
-//! The other files that a calibration is asked for: a report to read, and calibrations for ROS and Kalibr.
+//! The other files that a calibration can write: a report, and calibrations for ROS and Kalibr.
 
 use crate::calibrate::Outcome;
 use crate::calibration::RigCalibration;

@@ -1,4 +1,4 @@
-//! `scand calibrate SESSION.mcap`: from pictures of a board to the rig's calibration, with a verdict.
+//! `scand calibrate SESSION.mcap`: its arguments, its output and its exit code. `calibrate` does the work.
 
 mod check;
 mod depth;

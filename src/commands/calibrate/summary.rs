@@ -1,4 +1,4 @@
-//! What a calibration says to its user: a table and a verdict, or JSON.
+//! The summary of a calibration: a table and a verdict for people, JSON for programs.
 
 use super::depth;
 use crate::calibrate::Outcome;

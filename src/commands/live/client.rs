@@ -1,4 +1,4 @@
-//! `scand trigger`, `background`, `session`, `note`, `status` and `events`: what a running daemon is asked.
+//! `scand trigger`, `background`, `session`, `note`, `status` and `events`: clients of a running daemon.
 
 use super::status_table;
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until, Verdict};

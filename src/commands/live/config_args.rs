@@ -1,4 +1,4 @@
-//! The rig's configuration, as the commands of a live rig are given it.
+//! The arguments that name the rig's configuration, for all commands of a live rig.
 
 use crate::clock::Clock;
 use crate::commands::BadConfiguration;

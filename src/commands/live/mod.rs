@@ -1,4 +1,4 @@
-//! Commands that concern a live rig: the daemon itself, and those that ask it.
+//! Commands that concern a live rig: the daemon itself, and its clients.
 
 #[cfg(feature = "live")]
 pub mod check;

@@ -1,4 +1,4 @@
-//! Who makes models while the daemon runs, from its configuration.
+//! Starts the workers that make models while the daemon runs, as the configuration says.
 
 use crate::config::Config;
 use crate::daemon::events::{Event, Events, Verdict};
@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 
-/// Jobs that can be offered already.
+/// The queue of jobs, which takes jobs before the workers start.
 pub(super) struct Models {
     pub(super) jobs: Arc<Jobs>,
 }
@@ -23,7 +23,8 @@ impl Models {
         Ok(Some(Self { jobs }))
     }
 
-    /// Begins, with the captures of recordings that an earlier run `left`. Who listens hears of each model, and of each that cannot be.
+    /// Starts the workers, first on the captures of recordings that an earlier run `left`. Publishes an event for each model
+    /// and for each failure.
     pub(super) fn start(
         self,
         config: &Config,

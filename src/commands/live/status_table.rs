@@ -1,4 +1,5 @@
-//! The daemon's status as a table for a terminal. It is read from JSON, so that a daemon of another version can be asked.
+//! Prints the daemon's status as a table for a terminal. It reads JSON, so that it understands daemons of other
+//! versions.
 
 use serde_json::Value;
 
