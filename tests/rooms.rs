@@ -139,6 +139,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     (
         "daemon",
         &[
+            "clock",
             "drivers",
             "frame",
             "log",
@@ -157,6 +158,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "calibrate",
             "calibration",
             "check",
+            "clock",
             "config",
             "daemon",
             "drivers",
