@@ -135,6 +135,7 @@ impl Stand {
             number,
             trigger: self.clock.timestamp(),
             deadline: Instant::now() + Duration::from_secs_f64(seconds),
+            clock: self.clock,
             abandoned: Arc::default(),
         }
     }

