@@ -92,15 +92,12 @@ impl Clock {
         Timestamp((i128::from(self.at(now).0) - age).max(0) as u64)
     }
 
-    /// Waits for so long.
+    /// Waits for so long. A clock by hand is advanced instead, because nobody else would.
     pub fn sleep(&self, duration: Duration) {
         #[cfg(test)]
         if self.advanced_ns.is_some() {
-            let end = self.now() + duration;
-            while self.now() < end {
-                std::thread::sleep(LOOK);
-            }
-            return;
+            self.advance(duration);
+            return std::thread::sleep(LOOK);
         }
         std::thread::sleep(duration);
     }
@@ -128,7 +125,7 @@ impl Clock {
     }
 }
 
-/// How often a thread that waits looks whether the clock was advanced.
+/// How often a thread that waits looks whether a clock by hand was advanced.
 #[cfg(test)]
 const LOOK: Duration = Duration::from_millis(1);
 
@@ -163,6 +160,8 @@ mod tests {
         assert_eq!(copy.timestamp(), Timestamp(3_000_005_000));
         assert_eq!(copy.elapsed(begin), Duration::from_secs(3));
         assert_eq!(copy.until(begin + Duration::from_secs(4)).as_secs(), 1);
+        clock.sleep(Duration::from_secs(2));
+        assert_eq!(copy.elapsed(begin), Duration::from_secs(5));
     }
 
     #[test]
@@ -174,11 +173,17 @@ mod tests {
             let waits = scope.spawn(move || clock.recv_timeout::<u8>(&receiver, hour));
             sender.send(7).unwrap();
             assert_eq!(waits.join().unwrap(), Ok(7));
-            let sleeps = scope.spawn(move || clock.sleep(hour));
-            while !sleeps.is_finished() {
-                clock.advance(hour);
+        });
+        let (_sender, receiver) = crossbeam_channel::bounded::<u8>(1);
+        let begin = clock.now();
+        std::thread::scope(|scope| {
+            let waits = scope.spawn(|| clock.recv_timeout(&receiver, Duration::from_secs(1)));
+            while !waits.is_finished() {
+                clock.advance(Duration::from_millis(500));
                 std::thread::yield_now();
             }
+            assert_eq!(waits.join().unwrap(), Err(RecvTimeoutError::Timeout));
         });
+        assert!(clock.elapsed(begin) >= Duration::from_secs(1));
     }
 }

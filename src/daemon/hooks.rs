@@ -273,8 +273,6 @@ mod tests {
             capture: "a-3".into(),
             recording: "/r".into(),
         });
-        // Who publishes waits for none of them.
-        assert!(begin.elapsed() < Duration::from_millis(1000));
         until("the beep", || text(&beeps) == "beep\n");
         // Never more than two at a time: two times two had their time before.
         assert!(begin.elapsed() >= Duration::from_millis(2000));

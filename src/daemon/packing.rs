@@ -3,6 +3,7 @@
 
 use super::capturing::Capturing;
 use super::parameters::RecordingParameters;
+use crate::clock::Clock;
 use crate::log;
 use crate::process::thread_comes_last;
 use crate::recording::{Packed, pack};
@@ -33,25 +34,13 @@ impl Packing {
         capturing: &Arc<Capturing>,
         parameters: &RecordingParameters,
         keep_free: Arc<AtomicU64>,
+        clock: Clock,
     ) -> std::io::Result<Option<Self>> {
         if parameters.pack_after_idle_s == 0 {
             return Ok(None);
         }
-        let stopped: Arc<AtomicBool> = Arc::default();
-        let mut packer = Packer {
-            capturing: capturing.clone(),
-            folder: parameters.folder.clone(),
-            rest: Duration::from_secs(parameters.pack_after_idle_s),
-            keep_free,
-            stopped: stopped.clone(),
-            done: BTreeSet::new(),
-        };
-        let thread = std::thread::Builder::new().name("packing".into());
-        let thread = thread.spawn(move || packer.run())?;
-        Ok(Some(Self {
-            stopped,
-            thread: Some(thread),
-        }))
+        let packer = Packer::new(capturing, parameters, keep_free, clock);
+        packer.start().map(Some)
     }
 }
 
@@ -64,9 +53,12 @@ impl Drop for Packing {
     }
 }
 
-struct Packer {
+pub(super) struct Packer {
     capturing: Arc<Capturing>,
     folder: PathBuf,
+    clock: Clock,
+    /// Since when the rig has had nothing to do, or nothing was found to pack.
+    since: Instant,
     /// How long the rig has had nothing to do before anything is packed.
     rest: Duration,
     keep_free: Arc<AtomicU64>,
@@ -76,24 +68,61 @@ struct Packer {
 }
 
 impl Packer {
+    pub(super) fn new(
+        capturing: &Arc<Capturing>,
+        parameters: &RecordingParameters,
+        keep_free: Arc<AtomicU64>,
+        clock: Clock,
+    ) -> Self {
+        Self {
+            capturing: capturing.clone(),
+            folder: parameters.folder.clone(),
+            clock,
+            since: clock.now(),
+            rest: Duration::from_secs(parameters.pack_after_idle_s),
+            keep_free,
+            stopped: Arc::default(),
+            done: BTreeSet::new(),
+        }
+    }
+
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// If the system has no thread left.
+    pub(super) fn start(mut self) -> std::io::Result<Packing> {
+        let stopped = self.stopped.clone();
+        let thread = std::thread::Builder::new().name("packing".into());
+        let thread = thread.spawn(move || self.run())?;
+        Ok(Packing {
+            stopped,
+            thread: Some(thread),
+        })
+    }
+
     fn run(&mut self) {
         for missing in thread_comes_last(19) {
             log::warning!("packing: {missing}");
         }
-        let mut since = Instant::now();
         while !self.stopped.load(Ordering::Acquire) {
-            if self.capturing.is_idle() && since.elapsed() >= self.rest {
-                if let Some(path) = self.next() {
-                    self.pack(path);
-                    continue;
-                }
-                // There is nothing to pack; it is looked again after as long.
-                since = Instant::now();
-            } else if !self.capturing.is_idle() {
-                since = Instant::now();
+            if !self.step() {
+                self.clock.sleep(ASKED);
             }
-            std::thread::sleep(ASKED);
         }
+    }
+
+    /// Packs a recording if the rig has had nothing to do for long enough; false if there is nothing to be done now.
+    pub(super) fn step(&mut self) -> bool {
+        let is_idle = self.capturing.is_idle();
+        if is_idle && self.clock.elapsed(self.since) < self.rest {
+            return false;
+        }
+        if is_idle && let Some(path) = self.next() {
+            self.pack(path);
+            return true;
+        }
+        self.since = self.clock.now();
+        false
     }
 
     /// The first of the recordings that has not been looked at and for whose copy there is room.

@@ -101,8 +101,7 @@ struct Writing {
 impl Writing {
     fn run(&mut self, queue: &Receiver<Work>) {
         loop {
-            self.heart.beat();
-            match queue.recv_timeout(Heart::REST) {
+            match self.heart.wait(queue) {
                 Ok(work) => self.carry_out(work),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,

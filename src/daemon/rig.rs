@@ -204,7 +204,8 @@ impl Rig {
         let shot = Shot {
             number: self.shots,
             trigger,
-            deadline: Instant::now() + at_most,
+            deadline: self.clock.now() + at_most,
+            clock: self.clock,
             abandoned: Arc::new(AtomicBool::new(false)),
         };
         let mut waiting = BTreeSet::new();
@@ -243,7 +244,7 @@ impl Rig {
             // All patience has an end, so who waits lives.
             heart.beat();
             let left = shot.remaining();
-            let message = match self.events.recv_timeout(left.min(Heart::REST)) {
+            let message = match self.clock.recv_timeout(&self.events, left.min(Heart::REST)) {
                 Ok(message) => message,
                 Err(RecvTimeoutError::Timeout) if !left.is_zero() => continue,
                 Err(_) => return,

@@ -31,9 +31,9 @@ pub(super) enum Mood {
     Late,
     /// Exposed 30 ms before the trigger was heard of, by a signal of its own.
     Early,
-    /// Is sound, and takes 100 ms.
+    /// Is sound, and takes 100 ms of its clock.
     Slow,
-    /// Is sound, and takes 1.5 s.
+    /// Is sound, and takes 1.5 s of its clock.
     VerySlow,
 }
 
@@ -128,12 +128,11 @@ impl Device for Played {
             Mood::Early => shot.trigger.0 - 30_000_000,
             _ => self.clock.timestamp().0,
         };
-        let takes_ms = match mood {
+        self.clock.sleep(Duration::from_millis(match mood {
             Mood::Slow => 100,
             Mood::VerySlow => 1500,
             _ => 0,
-        };
-        std::thread::sleep(Duration::from_millis(takes_ms));
+        }));
         let streams: &[Stream] = if self.depth {
             &[Stream::Depth, Stream::DepthColor]
         } else {
@@ -214,16 +213,7 @@ pub(super) fn start_in(
     memory: usize,
     change: impl FnOnce(&mut Plan),
 ) -> Stand {
-    start_with(&CAMERAS, folder, memory, change)
-}
-
-pub(super) fn start_with(
-    cameras: &[(&str, Kind)],
-    folder: tempfile::TempDir,
-    memory: usize,
-    change: impl FnOnce(&mut Plan),
-) -> Stand {
-    start_on(Clock::system(), 0, cameras, folder, memory, change)
+    start_on(Clock::system(), 0, &CAMERAS, folder, memory, change)
 }
 
 /// With a clock that stands still until it is advanced.

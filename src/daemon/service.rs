@@ -5,6 +5,7 @@ use super::capturing::{Capturing, Order, Reread};
 use super::parameters::ServiceParameters;
 use super::readiness::readiness;
 use super::systemd::{Heart, Notifier, Pulse};
+use crate::clock::Clock;
 use crate::log;
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,6 +21,7 @@ pub struct Service {
     heart: Heart,
     policy: ServiceParameters,
     reread: Rereading,
+    clock: Clock,
     begin: Instant,
     ready: bool,
     /// The last line of status.
@@ -33,13 +35,15 @@ impl Service {
         pulse: &Pulse,
         policy: ServiceParameters,
         reread: Rereading,
+        clock: Clock,
     ) -> Self {
         Self {
             notifier,
             heart: pulse.heart("socket"),
             policy,
             reread,
-            begin: Instant::now(),
+            clock,
+            begin: clock.now(),
             ready: false,
             said: String::new(),
         }
@@ -62,7 +66,11 @@ impl Service {
 
     fn say(&mut self, capturing: &Capturing) {
         self.heart.beat();
-        let now = readiness(&capturing.status(), self.begin.elapsed(), &self.policy);
+        let now = readiness(
+            &capturing.status(),
+            self.clock.elapsed(self.begin),
+            &self.policy,
+        );
         if now.ready && !self.ready {
             log::notice!("{}", now.words);
             self.notifier.tell("READY=1");

@@ -2,6 +2,7 @@
 
 use super::scripted::{Mood, Stand, captures, recordings, start_in};
 use super::*;
+use crate::clock::Clock;
 use crate::recording::{Outcome, Topic};
 pub(super) use crate::support::{dice::Dice, torture::times};
 use crate::trigger::{Client, Event, Reply, Request, Until};
@@ -57,7 +58,8 @@ fn listen(path: PathBuf, capturing: &Arc<Capturing>) -> Clients {
     let (notifier, pulse) = (Notifier::from_environment(), Pulse::default());
     let reread = Box::new(|| Err("nothing is read again".to_owned()));
     let policy = ServiceParameters::default();
-    let mut service = super::Service::new(Arc::new(notifier), &pulse, policy, reread);
+    let mut service =
+        super::Service::new(Arc::new(notifier), &pulse, policy, reread, Clock::system());
     serve(&parameters, None, capturing, &mut service).unwrap()
 }
 

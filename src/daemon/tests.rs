@@ -1,8 +1,12 @@
 //! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
 
-use super::scripted::{Mood, Stand, captures, press, recordings, start, start_in, start_with};
+use super::packing::Packer;
+use super::scripted::{
+    CAMERAS, Mood, Stand, captures, press, recordings, start, start_at, start_in,
+};
 use super::*;
-use crate::frame::CameraId;
+use crate::clock::Clock;
+use crate::frame::{CameraId, Timestamp};
 use crate::recording::{ColorPart, Outcome, Recording, Topic, left};
 use crate::trigger::{Event, Reply, Until};
 use crossbeam_channel::{bounded, unbounded};
@@ -48,7 +52,8 @@ fn depth_cameras_that_take_turns_have_a_window_each() {
     ];
     let folder = tempfile::tempdir().unwrap();
     // The first camera's turn is longer than one window.
-    let stand = start_with(&cameras, folder, 4_000_000, |plan| {
+    let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
+    let stand = start_at(clock, &cameras, folder, 4_000_000, |plan| {
         plan.sync.window_ms = 80.0;
         plan.capture.patience_ms = 1000;
         plan.capture.retry = 0;
@@ -266,26 +271,52 @@ fn a_hundred_presses_are_a_hundred_captures_and_memory_stays() {
     assert_eq!((recorded, times.len()), (ids, 100));
 }
 
+/// Systemd's end of a watchdog that wants to be fed each 800 ms.
+struct Systemd {
+    _folder: tempfile::TempDir,
+    socket: std::os::unix::net::UnixDatagram,
+    clock: Clock,
+}
+
+impl Systemd {
+    fn start(clock: Clock) -> (Self, Pulse) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+        socket.set_nonblocking(true).unwrap();
+        let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
+        let pulse = Pulse::new(Arc::new(notifier.unwrap()), clock);
+        let systemd = Self {
+            _folder: folder,
+            socket,
+            clock,
+        };
+        (systemd, pulse)
+    }
+
+    /// How often it was fed since this was asked last.
+    fn fed(&self) -> usize {
+        let mut bytes = [0; 100];
+        std::iter::from_fn(|| self.socket.recv(&mut bytes).ok()).count()
+    }
+
+    /// Lets time pass until it is fed.
+    fn until_fed(&self) {
+        let deadline = Instant::now() + Duration::from_secs(30);
+        while self.fed() == 0 {
+            assert!(Instant::now() < deadline, "it is not fed");
+            self.clock.advance(Duration::from_millis(20));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
 #[test]
 fn a_recorder_that_hangs_starves_the_watchdog() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let systemd = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
-    systemd.set_nonblocking(true).unwrap();
-    let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
-    let stand = start(|plan| plan.pulse = Pulse::new(Arc::new(notifier.unwrap())));
-    let fed = || {
-        let mut bytes = [0; 100];
-        std::iter::from_fn(|| systemd.recv(&mut bytes).ok()).count()
-    };
-    let until_fed = || {
-        let deadline = Instant::now() + Duration::from_secs(30);
-        while fed() == 0 {
-            assert!(Instant::now() < deadline, "it is not fed");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
-    until_fed();
+    let clock = Clock::by_hand(Timestamp(0));
+    let (systemd, pulse) = Systemd::start(clock);
+    let stand = start(|plan| plan.pulse = pulse);
+    systemd.until_fed();
     // Who hears of the capture's end does not listen: the recorder stands still.
     let (heard, hearing) = bounded(0);
     let mut silent = press(unbounded().0);
@@ -296,24 +327,30 @@ fn a_recorder_that_hangs_starves_the_watchdog() {
     });
     stand.capturing.order(Order::Press(silent));
     stand.until(|s| s.complete == 1);
-    // Its last sign of life may still count once.
-    std::thread::sleep(Duration::from_millis(1500));
-    fed();
-    std::thread::sleep(Duration::from_millis(1500));
-    assert_eq!(fed(), 0);
+    // The capturing thread lives: it answers, and shows itself before it takes the next order.
+    let long_after = || {
+        clock.advance(Duration::from_secs(10));
+        for _ in 0..2 {
+            let begin = |answer| Order::Begin("no/name".into(), BTreeMap::new(), answer);
+            stand.ask(begin).unwrap_err();
+        }
+    };
+    long_after();
+    // The recorder's last sign of life may still have counted once.
+    systemd.fed();
+    (0..3).for_each(|_| long_after());
+    assert_eq!(systemd.fed(), 0);
     hearing.recv().unwrap();
-    until_fed();
+    systemd.until_fed();
 }
 
 #[test]
 fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
+    let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
+    let (systemd, pulse) = Systemd::start(clock);
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("notify");
-    let systemd = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
-    systemd.set_nonblocking(true).unwrap();
-    let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
-    let stand = start(|plan| {
-        plan.pulse = Pulse::new(Arc::new(notifier.unwrap()));
+    let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |plan| {
+        plan.pulse = pulse;
         plan.capture.patience_ms = 4000;
         plan.capture.retry = 0;
     });
@@ -321,12 +358,12 @@ fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
     let (sender, heard) = unbounded();
     stand.capturing.order(Order::Press(press(sender)));
     assert!(matches!(heard.recv(), Ok(Reply::Accepted { .. })));
-    let mut bytes = [0; 100];
-    while systemd.recv(&mut bytes).is_ok() {}
+    systemd.fed();
     let mut fed = 0;
     while heard.is_empty() {
-        fed += usize::from(systemd.recv(&mut bytes).is_ok());
-        std::thread::sleep(Duration::from_millis(5));
+        clock.advance(Duration::from_millis(20));
+        std::thread::sleep(Duration::from_millis(1));
+        fed += systemd.fed();
     }
     assert!(fed > 2, "fed {fed} times");
 }
@@ -517,9 +554,11 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
     assert!(jobs.next().is_none());
 }
 
-#[test]
-fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
-    let stand = start(|_| ());
+/// A daemon whose session is complete, and what packs its recordings after a second's rest; nothing rests yet.
+fn packable(keep_free: Arc<AtomicU64>) -> (Clock, Stand, Packer) {
+    let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
+    let folder = tempfile::tempdir().unwrap();
+    let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |_| ());
     let parameters = RecordingParameters {
         folder: stand.folder.path().into(),
         pack_after_idle_s: 1,
@@ -529,54 +568,70 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
         assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     }
     stand.ask(Order::Close).unwrap();
+    stand.until(|status| status.waiting == 0);
+    let packer = Packer::new(&stand.capturing, &parameters, keep_free, clock);
+    (clock, stand, packer)
+}
+
+#[test]
+fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
+    let (clock, stand, mut packer) = packable(Arc::default());
+    let second = Duration::from_secs(1);
     let is_packed = || recordings(stand.folder.path())[0].is_packed();
     let before = captures(&recordings(stand.folder.path())[0]);
     assert_eq!(before.len(), 3);
-    let packing = Packing::start(&stand.capturing, &parameters, Arc::default()).unwrap();
+    assert!(!packer.step(), "nothing has rested yet");
     // An order is being carried out for longer than the rest that is asked for.
-    stand.mood("c00", Mood::VerySlow);
-    assert!(matches!(
-        stand.press().last(),
-        Some(Reply::Durable { .. } | Reply::Failed { .. })
-    ));
-    assert!(!is_packed());
-    stand.mood("c00", Mood::Sound);
-    let deadline = Instant::now() + Duration::from_secs(30);
-    while !is_packed() {
-        assert!(Instant::now() < deadline);
-        std::thread::sleep(Duration::from_millis(20));
+    stand.mood("c00", Mood::Silent);
+    let begin = clock.now();
+    let pressed = stand.begin_press();
+    while !pressed.try_iter().any(|reply| reply.is_end(Until::Durable)) {
+        assert!(!packer.step() && !is_packed());
+        clock.advance(second / 50);
+        std::thread::sleep(Duration::from_millis(1));
     }
+    assert!(clock.elapsed(begin) > second / 2);
+    stand.mood("c00", Mood::Sound);
+    stand.ask(Order::Close).unwrap();
+    stand.until(|status| status.waiting == 0);
+    assert!(!packer.step() && !is_packed());
+    clock.advance(second);
+    while packer.step() {}
+    assert!(is_packed());
     assert_eq!(captures(&recordings(stand.folder.path())[0]), before);
     // The session that is recorded is nobody's to pack.
     assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
-    drop(packing);
+    clock.advance(second);
+    assert!(!packer.step());
     let (folder, _) = stand.stop();
     let all = recordings(folder.path());
     let packed = all.iter().filter(|recording| recording.is_packed());
-    assert_eq!((all.len(), packed.count()), (2, 1));
+    assert_eq!((all.len(), packed.count()), (3, 2));
 }
 
 #[test]
 fn nothing_is_packed_while_there_is_no_room_for_a_copy() {
-    let stand = start(|_| ());
-    let parameters = RecordingParameters {
-        folder: stand.folder.path().into(),
-        pack_after_idle_s: 1,
-        ..RecordingParameters::default()
-    };
-    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
-    stand.ask(Order::Close).unwrap();
-    let is_packed = || recordings(stand.folder.path())[0].is_packed();
     let keep_free = Arc::new(AtomicU64::new(u64::MAX));
-    let _packing = Packing::start(&stand.capturing, &parameters, keep_free.clone()).unwrap();
-    std::thread::sleep(Duration::from_millis(1500));
-    assert!(!is_packed());
+    let (clock, stand, mut packer) = packable(keep_free.clone());
+    let is_packed = || recordings(stand.folder.path())[0].is_packed();
+    clock.advance(Duration::from_secs(1));
+    assert!(!packer.step() && !is_packed());
     keep_free.store(0, Ordering::Relaxed);
+    clock.advance(Duration::from_secs(1));
+    assert!(packer.step() && is_packed());
+}
+
+#[test]
+fn a_thread_of_its_own_packs_and_ends() {
+    let (clock, stand, packer) = packable(Arc::default());
+    let packing = packer.start().unwrap();
     let deadline = Instant::now() + Duration::from_secs(30);
-    while !is_packed() {
+    while !recordings(stand.folder.path())[0].is_packed() {
         assert!(Instant::now() < deadline);
-        std::thread::sleep(Duration::from_millis(20));
+        clock.advance(Duration::from_secs(1));
+        std::thread::sleep(Duration::from_millis(5));
     }
+    drop(packing);
 }
 
 #[test]
@@ -584,8 +639,13 @@ fn nothing_is_packed_unless_it_is_asked_for() {
     let stand = start(|_| ());
     let parameters = RecordingParameters::default();
     assert!(
-        Packing::start(&stand.capturing, &parameters, Arc::default())
-            .unwrap()
-            .is_none()
+        Packing::start(
+            &stand.capturing,
+            &parameters,
+            Arc::default(),
+            Clock::system()
+        )
+        .unwrap()
+        .is_none()
     );
 }

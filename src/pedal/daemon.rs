@@ -3,13 +3,14 @@
 //! into the picture. That a connection can be had says nothing: where systemd holds the socket it takes what is written
 //! for a daemon that is yet to start.
 
+use crate::clock::Clock;
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
 use parking_lot::Mutex;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How long a press may wait to be begun: a daemon that systemd starts again is there by then.
 const BEGIN: Duration = Duration::from_secs(2);
@@ -26,6 +27,9 @@ const LOOK: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug)]
 pub struct Daemon {
     socket: PathBuf,
+    clock: Clock,
+    /// How long a press may wait to be begun.
+    begin: Duration,
     /// The last capture that came to the disk, whoever asked for it.
     last: Arc<Mutex<Option<String>>>,
     /// Whether a press was answered since this was last looked at.
@@ -53,9 +57,11 @@ enum Heard {
 
 impl Daemon {
     /// The one that listens there.
-    pub fn new(socket: &Path) -> Self {
+    pub fn new(socket: &Path, clock: Clock) -> Self {
         Self {
             socket: socket.into(),
+            clock,
+            begin: BEGIN,
             last: Arc::default(),
             answered: Arc::default(),
         }
@@ -72,20 +78,20 @@ impl Daemon {
             subject: None,
             until: Until::Durable,
         };
-        let begin = Instant::now();
+        let begin = self.clock.now();
         let mut begun = false;
         loop {
-            let at_most = if begun { END } else { BEGIN };
-            let left = at_most.saturating_sub(begin.elapsed()).max(PAUSE);
+            let at_most = if begun { END } else { self.begin };
+            let left = at_most.saturating_sub(self.clock.elapsed(begin)).max(PAUSE);
             let error = match self.attempt(&request, left, &mut begun, progress) {
                 Ok(reply) => return Ok(reply),
                 Err(error) => error,
             };
-            let at_most = if begun { END } else { BEGIN };
-            if begin.elapsed() >= at_most {
+            let at_most = if begun { END } else { self.begin };
+            if self.clock.elapsed(begin) >= at_most {
                 return Err(error);
             }
-            std::thread::sleep(PAUSE);
+            self.clock.sleep(PAUSE);
         }
     }
 
@@ -169,7 +175,7 @@ impl Daemon {
             if !goes_on {
                 return;
             }
-            std::thread::sleep(pause);
+            self.clock.sleep(pause);
         }
     }
 
@@ -178,7 +184,7 @@ impl Daemon {
         let socket = || std::fs::metadata(&self.socket).map(|m| (m.dev(), m.ino(), m.ctime_nsec()));
         let before = socket().ok();
         while before.is_some() && socket().ok() == before {
-            std::thread::sleep(LOOK);
+            self.clock.sleep(LOOK);
             if self.answered.swap(false, Ordering::AcqRel) {
                 return;
             }
@@ -214,6 +220,10 @@ mod tests {
     use std::io::{BufRead, BufReader, Write};
     use std::os::unix::net::UnixListener;
     use std::sync::mpsc::{Receiver, channel};
+
+    fn by_hand() -> Clock {
+        Clock::by_hand(crate::frame::Timestamp(0))
+    }
 
     const STATUS: &str = r#"{"type":"status","status":{}}"#;
 
@@ -260,7 +270,8 @@ mod tests {
                 &[r#"{"type":"ok","words":"done"}"#],
             ],
         );
-        let daemon = Daemon::new(&socket);
+        let clock = by_hand();
+        let daemon = Daemon::new(&socket, clock);
         let mut heard = 0;
         let end = daemon.press("pedal-7", &mut |_| heard += 1).unwrap();
         assert!(matches!(end, Reply::Durable { .. }), "{end:?}");
@@ -280,14 +291,15 @@ mod tests {
     #[test]
     fn a_press_that_cannot_be_begun_is_given_up_soon() {
         let folder = tempfile::tempdir().unwrap();
-        let daemon = Daemon::new(&folder.path().join("none"));
-        let begin = Instant::now();
+        let clock = by_hand();
+        let daemon = Daemon::new(&folder.path().join("none"), clock);
+        let begin = clock.now();
         let error = daemon.press("p", &mut |_| ()).unwrap_err();
         assert!(
             error.to_string().contains("is the daemon running"),
             "{error}"
         );
-        assert!(begin.elapsed() < 4 * BEGIN);
+        assert_eq!(clock.elapsed(begin), BEGIN);
         assert!(daemon.reject_last().unwrap().is_none());
     }
 
@@ -296,10 +308,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("s");
         let listener = UnixListener::bind(&socket).unwrap();
-        let daemon = Daemon::new(&socket);
-        let begin = Instant::now();
+        // It is the kernel that ends the wait for an answer, by the time that really passes.
+        let daemon = Daemon {
+            begin: Duration::from_millis(50),
+            ..Daemon::new(&socket, Clock::system())
+        };
         daemon.press("p", &mut |_| ()).unwrap_err();
-        assert!(begin.elapsed() >= BEGIN && begin.elapsed() < 4 * BEGIN);
         // A daemon that starts now finds nobody who wants a capture.
         listener.set_nonblocking(true).unwrap();
         let mut left = 0;
@@ -325,7 +339,8 @@ mod tests {
                 &[listening, ending],
             ],
         );
-        let daemon = Daemon::new(&socket);
+        let clock = by_hand();
+        let daemon = Daemon::new(&socket, clock);
         let (sender, found) = channel();
         let watching = daemon.clone();
         std::thread::spawn(move || {
@@ -336,8 +351,12 @@ mod tests {
             ["There", "Ended"]
         );
         assert!(requests.recv().unwrap().contains("events"));
-        // Systemd's socket would take a connection.
-        assert!(requests.recv_timeout(2 * LOOK).is_err());
+        // Systemd's socket would take a connection. The watch looks each second of its clock whether it may.
+        let ended = clock.now();
+        while clock.elapsed(ended) < 20 * LOOK {
+            std::thread::yield_now();
+        }
+        assert!(requests.try_recv().is_err());
         daemon.press("p", &mut |_| ()).unwrap();
         assert!(requests.recv().unwrap().contains("trigger"));
         assert!(requests.recv().unwrap().contains("events"));
@@ -354,7 +373,8 @@ mod tests {
     fn who_watches_hears_that_the_daemon_is_away_and_back() {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("s");
-        let daemon = Daemon::new(&socket);
+        let clock = by_hand();
+        let daemon = Daemon::new(&socket, clock);
         let mut found = Vec::new();
         let mut requests = None;
         daemon.watch(|watch| {

@@ -1,5 +1,6 @@
 //! `scand pedal`: a foot switch asks the daemon for captures.
 
+use crate::clock::Clock;
 use crate::log;
 use crate::pedal::{Action, Daemon, Device, Error, Keys, Switch, Watch, key_code};
 use crate::trigger::{Reply, SOCKET};
@@ -39,7 +40,7 @@ const MOST: usize = 8;
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut device = Device::open(&args.device)?;
     log::info!("{}: {}", args.device.display(), device.name());
-    let daemon = Daemon::new(&args.socket);
+    let daemon = Daemon::new(&args.socket, Clock::system());
     let watched = daemon.clone();
     let watch = std::thread::Builder::new().name("daemon".into());
     watch.spawn(move || tell_whether_there(&watched))?;

@@ -65,7 +65,7 @@ fn serve_rig(
     // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
     let _ = rustix::thread::clear_ambient_capability_set();
     let notifier = Arc::new(Notifier::from_environment());
-    let pulse = Pulse::new(notifier.clone());
+    let pulse = Pulse::new(notifier.clone(), clock);
     let models = Models::prepare(&config)?;
     let plan = Plan {
         sync: config.sync.clone(),
@@ -92,7 +92,7 @@ fn serve_rig(
         |models: Models| models.start(&config, left.recordings(), keep_free.clone(), events);
     let workers = models.map(start).transpose()?;
     left.settled();
-    let packing = Packing::start(&capturing, &config.recording, keep_free.clone())?;
+    let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
     let running = Running {
         source,
         config,
@@ -101,7 +101,7 @@ fn serve_rig(
         keep_free,
     };
     let reread = Box::new(move || running.reload(clock));
-    let mut service = Service::new(notifier, &pulse, policy, reread);
+    let mut service = Service::new(notifier, &pulse, policy, reread, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");
     // Models are made after the next start: the capture in progress has the machine to itself.

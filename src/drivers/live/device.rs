@@ -1,6 +1,7 @@
 //! What every live camera is to the rest of the program, whatever its SDK: something that is opened, takes the frames
 //! of a shot, and is asked now and then whether it is still there. No thread is started here.
 
+use crate::clock::Clock;
 use crate::frame::{CameraSettings, Frame, Timestamp};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,6 +34,8 @@ pub struct Shot {
     pub trigger: Timestamp,
     /// Until when frames are waited for.
     pub deadline: Instant,
+    /// What the deadline is read from.
+    pub clock: Clock,
     /// Set when nobody waits any more.
     pub abandoned: Arc<AtomicBool>,
 }
@@ -43,7 +46,7 @@ impl Shot {
         if self.abandoned.load(Ordering::Relaxed) {
             return Duration::ZERO;
         }
-        self.deadline.saturating_duration_since(Instant::now())
+        self.clock.until(self.deadline)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Cameras of the tests' own that open late, vanish, fall silent, panic or stamp frames wrongly.
 
 use super::*;
+use crate::clock::Clock;
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crossbeam_channel::{Receiver, unbounded};
 use std::sync::Arc;
@@ -106,6 +107,7 @@ impl Stand {
             number,
             trigger: Timestamp(0),
             deadline: Instant::now() + Duration::from_secs(1),
+            clock: Clock::system(),
             abandoned: Arc::default(),
         };
         while !self.camera.shoot(shot.clone()) {

@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 impl Worker {
     /// Takes a capture, and once more if it fails and is to be retried.
     pub(super) fn press(&mut self, press: Press) {
-        let (press, begin) = (Arc::new(press), Instant::now());
+        let (press, begin) = (Arc::new(press), self.rig.clock().now());
         let id = self.ready_for_a_capture().and_then(|()| self.next_id());
         let id = match id {
             Ok(id) => id,
@@ -52,9 +52,10 @@ impl Worker {
         (press.progress)(Reply::Refused {
             reason: reason.clone(),
         });
-        let recent = |last: Instant| last.elapsed() < Duration::from_secs(1);
+        let clock = self.rig.clock();
+        let recent = |last: Instant| clock.elapsed(last) < Duration::from_secs(1);
         if !self.last_refusal.is_some_and(recent) {
-            self.last_refusal = Some(Instant::now());
+            self.last_refusal = Some(clock.now());
             log::warning!("refused: {reason}");
             self.plan.events.publish(Event::Refused { reason });
         }
@@ -83,6 +84,7 @@ impl Worker {
 
     /// Gives a capture to the recorder. True if the press has its end: it is complete, or was the last attempt.
     fn hand_over(&mut self, kept: Kept, press: &Arc<Press>, begin: Instant, last: bool) -> bool {
+        let clock = self.rig.clock();
         let capture = kept.record.id.clone();
         let reason = kept.record.reason.clone().unwrap_or_default();
         let complete = kept.record.outcome == Outcome::Complete;
@@ -92,7 +94,7 @@ impl Worker {
                 skew_ns: kept.record.skew_ns.unwrap_or(0),
             };
             tell(&self.plan.events, press, captured);
-            self.ended.takes.note("captured", begin.elapsed());
+            self.ended.takes.note("captured", clock.elapsed(begin));
         } else if !last {
             let retried = Reply::Retried {
                 capture: capture.clone(),
@@ -110,7 +112,7 @@ impl Worker {
             let durable = complete && written.is_ok();
             ended.count(durable);
             if durable {
-                ended.takes.note("durable", begin.elapsed());
+                ended.takes.note("durable", clock.elapsed(begin));
             }
             let recording = written.as_ref().ok().filter(|_| complete).cloned();
             let end = end(name, complete, reason, written);
