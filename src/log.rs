@@ -1,5 +1,5 @@
-//! The daemon's words for its log, with a level each: a line a message to the standard error, in journald's form where
-//! it goes to the journal. What a command tells the person who called it is not said here.
+//! The daemon's log: one line a message on standard error, with a level, in journald's format if standard error goes to
+//! the journal. What a command prints for the person who runs it does not go through here.
 
 use std::fmt::{Arguments, Write as _};
 use std::io::Write as _;
@@ -8,13 +8,13 @@ use std::sync::LazyLock;
 /// How much a message matters; the numbers are syslog's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Data was lost, or a capture failed, or something will not work until a person has seen to it.
+    /// Data was lost, a capture failed, or something will not work until a person fixes it.
     Error = 3,
-    /// It works, and something is not as it should be.
+    /// It works, but something is not as it should be.
     Warning = 4,
     /// What an operator did and what became of it.
     Notice = 5,
-    /// Everything else that was worth a line.
+    /// Everything else worth a line.
     Info = 6,
 }
 
@@ -30,27 +30,27 @@ macro_rules! warning {
 macro_rules! notice {
     ($($words:tt)*) => { $crate::log::write($crate::log::Level::Notice, format_args!($($words)*)) };
 }
-/// Logs what is merely worth a line, in the form of `format!`.
+/// Logs something worth a line, in the form of `format!`.
 macro_rules! info {
     ($($words:tt)*) => { $crate::log::write($crate::log::Level::Info, format_args!($($words)*)) };
 }
 pub(crate) use {error, info, notice, warning};
 
-/// Writes a message. A log that cannot be written is no reason to stop.
+/// Writes a message. The daemon goes on if the log cannot be written.
 pub fn write(level: Level, words: Arguments<'_>) {
     static JOURNAL: LazyLock<bool> = LazyLock::new(goes_to_journal);
     let text = text(level, &words.to_string(), *JOURNAL);
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
-/// Whether the standard error is the stream that systemd named: a child's may have been redirected.
+/// Whether standard error is the stream that systemd named; a child process's may be redirected.
 fn goes_to_journal() -> bool {
     let named = std::env::var("JOURNAL_STREAM").unwrap_or_default();
     let found = rustix::fs::fstat(std::io::stderr());
     found.is_ok_and(|stat| named == format!("{}:{}", stat.st_dev, stat.st_ino))
 }
 
-/// A message as it is written. The journal takes each line as a message of its own, so that each needs its level.
+/// A message as it is written. The journal takes each line as a separate message, so each line has the level.
 fn text(level: Level, words: &str, journal: bool) -> String {
     if !journal {
         let name = match level {

@@ -4,13 +4,13 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A job that panicked, with its last words.
+/// A job panicked; its panic message.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("internal error: {0}")]
 pub struct Panicked(pub String);
 
-/// Does jobs 0 to `count` - 1 by `workers` threads at once and returns their results in their order. A job
-/// that panics fails alone. A single worker is the calling thread itself.
+/// Runs jobs 0 to `count` - 1 on `workers` threads and returns their results in order. A job that panics
+/// fails alone. A single worker is the calling thread itself.
 pub fn run<R: Send>(
     workers: usize,
     count: usize,
@@ -31,7 +31,7 @@ pub fn run<R: Send>(
     };
     let mut done: Vec<(usize, Result<R, Panicked>)> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..workers.min(count)).map(|_| scope.spawn(work)).collect();
-        // A worker cannot panic: its jobs are guarded.
+        // A worker cannot panic: it catches the panics of its jobs.
         threads
             .into_iter()
             .filter_map(|t| t.join().ok())

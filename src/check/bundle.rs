@@ -1,24 +1,24 @@
-//! What support wants to see, in one file of a bounded size: a tar archive packed with zstd. The archive's form is the
-//! oldest one that everything reads (POSIX ustar).
+//! The support bundle: one tar archive of bounded size, compressed with zstd. It uses the oldest format that every tool
+//! reads (POSIX ustar).
 
 use crate::storage;
 use std::io::{Error, ErrorKind, Result, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Most bytes of one file in a bundle; of a longer one the end is kept.
+/// Largest size of one file in a bundle; only the end of a longer one is kept.
 pub const LARGEST_FILE: usize = 4 << 20;
 /// Most files in a bundle.
 const MOST_FILES: usize = 32;
 
-/// Files that belong together.
+/// Files to be written into one archive.
 #[derive(Clone, Debug, Default)]
 pub struct Bundle {
     files: Vec<(String, Vec<u8>)>,
 }
 
 impl Bundle {
-    /// Adds a file; of one that is too long, the end, which is where logs are new.
+    /// Adds a file. Only the end of a file that is too long is kept: that is where a log is newest.
     pub fn add(&mut self, name: &str, contents: impl Into<Vec<u8>>) {
         let mut contents = contents.into();
         if self.files.len() >= MOST_FILES {
@@ -30,7 +30,7 @@ impl Bundle {
         self.files.push((name.to_owned(), contents));
     }
 
-    /// Writes the archive, complete or not at all, for its owner alone.
+    /// Writes the archive atomically, readable by its owner only.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -1,9 +1,9 @@
-//! What the cameras say: of the daemon's status, or of cameras that were opened for the check.
+//! Rates the cameras' status: that of the daemon, or of cameras that were opened for this check.
 
 use super::{Finding, State};
 use serde_json::Value;
 
-/// Judges the cameras of a status (`cameras`, as docs/socket.md has it).
+/// Rates the cameras of a status (`cameras` in docs/socket.md).
 pub fn cameras(cameras: &Value) -> Vec<Finding> {
     let all = cameras.as_object().into_iter().flatten();
     all.flat_map(|(id, camera)| one(id, camera)).collect()
@@ -14,7 +14,7 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
     let words = camera["words"].as_str().unwrap_or("");
     if camera["state"] != "ready" {
         let found = if words.is_empty() { "no answer" } else { words };
-        let remedy = "power, cable, address; docs/cameras.md has each message";
+        let remedy = "check its power, cable and address; docs/cameras.md explains each message";
         return vec![Finding::not_ok(State::Wrong, subject, found, remedy)];
     }
     let mut findings = vec![Finding::ok(subject.clone(), words)];
@@ -32,14 +32,14 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
     }
     let lost = camera["lost_frames"].as_u64().unwrap_or(0);
     if lost > 0 {
-        let found = format!("it lost {lost} frames since the daemon began");
-        let remedy = "its link: cable, switch, packet_delay_ns, receive buffers";
+        let found = format!("lost {lost} frames since the daemon started");
+        let remedy = "check its link: cable, switch, packet_delay_ns, receive buffers";
         findings.push(Finding::not_ok(State::Advice, subject, found, remedy));
     }
     findings
 }
 
-/// A camera's own remark is advice, but for a PTP clock: one that follows is in order, another is not.
+/// A remark of a camera is advice, except about its PTP clock: that is in order if it follows a master, and wrong if not.
 fn judge_remark(subject: &str, remark: &str) -> Finding {
     let Some(state) = remark.strip_prefix("PTP: ") else {
         let remedy = "docs/cameras.md";
@@ -49,7 +49,7 @@ fn judge_remark(subject: &str, remark: &str) -> Finding {
     if follows && !state.contains("more than") {
         return Finding::ok(subject, remark);
     }
-    let remedy = "a PTP master on its network (ptp4l, or a camera), and half a minute to settle";
+    let remedy = "run a PTP master on its network (ptp4l, or a camera) and wait half a minute until the clock follows it";
     Finding::not_ok(State::Wrong, subject, remark, remedy)
 }
 

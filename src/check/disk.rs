@@ -1,17 +1,17 @@
-//! The folder of recordings: whether captures find a way into it, room, and speed.
+//! Checks the recordings' folder: whether the daemon can write there, and its free space and speed.
 
 use super::{Finding, State};
 use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Bytes that are written to measure a disk.
+/// Bytes written to measure a disk's speed.
 const SAMPLE: usize = 64 << 20;
-/// A capture should be on the disk within so many seconds, or presses wait for it.
+/// A capture should be durable within so many seconds; above that, presses wait for the disk.
 const LONGEST_SECONDS: f64 = 3.0;
 
-/// Whether a file can be made in a folder, and whether its speed can be measured. Where the daemon answers, whoever runs
-/// this need not be allowed to write there.
+/// Checks that a file can be created in a folder; returns the finding, and whether the folder's speed can be measured.
+/// While the daemon answers, the user who runs this check need not be allowed to write there.
 pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
     let subject = "recordings' folder";
     let trial = path.join(format!(".scand-check-{}", std::process::id()));
@@ -23,22 +23,28 @@ pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
         Err(cause) => cause,
     };
     if daemon_answers && cause.kind() == std::io::ErrorKind::PermissionDenied && path.is_dir() {
-        let found = format!("{found}: the daemon's alone; sudo scand check measures its speed");
+        let found = format!(
+            "{found}: only the daemon may write there; run `sudo scand check` to measure its speed"
+        );
         return (Finding::ok(subject, found), false);
     }
-    let remedy =
-        "make it, and give it to the daemon's user: install -d -o scand -g scand -m 750 FOLDER";
+    let remedy = "create it for the daemon's user: install -d -o scand -g scand -m 750 FOLDER";
     let found = format!("{found}: {cause}");
     (Finding::not_ok(State::Wrong, subject, found, remedy), false)
 }
 
-/// Whether captures of so many bytes find room, with what is kept free.
+/// Checks that there is space for captures of so many bytes beside the space that is kept free.
 pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> Finding {
     let subject = "disk: space";
     let free = match free {
         Ok(free) => free,
         Err(cause) => {
-            return Finding::not_ok(State::Wrong, subject, cause.to_string(), "is it mounted?");
+            return Finding::not_ok(
+                State::Wrong,
+                subject,
+                cause.to_string(),
+                "check that the disk is mounted",
+            );
         }
     };
     let usable = free.saturating_sub(keep_free);
@@ -46,8 +52,8 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
     let Some(captures) = usable.checked_div(capture_bytes) else {
         return Finding::ok(subject, found);
     };
-    found += &format!(", room for {captures} captures");
-    let remedy = "move old recordings elsewhere; recording.keep_free_mb says what is never used";
+    found += &format!(", space for {captures} captures");
+    let remedy = "move old recordings elsewhere; recording.keep_free_mb sets the space that captures never use";
     match captures {
         0 => Finding::not_ok(State::Wrong, subject, found, remedy),
         1..100 => Finding::not_ok(State::Advice, subject, found, remedy),
@@ -55,8 +61,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
     }
 }
 
-/// Measures how fast a folder's disk takes what must be durable, and what that means for a capture. Writes 64 MiB and
-/// removes them.
+/// Measures how fast a folder's disk makes data durable, and how long a capture takes. Writes 64 MiB and removes them.
 pub fn speed(path: &Path, capture_bytes: u64) -> Finding {
     let subject = "disk: speed";
     let trial = path.join(format!(".scand-check-{}", std::process::id()));
@@ -66,13 +71,18 @@ pub fn speed(path: &Path, capture_bytes: u64) -> Finding {
         Ok(took) => judge_speed(SAMPLE as f64 / took.as_secs_f64().max(1e-6), capture_bytes),
         Err(cause) => {
             let found = format!("{}: {cause}", path.display());
-            Finding::not_ok(State::Wrong, subject, found, "captures could not be kept")
+            Finding::not_ok(
+                State::Wrong,
+                subject,
+                found,
+                "captures cannot be recorded until this folder takes data: check the disk and the folder's owner",
+            )
         }
     }
 }
 
 fn write(path: &Path) -> std::io::Result<Duration> {
-    // Nothing that a disk could pack.
+    // Data that the disk cannot compress.
     let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
     let block: Vec<u8> = std::iter::repeat_with(|| {
         seed ^= seed << 13;
@@ -102,28 +112,28 @@ fn judge_speed(bytes_a_second: f64, capture_bytes: u64) -> Finding {
     if seconds <= LONGEST_SECONDS {
         return Finding::ok("disk: speed", found);
     }
-    let remedy =
-        "a faster disk, or slower presses: what waits for the disk is bounded by capture.waiting";
+    let remedy = "use a faster disk or press more slowly: at most capture.waiting captures wait for the disk";
     Finding::not_ok(State::Advice, "disk: speed", found, remedy)
 }
 
-/// How old the plates of the empty rig are: the newest set below the recordings' folder.
+/// Checks the age of the newest backgrounds of the empty rig, which lie below the recordings' folder.
 pub fn plates(recordings: &Path) -> Finding {
-    let subject = "background plates";
+    let subject = "backgrounds";
     let files = std::fs::read_dir(recordings.join("plates"));
     let files = files.into_iter().flatten().flatten();
     let plates = files.filter(|f| f.path().extension().is_some_and(|e| e == "mcap"));
     let newest = plates
         .filter_map(|f| f.metadata().ok()?.modified().ok())
         .max();
-    let remedy = "clear the rig and take them: scand background";
+    let remedy = "clear the rig and run `scand background`";
     let Some(newest) = newest else {
-        return Finding::not_ok(State::Wrong, subject, "there are none", remedy);
+        return Finding::not_ok(State::Wrong, subject, "no backgrounds were taken", remedy);
     };
     let age = SystemTime::now().duration_since(newest);
     let ahead = age.as_ref().err().map(|ahead| ahead.duration().as_secs());
     if let Some(seconds) = ahead.filter(|&seconds| seconds > 60) {
-        let found = format!("{seconds} s in the future: the clock was wrong when they were taken");
+        let found =
+            format!("dated {seconds} s in the future: the clock was wrong when they were taken");
         return Finding::not_ok(State::Wrong, subject, found, remedy);
     }
     let hours = age.unwrap_or_default().as_secs() / 3600;
@@ -143,7 +153,7 @@ mod tests {
         let of = |free| space(Ok(free), 100_000_000, 1_000_000_000);
         assert_eq!(of(100_000_000_000).state, State::Ok);
         assert_eq!(of(5_000_000_000).state, State::Advice);
-        assert!(of(5_000_000_000).found.contains("room for 40 captures"));
+        assert!(of(5_000_000_000).found.contains("space for 40 captures"));
         assert_eq!(of(1_050_000_000).state, State::Wrong);
         assert_eq!(space(Ok(7), 0, 0).state, State::Ok);
         assert_eq!(

@@ -1,15 +1,15 @@
-//! The machine: network, kernel, USB, as the kernel's own files show them.
+//! Checks the machine by the kernel's own files: network, kernel modules, USB.
 
 use super::{Finding, State};
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 
-/// Receive buffer that a burst of eleven cameras wants, in bytes.
+/// Receive buffer that a burst of eleven cameras needs, in bytes.
 const RECEIVE_BUFFER: u64 = 32 << 20;
-/// How long a Kinect must have had power before its depth stands still, in minutes.
+/// How long a Kinect must be powered until its depth stops drifting, in minutes.
 const WARM_MINUTES: u64 = 60;
 
-/// A machine, seen through its `/proc` and `/sys`.
+/// A machine, read through its `/proc` and `/sys`.
 #[derive(Clone, Debug)]
 pub struct Host {
     root: PathBuf,
@@ -22,7 +22,7 @@ impl Default for Host {
 }
 
 impl Host {
-    /// One whose `/proc` and `/sys` are below a folder.
+    /// A machine whose `/proc` and `/sys` lie below a folder.
     pub fn below(root: &Path) -> Self {
         Self { root: root.into() }
     }
@@ -32,7 +32,7 @@ impl Host {
         Some(text.trim().to_owned())
     }
 
-    /// Whether packets of all cameras find room in the kernel.
+    /// Checks that the kernel's receive buffer holds the packets of all cameras.
     pub fn receive_buffers(&self) -> Finding {
         let subject = "receive buffers";
         let found = self.read("proc/sys/net/core/rmem_max");
@@ -45,7 +45,7 @@ impl Host {
                 subject,
                 format!("net.core.rmem_max is {bytes}, expected {RECEIVE_BUFFER}"),
                 format!(
-                    "sysctl -w net.core.rmem_max={RECEIVE_BUFFER} (the package's sysctl.d does it at boot)"
+                    "run sysctl -w net.core.rmem_max={RECEIVE_BUFFER} (the package's sysctl.d does it at boot)"
                 ),
             ),
             None => Finding::not_ok(
@@ -57,7 +57,7 @@ impl Host {
         }
     }
 
-    /// Whether a camera's packets fit through the network interface that leads to it.
+    /// Checks that a camera's packets fit the network interface that leads to it.
     pub fn packet_size(
         &self,
         camera: &str,
@@ -82,26 +82,26 @@ impl Host {
                 State::Wrong,
                 subject,
                 format!("packets of {packet} bytes do not fit {interface}, whose MTU is {mtu}"),
-                format!("ip link set dev {interface} mtu 9000, or a smaller packet_size"),
+                format!("run ip link set dev {interface} mtu 9000, or set a smaller packet_size"),
             ),
             _ if mtu < 4000 => Finding::not_ok(
                 State::Advice,
                 subject,
                 format!("{interface} has an MTU of {mtu}"),
                 format!(
-                    "jumbo frames: ip link set dev {interface} mtu 9000, the switch too, and packet_size = 8000"
+                    "use jumbo frames: run ip link set dev {interface} mtu 9000, enable them at the switch, and set packet_size = 8000"
                 ),
             ),
             _ => Finding::ok(subject, format!("{interface}, MTU {mtu}")),
         }
     }
 
-    /// The interface with the narrowest route to an address.
+    /// The interface with the most specific route to an address.
     fn interface_to(&self, address: Ipv4Addr) -> Option<String> {
         if address.is_loopback() {
             return Some("lo".into());
         }
-        // Addresses stand there in hexadecimal, in the machine's order of bytes.
+        // The kernel prints addresses in hexadecimal, in the machine's byte order.
         let number = |text: &str| u32::from_str_radix(text, 16).ok().map(u32::from_be);
         let wanted = u32::from(address);
         let routes = self.read("proc/net/route")?;
@@ -114,7 +114,7 @@ impl Host {
         narrowest.map(|(_, interface)| interface)
     }
 
-    /// Whether the kernel's own driver holds the Kinect.
+    /// Checks that the kernel's own driver does not hold the Kinect.
     pub fn kinect_driver(&self) -> Finding {
         let modules = self.read("proc/modules").unwrap_or_default();
         if modules
@@ -125,13 +125,13 @@ impl Host {
                 State::Wrong,
                 "Kinect: kernel driver",
                 "gspca_kinect is loaded and holds the camera",
-                "modprobe -r gspca_kinect; a file in /etc/modprobe.d with 'blacklist gspca_kinect' keeps it away",
+                "run modprobe -r gspca_kinect; 'blacklist gspca_kinect' in a file in /etc/modprobe.d keeps it unloaded",
             );
         }
         Finding::ok("Kinect: kernel driver", "gspca_kinect is not loaded")
     }
 
-    /// Each Kinect on USB: whether it is warm, and never put to sleep. Nothing where there is none.
+    /// Checks of each Kinect on USB that it has warmed up and is never suspended. Empty if there is no Kinect.
     pub fn kinects(&self) -> Vec<Finding> {
         let folder = self.root.join("sys/bus/usb/devices");
         let devices = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -167,9 +167,9 @@ impl Host {
         if power("control").is_some_and(|control| control != "on") {
             findings.push(Finding::not_ok(
                 State::Advice,
-                "Kinect: sleep",
-                format!("USB port {name} may put it to sleep"),
-                format!("echo on > /sys/bus/usb/devices/{name}/power/control (the package's udev rule does it)"),
+                "Kinect: suspend",
+                format!("USB port {name} may suspend it"),
+                format!("run echo on > /sys/bus/usb/devices/{name}/power/control (the package's udev rule does it)"),
             ));
         }
         findings

@@ -1,5 +1,5 @@
-//! What can be known to be wrong before work begins. Each thing that was looked at is a finding: in order, or with what
-//! to do about it. Here is looked and judged; what the cameras say is asked elsewhere and handed in.
+//! Checks of the machine and the rig before work starts. Each check gives a finding: in order, or what to do about it.
+//! This module runs the checks and rates the results; the caller passes the cameras' status in.
 
 mod bundle;
 mod cameras;
@@ -13,28 +13,28 @@ pub use host::Host;
 
 use std::time::{Duration, SystemTime};
 
-/// How a thing is.
+/// The result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
     /// As it should be.
     Ok,
-    /// It works, and could be better.
+    /// It works, but could be better.
     Advice,
     /// It does not work, or loses captures.
     Wrong,
 }
 
-/// Something that was looked at.
+/// What one check found.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Finding {
-    /// What was looked at.
+    /// What was checked.
     pub subject: String,
-    /// How it is.
+    /// The result.
     pub state: State,
     /// What was found.
     pub found: String,
-    /// What to do, where it is not as it should be.
+    /// What to do, if it is not in order.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
@@ -50,7 +50,7 @@ impl Finding {
         }
     }
 
-    /// Not as it should be, and what to do.
+    /// Not in order, and what to do.
     pub fn not_ok(
         state: State,
         subject: impl Into<String>,
@@ -79,7 +79,7 @@ impl Finding {
     }
 }
 
-/// How old a calibration is by its file. The oldest that is taken without a word is 90 days.
+/// Checks the age of the calibration by its file. Advises to calibrate again after 90 days.
 pub fn calibration(modified: std::io::Result<SystemTime>) -> Finding {
     let subject = "calibration";
     let age = modified.map(|time| time.elapsed().unwrap_or_default());

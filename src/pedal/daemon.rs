@@ -1,7 +1,7 @@
-//! What a press asks the daemon, and whether the daemon is there. A press whose connection breaks is sent again under
-//! its own name, which makes it the same press; one that could not be begun at once is given up, because hands come back
-//! into the picture. That a connection can be had says nothing: where systemd holds the socket it takes what is written
-//! for a daemon that is yet to start.
+//! The foot switch's client of the daemon: sends presses and watches whether the daemon runs. A press whose connection
+//! breaks is sent again under the same name, so that it stays one press. A press that cannot start at once is given up,
+//! because hands come back into the picture. A successful connect proves nothing: with socket activation systemd accepts
+//! connections before the daemon runs.
 
 use crate::clock::Clock;
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
@@ -12,51 +12,51 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long a press may wait to be begun: a daemon that systemd starts again is there by then.
+/// How long a press may wait until it is accepted: by then systemd has restarted a daemon that crashed.
 const BEGIN: Duration = Duration::from_secs(2);
-/// How long the end of a capture that was begun is asked for again.
+/// How long the client keeps asking for the outcome of a capture that was accepted.
 const END: Duration = Duration::from_secs(30);
-/// How long a reply is waited for.
+/// How long the client waits for a reply.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Pause before an attempt is repeated.
+/// Pause before the next attempt.
 const PAUSE: Duration = Duration::from_millis(200);
-/// How often it is looked whether a daemon that has ended is there again.
+/// How often the watch checks whether a daemon that was stopped is back.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// The daemon, from a foot switch.
+/// The daemon, as a foot switch sees it.
 #[derive(Clone, Debug)]
 pub struct Daemon {
     socket: PathBuf,
     clock: Clock,
-    /// How long a press may wait to be begun.
+    /// How long a press may wait until it is accepted.
     begin: Duration,
-    /// The last capture that came to the disk, whoever asked for it.
+    /// The last capture that became durable, whichever client asked for it.
     last: Arc<Mutex<Option<String>>>,
-    /// Whether a press was answered since this was last looked at.
+    /// Whether a press was answered since this was last read.
     answered: Arc<AtomicBool>,
 }
 
-/// What watching the daemon found.
+/// What the watch found.
 #[derive(Debug)]
 pub enum Watch {
-    /// It is there.
+    /// The daemon answers.
     There,
-    /// It is not, and why.
+    /// The daemon does not answer, and why.
     Away(Error),
-    /// It has ended as it was told to.
+    /// The daemon was told to stop, and has stopped.
     Ended,
 }
 
-/// Why listening is over.
+/// Why listening ended.
 enum Heard {
-    /// Nobody wants to hear more.
+    /// The caller wants no more events.
     Enough,
-    /// The daemon is ending.
+    /// The daemon is stopping.
     Ending,
 }
 
 impl Daemon {
-    /// The one that listens there.
+    /// A client of the daemon that listens on `socket`.
     pub fn new(socket: &Path, clock: Clock) -> Self {
         Self {
             socket: socket.into(),
@@ -67,10 +67,10 @@ impl Daemon {
         }
     }
 
-    /// Asks for a capture and waits for its end, `progress` hearing of it.
+    /// Asks for a capture and waits for its outcome; `progress` is called with every reply.
     ///
     /// # Errors
-    /// If the daemon is away, or does not answer, and that stays so.
+    /// If the daemon cannot be reached, or does not answer in time.
     pub fn press(&self, press_id: &str, progress: &mut dyn FnMut(&Reply)) -> Result<Reply, Error> {
         let request = Request::Trigger {
             source: "pedal".into(),
@@ -95,7 +95,7 @@ impl Daemon {
         }
     }
 
-    /// Asks for the capture once the daemon has shown, within `left`, that it answers.
+    /// Asks for the capture once the daemon has answered a request for its status within `left`.
     fn attempt(
         &self,
         request: &Request,
@@ -126,10 +126,10 @@ impl Daemon {
         }
     }
 
-    /// Notes that the last capture is not to be used; `None` where there was none since this program began.
+    /// Marks the last capture as rejected; `None` if there was none since this program started.
     ///
     /// # Errors
-    /// If the daemon is away.
+    /// If the daemon cannot be reached.
     pub fn reject_last(&self) -> Result<Option<(String, Reply)>, Error> {
         let last = self.last.lock();
         let Some(capture) = last.clone() else {
@@ -146,8 +146,8 @@ impl Daemon {
         Ok(Some((capture, client.reply()?)))
     }
 
-    /// Listens to what happens, as long as `go_on` says so of what was found; connects again when the daemon is away. One
-    /// that was told to end is left alone until it is there again, or a press wants it: to connect would start it.
+    /// Follows the daemon's events for as long as `go_on` returns true; reconnects when the daemon is away. A daemon that
+    /// was told to stop is not contacted until its socket changes or a press was answered: a connect would start it.
     pub fn watch(&self, mut go_on: impl FnMut(Watch) -> bool) {
         let longest = Duration::from_secs(5);
         let mut pause = PAUSE;
@@ -179,7 +179,7 @@ impl Daemon {
         }
     }
 
-    /// Waits until a press was answered, or the socket is gone or another one.
+    /// Waits until a press was answered, or until the socket was removed or replaced.
     fn wait_for_another(&self) {
         let socket = || std::fs::metadata(&self.socket).map(|m| (m.dev(), m.ino(), m.ctime_nsec()));
         let before = socket().ok();
@@ -191,7 +191,7 @@ impl Daemon {
         }
     }
 
-    /// Listens until the connection breaks, or nobody wants to.
+    /// Listens until the connection breaks or the caller wants no more events.
     fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<Heard, Error> {
         let mut client = Client::connect(&self.socket, None)?;
         client.send(&Request::Events {})?;
@@ -227,8 +227,8 @@ mod tests {
 
     const STATUS: &str = r#"{"type":"status","status":{}}"#;
 
-    /// Serves one connection after the other with the lines of each, after its status where it is asked for that first;
-    /// a request is handed over as it came.
+    /// Serves one connection after the other: answers a request for the status, passes the next request on to the test,
+    /// and sends that connection's lines.
     fn serve(path: &Path, connections: &[&[&str]]) -> Receiver<String> {
         let listener = UnixListener::bind(path).unwrap();
         let (sender, requests) = channel();
@@ -308,13 +308,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("s");
         let listener = UnixListener::bind(&socket).unwrap();
-        // It is the kernel that ends the wait for an answer, by the time that really passes.
+        // The kernel ends the wait for an answer, and it knows only real time.
         let daemon = Daemon {
             begin: Duration::from_millis(50),
             ..Daemon::new(&socket, Clock::system())
         };
         daemon.press("p", &mut |_| ()).unwrap_err();
-        // A daemon that starts now finds nobody who wants a capture.
+        // A daemon that starts now finds no request for a capture.
         listener.set_nonblocking(true).unwrap();
         let mut left = 0;
         while let Ok((stream, _)) = listener.accept() {
@@ -351,7 +351,7 @@ mod tests {
             ["There", "Ended"]
         );
         assert!(requests.recv().unwrap().contains("events"));
-        // Systemd's socket would take a connection. The watch looks each second of its clock whether it may.
+        // A connect would succeed; the watch has checked the socket about 20 times and must not have connected.
         let ended = clock.now();
         while clock.elapsed(ended) < 20 * LOOK {
             std::thread::yield_now();

@@ -1,4 +1,5 @@
-//! A foot switch as the kernel shows it: an input device with keys. It is held alone, so that a press types nowhere.
+//! A foot switch as the kernel shows it: an input device with keys. It is opened exclusively, so that a press does not
+//! type into another program.
 
 use evdev::{EventSummary, KeyCode};
 use std::collections::VecDeque;
@@ -8,8 +9,8 @@ use std::time::SystemTime;
 /// Why a foot switch cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// It cannot be opened.
-    #[error("{}: {cause}: no input device that this user may read", path.display())]
+    /// It cannot be opened as an input device.
+    #[error("{}: cannot open it as an input device: {cause}; check the path, and that this user may read it", path.display())]
     Open {
         /// The device.
         path: PathBuf,
@@ -21,27 +22,27 @@ pub enum Error {
     NoKeys {
         /// The device.
         path: PathBuf,
-        /// What it calls itself.
+        /// The name that the device reports.
         name: String,
     },
     /// Another program holds it.
-    #[error("{}: {cause}: another program holds it", path.display())]
+    #[error("{}: another program uses this foot switch: {cause}", path.display())]
     Taken {
         /// The device.
         path: PathBuf,
         /// Why.
         cause: std::io::Error,
     },
-    /// It does not tell its keys any more.
-    #[error("{}: cannot be read: {cause}", path.display())]
+    /// Its keys cannot be read any more.
+    #[error("{}: cannot read the foot switch: {cause}", path.display())]
     Read {
         /// The device.
         path: PathBuf,
         /// Why.
         cause: std::io::Error,
     },
-    /// It went away.
-    #[error("{}: it was pulled out", path.display())]
+    /// It was unplugged.
+    #[error("{}: the foot switch was unplugged", path.display())]
     Gone {
         /// The device.
         path: PathBuf,
@@ -55,23 +56,23 @@ pub struct Input {
     pub code: u16,
     /// 0, 1 or 2.
     pub value: i32,
-    /// When, by the kernel.
+    /// When, by the kernel's clock.
     pub time: SystemTime,
 }
 
-/// A foot switch that is held.
+/// An open foot switch.
 pub struct Device {
     path: PathBuf,
     device: evdev::Device,
-    /// What was read and not asked for yet.
+    /// Events that were read and not yet returned.
     inputs: VecDeque<Input>,
 }
 
 impl Device {
-    /// Opens a device and holds it alone.
+    /// Opens a device exclusively.
     ///
     /// # Errors
-    /// If it is none, has no keys, or is held by another program.
+    /// If it is not an input device, has no keys, or another program holds it.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let open = |cause| Error::Open {
             path: path.into(),
@@ -95,20 +96,20 @@ impl Device {
         })
     }
 
-    /// What it calls itself.
+    /// The name that the device reports.
     pub fn name(&self) -> &str {
         self.device.name().unwrap_or("an input device")
     }
 
-    /// Lets a device that is gone be. To close it would be to let its keys go, which it cannot any more.
+    /// Forgets an unplugged device without closing it: closing would release its grab, which fails once it is gone.
     pub fn forget(self) {
         std::mem::forget(self.device);
     }
 
-    /// Waits for the next key.
+    /// Waits for the next edge of a key.
     ///
     /// # Errors
-    /// If the device is gone, or cannot be read.
+    /// If the device was unplugged or cannot be read.
     pub fn wait(&mut self) -> Result<Input, Error> {
         loop {
             if let Some(input) = self.inputs.pop_front() {
@@ -131,7 +132,7 @@ impl Device {
     }
 }
 
-/// Why a device tells nothing any more. ENODEV, for which there is no kind, is one that was pulled out.
+/// Why a device cannot be read. `ErrorKind` has no kind for ENODEV, which means unplugged.
 fn unread(path: &Path, cause: std::io::Error) -> Error {
     let path = path.into();
     match cause.raw_os_error() {
@@ -149,7 +150,7 @@ pub fn key_code(name: &str) -> Result<u16, String> {
     let found = full.parse().or_else(|_| format!("KEY_{full}").parse());
     let key: KeyCode = found.map_err(|_| {
         format!(
-            "{name:?} is no key: expected a name such as KEY_B, see evtest or input-event-codes.h"
+            "{name:?} is not the name of a key, expected a name such as KEY_B: evtest shows the names"
         )
     })?;
     Ok(key.code())
@@ -178,7 +179,10 @@ mod tests {
             unread(Path::new("/dev/input/event3"), cause)
         };
         let (gone, broken) = (unread(19), unread(5));
-        assert_eq!(gone.to_string(), "/dev/input/event3: it was pulled out");
+        assert_eq!(
+            gone.to_string(),
+            "/dev/input/event3: the foot switch was unplugged"
+        );
         assert!(matches!(broken, Error::Read { .. }), "{broken}");
     }
 

@@ -1,5 +1,5 @@
-//! The foot switch: keys become presses, and presses what the daemon is asked. The device itself is read in `device`,
-//! which alone knows the kernel's input events; everything else is tested without one.
+//! The foot switch: keys become presses, and presses become requests to the daemon. Only `device` knows the kernel's
+//! input events; everything else is tested without a device.
 
 mod daemon;
 #[cfg(feature = "pedal")]

@@ -1,5 +1,5 @@
-//! What the edges of keys mean. Contacts bounce when they close and when they open: a press counts if its key was quiet
-//! before it.
+//! Debounces keys and maps them to actions. Contacts bounce when they close and when they open, so a press counts only if
+//! its key was quiet before.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
@@ -7,18 +7,18 @@ use std::time::{Duration, SystemTime};
 /// What the operator wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// A capture.
+    /// Take a capture.
     Trigger,
-    /// The last capture is not to be used.
+    /// Reject the last capture.
     Reject,
 }
 
 /// Which keys do what, by the kernel's codes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Keys {
-    /// Those that ask for a capture; where there are none, all that do not reject.
+    /// Keys that ask for a capture; if empty, every key that does not reject.
     pub trigger: BTreeSet<u16>,
-    /// Those that reject the last one.
+    /// Keys that reject the last capture.
     pub reject: BTreeSet<u16>,
 }
 
@@ -39,12 +39,12 @@ impl Keys {
 pub struct Switch {
     keys: Keys,
     quiet: Duration,
-    /// When each key went down or up last.
+    /// When each key last went down or up.
     edges: BTreeMap<u16, SystemTime>,
 }
 
 impl Switch {
-    /// With these keys, each of which must be quiet for so long before a press counts.
+    /// A switch with these keys; a key must have been quiet for `quiet` before a press of it counts.
     pub fn new(keys: Keys, quiet: Duration) -> Self {
         Self {
             keys,
@@ -53,8 +53,8 @@ impl Switch {
         }
     }
 
-    /// A key went up (0) or down (1), or repeats itself (2), at a time of the device's clock. A clock that was set back
-    /// loses no press.
+    /// Handles a key that went up (0) or down (1), or repeats (2), at a time of the device's clock. No press is lost when
+    /// that clock is set back.
     pub fn edge(&mut self, code: u16, value: i32, time: SystemTime) -> Option<Action> {
         let action = self.keys.action(code)?;
         if value != 0 && value != 1 {

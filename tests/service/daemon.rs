@@ -446,7 +446,7 @@ fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
         "WRONG  camera c00: ",
         "/dev/none-1",
         "ok     recordings' folder",
-        "WRONG  background plates: there are none\n       → clear the rig",
+        "WRONG  backgrounds: no backgrounds were taken\n       → clear the rig",
     ] {
         assert!(words.contains(expected), "{expected}: {words}");
     }

@@ -57,13 +57,13 @@ def configured():
     contains(run("scand", "check", expected=78), "WRONG", "calibration.toml")
     service.configure()
     run("useradd", "--create-home", "ann")
-    expect(wrong(run("scand", "check", "--no-speed", expected=1)), ["background plates"], "what is wrong at first")
+    expect(wrong(run("scand", "check", "--no-speed", expected=1)), ["backgrounds"], "what is wrong at first")
     run("systemctl", "start", "scand.socket", "scand.service")
     contains(run("systemctl", "status", "--no-pager", "scand"), "ready: 2 of 2 cameras")
     contains(ann("scand", "check", expected=1), "WRONG  daemon", "sudo adduser YOU scand")
     run("adduser", "ann", "scand")
     run("adduser", "ann", "systemd-journal")
-    expect(wrong(ann("scand", "check", expected=1)), ["background plates"], "what is wrong for one of the group")
+    expect(wrong(ann("scand", "check", expected=1)), ["backgrounds"], "what is wrong for one of the group")
     until("she reads the log", lambda: "camera c00: ready" in ann("journalctl", "-u", "scand"))
 
 

@@ -82,7 +82,7 @@ def ready():
 
 @chapter.step("scand check finds nothing wrong but that there are no plates, which are taken then")
 def plates():
-    until("only the plates are wrong", lambda: [f["subject"] for f in wrong()] == ["background plates"])
+    until("only the plates are wrong", lambda: [f["subject"] for f in wrong()] == ["backgrounds"])
     until("plates are taken", lambda: "plates in" in scand.ask("background", expected=None))
     until("nothing is wrong", lambda: not wrong())
 
