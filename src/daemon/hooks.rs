@@ -1,5 +1,6 @@
-//! Commands of the operator's own that run when something happens: a beep, a lamp. They listen as anybody does, so that
-//! none can delay or break a capture; each has its time and is then killed with all its children.
+//! Runs the operator's own commands when something happens: a beep, a lamp. Hooks follow the events like any other
+//! client, so they can neither delay nor break a capture. A command that exceeds its time limit is killed with all its
+//! children.
 
 use super::HooksParameters;
 use super::events::{Event, Events, Subscription, Verdict};
@@ -22,7 +23,7 @@ pub struct Hooks {
 }
 
 impl Hooks {
-    /// Listens from now on. Nothing is started where no command is configured.
+    /// Starts the thread; `None` if no command is configured.
     ///
     /// # Errors
     /// If the system has no thread left.
@@ -45,7 +46,7 @@ impl Hooks {
         Ok(Some(Self { stop, thread }))
     }
 
-    /// Kills what still runs.
+    /// Stops the thread and kills the commands that still run.
     pub fn stop(self) {
         self.stop.notify_one();
         let _ = self.thread.join();
@@ -62,7 +63,7 @@ struct Running {
 impl Running {
     async fn serve(&mut self, events: &mut Subscription, stop: &Notify) {
         loop {
-            // While enough are running, events wait where the oldest are lost first.
+            // While as many run as may run, events wait in the subscription, which drops the oldest first.
             let free = self.hooks.len() < self.parameters.at_most;
             tokio::select! {
                 () = stop.notified() => break,
@@ -114,7 +115,7 @@ fn tell(name: &str, ended: std::io::Result<(End, String)>) {
     }
 }
 
-/// The hook of an event and its command, which may be empty.
+/// The name of an event's hook, and its command, which may be empty.
 fn command<'a>(
     parameters: &'a HooksParameters,
     event: &Event,
@@ -246,7 +247,7 @@ mod tests {
 
     fn is_running(pid: &str) -> bool {
         let stat = text(Path::new(&format!("/proc/{}/stat", pid.trim())));
-        // One that nobody has waited for yet is dead all the same.
+        // A zombie is dead: only its parent has not waited for it yet.
         !stat.is_empty() && !stat.contains(") Z ")
     }
 

@@ -219,7 +219,7 @@ fn a_user_of_too_many_clients_is_told_that_there_is_no_room() {
     let mut clients: Vec<Client> = (0..24).map(|_| until(served)).collect();
     let answer = heard(service.raw());
     assert!(
-        answer.contains("24 clients of user") && answer.contains("are served already"),
+        answer.contains("24 clients of user") && answer.contains("are connected"),
         "{answer}"
     );
     // One that waits for something and goes away makes room, whatever it waits for.

@@ -1,9 +1,9 @@
-//! Names of sessions.
+//! Names of sessions: how they are made and checked.
 
 use crate::frame::{CaptureId, Timestamp};
 use std::path::Path;
 
-/// Letters that a session's name may have, so that its captures' ids are no longer than they may be.
+/// Longest name of a session, in letters: its captures' ids must fit their own limit.
 const LONGEST: usize = 48;
 
 /// A name from the time in UTC, such as `20260131-235959`.
@@ -15,8 +15,8 @@ pub(super) fn of_time(time: Timestamp) -> String {
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
 }
 
-/// The same, with a number behind it where a recording of this name is in the folder already: a second is long enough
-/// for two.
+/// A name from the time, with a number appended if the folder has a recording of this name already: two sessions may
+/// begin within one second.
 pub(super) fn free(folder: &Path, time: Timestamp) -> String {
     let name = of_time(time);
     let taken = |name: &String| {
@@ -28,8 +28,8 @@ pub(super) fn free(folder: &Path, time: Timestamp) -> String {
     names.find(|name| !taken(name)).unwrap_or(name)
 }
 
-/// Year, month and day of the days since 1 January 1970: the years are counted from 1 March, so that the leap day is
-/// their last, and eras of 400 years repeat.
+/// Year, month and day of a number of days since 1 January 1970. Years are counted from 1 March, so that the leap day is
+/// a year's last day; the calendar repeats every 400 years.
 fn date(days: i64) -> [i64; 3] {
     let days = days + 719_468;
     let era = days.div_euclid(146_097);
@@ -46,8 +46,8 @@ fn date(days: i64) -> [i64; 3] {
     [year_of_era + era * 400 + i64::from(month <= 2), month, day]
 }
 
-/// Checks that no models of an earlier session are where those of a new one go: its recordings may have been moved, and
-/// captures of both have the same names. Where `NAME-002.mcap` is still there, the new session leaves that name out.
+/// Checks that no models of an earlier session lie where those of a new one go: captures of both have the same names if
+/// the earlier recordings were moved away. While `NAME-002.mcap` is still there, the new session skips that name.
 pub(super) fn check_models(models: &Path, recordings: &Path, name: &str) -> Result<(), String> {
     let is_in_the_way = |folder: &Path| {
         let stem = folder.file_name().unwrap_or_default().to_string_lossy();
@@ -63,7 +63,7 @@ pub(super) fn check_models(models: &Path, recordings: &Path, name: &str) -> Resu
     let mut folders = folders.map(|folder| folder.path());
     match folders.find(|folder| is_in_the_way(folder)) {
         Some(folder) => Err(format!(
-            "{} has models of an earlier session of this name: move them, or take another name",
+            "{} has models of an earlier session of this name: move them away, or choose another name",
             folder.display()
         )),
         None => Ok(()),

@@ -1,5 +1,5 @@
-//! The thread that packs complete recordings while the rig has nothing to do, one after the other, if that is wanted. A
-//! press ends it at once; what was begun is begun again later.
+//! The thread that compresses complete recordings, one after the other, while the rig is idle, if that is configured. A
+//! press interrupts it at once; the recording that it was working on is packed from the start later.
 
 use super::capturing::Capturing;
 use super::parameters::RecordingParameters;
@@ -15,21 +15,21 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How often is asked whether the rig has nothing to do.
+/// How often the thread checks whether the rig is idle.
 const ASKED: Duration = Duration::from_millis(250);
 
-/// The thread, from outside. Dropped, it gives up what it is packing and ends.
+/// The handle of the thread. Dropping it makes the thread abandon its recording and stop.
 pub struct Packing {
     stopped: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Packing {
-    /// Starts the thread; `None` where recordings stay as they are. `keep_free` is how many bytes of the disk are left to
-    /// others, and may change at any time.
+    /// Starts the thread; `None` if packing is not configured. `keep_free` is how many bytes of the disk must stay free; it
+    /// may change at any time.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If the system cannot start a thread.
     pub fn start(
         capturing: &Arc<Capturing>,
         parameters: &RecordingParameters,
@@ -57,13 +57,13 @@ pub(super) struct Packer {
     capturing: Arc<Capturing>,
     folder: PathBuf,
     clock: Clock,
-    /// Since when the rig has had nothing to do, or nothing was found to pack.
+    /// Since when the rig is idle, or when no recording was found to pack.
     since: Instant,
-    /// How long the rig has had nothing to do before anything is packed.
+    /// How long the rig must be idle before a recording is packed.
     rest: Duration,
     keep_free: Arc<AtomicU64>,
     stopped: Arc<AtomicBool>,
-    /// Recordings that need not be looked at again.
+    /// Recordings that were packed or are not worth it.
     done: BTreeSet<PathBuf>,
 }
 
@@ -89,7 +89,7 @@ impl Packer {
     /// Starts the thread.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If the system cannot start a thread.
     pub(super) fn start(mut self) -> std::io::Result<Packing> {
         let stopped = self.stopped.clone();
         let thread = std::thread::Builder::new().name("packing".into());
@@ -111,7 +111,7 @@ impl Packer {
         }
     }
 
-    /// Packs a recording if the rig has had nothing to do for long enough; false if there is nothing to be done now.
+    /// Packs one recording if the rig has been idle for long enough; false if there is nothing to do now.
     pub(super) fn step(&mut self) -> bool {
         let is_idle = self.capturing.is_idle();
         if is_idle && self.clock.elapsed(self.since) < self.rest {
@@ -125,7 +125,7 @@ impl Packer {
         false
     }
 
-    /// The first of the recordings that has not been looked at and for whose copy there is room.
+    /// The first recording that is not done and for whose copy the disk has space.
     fn next(&self) -> Option<PathBuf> {
         let entries = std::fs::read_dir(&self.folder).ok()?.flatten();
         let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
@@ -149,13 +149,13 @@ impl Packer {
         match pack(&path, goes_on) {
             Ok(Packed::GivenUp) => return,
             Ok(Packed::Smaller(before, after)) => log::notice!(
-                "{}: packed, {} MB are {} MB now",
+                "packed {} from {} MB to {} MB",
                 path.display(),
                 before / 1_000_000,
                 after / 1_000_000
             ),
             Ok(Packed::Already | Packed::NotWorthwhile) => {}
-            Err(error) => log::warning!("not packed: {error}"),
+            Err(error) => log::warning!("cannot pack a recording, which stays as it is: {error}"),
         }
         self.done.insert(path);
     }

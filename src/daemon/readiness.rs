@@ -1,18 +1,19 @@
-//! Whether the daemon is ready, and what it says of itself in one line. Arithmetic over the status alone.
+//! Decides whether the daemon is ready, and sums its status up in one line. Pure: it reads only the status that it is
+//! given.
 
 use super::parameters::ServiceParameters;
 use super::status::{CameraStatus, Status};
 use std::time::Duration;
 
-/// The daemon in one line, and whether work may begin.
+/// Whether work may begin, and the status in one line.
 #[derive(Debug, PartialEq)]
 pub(super) struct Readiness {
     pub ready: bool,
     pub words: String,
 }
 
-/// Judges a status, so long after the start. All cameras must have answered; or, when they were waited for, all but as
-/// many as the policy lets miss.
+/// Judges a status `waited` after the start. Every camera must be ready; after `patience_s`, as many may be missing as
+/// the policy allows.
 pub(super) fn readiness(
     status: &Status,
     waited: Duration,
@@ -38,7 +39,7 @@ pub(super) fn readiness(
     }
     words += &format!("; {} captures, {} failed", status.complete, status.failed);
     if status.capture_bytes > 0 {
-        words += &format!("; room for {} more", status.captures_left);
+        words += &format!("; space for {} more", status.captures_left);
     }
     Readiness { ready, words }
 }
@@ -86,7 +87,7 @@ mod tests {
         assert!(!ready(&one_away, late, &strict));
         assert!(!ready(&one_opening, early, &lenient));
         assert!(!ready(&both_away, late, &lenient));
-        // Before the capturing thread has said anything.
+        // Before the capturing thread has published its first status.
         assert!(!ready(&Status::default(), late, &lenient));
     }
 

@@ -1,32 +1,32 @@
-//! What the daemon knows of itself, for whoever asks.
+//! The daemon's status, as clients see it. No logic beyond gathering it.
 
 use super::rig::{Kind, Rig, State};
 use crate::workers::Backlog;
 use std::collections::BTreeMap;
 
-/// One camera.
+/// A camera's status.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CameraStatus {
-    /// What it is to a capture.
+    /// What it contributes to a capture.
     pub kind: Kind,
     /// `ready`, `opening` or `away`.
     pub state: &'static str,
-    /// What it is, or why it is away.
+    /// Its identity, or why it is away.
     pub words: String,
-    /// Each setting: its name, what was asked for and what was read back.
+    /// Each setting: its name, the value asked for, and the value read back.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub settings: Vec<[String; 3]>,
-    /// What it tells of itself, such as its temperature and how its clock stands: names and values.
+    /// What it reports about itself, such as its temperature and its clock's offset: names and values.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub health: Vec<[String; 2]>,
-    /// What to know although it works.
+    /// Advice about a camera that works.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub remarks: Vec<String>,
-    /// Frames it lost since the start.
+    /// Frames that it lost since the start.
     pub lost_frames: u64,
 }
 
-/// What half of something stays below, and 99 of 100.
+/// Percentiles of a duration, in milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Spread {
     /// The median.
@@ -35,38 +35,38 @@ pub struct Spread {
     pub p99: f64,
 }
 
-/// The daemon.
+/// The daemon's status.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Status {
-    /// The cameras by their ids.
+    /// Each camera's status by its id.
     pub cameras: BTreeMap<String, CameraStatus>,
-    /// The session that is recorded.
+    /// The session that is being recorded.
     pub session: Option<String>,
-    /// Captures since the start that are on the disk and complete.
+    /// Complete captures since the start that are durable.
     pub complete: u64,
     /// Captures since the start that failed.
     pub failed: u64,
-    /// How long presses took of late, in milliseconds, until they were `captured` and `durable`.
+    /// How long recent presses took until they were `captured` and `durable`, in milliseconds.
     pub takes_ms: BTreeMap<&'static str, Spread>,
-    /// Presses that were refused: no memory, no room, a disk that is behind.
+    /// Presses that were refused for lack of memory or disk space, or because the recorder's queue was full.
     pub refused: u64,
-    /// Frames that came when their capture was over.
+    /// Frames that arrived after their capture had ended.
     pub late_frames: u64,
-    /// Bytes of a capture, as the cameras are set.
+    /// Bytes of one capture with the cameras' present settings.
     pub capture_bytes: u64,
-    /// Captures that the disk has room for.
+    /// How many captures fit on the disk.
     pub captures_left: u64,
-    /// Captures that wait for the disk.
+    /// Captures that wait to be written.
     pub waiting: usize,
-    /// Bytes of memory for frames that exist, and most that there may be.
+    /// Memory for frames in bytes: allocated, and the limit.
     pub memory: [usize; 2],
-    /// Hours since the oldest of the background plates was taken; `None` where a colour camera has none.
+    /// Age of the oldest background in hours; `None` if a colour camera has none.
     pub plates_age_h: Option<f64>,
-    /// Models that are made and to be made; `None` where none are.
+    /// Models in progress and queued; `None` if this daemon makes none.
     pub models: Option<Backlog>,
 }
 
-/// The cameras' part of the status; frames that each lost are counted elsewhere.
+/// The cameras' part of the status; `lost` is how many frames each camera lost.
 pub(super) fn cameras(rig: &Rig, lost: &BTreeMap<String, u64>) -> BTreeMap<String, CameraStatus> {
     let one = |(id, kind, state): (&crate::frame::CameraId, Kind, &State)| {
         let mut camera = CameraStatus {

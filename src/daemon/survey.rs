@@ -1,4 +1,4 @@
-//! The rig's cameras, opened once to see how they are, where no daemon holds them.
+//! Opens the rig's cameras once and reports their state, for a check while no daemon holds them.
 
 use super::rig::{Rig, State, Station};
 use super::status::{self, CameraStatus};
@@ -7,11 +7,11 @@ use crate::drivers::live::Backoff;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Opens all cameras, waits until each has answered that it is ready, at most for so long, and closes them. The cameras
-/// by their ids, and how each is.
+/// Opens all cameras, waits at most `patience` until every one is ready, and closes them. Returns each camera's state by
+/// its id.
 ///
 /// # Errors
-/// If the system has no thread left.
+/// If the system cannot start a thread.
 pub fn survey(
     stations: Vec<Station>,
     clock: Clock,

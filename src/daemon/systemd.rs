@@ -1,6 +1,6 @@
-//! What systemd hands over and is told: the listening socket, that the daemon is ready or ending, a line of status, and
-//! that its threads still work. The watchdog has no timer of its own here: it is fed by the last of the working threads
-//! to show a sign of life, so that one that hangs starves it.
+//! Talks to systemd: takes over the listening socket, reports that the daemon is ready or stopping, a status line, and
+//! that its threads still work. The watchdog has no timer of its own: it is fed only when every working thread has shown
+//! a sign of life, so that one thread that hangs starves it.
 
 use crate::clock::Clock;
 use crate::log;
@@ -14,30 +14,33 @@ use std::os::unix::net::{SocketAddr, UnixDatagram, UnixListener};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Takes the listening socket that systemd opened, if it did. To be called once, before there are other threads: it
-/// takes `LISTEN_FDS` from the environment, so that no child believes it.
+/// Takes the listening socket that systemd opened, if any. Call it once, before other threads start: it removes
+/// `LISTEN_FDS` from the environment, so that no child process uses it.
 ///
 /// # Errors
-/// If what was handed over is more than one socket, or none that listens.
+/// If systemd handed over more than one socket, or one that does not listen.
 pub fn handed_over() -> std::io::Result<Option<UnixListener>> {
     let mut sockets = listenfd::ListenFd::from_env();
     if sockets.len() > 1 {
-        let words = format!("{} sockets were handed over, expected one", sockets.len());
+        let words = format!(
+            "systemd handed over {} sockets, expected one",
+            sockets.len()
+        );
         return Err(std::io::Error::new(ErrorKind::InvalidInput, words));
     }
     sockets.take_unix_listener(0)
 }
 
-/// The way to systemd; without one nothing is said.
+/// The connection to systemd; without one, messages are dropped.
 #[derive(Debug, Default)]
 pub struct Notifier {
     way: Option<(UnixDatagram, SocketAddr)>,
-    /// How long systemd waits for a sign of life.
+    /// Systemd kills the daemon after so long without a sign of life.
     watchdog: Option<Duration>,
 }
 
 impl Notifier {
-    /// As systemd's environment names it (`NOTIFY_SOCKET`, `WATCHDOG_USEC`).
+    /// Reads the environment that systemd sets (`NOTIFY_SOCKET`, `WATCHDOG_USEC`).
     pub fn from_environment() -> Self {
         let number = |name: &str| std::env::var(name).ok()?.parse::<u64>().ok();
         let own = number("WATCHDOG_PID").is_none_or(|pid| pid == u64::from(std::process::id()));
@@ -46,19 +49,22 @@ impl Notifier {
             return Self::default();
         };
         Self::to(&address, watchdog.map(Duration::from_micros)).unwrap_or_else(|error| {
-            log::warning!("NOTIFY_SOCKET {}: {error}", address.display());
+            log::warning!(
+                "cannot report to systemd at NOTIFY_SOCKET {}: {error}",
+                address.display()
+            );
             Self::default()
         })
     }
 
-    /// To a socket of this name; one that begins with `@` is abstract.
+    /// Connects to a socket of this name; a name that starts with `@` is abstract.
     pub(super) fn to(address: &OsString, watchdog: Option<Duration>) -> std::io::Result<Self> {
         let address = match address.as_bytes() {
             [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
             path => SocketAddr::from_pathname(std::ffi::OsStr::from_bytes(path))?,
         };
         let socket = UnixDatagram::unbound()?;
-        // Nothing here waits for systemd.
+        // No thread waits for systemd.
         socket.set_nonblocking(true)?;
         Ok(Self {
             way: Some((socket, address)),
@@ -66,10 +72,10 @@ impl Notifier {
         })
     }
 
-    /// Says something in the words of `sd_notify(3)`, a pair a line.
+    /// Sends assignments as `sd_notify(3)` defines them, one a line.
     pub fn tell(&self, words: &str) {
         if let Some((socket, address)) = &self.way {
-            // A queue that is full for a moment has room for the next sign.
+            // If the queue is full, this message is lost; there is space for a later one.
             let _ = socket.send_to_addr(words.as_bytes(), address);
         }
     }
@@ -85,14 +91,14 @@ pub struct Pulse {
 
 #[derive(Debug)]
 struct Beats {
-    /// Each thread, and whether it was heard of since the last feeding.
+    /// Each thread, and whether it has shown a sign of life since the watchdog was fed.
     threads: Vec<(&'static str, bool)>,
     fed: Instant,
-    /// Whether it was said that some are silent.
+    /// Whether the silent threads were logged.
     told: bool,
 }
 
-/// What systemd allows a start before it must hear of it again.
+/// How much longer systemd lets the start take with each sign of life.
 const START: Duration = Duration::from_secs(60);
 
 impl Default for Pulse {
@@ -102,7 +108,7 @@ impl Default for Pulse {
 }
 
 impl Pulse {
-    /// No threads yet.
+    /// A watchdog that knows no threads yet.
     pub fn new(notifier: Arc<Notifier>, clock: Clock) -> Self {
         let beats = Beats {
             threads: Vec::new(),
@@ -132,7 +138,7 @@ impl Pulse {
         self.notifier.tell(&format!("EXTEND_TIMEOUT_USEC={more}"));
     }
 
-    /// Feeds the watchdog if all threads were heard of since it was fed last.
+    /// Feeds the watchdog if all threads have shown a sign of life since it was fed last.
     fn beat(&self, index: usize, now: Instant) {
         let Some(watchdog) = self.notifier.watchdog else {
             return;
@@ -149,7 +155,7 @@ impl Pulse {
                 .iter_mut()
                 .for_each(|(_, heard)| *heard = false);
             (beats.fed, beats.told) = (now, false);
-            // The start may take as long as cameras need, as long as the threads live.
+            // The start may take as long as the cameras need, provided that the threads work.
             let start = START.as_micros();
             self.notifier
                 .tell(&format!("WATCHDOG=1\nEXTEND_TIMEOUT_USEC={start}"));
@@ -158,7 +164,9 @@ impl Pulse {
             let silent = beats.threads.iter().filter(|(_, heard)| !heard);
             let silent: Vec<&str> = silent.map(|(name, _)| *name).collect();
             let (silent, ms) = (silent.join(", "), hungry.as_millis());
-            log::error!("{silent}: no sign of life for {ms} ms; systemd ends the daemon soon");
+            log::error!(
+                "no sign of life from {silent} for {ms} ms; systemd will restart the daemon"
+            );
         }
     }
 }
@@ -171,7 +179,7 @@ pub struct Heart {
 }
 
 impl Heart {
-    /// How long a thread may wait for work before it shows that it lives.
+    /// How long a thread may wait for work before it must show a sign of life.
     pub const REST: Duration = Duration::from_millis(500);
 
     /// Shows that the thread works, or waits for work.
@@ -252,7 +260,7 @@ mod tests {
     #[test]
     fn a_queue_that_nobody_empties_holds_nobody_up() {
         let (_folder, _end, notifier) = systemd(1);
-        // If one waited, this would not end.
+        // If `tell` blocked, this would never end.
         for _ in 0..5000 {
             notifier.tell("STATUS=…");
         }

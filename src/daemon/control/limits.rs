@@ -1,33 +1,33 @@
-//! How much of the daemon clients may have: so many requests a second all together, first come first served, and so
-//! many lines of its log.
+//! Limits what clients may use: a rate of requests shared by all of them, served in order of arrival, and a number of
+//! lines in the daemon's log.
 
 use crate::log;
 use parking_lot::Mutex;
 use std::time::{Duration, Instant};
 use tokio::net::unix::UCred;
 
-/// Requests and connections a second that are served in the long run, by all clients together.
+/// Requests and connections a second that are served in the long run, of all clients together.
 const RATE: f64 = 1000.0;
-/// How many of them may come at once.
+/// How many of them are served at once after a pause.
 const BURST: f64 = 200.0;
-/// Connections that the log names in each [`PERIOD`].
+/// Connections that are logged in each [`PERIOD`].
 const NAMED: u32 = 10;
 const PERIOD: Duration = Duration::from_secs(60);
 
-/// Lets requests pass at a bounded rate. Who comes first passes first, so that one who asks seldom waits for at most
-/// one request of each other client.
+/// Lets requests pass at a limited rate, in order of arrival, so that a client that seldom asks waits for at most one
+/// request of each other client.
 pub(super) struct Gate {
     earned: tokio::sync::Mutex<Earned>,
 }
 
-/// How many requests may pass at once, as of an instant.
+/// A token bucket: how many requests may pass at once, as of an instant.
 struct Earned {
     requests: f64,
     at: Instant,
 }
 
 impl Earned {
-    /// Lets a request pass, or says how long it has to wait.
+    /// Lets a request pass, or returns how long it must wait.
     fn spend(&mut self, now: Instant) -> Result<(), Duration> {
         let earned = now.saturating_duration_since(self.at).as_secs_f64() * RATE;
         self.requests = (self.requests + earned).min(BURST);
@@ -53,7 +53,7 @@ impl Gate {
 
     /// Waits until a request may pass.
     pub(super) async fn pass(&self) {
-        // Held while waiting: the lock's queue is the gate's.
+        // Held while waiting: the lock's queue keeps the order of arrival.
         let mut earned = self.earned.lock().await;
         while let Err(wait) = earned.spend(Instant::now()) {
             tokio::time::sleep(wait).await;
@@ -61,7 +61,7 @@ impl Gate {
     }
 }
 
-/// Names the clients in the log: the first of each minute, and how many more there were.
+/// Logs the first clients of each minute, and how many more there were.
 pub(super) struct Visitors {
     state: Mutex<Visits>,
 }
@@ -88,16 +88,20 @@ impl Visitors {
             let pid = who
                 .pid()
                 .map_or_else(String::new, |p| format!(", process {p}"));
-            log::info!("client: user {}, group {}{pid}", who.uid(), who.gid());
+            log::info!(
+                "a client connected: user {}, group {}{pid}",
+                who.uid(),
+                who.gid()
+            );
         }
     }
 
-    /// Whether the log names one more.
+    /// Whether one more client is logged.
     fn is_named(&self, now: Instant) -> bool {
         let mut visits = self.state.lock();
         if now.duration_since(visits.since) > PERIOD {
             if visits.more > 0 {
-                log::info!("client: {} more that are not named", visits.more);
+                log::info!("{} more clients connected in the last minute", visits.more);
             }
             *visits = Visits {
                 since: now,

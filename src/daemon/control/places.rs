@@ -1,39 +1,39 @@
-//! Places for clients: so many in all, and fewer for one user, so that who opens all that he may leaves room for the
-//! foot switch, which is a user of its own.
+//! Limits concurrent clients, in total and per user, so that one user cannot lock out the foot switch, which runs as its
+//! own user.
 
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Most clients at a time.
+/// Limit of concurrent clients.
 const MOST: usize = 32;
-/// Most clients of one user at a time.
+/// Limit of concurrent clients of one user.
 const MOST_OF_A_USER: usize = 24;
 
-/// How many clients each user has.
+/// Counts the clients of each user.
 #[derive(Clone, Default)]
 pub(super) struct Places(Arc<Mutex<BTreeMap<u32, usize>>>);
 
-/// The place of a client, which is free again when this is dropped.
+/// The right of one client to be served; dropping it frees its place.
 pub(super) struct Place {
     places: Places,
     user: u32,
 }
 
 impl Places {
-    /// A place for one more client of a user.
+    /// Admits one more client of a user.
     ///
     /// # Errors
-    /// Why there is none, in words.
+    /// Which limit is reached, in words.
     pub(super) fn take(&self, user: u32) -> Result<Place, String> {
         let mut taken = self.0.lock();
         if taken.values().sum::<usize>() >= MOST {
-            return Err(format!("{MOST} clients are served already"));
+            return Err(format!("{MOST} clients are connected, which is the limit"));
         }
         let own = taken.entry(user).or_default();
         if *own >= MOST_OF_A_USER {
             return Err(format!(
-                "{MOST_OF_A_USER} clients of user {user} are served already"
+                "{MOST_OF_A_USER} clients of user {user} are connected, which is the limit"
             ));
         }
         *own += 1;
@@ -67,11 +67,14 @@ mod tests {
             .map(|_| places.take(1000).unwrap())
             .collect();
         let refused = places.take(1000).err().unwrap();
-        assert_eq!(refused, "24 clients of user 1000 are served already");
+        assert_eq!(
+            refused,
+            "24 clients of user 1000 are connected, which is the limit"
+        );
         let others: Vec<Place> = (0..8).map(|user| places.take(user).unwrap()).collect();
         let refused = places.take(8).err().unwrap();
-        assert_eq!(refused, "32 clients are served already");
-        // Who leaves makes room.
+        assert_eq!(refused, "32 clients are connected, which is the limit");
+        // A client that disconnects frees its place.
         greedy.pop();
         greedy.push(places.take(1000).unwrap());
         drop((greedy, others));

@@ -98,7 +98,7 @@ def bundled():
     with tarfile.open(bundle.with_suffix("")) as packed:
         journal = packed.extractfile("journal.txt").read().decode()
         names = packed.getnames()
-    contains(journal, "camera c00: ready", "client: user")
+    contains(journal, "camera c00: ready", "client connected: user")
     for name in ("check.txt", "status.json", "rig.toml", "calibration.toml", "service.txt"):
         expect(name in names, True, f"{name} in the bundle")
 
