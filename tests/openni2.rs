@@ -163,7 +163,7 @@ fn of(frames: &[Frame], stream: Stream) -> Vec<&Frame> {
 /// stream alone, so on a busy machine some are missed. They are counted.
 fn missed(tally: &Tally, of: &str) -> usize {
     let count = |line: &String| {
-        assert!(line.ends_with("never came"), "{tally:?}");
+        assert!(line.ends_with("did not arrive"), "{tally:?}");
         let words: Vec<&str> = line.split(' ').collect();
         (words[1] == of).then(|| words[0].parse::<usize>().unwrap())
     };
@@ -314,7 +314,7 @@ fn a_damaged_frame_never_looks_whole() {
         let lost = outcome.unwrap().lost;
         assert!(
             lost.iter()
-                .any(|l| l.contains("3072 of its 6144 bytes came")),
+                .any(|l| l.contains("3072 of its 6144 bytes arrived")),
             "{lost:?}"
         );
         assert_eq!(of(&frames, Stream::Depth).len(), 30);
@@ -366,7 +366,7 @@ impl Expect for Box<dyn Device> {
             tally
                 .lost
                 .iter()
-                .all(|l| l.contains(word) || l.ends_with("never came")),
+                .all(|l| l.contains(word) || l.ends_with("did not arrive")),
             "{tally:?}"
         );
         let idle = self.idle().unwrap_err().to_string();

@@ -1,5 +1,5 @@
-//! The background plates: the newest of them is found again after a restart. Each set is a recording of its own, and
-//! none is ever deleted.
+//! Backgrounds of the empty rig: saves them, and finds the newest after a restart. Each set is a recording of its own,
+//! and none is ever deleted.
 
 use super::names;
 use crate::frame::{CameraId, Picture, Timestamp};
@@ -11,12 +11,12 @@ use std::path::{Path, PathBuf};
 /// Each colour camera's view of the rig with no object in it, and when it was taken.
 pub(super) type Plates = BTreeMap<CameraId, (Timestamp, Picture)>;
 
-/// The folder of plates beside the recordings.
+/// The folder of backgrounds beside the recordings.
 fn folder(recordings: &Path) -> PathBuf {
     recordings.join("plates")
 }
 
-/// Keeps plates durably.
+/// Saves backgrounds durably.
 ///
 /// # Errors
 /// If they cannot be written.
@@ -40,7 +40,7 @@ pub(super) fn save(
     Ok(path)
 }
 
-/// The same plates in memory of their own: frames' memory is for captures.
+/// Copies backgrounds out of the pool, whose memory is for captures.
 pub(super) fn detached(plates: Plates) -> Plates {
     let own = |picture: Picture| match picture {
         Picture::Raw {
@@ -65,8 +65,8 @@ pub(super) fn detached(plates: Plates) -> Plates {
     plates.into_iter().map(each).collect()
 }
 
-/// The newest plate of each of these cameras; none where there are none, or the file is unreadable, which is said. Those
-/// of a time that is yet to come, when the clock was wrong, serve where there are no others.
+/// The newest background of each of these cameras. Empty if there is none or its file is unreadable (logged).
+/// Backgrounds dated in the future (the clock was wrong) are used only as a last resort.
 pub(super) fn newest(recordings: &Path, cameras: &[CameraId], now: Timestamp) -> Plates {
     let mut plates = until(recordings, cameras, now);
     let found = plates.len();
@@ -75,7 +75,7 @@ pub(super) fn newest(recordings: &Path, cameras: &[CameraId], now: Timestamp) ->
     }
     if plates.len() > found {
         log::warning!(
-            "plates are from {}, which is yet to come: the clock was wrong; take them anew",
+            "the backgrounds are dated in the future, {}: the clock was wrong when they were taken; take them again",
             names::of_time(plates.values().map(|(time, _)| *time).max().unwrap_or(now))
         );
     }

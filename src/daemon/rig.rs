@@ -1,5 +1,5 @@
-//! The cameras' threads together: a shot goes to all of them, their answers come back, and what happens between shots
-//! is noted. No camera is waited for longer than a shot may take.
+//! All cameras' threads: sends a shot to each of them, collects their answers, and tracks their state between shots. No
+//! camera is waited for longer than a shot may take.
 
 use super::systemd::Heart;
 use crate::clock::Clock;
@@ -13,19 +13,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What a camera is to a capture.
+/// What a camera contributes to a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// Gives a picture to each capture.
+    /// One colour picture.
     Color,
-    /// Gives a burst of depth frames.
+    /// A burst of depth frames.
     Depth,
-    /// Gives a burst, and not at the same time as another one of its kind: their patterns disturb each other.
+    /// A burst of depth frames, never at the same time as another camera of this kind: their patterns would interfere.
     DepthInTurn,
 }
 
-/// A camera of the rig, to be started.
+/// A camera of the rig that has not been started yet.
 pub struct Station {
     /// The camera.
     pub id: CameraId,
@@ -35,10 +35,10 @@ pub struct Station {
     pub driver: Box<dyn Driver>,
 }
 
-/// What is known of a camera.
+/// A camera's state.
 #[derive(Clone, Debug)]
 pub(super) enum State {
-    /// It was not open yet.
+    /// It has not been opened yet.
     Opening,
     /// It works.
     Ready(Box<Confirmed>),
@@ -46,12 +46,12 @@ pub(super) enum State {
     Away(Fault),
 }
 
-/// What a shot gave.
+/// The result of a shot.
 #[derive(Debug, Default)]
 pub(super) struct Shooting {
-    /// Whole frames, in the order in which they came.
+    /// Complete frames, in order of arrival.
     pub frames: Vec<Frame>,
-    /// Of each camera that was asked what it cost, or why it gave none.
+    /// Each camera's answer: the statistics of its shot, or why it took none.
     pub answers: BTreeMap<CameraId, Result<Tally, Fault>>,
     /// Cameras whose state changed meanwhile.
     pub changed: BTreeSet<CameraId>,
@@ -63,7 +63,7 @@ pub struct Rig {
     events: Receiver<Message>,
     clock: Clock,
     shots: u64,
-    /// Frames that came when their shot was over.
+    /// Frames that arrived after their shot had ended.
     late_frames: u64,
 }
 
@@ -71,22 +71,22 @@ struct Camera {
     kind: Kind,
     thread: Supervised,
     state: State,
-    /// What it told of itself last.
+    /// Its last report of its health.
     health: Vec<[String; 2]>,
 }
 
 impl Rig {
-    /// Starts a thread for each camera. `frames_a_shot` is how many frames all of them may give to one.
+    /// Starts a thread for each camera. `frames_a_shot` is the largest number of frames of all cameras together.
     ///
     /// # Errors
-    /// If the system has no thread left.
+    /// If the system cannot start a thread.
     pub fn start(
         stations: Vec<Station>,
         clock: Clock,
         frames_a_shot: usize,
         backoff: Backoff,
     ) -> std::io::Result<Self> {
-        // Room for a whole shot and for what cameras say meanwhile, so that nothing waits for the other end.
+        // Space for a whole shot and the reports meanwhile, so that no camera's thread waits.
         let (sender, events) = bounded(2 * frames_a_shot + 16 * stations.len() + 16);
         let mut cameras = BTreeMap::new();
         for station in stations {
@@ -107,12 +107,12 @@ impl Rig {
         self.clock
     }
 
-    /// Where cameras say what happens to them between shots.
+    /// What the cameras report between shots.
     pub(super) fn events(&self) -> &Receiver<Message> {
         &self.events
     }
 
-    /// Frames that came when their shot was over, since the start.
+    /// Frames since the start that arrived after their shot had ended.
     pub(super) fn late_frames(&self) -> u64 {
         self.late_frames
     }
@@ -122,12 +122,12 @@ impl Rig {
         self.cameras.iter().map(|(id, c)| (id, c.kind, &c.state))
     }
 
-    /// What a camera told of itself last: names and values.
+    /// A camera's last report of its health: names and values.
     pub(super) fn health(&self, camera: &CameraId) -> &[[String; 2]] {
         self.cameras.get(camera).map_or(&[], |c| &c.health)
     }
 
-    /// Notes what a camera says between shots; true if its state changed.
+    /// Records what a camera reports between shots; true if its state changed.
     pub(super) fn note(&mut self, message: Message) -> bool {
         let Some(camera) = self.cameras.get_mut(&message.camera) else {
             return false;
@@ -135,7 +135,7 @@ impl Rig {
         match message.event {
             Event::Ready(confirmed) => camera.state = State::Ready(confirmed),
             Event::Away { fault, .. } => {
-                // It is tried again and again, and that is no news.
+                // A failed attempt to reopen it changes nothing.
                 let is_news = !matches!(&camera.state, State::Away(before) if *before == fault);
                 camera.state = State::Away(fault);
                 camera.health.clear();
@@ -154,7 +154,7 @@ impl Rig {
         true
     }
 
-    /// Takes a shot with the cameras of these kinds and waits for it. Depth cameras that disturb each other take turns.
+    /// Takes a shot with the cameras of these kinds and waits for it. Depth cameras that would interfere take turns.
     pub(super) fn shoot(
         &mut self,
         wanted: impl Fn(Kind) -> bool,
@@ -169,12 +169,12 @@ impl Rig {
         shooting
     }
 
-    /// How many shots follow each other in a capture, because depth cameras take turns.
+    /// How many shots a capture consists of, because depth cameras take turns.
     pub(super) fn turns(&self) -> usize {
         self.groups(|_| true).len()
     }
 
-    /// The cameras that are asked at the same time.
+    /// The cameras of each shot.
     fn groups(&self, wanted: impl Fn(Kind) -> bool) -> Vec<Vec<CameraId>> {
         let of = |in_turn: bool| {
             let cameras = self.cameras.iter();
@@ -229,7 +229,9 @@ impl Rig {
             State::Opening => Err(Fault::Away("it has not been opened yet".into())),
             State::Away(fault) => Err(fault.clone()),
             State::Ready(_) if camera.thread.shoot(shot.clone()) => Ok(()),
-            State::Ready(_) => Err(Fault::Away("still busy with the shot before".into())),
+            State::Ready(_) => Err(Fault::Away(
+                "it is still busy with the previous shot".into(),
+            )),
         }
     }
 
@@ -241,7 +243,7 @@ impl Rig {
         shooting: &mut Shooting,
     ) {
         while !waiting.is_empty() {
-            // All patience has an end, so who waits lives.
+            // The wait has a deadline, so this thread is not stuck.
             heart.beat();
             let left = shot.remaining();
             let message = match self.clock.recv_timeout(&self.events, left.min(Heart::REST)) {
@@ -271,9 +273,9 @@ impl Rig {
         }
     }
 
-    /// Ends all threads; the cameras whose threads did not end by the deadline.
+    /// Stops all threads; returns the cameras whose threads had not ended by the deadline.
     pub(super) fn stop(self, deadline: Instant) -> Vec<CameraId> {
-        // Nobody listens from here on, so that no thread waits to be heard; all end side by side.
+        // Closing the channel frees threads that wait for space in it; all stop concurrently.
         drop(self.events);
         let ending: Vec<Ending> = self.cameras.into_values().map(|c| c.thread.end()).collect();
         let mut stuck = Vec::new();

@@ -1,4 +1,4 @@
-//! Where frames come from: live cameras, each SDK in a folder of its own. A recording is played back in `job`.
+//! Live cameras, each SDK in its own folder, and what all of them share. `job` replays recordings.
 
 pub mod aravis;
 pub mod link;

@@ -1,12 +1,12 @@
-//! How cameras' pixels come, by the names that recordings and configurations have for it. Each SDK's own numbers and letters
-//! for it are in that SDK's folder.
+//! Pixel formats, by the names that recordings and configurations use. Each SDK's own codes for them are in that SDK's
+//! folder.
 
 use serde::{Deserialize, Serialize};
 
-/// How pixels come.
+/// A pixel format.
 #[derive(Deserialize, Serialize, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PixelFormat {
-    /// A JPEG file a frame.
+    /// Each frame is a JPEG file.
     #[serde(rename = "mjpeg")]
     Mjpeg,
     /// Red, green / green, blue.
@@ -39,7 +39,7 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// All of them.
+    /// Every format.
     pub const ALL: [Self; 10] = [
         Self::Mjpeg,
         Self::BayerRggb8,
@@ -53,7 +53,7 @@ impl PixelFormat {
         Self::Yuyv,
     ];
 
-    /// Its name in a recording; of a compressed one, the picture file's.
+    /// Its name in a recording; for a compressed format, the name of the file format.
     pub fn encoding(self) -> &'static str {
         match self {
             Self::Mjpeg => "jpeg",
@@ -69,7 +69,7 @@ impl PixelFormat {
         }
     }
 
-    /// Bytes of a pixel; `None` of a compressed one.
+    /// Bytes of a pixel; `None` for a compressed format.
     pub fn bytes_per_pixel(self) -> Option<usize> {
         match self {
             Self::Mjpeg => None,

@@ -134,7 +134,7 @@ fn a_late_frame_has_its_true_time_and_is_not_taken_for_the_next() {
             let (_, frames, tally) =
                 stand.shoot_within(device.as_mut(), 1, Duration::from_millis(100));
             assert!(frames.is_empty());
-            assert!(tally.unwrap().lost[0].contains("no frame came"));
+            assert!(tally.unwrap().lost[0].contains("no frame arrived"));
             stand.rig.set_delay(&id("c00"), Duration::ZERO).unwrap();
             let (_, frames, tally) = stand.shoot(device.as_mut(), 2);
             assert_eq!(frames.len(), 1, "{tally:?}");

@@ -141,7 +141,7 @@ fn a_line_exposes_without_the_daemon() {
         });
         let (_, frames, tally) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));
         assert!(frames.is_empty());
-        assert!(tally.unwrap().lost[0].contains("no frame came"));
+        assert!(tally.unwrap().lost[0].contains("no frame arrived"));
     });
 }
 

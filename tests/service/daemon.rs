@@ -213,7 +213,11 @@ fn a_socket_that_systemd_made_is_served_and_left() {
     stand.end();
     let after = std::fs::symlink_metadata(&socket).unwrap();
     assert_eq!(before.modified().unwrap(), after.modified().unwrap());
-    assert!(stand.log().contains("client connected: user"), "{}", stand.log());
+    assert!(
+        stand.log().contains("client connected: user"),
+        "{}",
+        stand.log()
+    );
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! One GigE Vision camera: opened, watched and closed. How it is set, shot, streams and keeps time stands in the files
-//! beside this one.
+//! One GigE Vision camera: opened, polled and closed. Its settings, shots, stream and clock are in the files of this
+//! folder that are named after them.
 
 use super::action::ActionGroup;
 use super::clock::CameraClock;
@@ -132,7 +132,7 @@ impl OpenCamera {
         };
         open.remark();
         let started = open.camera.start_acquisition();
-        started.map_err(|e| Fault::Away(format!("it does not start: {}", e.message())))?;
+        started.map_err(|e| Fault::Away(format!("it cannot start its stream: {}", e.message())))?;
         Ok(open)
     }
 
@@ -144,8 +144,9 @@ impl OpenCamera {
     fn remark(&mut self) {
         let remarks = &mut self.confirmed.remarks;
         if !self.camera_clock.can_be_read() {
-            remarks
-                .push("its clock cannot be read, only estimated from when its frames come".into());
+            remarks.push(
+                "its clock cannot be read, only estimated from when its frames arrive".into(),
+            );
         }
         if let Some(precision_time) = &self.precision_time {
             let (Ok(words) | Err(words)) = precision_time.state(&self.camera);
@@ -153,7 +154,7 @@ impl OpenCamera {
         }
         match self.camera.gv_get_packet_size() {
             Ok(size) if size < 4_000 => remarks.push(format!(
-                "its packets have {size} bytes: jumbo frames would spare the host most of its work"
+                "its packets have {size} bytes: jumbo frames would save the host most of its work"
             )),
             _ => {}
         }
@@ -163,7 +164,7 @@ impl OpenCamera {
     pub(super) fn in_control(&self) -> Result<(), Fault> {
         if self.control_lost.load(Ordering::Relaxed) {
             return Err(Fault::Away(format!(
-                "{}: it does not answer any more, or another program took control of it",
+                "{}: the camera stopped answering, or another program took control of it",
                 self.found.address
             )));
         }

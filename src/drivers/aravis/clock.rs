@@ -1,5 +1,5 @@
-//! A camera's clock on the host's timeline: read by a latch where the camera has one, or else bounded by when its frames
-//! came. No frame is taken here.
+//! A camera's clock on the host's timeline: read by a latch if the camera has one, or else bounded by when its frames
+//! arrive. No frame is taken here.
 
 use crate::clock::Clock;
 use crate::drivers::live::{DeviceClock, Reading};
@@ -227,7 +227,7 @@ impl CameraClock {
         let late = time.nanoseconds_since(not_after);
         let early = not_before.map_or(0, |t| t.nanoseconds_since(time));
         let (ns, what) = if late > slack {
-            (late, "after it came")
+            (late, "after it arrived")
         } else if early > slack {
             (early, "before its trigger")
         } else {

@@ -1,4 +1,4 @@
-//! A camera's features by name: written, read back, and refused with the camera's own answer when they did not take.
+//! A camera's features by name: writes them, reads them back, and fails with the camera's own answer if they differ.
 //! Knows no feature's meaning.
 
 use super::parameters::FeatureValue;
@@ -192,6 +192,6 @@ fn within<T: PartialOrd + std::fmt::Display>(
     Err(Fault::Refused {
         field: name.into(),
         asked: asked.to_string(),
-        found: format!("room for {low} to {high}"),
+        found: format!("a range of {low} to {high}"),
     })
 }

@@ -1,5 +1,5 @@
-//! GigE Vision cameras, through Aravis: found, set, triggered, and their frames taken. What can be configured is known
-//! without the library, so that a configuration can be checked anywhere; no other SDK is named here.
+//! GigE Vision cameras, through Aravis: finds, configures and triggers them, and takes their frames. What can be
+//! configured is compiled without the library, so that every configuration can be checked. No other SDK is named here.
 
 #[cfg(feature = "live")]
 mod action;

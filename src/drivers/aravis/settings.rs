@@ -1,5 +1,5 @@
-//! Everything that is set on a camera, in the order that it depends on: what starts an exposure off, the format, the
-//! region, light, packets, and the trigger on again. Each is read back.
+//! Configures a camera in the order in which settings depend on each other: trigger off, format, region, light, packets,
+//! trigger on. Each setting is read back.
 
 use super::features::{Features, fault};
 use super::parameters::{self, Activation, Parameters, Region, TriggerMode};
@@ -317,7 +317,7 @@ impl Setting<'_, '_> {
         let index: i64 = index.parse().map_err(|_| Fault::Refused {
             field: "trigger_source".into(),
             asked: source.into(),
-            found: "no number in it, as in Action1".into(),
+            found: "a name without a number, expected one such as Action1".into(),
         })?;
         let device_key = parameters.action_device_key.unwrap_or(0);
         self.features.need(&["ActionGroupKey"], "an action's key")?;

@@ -1,5 +1,5 @@
-//! How a shot is taken of an open camera: by command, line, action or among the frames of one that runs free; which frames
-//! are the shot's, and which are old, damaged or stamped wrongly. How the camera was opened stands in `camera`.
+//! Takes a shot with an open camera: by command, line or action, or from the frames of a free-running one; decides which
+//! frames belong to the shot, and which are old, damaged or wrongly stamped. `camera` opens and closes the camera.
 
 use super::action::{ActionCommand, send_action};
 use super::camera::OpenCamera;
@@ -94,7 +94,7 @@ impl OpenCamera {
                 picture,
             }),
             None => tally.lost.push(format!(
-                "no room for a frame: {} of the {} bytes for frames are in use",
+                "no memory for a frame: {} of {} bytes are in use (capture.memory_mb)",
                 self.pool.allocated(),
                 self.pool.limit()
             )),
@@ -300,9 +300,9 @@ impl OpenCamera {
         }
         if tally.lost.is_empty() {
             let waited = self.clock.timestamp().nanoseconds_since(shot.trigger) as f64 / 1e9;
-            tally
-                .lost
-                .push(format!("no frame came within {waited:.2} s of the trigger"));
+            tally.lost.push(format!(
+                "no frame arrived within {waited:.2} s of the trigger"
+            ));
         }
         self.check()
     }

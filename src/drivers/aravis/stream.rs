@@ -1,5 +1,5 @@
-//! A camera's frames as they come off the network: memory kept ready, each frame judged before it is believed, and
-//! copied once. Which frames are wanted is not known here.
+//! A camera's frames as they arrive from the network: keeps memory ready, checks each frame, and copies it once. Which
+//! frames are wanted is decided elsewhere.
 #![allow(unsafe_code)] // A frame is read where the library put it; the wrapper has that as a pointer only.
 
 use super::parameters::{self, Parameters};
@@ -128,7 +128,7 @@ impl Frames {
         let dropped = now.underruns.saturating_sub(last.underruns);
         if dropped > 0 {
             tally.lost.push(format!(
-                "{dropped} packets came while no memory was ready for their frame"
+                "{dropped} packets arrived while no memory was ready for their frame"
             ));
         }
     }
@@ -162,7 +162,7 @@ impl Frames {
     fn contradiction(&self, buffer: &Buffer) -> Option<String> {
         let kind = buffer.payload_type();
         if kind != BufferPayloadType::Image || buffer.n_parts() != 1 {
-            return Some(format!("a frame is no single picture but {kind:?}"));
+            return Some(format!("a frame is not a single picture but {kind:?}"));
         }
         let Layout { format, size, .. } = self.layout;
         let found = (buffer.image_width(), buffer.image_height());
@@ -210,14 +210,16 @@ impl Frames {
     }
 }
 
-/// What befell a frame.
+/// What happened to a frame.
 fn damage(status: BufferStatus) -> String {
     match status {
-        BufferStatus::Timeout => "a frame did not come to its end".into(),
-        BufferStatus::MissingPackets => "a frame came with packets missing".into(),
-        BufferStatus::WrongPacketId => "a frame came with a packet of another".into(),
+        BufferStatus::Timeout => "a frame was not complete in time".into(),
+        BufferStatus::MissingPackets => "a frame arrived with packets missing".into(),
+        BufferStatus::WrongPacketId => "a frame arrived with a packet of another".into(),
         BufferStatus::SizeMismatch => "a frame was larger than its memory".into(),
-        BufferStatus::PayloadNotSupported => "a frame came in a form that is not read".into(),
-        other => format!("a frame came with status {other:?}"),
+        BufferStatus::PayloadNotSupported => {
+            "a frame arrived in a form that is not supported".into()
+        }
+        other => format!("a frame arrived with status {other:?}"),
     }
 }

@@ -1,16 +1,16 @@
-//! A camera's clock, mapped onto the host's timeline ([`crate::clock`]) by what was seen of both at once.
+//! Maps a camera's clock onto the host's timeline ([`crate::clock`]), by readings of both at the same moment.
 
 use crate::frame::Timestamp;
 use std::collections::VecDeque;
 
-/// A moment of a camera's clock, and what is known of when that was for the host.
+/// One reading of a camera's clock, with bounds on the host's time of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reading {
     /// The camera's clock in nanoseconds.
     pub device_ns: u64,
-    /// It was not before; `None` where only an arrival is known.
+    /// Lower bound; `None` if only the arrival is known.
     pub not_before: Option<Timestamp>,
-    /// It was not after.
+    /// Upper bound.
     pub not_after: Timestamp,
 }
 
@@ -18,14 +18,14 @@ pub struct Reading {
 ///
 /// Each reading bounds the offset from both sides (a clock that is latched between two of the host's times) or from one
 /// (a frame that was exposed before it came). The narrowest bounds count, made wider by what the clocks may have
-/// drifted apart since. What is newer is believed: an older reading that contradicts it was late on a busy host, or the
-/// clock was set since, and is forgotten.
+/// drifted apart since. Newer readings win: an older one that contradicts them was delayed by a busy host, or precedes a
+/// change of the clock, and is dropped.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     readings: VecDeque<Reading>,
 }
 
-/// Readings that are kept.
+/// How many readings are kept.
 const KEPT: usize = 32;
 /// How far two quartz clocks drift apart at most, as a part of the time that passes.
 const DRIFT: f64 = 100e-6;
@@ -33,10 +33,10 @@ const DRIFT: f64 = 100e-6;
 const CONTRADICTION: i128 = 1_000_000;
 
 impl DeviceClock {
-    /// Takes a reading.
+    /// Adds a reading.
     ///
     /// # Errors
-    /// If the clock stands still, or jumped: said in words, and what was known of it before is forgotten.
+    /// If the clock stands still or jumped, in words; the earlier readings are dropped then.
     pub fn add(&mut self, reading: Reading) -> Result<(), String> {
         let problem = self
             .readings
@@ -60,8 +60,8 @@ impl DeviceClock {
         self.readings.len() > 1 && apart > CONTRADICTION
     }
 
-    /// The host's time at a moment of the camera's clock, and by how many nanoseconds that may be off (unknown where
-    /// only arrivals were seen). `None` before the first reading.
+    /// The host's time at a moment of the camera's clock, and its uncertainty in nanoseconds (`None` if only arrivals are
+    /// known). `None` before the first reading.
     pub fn host_time(&self, device_ns: u64) -> Option<(Timestamp, Option<u64>)> {
         let (low, high) = self.bounds(device_ns);
         let high = high?;
@@ -90,7 +90,7 @@ impl DeviceClock {
     }
 }
 
-/// What is wrong with a clock that showed these two readings.
+/// Why two successive readings cannot come from a clock that works; `None` if they can.
 fn problem(last: Reading, next: Reading) -> Option<String> {
     let passed = i128::from(next.device_ns) - i128::from(last.device_ns);
     let at_most = next.not_before.map_or(0, |_| {

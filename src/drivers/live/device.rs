@@ -1,5 +1,5 @@
-//! What every live camera is to the rest of the program, whatever its SDK: something that is opened, takes the frames
-//! of a shot, and is asked now and then whether it is still there. No thread is started here.
+//! The interface of every live camera, whatever its SDK: it is opened, takes the frames of a shot, and is polled while
+//! idle. No thread is started here.
 
 use crate::clock::Clock;
 use crate::frame::{CameraSettings, Frame, Timestamp};
@@ -7,20 +7,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Why a camera does not do what it should. In words for an operator; the camera's name is added by who tells it.
+/// Why a camera does not work, in words for an operator. The caller adds the camera's name.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Fault {
-    /// It is not there, or went away: unplugged, no answer, its control taken by another program.
+    /// It cannot be reached: unplugged, no answer, or controlled by another program.
     #[error("{0}")]
     Away(String),
-    /// It did not take a setting.
+    /// It refused a setting.
     #[error("{field}: asked for {asked}, the camera has {found}")]
     Refused {
-        /// Which setting, as the camera names it.
+        /// The setting, by the camera's own name.
         field: String,
-        /// What the configuration wants.
+        /// The value in the configuration.
         asked: String,
-        /// What the camera answered or was read back.
+        /// The camera's answer, or the value read back.
         found: String,
     },
 }
@@ -28,20 +28,20 @@ pub enum Fault {
 /// One request for frames.
 #[derive(Debug, Clone)]
 pub struct Shot {
-    /// Counts shots since the start; frames and answers carry it back.
+    /// The shot's number since the start, which frames and answers repeat.
     pub number: u64,
-    /// When it was asked for, on the host's timeline.
+    /// The time of the trigger, on the host's timeline.
     pub trigger: Timestamp,
-    /// Until when frames are waited for.
+    /// Frames that arrive after this instant are not waited for.
     pub deadline: Instant,
-    /// What the deadline is read from.
+    /// The clock of the deadline.
     pub clock: Clock,
-    /// Set when nobody waits any more.
+    /// Set when the caller has stopped waiting.
     pub abandoned: Arc<AtomicBool>,
 }
 
 impl Shot {
-    /// How long frames may still be waited for; zero when the time is over or nobody waits.
+    /// The time left to wait for frames; zero after the deadline, or when the caller has stopped waiting.
     pub fn remaining(&self) -> Duration {
         if self.abandoned.load(Ordering::Relaxed) {
             return Duration::ZERO;
@@ -50,22 +50,22 @@ impl Shot {
     }
 }
 
-/// What a shot cost beside its frames.
+/// The result of a shot beside its frames.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Frames that came damaged or not at all, each in words.
+    /// Frames that were damaged or did not arrive, each in words.
     pub lost: Vec<String>,
-    /// Packets that were asked for again.
+    /// Packets that were requested again.
     pub resent_packets: u64,
-    /// Packets that never came.
+    /// Packets that never arrived.
     pub missing_packets: u64,
-    /// Frames that came whole and were no part of the shot.
+    /// Complete frames that did not belong to the shot.
     pub unused: u64,
-    /// What an operator should know although nothing was lost, such as how far a camera's clock is off the network's.
+    /// Advice although nothing was lost, such as a clock that is far off the network's.
     pub remarks: Vec<String>,
 }
 
-/// A camera as it is open, everything read back from it.
+/// An open camera: its identity and its settings as they were read back.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Confirmed {
     /// Vendor, model, serial number, firmware, address.
@@ -76,26 +76,26 @@ pub struct Confirmed {
     pub encoding: String,
     /// Largest frame in bytes, as it crosses the link.
     pub frame_bytes: u64,
-    /// How it is set, for the recording; `None` for depth cameras.
+    /// Its settings for the recording; `None` for depth cameras.
     pub settings: Option<CameraSettings>,
-    /// Each setting that was asked for: its name, what was asked and what was read back.
+    /// Each setting: its name, the value asked for, and the value read back.
     pub table: Vec<[String; 3]>,
-    /// What an operator should know although it works, such as a clock that can only be estimated from arrivals.
+    /// Advice although it works, such as a clock that can only be estimated from arrivals.
     pub remarks: Vec<String>,
 }
 
-/// Opens one camera, again and again if need be.
+/// Opens one camera, as often as it is asked to.
 pub trait Driver: Send {
     /// Opens the camera, sets it and reads everything back.
     ///
     /// # Errors
-    /// If it is not there or did not take a setting. Nothing is held then.
+    /// If it cannot be reached or refused a setting. It is closed again then.
     fn open(&mut self) -> Result<Box<dyn Device>, Fault>;
 }
 
 /// An open camera. It lives and dies on the thread that opened it.
 pub trait Device {
-    /// How it was found and set.
+    /// Its identity and settings.
     fn confirmed(&self) -> &Confirmed;
 
     /// Takes the frames of a shot: what was exposed before is dropped, the camera is triggered where that is its way,
@@ -103,23 +103,23 @@ pub trait Device {
     /// timeline. Ends when it has what the shot needs, or nothing more is waited for.
     ///
     /// # Errors
-    /// If the camera is away; what is merely lost is in the tally.
+    /// If the camera is away. Lost frames are no error; they are counted in the result.
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault>;
 
-    /// Called every [`Device::idle_period`] while there is no shot: keeps frames of a free-running camera moving,
-    /// its clock known, and finds out whether it is still there.
+    /// Called every [`Device::idle_period`] between shots: drains the frames of a free-running camera, keeps its clock
+    /// mapped, and detects that it is away.
     ///
     /// # Errors
-    /// If it is not.
+    /// If the camera is away.
     fn idle(&mut self) -> Result<(), Fault>;
 
-    /// What it tells of itself now, such as its temperature and how its clock stands: names and values for a person.
-    /// Called every few seconds while there is no shot.
+    /// What it reports about itself, such as its temperature and its clock's offset: names and values for a person.
+    /// Called every few seconds between shots.
     fn health(&mut self) -> Vec<[String; 2]> {
         Vec::new()
     }
 
-    /// How often [`Device::idle`] wants to be called; at most 5 s.
+    /// How often to call [`Device::idle`]; at most 5 s.
     fn idle_period(&self) -> Duration {
         Duration::from_secs(2)
     }

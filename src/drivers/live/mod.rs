@@ -1,6 +1,5 @@
-//! What live cameras have in common. A camera has a [`Driver`] that opens it, a [`Device`] that takes its pictures, and
-//! a thread of its own that [`supervise`] runs: it opens the camera, asks whether it is still there, and opens it again
-//! when it is not. No SDK is named here.
+//! What all live cameras share. A [`Driver`] opens a camera, a [`Device`] takes its pictures, and [`supervise`] runs a
+//! thread for it, which polls the camera and reopens it when it is away. No SDK is named here.
 
 mod clock;
 mod device;
@@ -16,6 +15,6 @@ pub use device::{Confirmed, Device, Driver, Fault, Shot, Tally};
 pub use pool::{Pool, PooledBuffer};
 pub use supervisor::{Backoff, Command, Ending, Event, Message, Supervised, supervise};
 
-/// How much earlier than the daemon's trigger an electrical signal may have started the exposure: what the press takes
-/// through a switch, USB and a socket.
+/// How much earlier than the daemon's trigger an electrical signal may start the exposure: the press takes that long
+/// through the switch, USB and the socket.
 pub const LINE_LEAD: Duration = Duration::from_millis(50);

@@ -1,5 +1,5 @@
-//! Memory for frames, bounded as configured: a buffer is taken when a frame has come and goes back by itself when the
-//! last one who holds the frame lets it go.
+//! Bounded memory for frames: a buffer is taken when a frame arrives, and returns to the pool when the last clone of the
+//! frame is dropped.
 
 use bytes::Bytes;
 use parking_lot::Mutex;
@@ -19,12 +19,12 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct State {
-    /// Bytes of buffers that were made, in use or free.
+    /// Bytes of all buffers, in use or free.
     allocated: usize,
     free: Vec<Vec<u8>>,
 }
 
-/// Memory of a pool, to write a frame into.
+/// A pool's buffer, to write a frame into.
 #[derive(Debug)]
 pub struct PooledBuffer {
     bytes: Vec<u8>,
@@ -32,7 +32,7 @@ pub struct PooledBuffer {
 }
 
 impl Pool {
-    /// A pool of at most `limit` bytes. Nothing is allocated yet.
+    /// A pool of at most `limit` bytes. Allocates nothing yet.
     pub fn new(limit: usize) -> Self {
         Self {
             shared: Arc::new(Shared {
@@ -42,7 +42,7 @@ impl Pool {
         }
     }
 
-    /// An empty buffer with room for `length` bytes; `None` when the pool is used up.
+    /// An empty buffer of `length` bytes; `None` if that exceeds the pool's limit.
     pub fn take(&self, length: usize) -> Option<PooledBuffer> {
         let bytes = self.shared.take(length)?;
         Some(PooledBuffer {
@@ -58,19 +58,19 @@ impl Pool {
         state.allocated - free
     }
 
-    /// Bytes of buffers that exist.
+    /// Bytes of all buffers, in use or free.
     pub fn allocated(&self) -> usize {
         self.shared.state.lock().allocated
     }
 
-    /// Most bytes that there may be.
+    /// The limit in bytes.
     pub fn limit(&self) -> usize {
         self.shared.limit
     }
 }
 
 impl Shared {
-    /// The smallest free buffer that is large enough, or a new one; free ones that are too small make way for it.
+    /// The smallest free buffer that is large enough, or a new one, for which smaller free ones are dropped if need be.
     fn take(&self, length: usize) -> Option<Vec<u8>> {
         let mut state = self.state.lock();
         let fitting = state.free.iter().enumerate();
@@ -97,7 +97,7 @@ impl Shared {
 }
 
 impl PooledBuffer {
-    /// Appends bytes, as many as there is room for; how many that were.
+    /// Appends as many bytes as fit; returns how many.
     pub fn write(&mut self, bytes: &[u8]) -> usize {
         let room = self.bytes.capacity() - self.bytes.len();
         let taken = &bytes[..bytes.len().min(room)];
@@ -105,7 +105,7 @@ impl PooledBuffer {
         taken.len()
     }
 
-    /// What was written, shared from now on; the memory goes back to the pool with the last clone.
+    /// Makes the written bytes shareable; the buffer returns to the pool with the last clone.
     pub fn freeze(self) -> Bytes {
         Bytes::from_owner(self)
     }

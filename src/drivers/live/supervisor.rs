@@ -1,6 +1,5 @@
-//! The thread of one live camera: it opens the camera, takes its shots, asks while idle whether it is still there, and
-//! opens it again with growing pauses when it is not. No camera can block another, and nothing can block this thread
-//! but its own camera: frames that nobody takes are lost and counted.
+//! The thread of one live camera: opens it, takes its shots, polls it while idle, and reopens it with growing pauses when
+//! it is away. Only its own camera can block this thread: when the queue is full, frames are dropped and counted.
 
 use super::{Confirmed, Device, Driver, Fault, Shot, Tally};
 use crate::frame::{CameraId, Frame, Stream, Timestamp};
@@ -10,53 +9,53 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What a camera's thread is asked.
+/// A command for a camera's thread.
 #[derive(Debug)]
 pub enum Command {
     /// Take the frames of a shot.
     Shoot(Shot),
 }
 
-/// What it says.
+/// What a camera's thread reports.
 #[derive(Debug)]
 pub enum Event {
-    /// The camera is open, and set as it should be.
+    /// The camera is open and configured.
     Ready(Box<Confirmed>),
-    /// A whole frame of a shot.
+    /// A complete frame of a shot.
     Frame {
         /// The shot's number.
         shot: u64,
         /// The frame.
         frame: Frame,
     },
-    /// A shot is over; all its frames were handed over before.
+    /// A shot has ended; all its frames were reported before.
     Answered {
         /// The shot's number.
         shot: u64,
-        /// What it cost, or why there could be none.
+        /// Its result, or why the camera took none.
         outcome: Result<Tally, Fault>,
     },
-    /// What the camera tells of itself while it is idle: names and values.
+    /// What the camera reports about itself while idle: names and values.
     Health(Vec<[String; 2]>),
     /// The camera is away.
     Away {
         /// Why.
         fault: Fault,
-        /// When it is tried again.
+        /// The pause until the next attempt.
         again_in: Duration,
     },
 }
 
-/// An event with the camera it is of.
+/// An event, and the camera that it concerns.
 #[derive(Debug)]
 pub struct Message {
     /// The camera.
     pub camera: CameraId,
-    /// What it says.
+    /// What a camera's thread reports.
     pub event: Event,
 }
 
-/// Pauses between attempts to open a camera: doubled each time, up to a limit.
+/// Pauses between attempts to open a camera; each is twice the one before, up to a limit.
 #[derive(Debug, Clone, Copy)]
 pub struct Backoff {
     /// The first pause.
@@ -69,7 +68,7 @@ impl Default for Backoff {
     fn default() -> Self {
         Self {
             first: Duration::from_millis(250),
-            // A camera that another one held lets go after three seconds without a sign of it.
+            // A camera releases a client after three seconds without its heartbeat.
             longest: Duration::from_secs(3),
         }
     }
@@ -89,12 +88,12 @@ impl Supervised {
         &self.camera
     }
 
-    /// Asks for a shot; false when the thread is still busy with the one before, or is gone.
+    /// Asks for a shot; false if the thread is still busy with the previous one, or has ended.
     pub fn shoot(&self, shot: Shot) -> bool {
         self.commands.try_send(Command::Shoot(shot)).is_ok()
     }
 
-    /// Ends the thread when it has done what it is at. Nobody waits for it yet.
+    /// Asks the thread to stop after its current work; does not join it.
     pub fn end(self) -> Ending {
         Ending {
             camera: self.camera,
@@ -103,7 +102,7 @@ impl Supervised {
     }
 }
 
-/// A camera's thread that has been told to end.
+/// A camera's thread that was asked to stop.
 #[derive(Debug)]
 pub struct Ending {
     camera: CameraId,
@@ -116,7 +115,7 @@ impl Ending {
         &self.camera
     }
 
-    /// Waits for the thread until `deadline`; false if it does not end.
+    /// Joins the thread; false if it has not ended by `deadline`.
     pub fn wait(self, deadline: Instant) -> bool {
         while !self.thread.is_finished() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(2));
@@ -125,10 +124,10 @@ impl Ending {
     }
 }
 
-/// Starts a camera's thread. `events` should hold all frames of a shot, for a full one loses frames.
+/// Starts a camera's thread. `events` should have space for all frames of a shot: frames are dropped when it is full.
 ///
 /// # Errors
-/// If the system has no thread left.
+/// If the system cannot start a thread.
 pub fn supervise(
     camera: CameraId,
     driver: Box<dyn Driver>,
@@ -161,11 +160,11 @@ struct Supervisor {
     commands: Receiver<Command>,
     events: Sender<Message>,
     backoff: Backoff,
-    /// Of each stream the timestamp of the last frame: a camera whose clock stands still is not believed.
+    /// The last frame's timestamp of each stream, to detect a clock that stands still.
     newest: BTreeMap<Stream, Timestamp>,
 }
 
-/// The daemon has ended, or wants this thread to.
+/// The daemon has stopped, or asks this thread to.
 struct Ended;
 
 impl Supervisor {
@@ -190,7 +189,7 @@ impl Supervisor {
         }
     }
 
-    /// Serves until the camera breaks: why, and whether it had worked.
+    /// Serves until the camera fails; returns why, and whether it had been open.
     fn open_and_serve(&mut self) -> Result<Ended, (Fault, bool)> {
         let mut device = guarded(|| self.driver.open()).map_err(|fault| (fault, false))?;
         self.tell(Event::Ready(Box::new(device.confirmed().clone())));
@@ -219,7 +218,7 @@ impl Supervisor {
         }
     }
 
-    /// Tells how the camera is. Where there is no room for that, nothing is lost.
+    /// Reports the camera's health; skips it if the queue is full.
     fn tell_health(&self, device: &mut dyn Device) {
         let health = device.health();
         if !health.is_empty() {
@@ -256,7 +255,7 @@ impl Supervisor {
         let newest = self.newest.insert(frame.stream, time);
         if newest.is_some_and(|newest| time <= newest) {
             return Err(format!(
-                "a frame is stamped {} ns, which is not after the one before: its clock stands still or ran back",
+                "a frame's timestamp of {} ns is not after the previous one: the camera's clock stands still or ran back",
                 time.0
             ));
         }
@@ -266,12 +265,16 @@ impl Supervisor {
         };
         match self.events.try_send(message) {
             Ok(()) => Ok(()),
-            Err(TrySendError::Full(_)) => Err("nobody had room for a frame".into()),
-            Err(TrySendError::Disconnected(_)) => Err("nobody wanted a frame".into()),
+            Err(TrySendError::Full(_)) => {
+                Err("a frame was dropped, because the queue to the capturing thread is full".into())
+            }
+            Err(TrySendError::Disconnected(_)) => {
+                Err("a frame was dropped, because the capturing thread has stopped".into())
+            }
         }
     }
 
-    /// Waits, and answers meanwhile that the camera is away.
+    /// Waits; answers shots meanwhile that the camera is away.
     fn refuse_shots(&self, fault: &Fault, pause: Duration) -> Result<(), Ended> {
         let until = Instant::now() + pause;
         loop {
@@ -286,7 +289,7 @@ impl Supervisor {
         }
     }
 
-    /// Says what must not be lost: waits for room, but not for ever.
+    /// Reports an event that must not be lost: waits until the queue has space, but not for ever.
     fn tell(&self, event: Event) {
         let message = Message {
             camera: self.camera.clone(),
@@ -296,7 +299,7 @@ impl Supervisor {
     }
 }
 
-/// A panic in an SDK's room is a fault of that camera alone.
+/// Turns a panic in an SDK's code into a fault of its camera.
 fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
         let words = cause.downcast_ref::<String>().map(String::as_str);

@@ -1,5 +1,4 @@
-//! A depth camera that is open: found, set, started and stopped. How it is set stands in `settings.rs`, its shots in
-//! `shoot.rs`.
+//! An open depth camera: found, configured, started and stopped. `settings.rs` configures it, `shoot.rs` takes its shots.
 
 use super::clock::{SETTLING, StreamClock};
 use super::device::{Device, is_open};

@@ -1,5 +1,5 @@
-//! OpenNI itself, made safe: started once for all cameras of the process, and listened to. What it holds once per process
-//! is held behind one lock here.
+//! OpenNI itself behind a safe interface: started once for all cameras of the process, and its callbacks received. One
+//! lock protects what the library has only once per process.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
@@ -24,7 +24,7 @@ impl From<Failed> for Fault {
     }
 }
 
-/// Opening, closing, starting the library and ending it: its lists are not made for two at once.
+/// Serialises opening and closing devices and starting and stopping the library, which is not thread-safe there.
 pub(super) static LIBRARY: Mutex<State> = Mutex::new(State {
     started: None,
     callbacks: None,
@@ -55,7 +55,7 @@ pub(super) fn checked(status: c_int, doing: impl Into<String>) -> Result<(), Fai
     Err(Failed {
         doing: doing.into(),
         words: match words.is_empty() {
-            true => format!("OpenNI says no more than status {status}"),
+            true => format!("OpenNI reports only status {status}"),
             false => format!("{} (OpenNI's status {status})", words.join(" ")),
         },
     })
@@ -211,8 +211,11 @@ extern "C" fn disconnected(info: *const ffi::DeviceInfo, _: *mut c_void) {
 extern "C" fn state_changed(info: *const ffi::DeviceInfo, state: c_int, _: *mut c_void) {
     match state {
         ffi::DEVICE_STATE_OK => {}
-        ffi::DEVICE_STATE_EOF => note(info, "its file is at its end"),
-        _ => note(info, "its driver reports an error or that it is not ready"),
+        ffi::DEVICE_STATE_EOF => note(info, "its file has ended"),
+        _ => note(
+            info,
+            "its driver reports an error, or that the camera is not ready",
+        ),
     }
 }
 

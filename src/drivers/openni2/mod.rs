@@ -1,5 +1,5 @@
 //! Depth cameras through OpenNI2 (Xtion, Carmine; the Kinect with its driver) and OpenNI's own recordings. Debian's
-//! library is called through a small safe layer of our own; nothing of it is known outside this folder.
+//! library is called through a small safe layer of our own, which nothing outside this folder uses.
 
 mod parameters;
 

@@ -1,5 +1,4 @@
-//! What a depth camera is told and what it answers: each setting is written, read back, and refused by name where the
-//! two differ.
+//! Configures a depth camera: writes each setting, reads it back, and fails by the setting's name if the two differ.
 
 use super::device::Device;
 use super::ffi::{self, VideoMode};
@@ -235,7 +234,7 @@ pub fn register(p: &Parameters, device: &Device) -> Result<Read, Fault> {
     let wanted = p.registration();
     let property = ffi::DEVICE_IMAGE_REGISTRATION;
     if is_file(device.uri()) && registration(device).is_none() {
-        let remark = "the file does not say whether its depth was registered to its color";
+        let remark = "the file does not tell whether its depth was registered to its color";
         return Ok(Read::Remark(remark.into()));
     }
     let mut failed = None;

@@ -1,5 +1,4 @@
-//! The shots of a depth camera: bursts of whole frames with the times of their exposure, and what it is asked between
-//! them.
+//! The shots of a depth camera: bursts of complete frames with their exposure times, and polling between shots.
 
 use super::camera::Camera;
 use super::clock::Anchor;
@@ -40,7 +39,7 @@ impl Burst {
         if (1..1000).contains(&missed) {
             let of = NAMES[which];
             self.tally.lost.push(format!(
-                "{missed} {of} frames before number {number} never came"
+                "{missed} {of} frames before number {number} did not arrive"
             ));
         }
     }
@@ -203,7 +202,7 @@ impl Camera {
     /// The one copy of a frame: from the library's memory into the pool's.
     fn picture(&self, which: usize, step: u32, rows: &[u8]) -> Result<Picture, String> {
         let buffer = self.pool.take(rows.len());
-        let mut buffer = buffer.ok_or("the memory for frames is used up")?;
+        let mut buffer = buffer.ok_or("no memory for a frame: raise capture.memory_mb")?;
         buffer.write(rows);
         let [width, height] = self.expected[which].size;
         Ok(Picture::Raw {

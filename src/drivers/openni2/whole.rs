@@ -1,9 +1,9 @@
-//! Whether a frame is whole: only one that is, is handed on. Pure; no call of the library.
+//! Checks that a frame is complete; others are dropped. Pure; no call of the library.
 
 use super::ffi;
 use std::ffi::c_int;
 
-/// What a stream's frames have to be.
+/// What a stream's frames must be like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Expected {
     /// Width and height in pixels.
@@ -17,7 +17,7 @@ pub struct Expected {
 /// The rows of a whole frame, and the bytes from one's start to the next's.
 ///
 /// # Errors
-/// In words, if it is not what it should be: cut off, another size or format, or a part of a picture.
+/// In words, if the frame is truncated, has another size or format, or is only part of a picture.
 pub fn whole<'a>(
     expected: &Expected,
     facts: &ffi::Frame,
@@ -31,7 +31,7 @@ pub fn whole<'a>(
         ));
     }
     if facts.cropping_enabled != 0 {
-        return Err("it is a part of a picture".into());
+        return Err("it is only part of a picture".into());
     }
     let format = facts.video_mode.pixel_format;
     if format != expected.format {
@@ -50,7 +50,10 @@ pub fn whole<'a>(
     }
     let needed = step * (height as usize - 1) + row;
     if bytes.len() < needed {
-        return Err(format!("{} of its {needed} bytes came", bytes.len()));
+        return Err(format!(
+            "only {} of its {needed} bytes arrived",
+            bytes.len()
+        ));
     }
     let end = bytes.len().min(step * height as usize);
     Ok((step as u32, &bytes[..end]))
@@ -100,7 +103,7 @@ mod tests {
     #[test]
     fn anything_else_is_refused_in_words() {
         let cut = whole(&EXPECTED, &facts(), &[7; 23]).unwrap_err();
-        assert_eq!(cut, "23 of its 24 bytes came");
+        assert_eq!(cut, "only 23 of its 24 bytes arrived");
         let mut other = facts();
         other.height = 2;
         assert!(

@@ -1,4 +1,4 @@
-//! A V4L2 camera that is open: its stream, its shots, and what it is asked between them.
+//! An open V4L2 camera: its stream, its shots, and polling between them.
 
 use super::device::{self, Filled, Queue};
 use super::frame::{self, Expected, Whole};
@@ -22,7 +22,7 @@ pub struct V4l2Driver {
 }
 
 impl V4l2Driver {
-    /// A camera that is set so, whose frames lie in this memory and are stamped by this clock.
+    /// A driver with these settings; frames use memory of `pool` and are stamped by `clock`.
     pub fn new(id: CameraId, parameters: Parameters, pool: Pool, clock: Clock) -> Self {
         Self {
             id,
@@ -145,7 +145,7 @@ impl Camera {
                 .map(|why| format!(", but damaged ones: {why}"));
             let damage: String = damage.collect();
             let seconds = limit.as_secs_f64();
-            return Err(self.away(format!("no whole frame for {seconds:.1} s{damage}")));
+            return Err(self.away(format!("no complete frame for {seconds:.1} s{damage}")));
         }
         Ok(())
     }
@@ -207,14 +207,14 @@ impl Camera {
         let missed = filled.sequence.wrapping_sub(sequence).wrapping_sub(1);
         if (1..1000).contains(&missed) {
             let next = filled.sequence;
-            tally
-                .lost
-                .push(format!("{missed} frames before number {next} never came"));
+            tally.lost.push(format!(
+                "{missed} frames before number {next} did not arrive"
+            ));
         }
         if filled.time <= time && !filled.time.is_zero() {
             let at = filled.time.as_secs_f64();
             return Err(format!(
-                "its time {at:.6} s is not after that of the one before"
+                "its timestamp of {at:.6} s is not after the previous frame's"
             ));
         }
         Ok(())
@@ -256,7 +256,7 @@ impl Camera {
         let earliest = self.earliest(shot);
         let came = self.kept.back().is_some_and(|k| k.time >= earliest);
         if !came && tally.lost.is_empty() {
-            tally.lost.push("no frame came in time".into());
+            tally.lost.push("no frame arrived in time".into());
         }
         let first = self.kept.iter().position(|k| k.time >= earliest);
         for (i, kept) in std::mem::take(&mut self.kept).into_iter().enumerate() {
@@ -269,7 +269,9 @@ impl Camera {
                         timestamp: kept.time,
                         picture,
                     }),
-                    None => tally.lost.push("the memory for frames is used up".into()),
+                    None => tally
+                        .lost
+                        .push("no memory for a frame: raise capture.memory_mb".into()),
                 }
             } else {
                 tally.unused += 1;
@@ -333,7 +335,7 @@ mod tests {
         for _ in 0..50 {
             let other = open("/dev/null");
             assert!(
-                other.contains("/dev/null") && other.contains("no video device"),
+                other.contains("/dev/null") && other.contains("not a video device"),
                 "{other}"
             );
         }

@@ -1,4 +1,4 @@
-//! What a filled buffer is worth: whether it is whole, and when its exposure began. Pure; no system call.
+//! Judges a filled buffer: whether its frame is complete, and when its exposure began. Pure; no system call.
 
 use super::jpeg::{self, Jpeg};
 use crate::drivers::pixel_format::PixelFormat;
@@ -41,7 +41,7 @@ pub enum Whole {
 /// In words, if it is damaged.
 pub fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, String> {
     if flags & FLAG_ERROR != 0 {
-        return Err("the driver says that it is damaged".into());
+        return Err("the driver reports that it is damaged".into());
     }
     let Some(per_pixel) = expected.format.bytes_per_pixel() else {
         return jpeg::inspect(bytes).map(Whole::File);
@@ -50,7 +50,10 @@ pub fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, Str
     let stride = expected.stride as usize;
     let needed = stride * height.saturating_sub(1) + width * per_pixel;
     if bytes.len() < needed {
-        return Err(format!("{} of its {needed} bytes came", bytes.len()));
+        return Err(format!(
+            "only {} of its {needed} bytes arrived",
+            bytes.len()
+        ));
     }
     Ok(Whole::Rows(bytes.len().min(stride * height)))
 }
@@ -89,7 +92,7 @@ mod tests {
         assert_eq!(whole(&EXPECTED, 0, &[1; 28]), Ok(Whole::Rows(28)));
         assert_eq!(whole(&EXPECTED, 0, &[1; 99]), Ok(Whole::Rows(30)));
         let short = whole(&EXPECTED, 0, &[1; 27]).unwrap_err();
-        assert_eq!(short, "27 of its 28 bytes came");
+        assert_eq!(short, "only 27 of its 28 bytes arrived");
         assert!(
             whole(&EXPECTED, FLAG_ERROR, &[1; 30])
                 .unwrap_err()

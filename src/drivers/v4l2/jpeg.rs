@@ -16,13 +16,13 @@ pub struct Jpeg {
 /// In words, if it is no whole JPEG.
 pub fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
     if !frame.starts_with(&[0xff, 0xd8]) {
-        return Err("it does not begin as a JPEG does".into());
+        return Err("it does not start like a JPEG file".into());
     }
     let mut at = 2;
     let mut has_tables = false;
     loop {
         let Some(&[mark, kind, high, low]) = frame.get(at..).and_then(|f| f.first_chunk()) else {
-            return Err("it ends before its picture begins".into());
+            return Err("it ends before its image data".into());
         };
         if mark != 0xff {
             return Err(format!(
@@ -30,10 +30,10 @@ pub fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
             ));
         }
         match kind {
-            // Filling.
+            // Padding.
             0xff => at += 1,
             0xc4 => has_tables = true,
-            0xd9 => return Err("it ends before its picture begins".into()),
+            0xd9 => return Err("it ends before its image data".into()),
             _ => {}
         }
         if kind == 0xff {

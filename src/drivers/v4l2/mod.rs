@@ -1,5 +1,6 @@
 //! Colour cameras of the kernel's video drivers (V4L2): USB webcams, capture cards, sensors on embedded boards. What
-//! can be configured, and what does not need a camera, is known without the feature; no other SDK is named here.
+//! can be configured is compiled without the feature, so that every configuration can be checked. No other SDK is named
+//! here.
 
 #[cfg(feature = "v4l2")]
 mod camera;

@@ -1,5 +1,4 @@
-//! What a V4L2 camera is told and what it answers: each setting is written, read back, and refused by name where the
-//! two differ.
+//! Configures a V4L2 camera: writes each setting, reads it back, and fails by the setting's name if the two differ.
 
 use super::device::{self, Control};
 use super::frame::Expected;
@@ -49,7 +48,7 @@ struct Setting<'a> {
 /// Sets a camera, reads everything back, and says what its frames have to be.
 ///
 /// # Errors
-/// If it is no such camera or did not take something.
+/// If it is not a V4L2 camera, or refused a setting.
 pub fn apply(p: &Parameters, device: &Device) -> Result<(Confirmed, Expected), Fault> {
     let identity = identity(p, device)?;
     let format = format(p, device)?;
@@ -107,7 +106,7 @@ fn away(p: &Parameters, what: impl std::fmt::Display) -> Fault {
 
 fn identity(p: &Parameters, device: &Device) -> Result<String, Fault> {
     let answered = device.query_caps();
-    let known = answered.map_err(|e| away(p, format!("it is no video device: {e}")))?;
+    let known = answered.map_err(|e| away(p, format!("it is not a video device: {e}")))?;
     if !known
         .capabilities
         .contains(Flags::VIDEO_CAPTURE | Flags::STREAMING)

@@ -83,9 +83,9 @@ def dropped():
         if "frames before number" in scand.said(since):
             break
         scand.ask("trigger")
-    contains(scand.said(since), "camera c00: lost: ", "never came")
+    contains(scand.said(since), "camera c00: lost: ", "did not arrive")
     vivid.control(0, percentage_of_dropped_buffers=100)
-    contains(scand.becomes("c00", "away"), "no whole frame for 10.0 s")
+    contains(scand.becomes("c00", "away"), "no complete frame for 10.0 s")
     contains(scand.ask("trigger", expected=1), "camera c00")
     vivid.control(0, percentage_of_dropped_buffers=0)
     scand.becomes("c00", "ready")
@@ -115,7 +115,7 @@ def wrapped():
         contains(scand.ask("trigger"), "durable")
         time.sleep(2)
     for line in scand.said(since).splitlines():
-        if "c00" in line and "never came" in line:
+        if "c00" in line and "did not arrive" in line:
             raise Unexpected(line)
     vivid.control(0, wrap_sequence_number=0)
 
