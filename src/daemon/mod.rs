@@ -26,6 +26,8 @@ mod plates;
 #[cfg(feature = "live")]
 mod presses;
 #[cfg(feature = "live")]
+mod probe;
+#[cfg(feature = "live")]
 mod readiness;
 #[cfg(feature = "live")]
 mod recorder;
@@ -39,8 +41,6 @@ mod service;
 mod service_tests;
 #[cfg(feature = "live")]
 mod status;
-#[cfg(feature = "live")]
-mod survey;
 #[cfg(feature = "live")]
 mod systemd;
 #[cfg(all(test, feature = "live"))]
@@ -61,12 +61,12 @@ pub use parameters::{
 #[cfg(feature = "live")]
 pub use presses::Following;
 #[cfg(feature = "live")]
+pub use probe::probe;
+#[cfg(feature = "live")]
 pub use rig::{Kind, Rig, Station};
 #[cfg(feature = "live")]
 pub use service::Service;
 #[cfg(feature = "live")]
 pub use status::{CameraStatus, Status};
-#[cfg(feature = "live")]
-pub use survey::survey;
 #[cfg(feature = "live")]
 pub use systemd::{Heart, Notifier, Pulse, handed_over};

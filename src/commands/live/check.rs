@@ -5,7 +5,7 @@ use crate::check::{self, Bundle, Finding, Host, State};
 use crate::clock::Clock;
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
 use crate::config::Config;
-use crate::daemon::survey;
+use crate::daemon::probe;
 use crate::setup::Prepared;
 use crate::storage::free_bytes;
 use crate::trigger::{Client, Error, Reply, Request};
@@ -122,7 +122,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
     all.push(daemon);
     let cameras = match &status {
         Some(status) => Ok(status["cameras"].clone()),
-        None => survey(stations, clock, CAMERAS)
+        None => probe(stations, clock, CAMERAS)
             .map(|cameras| serde_json::to_value(cameras).unwrap_or_default()),
     };
     match &cameras {

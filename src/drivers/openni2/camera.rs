@@ -3,12 +3,12 @@
 use super::clock::{SETTLING, StreamClock};
 use super::device::{Device, is_open};
 use super::ffi;
+use super::frame_check::Expected;
 use super::library::{Failed, Library};
 use super::parameters::{Parameters, is_file};
 use super::recorder::Recorder;
 use super::settings::{self, Read};
 use super::stream::{self, Stream};
-use super::whole::Expected;
 use crate::clock::Clock;
 use crate::drivers::live::{Confirmed, Fault, Pool};
 use crate::frame::{CameraId, Timestamp};

@@ -14,6 +14,8 @@ mod driver;
 #[cfg(feature = "openni2")]
 mod ffi;
 #[cfg(feature = "openni2")]
+mod frame_check;
+#[cfg(feature = "openni2")]
 mod library;
 #[cfg(feature = "openni2")]
 mod recorder;
@@ -23,8 +25,6 @@ mod settings;
 mod shoot;
 #[cfg(feature = "openni2")]
 mod stream;
-#[cfg(feature = "openni2")]
-mod whole;
 
 #[cfg(feature = "openni2")]
 pub use camera::Camera;

@@ -2,9 +2,9 @@
 
 use super::device::Device;
 use super::ffi::{self, VideoMode};
+use super::frame_check::Expected;
 use super::parameters::{Parameters, Unit, is_file};
 use super::stream::Stream;
-use super::whole::Expected;
 use crate::drivers::live::{Confirmed, Fault};
 use std::ffi::c_int;
 

@@ -2,9 +2,9 @@
 
 use super::camera::Camera;
 use super::clock::Anchor;
+use super::frame_check::complete_rows;
 use super::settings;
 use super::stream;
-use super::whole::whole;
 use crate::drivers::live::{Confirmed, Device, Fault, Shot, Tally};
 use crate::frame::{Frame, Picture, Stream, Timestamp};
 use std::time::{Duration, Instant};
@@ -171,7 +171,7 @@ impl Camera {
         let (number, device_us) = (facts.frame_index, facts.timestamp);
         burst.follow(which, number);
         let clock = self.clock.see(which, device_us, arrival);
-        let rows = clock.and_then(|()| whole(&self.expected[which], facts, found.bytes()));
+        let rows = clock.and_then(|()| complete_rows(&self.expected[which], facts, found.bytes()));
         let timestamp = self.exposed(burst, device_us, arrival);
         let picture = match rows {
             Ok(_) if burst.has_enough(which) || timestamp < shot.trigger => {

@@ -14,11 +14,11 @@ pub struct Expected {
     pub bytes_per_pixel: usize,
 }
 
-/// The rows of a whole frame, and the bytes from one's start to the next's.
+/// The rows of a complete frame, and the bytes from one's start to the next's.
 ///
 /// # Errors
 /// In words, if the frame is truncated, has another size or format, or is only part of a picture.
-pub fn whole<'a>(
+pub fn complete_rows<'a>(
     expected: &Expected,
     facts: &ffi::Frame,
     bytes: &'a [u8],
@@ -91,44 +91,56 @@ mod tests {
 
     #[test]
     fn a_whole_frame_is_handed_on_with_its_rows_and_no_more() {
-        assert_eq!(whole(&EXPECTED, &facts(), &[7; 24]), Ok((8, &[7; 24][..])));
-        assert_eq!(whole(&EXPECTED, &facts(), &[7; 99]).unwrap().1.len(), 24);
+        assert_eq!(
+            complete_rows(&EXPECTED, &facts(), &[7; 24]),
+            Ok((8, &[7; 24][..]))
+        );
+        assert_eq!(
+            complete_rows(&EXPECTED, &facts(), &[7; 99])
+                .unwrap()
+                .1
+                .len(),
+            24
+        );
         let wide = ffi::Frame {
             stride: 10,
             ..facts()
         };
-        assert_eq!(whole(&EXPECTED, &wide, &[7; 28]).unwrap().1.len(), 28);
+        assert_eq!(
+            complete_rows(&EXPECTED, &wide, &[7; 28]).unwrap().1.len(),
+            28
+        );
     }
 
     #[test]
     fn anything_else_is_refused_in_words() {
-        let cut = whole(&EXPECTED, &facts(), &[7; 23]).unwrap_err();
+        let cut = complete_rows(&EXPECTED, &facts(), &[7; 23]).unwrap_err();
         assert_eq!(cut, "only 23 of its 24 bytes arrived");
         let mut other = facts();
         other.height = 2;
         assert!(
-            whole(&EXPECTED, &other, &[7; 24])
+            complete_rows(&EXPECTED, &other, &[7; 24])
                 .unwrap_err()
                 .contains("4 x 2")
         );
         let mut other = facts();
         other.cropping_enabled = 1;
         assert!(
-            whole(&EXPECTED, &other, &[7; 24])
+            complete_rows(&EXPECTED, &other, &[7; 24])
                 .unwrap_err()
                 .contains("part")
         );
         let mut other = facts();
         other.video_mode.pixel_format = ffi::FORMAT_DEPTH_100_UM;
         assert!(
-            whole(&EXPECTED, &other, &[7; 24])
+            complete_rows(&EXPECTED, &other, &[7; 24])
                 .unwrap_err()
                 .contains("101")
         );
         for stride in [-8, 0, 7, c_int::MAX] {
             let mut other = facts();
             other.stride = stride;
-            let message = whole(&EXPECTED, &other, &[7; 24]).unwrap_err();
+            let message = complete_rows(&EXPECTED, &other, &[7; 24]).unwrap_err();
             assert!(message.contains("apart"), "{message}");
         }
     }

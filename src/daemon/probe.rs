@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 ///
 /// # Errors
 /// If the system cannot start a thread.
-pub fn survey(
+pub fn probe(
     stations: Vec<Station>,
     clock: Clock,
     patience: Duration,
