@@ -12,10 +12,10 @@ fn git(arguments: &[&str]) -> Option<String> {
     (output.status.success() && !text.is_empty()).then_some(text)
 }
 
-/// Whether the sources are a checkout of their own, not an unpacked archive in somebody else's.
+/// Whether the sources, where cargo runs this, are a checkout of their own, not an unpacked archive in somebody else's.
 fn is_checkout() -> bool {
     let top = git(&["rev-parse", "--show-toplevel"]).map(std::fs::canonicalize);
-    let here = std::fs::canonicalize(env!("CARGO_MANIFEST_DIR"));
+    let here = std::env::current_dir().and_then(std::fs::canonicalize);
     matches!((top, here), (Some(Ok(top)), Ok(here)) if top == here)
 }
 
