@@ -5,20 +5,25 @@ use crate::calibration::RigCalibration;
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::{Kind, Station};
+#[cfg(feature = "aravis")]
+use crate::drivers::aravis;
 use crate::drivers::aravis::Parameters as GigeParameters;
 use crate::drivers::link::{Transmission, budget};
 use crate::drivers::live::{Driver, Pool};
 use crate::drivers::pixel_format::PixelFormat;
-use crate::drivers::{aravis, openni2, v4l2};
+use crate::drivers::{openni2, v4l2};
 use crate::frame::CameraId;
 use crate::log;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// What drivers share.
+#[allow(dead_code, reason = "only the drivers that are built in read it")]
 struct Shared<'a> {
     clock: Clock,
     pool: &'a Pool,
+    #[cfg(feature = "aravis")]
+    actions: aravis::ActionGroup,
 }
 
 /// Packets that a network carries without being asked for larger ones, in bytes from the IP header on.
@@ -35,12 +40,16 @@ pub(super) fn stations(
     clock: Clock,
     pool: &Pool,
 ) -> Result<Vec<Station>, String> {
-    let shared = Shared { clock, pool };
+    let shared = Shared {
+        clock,
+        pool,
+        #[cfg(feature = "aravis")]
+        actions: aravis::ActionGroup::default(),
+    };
     let mut stations: BTreeMap<CameraId, Station> = BTreeMap::new();
     let gige = staggered(config, calibration)?;
-    let actions = aravis_actions();
     for (id, parameters) in gige {
-        let driver = gige_driver(&id, parameters, &shared, &actions)?;
+        let driver = gige_driver(&id, parameters, &shared)?;
         add(&mut stations, calibration, id, Kind::Color, driver)?;
     }
     let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
@@ -163,26 +172,17 @@ fn not_built_in(id: &CameraId, feature: &str) -> String {
 }
 
 #[cfg(feature = "aravis")]
-fn aravis_actions() -> aravis::ActionGroup {
-    aravis::ActionGroup::default()
-}
-
-#[cfg(not(feature = "aravis"))]
-fn aravis_actions() {}
-
-#[cfg(feature = "aravis")]
 fn gige_driver(
     id: &CameraId,
     parameters: GigeParameters,
     shared: &Shared<'_>,
-    actions: &aravis::ActionGroup,
 ) -> Result<Box<dyn Driver>, String> {
     Ok(Box::new(aravis::GigeDriver::new(
         id.clone(),
         parameters,
         shared.pool.clone(),
         shared.clock,
-        actions.clone(),
+        shared.actions.clone(),
     )))
 }
 
@@ -191,7 +191,6 @@ fn gige_driver(
     id: &CameraId,
     _: GigeParameters,
     _: &Shared<'_>,
-    (): &(),
 ) -> Result<Box<dyn Driver>, String> {
     Err(not_built_in(id, "aravis"))
 }
