@@ -74,18 +74,6 @@ fn small(compression: Compression) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// Where each record of a file begins.
-fn records_of(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
-    let mut found = Vec::new();
-    let mut at = 8;
-    while at + 9 <= bytes.len() - 8 {
-        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
-        found.push((bytes[at], at, length));
-        at += 9 + length;
-    }
-    found
-}
-
 #[test]
 fn a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk() {
     let bytes = small(Compression::None);

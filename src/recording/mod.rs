@@ -2,10 +2,7 @@
 //! the only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
 
 mod chunk;
-mod completing;
 mod container;
-mod encoding;
-mod entries;
 mod error;
 mod index;
 mod json;
@@ -15,16 +12,18 @@ mod proto;
 mod reader;
 mod records;
 mod recovery;
+mod repair;
 mod rewriting;
+mod scan;
 mod schemas;
 mod session;
 mod source;
 mod summary;
 mod topic;
 mod typed;
-mod walk;
 mod writer;
 
+pub use container::Compression;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CaptureRecord, Lost, LostParts, Note, Outcome};
@@ -34,10 +33,8 @@ pub use reader::{ChannelInfo, Recording};
 pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
 pub use session::{Kept, Preamble, Session};
 pub use topic::{ColorPart, DepthPart, Topic};
-pub use writer::{Compression, Writer};
+pub use writer::Writer;
 
-#[cfg(test)]
-mod container_tests;
 #[cfg(test)]
 mod damage_tests;
 #[cfg(test)]

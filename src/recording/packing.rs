@@ -1,19 +1,29 @@
-//! Complete recordings made smaller: the same messages in packed chunks. The packed copy is read again and compared
+//! Complete recordings made smaller: the same records, with packed chunks. The packed copy is read again and compared
 //! before it takes the place of the original; until then the original is not touched.
 
-use super::entries::each_entry;
+use super::chunk;
+use super::index::{Chunk, Index, most_of};
+use super::records::{self, put_head, put_indexes};
 use super::rewriting::{dress, io, lock, remove_stale, with_ending};
-use super::writer::{Compression, Writer};
-use super::{Error, Recording};
+use super::scan::{Event, LARGEST_RECORD, Scan, Span};
+use super::source::Source;
+use super::{Damage, Error, Recording};
 use crate::storage::sync_parent;
+use bytes::Bytes;
+use crc32fast::Hasher;
+use mcap::MAGIC;
+use mcap::records::op;
 use sha2::{Digest, Sha256};
 use std::fs::{File, FileTimes, Metadata};
+use std::io::{Result as IoResult, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 /// Bytes of a recording after which its packed copy is brought to the disk: a capture that comes meanwhile is not to
 /// wait for more than these.
 const SYNCED: usize = 16 << 20;
+/// Bytes that are packed at a time.
+const BLOCK: usize = 1 << 20;
 /// A packed copy that is larger than this share of the original is not worth it.
 const WORTHWHILE: f64 = 0.98;
 
@@ -40,7 +50,7 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
     // A link stays one.
     let path = &path.canonicalize().map_err(io(path))?;
     let recording = Recording::open(path)?;
-    let mut file = File::open(path).map_err(io(path))?;
+    let file = File::open(path).map_err(io(path))?;
     lock(&file, path)?;
     if recording.is_packed() {
         return Ok(Packed::Already);
@@ -52,61 +62,225 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
             damage,
         });
     }
-    let copies = ["packed", "packing"].map(|ending| with_ending(path, ending));
-    let [packed, packing] = &copies;
-    for copy in &copies {
-        remove_stale(copy)?;
-    }
-    let (_, program) = recording.written_by();
-    let mut made = || {
-        let mut writer = Writer::bare(packed, packing, program, Compression::Zstd)?;
-        let Some(content) = copy(&mut file, path, &mut writer, &goes_on)? else {
+    let packed = &with_ending(path, "packing");
+    remove_stale(packed)?;
+    let made = || {
+        let mut copy = Copy::begin(packed).map_err(io(packed))?;
+        let source = recording.source();
+        let Some(content) = copy.fill(source, &goes_on)? else {
             return Ok(Packed::GivenUp);
         };
-        writer.finish()?;
-        check(packed, content, recording.written_by())?;
+        copy.finish().map_err(io(packed))?;
+        check(packed, content)?;
         put_into_place(&file, path, packed)
     };
     let made = made();
     // What has not taken its place by now is of no use.
-    for copy in &copies {
-        remove_stale(copy)?;
-    }
+    remove_stale(packed)?;
     made
 }
 
-/// Copies all entries; a digest of them, or `None` if that was given up.
-fn copy(
-    file: &mut File,
-    path: &Path,
-    writer: &mut Writer,
-    goes_on: &dyn Fn() -> bool,
-) -> Result<Option<[u8; 32]>, Error> {
-    let mut digest = Sha256::new();
-    let mut since_sync = 0;
-    let whole = each_entry(file, path, (u64::MAX, false), |entry| {
-        entry.add_to(&mut digest);
-        entry.write_to(writer)?;
-        since_sync += entry.length();
-        if since_sync >= SYNCED {
-            writer.sync()?;
-            since_sync = 0;
+/// What a recording is made of; indexes are made anew.
+enum Part {
+    /// A chunk and its content.
+    Chunk(Chunk, Bytes),
+    /// Any other record, and its body.
+    Record(Span, Vec<u8>),
+}
+
+impl Part {
+    /// Adds all of it to a digest, however it is packed.
+    fn add_to(&self, digest: &mut Sha256) {
+        let mut add = |opcode: u8, body: &[u8]| {
+            digest.update([opcode]);
+            digest.update((body.len() as u64).to_le_bytes());
+            digest.update(body);
+        };
+        match self {
+            Self::Chunk(_, content) => add(op::CHUNK, content),
+            Self::Record(span, body) => add(span.opcode, body),
         }
-        Ok(goes_on())
-    })?;
-    Ok(whole.then(|| digest.finalize().into()))
+    }
+}
+
+/// Hands out the parts of an undamaged recording, in their order, while `each` says that it wants more; whether it did to
+/// the end.
+fn each_part(
+    source: &Source,
+    mut each: impl FnMut(Part) -> Result<bool, Error>,
+) -> Result<bool, Error> {
+    let damaged = |damage: Damage| Error::Damaged {
+        path: source.path.clone(),
+        damage,
+    };
+    let mut scan = Scan::begin(source)?;
+    while let Some(event) = scan.next()? {
+        let span = match event {
+            Event::Damage(damage) => return Err(damaged(damage)),
+            Event::Record(span) if span.opcode == op::DATA_END => break,
+            Event::Record(span) if span.opcode == op::MESSAGE_INDEX => continue,
+            Event::Record(span) => span,
+        };
+        let senseless = |what: &str| {
+            damaged(Damage {
+                offset: span.offset(),
+                length: span.end() - span.offset(),
+                what: what.into(),
+            })
+        };
+        let part = if span.opcode == op::CHUNK {
+            let head = scan.head(&span, most_of(op::CHUNK))?;
+            let header = records::chunk(head, span.length);
+            let header = header.map_err(|_| senseless("the chunk does not hold what it should"))?;
+            let chunk = Chunk::new(span.offset(), header);
+            let content = chunk::unpack(source, &chunk)?;
+            Part::Chunk(chunk, content)
+        } else if span.length > LARGEST_RECORD {
+            return Err(senseless("the attachment is larger than 256 MiB"));
+        } else {
+            Part::Record(span, source.read(span.body, span.length as usize)?)
+        };
+        if !each(part)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// A packed copy that is being written.
+struct Copy<'a> {
+    path: &'a Path,
+    file: File,
+    /// Bytes that are in the file, and their CRC.
+    written: u64,
+    sum: Hasher,
+    since_sync: usize,
+    index: Index,
+}
+
+impl<'a> Copy<'a> {
+    fn begin(path: &'a Path) -> IoResult<Self> {
+        let mut copy = Self {
+            path,
+            file: File::create_new(path)?,
+            written: 0,
+            sum: Hasher::new(),
+            since_sync: 0,
+            index: Index::new(u64::MAX),
+        };
+        copy.put(MAGIC)?;
+        Ok(copy)
+    }
+
+    /// Copies all that is in a recording; a digest of it, or `None` if that was given up.
+    fn fill(
+        &mut self,
+        source: &Source,
+        goes_on: &dyn Fn() -> bool,
+    ) -> Result<Option<[u8; 32]>, Error> {
+        let mut digest = Sha256::new();
+        let is_whole = each_part(source, |part| {
+            part.add_to(&mut digest);
+            let added = match part {
+                Part::Chunk(chunk, content) => self.chunk(chunk, &content, goes_on)?,
+                Part::Record(span, body) => self.record(span.opcode, &body)?,
+            };
+            Ok(added && goes_on())
+        })?;
+        Ok(is_whole.then(|| digest.finalize().into()))
+    }
+
+    fn record(&mut self, opcode: u8, body: &[u8]) -> Result<bool, Error> {
+        let head = [&[opcode][..], &(body.len() as u64).to_le_bytes()].concat();
+        let offset = self.written;
+        self.put(&head).map_err(io(self.path))?;
+        self.put(body).map_err(io(self.path))?;
+        let span = Span {
+            opcode,
+            body: offset + head.len() as u64,
+            length: body.len() as u64,
+        };
+        let taken = self.index.take(&span, body);
+        taken.map_err(|_| self.senseless("a record does not hold what it should"))?;
+        Ok(true)
+    }
+
+    /// Packs a chunk; whether that was not given up.
+    fn chunk(
+        &mut self,
+        chunk: Chunk,
+        content: &[u8],
+        goes_on: &dyn Fn() -> bool,
+    ) -> Result<bool, Error> {
+        let number = self.index.chunks.len() as u32;
+        let (part, is_whole) = chunk::list(content, number, self.index.part());
+        if !is_whole {
+            return Err(self.senseless("a chunk's records stop making sense"));
+        }
+        let Some(packed) = packed(content, goes_on).map_err(io(self.path))? else {
+            return Ok(false);
+        };
+        let mut chunk = Chunk::new(self.written, chunk.header);
+        chunk.header.compression = "zstd".into();
+        chunk.header.compressed_size = packed.len() as u64;
+        let mut head = Vec::new();
+        put_head(&mut head, op::CHUNK, &chunk.header, packed.len() as u64);
+        let end = self.written + (head.len() + packed.len()) as u64;
+        let (indexes, offsets) = put_indexes(&part.message_indexes(), end);
+        for bytes in [&head, &packed, &indexes] {
+            self.put(bytes).map_err(io(self.path))?;
+        }
+        chunk.index_offsets = offsets;
+        chunk.index_length = indexes.len() as u64;
+        self.index.absorb(part, chunk.offset);
+        self.index.chunks.push(chunk);
+        self.since_sync += content.len();
+        if self.since_sync >= SYNCED {
+            self.file.sync_data().map_err(io(self.path))?;
+            self.since_sync = 0;
+        }
+        Ok(true)
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> IoResult<()> {
+        self.sum.update(bytes);
+        self.written += bytes.len() as u64;
+        self.file.write_all(bytes)
+    }
+
+    fn finish(mut self) -> IoResult<()> {
+        let sum = std::mem::take(&mut self.sum).finalize();
+        let closing = self.index.closing(self.written, sum);
+        self.put(&closing)?;
+        self.file.sync_all()
+    }
+
+    fn senseless(&self, what: &str) -> Error {
+        io(self.path)(std::io::Error::other(what.to_owned()))
+    }
+}
+
+/// Bytes, packed, unless that was given up meanwhile.
+fn packed(content: &[u8], goes_on: &dyn Fn() -> bool) -> IoResult<Option<Vec<u8>>> {
+    let mut encoder = zstd::Encoder::new(Vec::new(), 0)?;
+    for block in content.chunks(BLOCK) {
+        encoder.write_all(block)?;
+        if !goes_on() {
+            return Ok(None);
+        }
+    }
+    encoder.finish().map(Some)
 }
 
 /// Whether the packed copy holds what it is to hold.
-fn check(packed: &Path, expected: [u8; 32], written_by: (&str, &str)) -> Result<(), Error> {
-    let mut file = File::open(packed).map_err(io(packed))?;
+fn check(packed: &Path, expected: [u8; 32]) -> Result<(), Error> {
     let mut digest = Sha256::new();
-    each_entry(&mut file, packed, (u64::MAX, false), |entry| {
-        entry.add_to(&mut digest);
+    let recording = Recording::open(packed)?;
+    each_part(recording.source(), |part| {
+        part.add_to(&mut digest);
         Ok(true)
     })?;
-    let same = <[u8; 32]>::from(digest.finalize()) == expected;
-    if same && Recording::open(packed)?.written_by() == written_by {
+    if recording.damage().is_empty() && <[u8; 32]>::from(digest.finalize()) == expected {
         return Ok(());
     }
     let differs = std::io::Error::other("what was packed does not unpack to the same");

@@ -1,7 +1,6 @@
 //! The messages that are Foxglove's, from their Protobuf bytes and back.
 
 use super::MessageError;
-use super::records::SchemaText;
 use super::schemas::protobuf_schema;
 use crate::calibration::{Distortion, Intrinsics};
 use crate::frame::Picture;
@@ -9,6 +8,7 @@ use bytes::Bytes;
 use foxglove::messages::{
     CameraCalibration, CompressedImage, FrameTransform, FrameTransforms, RawImage,
 };
+use mcap::Schema;
 use nalgebra::{Isometry3, Vector2};
 use prost::Message;
 use prost::encoding::{WireType, encode_key, encode_varint};
@@ -167,7 +167,7 @@ pub(super) fn picture<'a>(
     id: &str,
     picture: &'a Picture,
     log_time: u64,
-) -> (SchemaText, Vec<u8>, &'a [u8]) {
+) -> (Schema<'static>, Vec<u8>, &'a [u8]) {
     let time = Some(timestamp(log_time));
     match picture {
         Picture::Raw {

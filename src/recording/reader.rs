@@ -2,14 +2,15 @@
 //! message is asked for, so that a recording may be larger than memory.
 
 use super::chunk;
-use super::index::{Attachment, ChunkInfo, Index, MessageRef};
+use super::index::{Attachment, Chunk, Index, MessageRef};
 use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
+use super::scan::LARGEST_RECORD;
 use super::source::Source;
-use super::walk::{LARGEST_RECORD, walk};
 use super::{Damage, Error, MessageError, Topic};
 use crate::calibration::Board;
 use crate::frame::Timestamp;
 use bytes::Bytes;
+use mcap::records::Channel;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
@@ -49,24 +50,14 @@ impl Recording {
     /// # Errors
     /// If it cannot be read, is no MCAP file, or is a recording of another format.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        Self::of(Source::open(path)?)
-    }
-
-    /// Opens a file whose lock is one's own: where it ends, it was cut off.
-    pub(super) fn open_cut_off(path: &Path) -> Result<Self, Error> {
-        let mut source = Source::open(path)?;
-        source.being_written = false;
-        Self::of(source)
-    }
-
-    fn of(source: Source) -> Result<Self, Error> {
-        let mut index = walk(&source)?;
+        let source = Source::open(path)?;
+        let mut index = Index::of(&source)?;
         let is_checked = !index.is_trustworthy();
         if is_checked {
             scan_chunks(&source, &mut index)?;
         }
         index.tell_too_many();
-        check_format(&source, &index)?;
+        index.check_format(path)?;
         let topics = sort_by_topic(&mut index);
         Ok(Self {
             source,
@@ -82,6 +73,10 @@ impl Recording {
         &self.source.path
     }
 
+    pub(super) fn source(&self) -> &Source {
+        &self.source
+    }
+
     /// Its length in bytes.
     pub fn file_length(&self) -> u64 {
         self.source.length
@@ -89,7 +84,8 @@ impl Recording {
 
     /// Profile and library that the file says wrote it.
     pub fn written_by(&self) -> (&str, &str) {
-        (&self.index.profile, &self.index.library)
+        let header = self.index.header.as_ref();
+        header.map_or(("", ""), |h| (&h.profile, &h.library))
     }
 
     /// What could not be read, as far as opening the file showed. Contents of chunks are checked when they
@@ -130,14 +126,15 @@ impl Recording {
     /// # Errors
     /// If it is larger than 256 MiB, damaged or cannot be read.
     pub fn attachment(&self, attachment: &Attachment) -> Result<Vec<u8>, Error> {
-        let Attachment { offset, length, .. } = *attachment;
+        let (offset, length) = (attachment.entry.offset, attachment.length);
         let damaged = |what: &str| self.damaged(offset, length, what.into());
         if length > LARGEST_RECORD {
             return Err(damaged("the attachment is larger than 256 MiB"));
         }
-        let body = self.source.read(offset, length as usize)?;
+        let body = offset + RECORD_HEADER as u64;
+        let body = self.source.read(body, length as usize)?;
         match records::attachment(&body) {
-            Ok((_, _, data)) => Ok(data.to_vec()),
+            Ok((_, data)) => Ok(data.to_vec()),
             Err(_) => Err(damaged("the attachment's lengths or CRC are wrong")),
         }
     }
@@ -150,7 +147,7 @@ impl Recording {
         }
         let mut channels: Vec<_> = self.index.channels.values().collect();
         channels.sort_by_key(|c| (&c.topic, c.id));
-        let info = |c: &records::Channel| ChannelInfo {
+        let info = |c: &Channel| ChannelInfo {
             topic: c.topic.clone(),
             schema: self.schema_of(c.id).into(),
             encoding: c.message_encoding.clone(),
@@ -200,7 +197,7 @@ impl Recording {
                     "the chunk's index promises a message at its byte {}, there is none",
                     message.offset
                 );
-                Err(self.damaged(chunk.record_offset, chunk.compressed_size, what))
+                Err(self.damaged(chunk.offset, chunk.header.compressed_size, what))
             }
         }
     }
@@ -208,7 +205,8 @@ impl Recording {
     /// Whether all of its chunks are packed.
     pub fn is_packed(&self) -> bool {
         let chunks = &self.index.chunks;
-        chunks.iter().all(|chunk| !chunk.compression.is_empty())
+        let is_packed = |chunk: &Chunk| !chunk.header.compression.is_empty();
+        chunks.iter().all(is_packed)
     }
 
     /// Reads and checks every chunk.
@@ -216,7 +214,7 @@ impl Recording {
     /// # Errors
     /// If the file cannot be read at all.
     pub fn verify(&self) -> Result<Vec<Damage>, Error> {
-        let check = |chunk: &ChunkInfo| match chunk::unpack(&self.source, chunk) {
+        let check = |chunk: &Chunk| match chunk::unpack(&self.source, chunk) {
             Err(Error::Damaged { damage, .. }) => Ok(Some(damage)),
             Err(error) => Err(error),
             Ok(_) => Ok(None),
@@ -347,9 +345,9 @@ const LARGE: u64 = 32 << 20;
 
 /// Runs `task` on every chunk, on all cores, but for large ones. `first` is the number of the first one.
 fn each_chunk<T: Send>(
-    chunks: &[ChunkInfo],
+    chunks: &[Chunk],
     first: u32,
-    task: impl Fn(u32, &ChunkInfo) -> Result<T, Error> + Sync,
+    task: impl Fn(u32, &Chunk) -> Result<T, Error> + Sync,
 ) -> Result<Vec<T>, Error> {
     let numbered = || (first..).zip(chunks);
     let mut done: Vec<(u32, T)> = numbered()
@@ -366,9 +364,9 @@ fn each_chunk<T: Send>(
 }
 
 /// How many of the chunks have [`LARGE`] bytes together; at least one.
-fn batch(chunks: &[ChunkInfo]) -> usize {
+fn batch(chunks: &[Chunk]) -> usize {
     let mut bytes = 0u64;
-    let fits = |c: &&ChunkInfo| {
+    let fits = |c: &&Chunk| {
         bytes = bytes.saturating_add(c.size());
         bytes <= LARGE
     };
@@ -385,7 +383,7 @@ fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
         let batch = &chunks[first..first + batch(&chunks[first..])];
         let found = each_chunk(batch, first as u32, |number, chunk| {
             match chunk::unpack(source, chunk) {
-                Ok(bytes) => Ok(Ok(chunk::list(&bytes, number, index.part()))),
+                Ok(bytes) => Ok(Ok(chunk::list(&bytes, number, index.part()).0)),
                 Err(Error::Damaged { damage, .. }) => Ok(Err(damage)),
                 Err(error) => Err(error),
             }
@@ -393,8 +391,8 @@ fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
         first += batch.len();
         for (chunk, contents) in batch.iter().zip(found) {
             match contents {
-                Ok(contents) => index.absorb(contents, chunk.record_offset),
-                Err(damage) => index.add_damage(damage.offset, damage.length, damage.what),
+                Ok(contents) => index.absorb(contents, chunk.offset),
+                Err(damage) => index.add_damage(damage),
             }
         }
     }
@@ -404,38 +402,26 @@ fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
 
 /// Leaves out the chunks that together unpack to far more than their file: pictures shrink a little, flat
 /// ones a lot, but a file that grows a hundredfold was made to.
-fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<ChunkInfo>) {
+fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<Chunk>) {
     const ALLOWED: u64 = 256 << 20;
     let allowed = ALLOWED.saturating_add(source.length.saturating_mul(100));
     let mut total = 0u64;
     chunks.retain(|chunk| {
-        let sum = total.saturating_add(chunk.uncompressed_size);
+        let size = chunk.header.uncompressed_size;
+        let sum = total.saturating_add(size);
         // One that is too large by itself is told when it is read.
-        let keep = sum <= allowed || chunk.uncompressed_size > LARGEST_RECORD;
-        if keep && chunk.uncompressed_size <= LARGEST_RECORD {
+        let keep = sum <= allowed || size > LARGEST_RECORD;
+        if keep && size <= LARGEST_RECORD {
             total = sum;
         } else if !keep {
-            let what = format!("the chunks together unpack to more than {allowed} bytes");
-            index.add_damage(chunk.record_offset, chunk.compressed_size, what);
+            index.add_damage(Damage {
+                offset: chunk.offset,
+                length: chunk.header.compressed_size,
+                what: format!("the chunks together unpack to more than {allowed} bytes"),
+            });
         }
         keep
     });
-}
-
-/// Refuses a recording of another format, by the metadata record that names it.
-fn check_format(source: &Source, index: &Index) -> Result<(), Error> {
-    for (name, pairs) in &index.metadata {
-        if name == "scand"
-            && let Some(format) = pairs.get("format")
-            && format != "1"
-        {
-            return Err(Error::UnknownFormat {
-                path: source.path.clone(),
-                found: super::error::shortened(format),
-            });
-        }
-    }
-    Ok(())
 }
 
 /// The messages of each topic of ours, in the order of their log times; messages of channels that nobody
@@ -465,7 +451,7 @@ fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
     }
     if lost > 0 {
         let what = format!("{lost} messages are of channels that the file does not define");
-        index.add_damage(0, 0, what);
+        index.add_note(0, what);
     }
     topics
 }

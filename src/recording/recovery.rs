@@ -1,15 +1,12 @@
-//! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part` is in
-//! `NAME.mcap` then, what cannot be read in `NAME.mcap.tail`. A recording that is as it was written up to where it is cut
-//! off or damaged is given an end where it is; of another one a copy is made. Nothing is removed before what is to stay
-//! is on the disk.
+//! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part`, up to the
+//! first damage, is in `NAME.mcap` then, and what cannot be read in `NAME.mcap.tail`. It is done where the file is, so that
+//! there has to be room for the tail alone. Nothing is cut away before it is on the disk elsewhere.
 
-use super::completing::{Unended, unended};
-use super::entries::{Entry, each_entry};
-use super::rewriting::{dress, io, lock, remove_stale, with_ending};
-use super::writer::{Compression, PART, Writer};
-use super::{Error, Recording};
+use super::Error;
+use super::repair::{Truncated, find_end};
+use super::rewriting::{PART, dress, io, remove_stale, with_ending};
+use super::source::Source;
 use crate::storage::{rename_noreplace, sync_parent};
-use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -45,195 +42,51 @@ pub fn unfinished(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(parts)
 }
 
-/// Completes a recording that was cut off. It is read from front to back up to the first damage; where there is
-/// no room for a copy, or anything else fails, the `.part` stays as it is.
+/// Completes a recording that was cut off. What was whole is never written over, and the rest is cut away when it is on
+/// the disk under its own name: at any moment a power cut leaves a file of which nothing is lost, and which can be
+/// completed. Where a crash came between the recording's getting its name and the loss of its old one, the old one goes;
+/// another recording is never touched.
 ///
 /// # Errors
-/// If the file is none that was cut off, is being written, is no recording, or another one has its name; or the copy
-/// cannot be written.
+/// If the file is none that was cut off, is being written, is no recording, or another one has its name; or there is no
+/// room for what cannot be read. The `.part` then stays as it is.
 pub fn recover(part: &Path) -> Result<Recovered, Error> {
     let path = finished_name(part).ok_or_else(|| Error::NotUnfinished { path: part.into() })?;
-    match complete(part, &path)? {
-        Some(recovered) => Ok(recovered),
-        None => recover_by_copy(part, path),
+    let source = Source::lock(part)?;
+    let found = find_end(&source)?;
+    let is_there = path.try_exists().map_err(io(&path))?;
+    if is_there {
+        let other = File::open(&path).map_err(io(&path))?;
+        if !found.is_completed_in(&source, &other)? {
+            return Err(io(&path)(std::io::ErrorKind::AlreadyExists.into()));
+        }
     }
-}
-
-/// Gives a recording its end where it is cut off or damaged, and its name; `None` if what is before that is not as the
-/// writer makes it, or it cannot be written to, or the name is taken.
-///
-/// What was whole is never written over, and the rest is cut away when it is on the disk under its own name. So at any
-/// moment a power cut leaves a file of which nothing is lost, and which can be completed.
-fn complete(part: &Path, path: &Path) -> Result<Option<Recovered>, Error> {
-    let Ok(mut file) = File::options().read(true).write(true).open(part) else {
-        return Ok(None);
-    };
-    lock(&file, part)?;
-    if path.try_exists().map_err(io(path))? {
-        return Ok(None);
-    }
-    let Some(found) = unended(&file).map_err(io(part))? else {
-        return Ok(None);
-    };
-    // Of an earlier attempt to copy it.
-    remove_stale(&with_ending(path, "recovering"))?;
-    let Unended { sound, .. } = found;
-    let tail = match found.rest() {
+    let tail = match found.rest {
         0 => None,
-        rest => Some((keep_tail(&mut file, part, sound, path)?, rest)),
+        rest => Some((keep_tail(&source.file, part, found.sound, &path)?, rest)),
     };
-    found
-        .complete(&file)
-        .and_then(|()| file.sync_all())
-        .and_then(|()| rename_noreplace(part, path))
-        .and_then(|()| sync_parent(path))
-        .map_err(io(part))?;
-    Ok(Some(Recovered {
-        path: path.into(),
-        messages: found.messages,
-        tail,
-    }))
-}
-
-/// Completes a copy of what can be read of it. Where a crash came between the recording's getting its name and the removal
-/// of its `.part`, it is there already; another recording is never touched.
-pub(super) fn recover_by_copy(part: &Path, path: PathBuf) -> Result<Recovered, Error> {
-    let mut file = File::open(part).map_err(io(part))?;
-    lock(&file, part)?;
-    let found = readable(&file, part)?;
-    let staged = with_ending(&path, "recovering");
-    remove_stale(&staged)?;
-    let (messages, tail) = if path.try_exists().map_err(io(&path))? {
-        let messages = messages_if_equal(&mut file, part, found.bytes, &path)?;
-        (messages, found.keep_rest(&mut file, part, &path)?)
+    let done = if is_there {
+        std::fs::remove_file(part)
     } else {
-        let done = put_into_place(&mut file, part, &found, &path, &staged);
-        // What was begun and not put into place is of no use, and may be what filled the disk.
-        let removed = remove_stale(&staged);
-        let done = done?;
-        removed?;
-        done
+        complete(&found, &source.file, part, &path)
     };
-    std::fs::remove_file(part)
-        .and_then(|()| sync_parent(part))
-        .map_err(io(part))?;
+    done.and_then(|()| sync_parent(&path)).map_err(io(part))?;
     Ok(Recovered {
         path,
-        messages,
+        messages: found.messages,
         tail,
     })
 }
 
-/// Copies what can be read, first into `staged`, and keeps the rest; how many messages there were, and where the rest is.
-fn put_into_place(
-    file: &mut File,
-    part: &Path,
-    found: &Readable,
-    path: &Path,
-    staged: &Path,
-) -> Result<(u64, Option<Tail>), Error> {
-    let mut writer = Writer::create_at(path, staged, &found.program, Compression::None)?;
-    let messages = each_copied(file, part, (found.bytes, true), |entry| {
-        entry.write_to(&mut writer)
-    })?;
-    let tail = found.keep_rest(file, part, path)?;
-    // Who may not give it away keeps it: an owner is no reason to leave a recording cut off.
-    let copy = File::options().write(true).open(staged);
-    let _ = copy.and_then(|copy| dress(&copy, &file.metadata()?));
-    writer.finish()?;
-    Ok((messages, tail))
-}
-
-/// How many messages can be read, if they and all else are what the recording under the name holds.
-fn messages_if_equal(
-    file: &mut File,
-    part: &Path,
-    readable: u64,
-    path: &Path,
-) -> Result<u64, Error> {
-    let (mut ours, mut theirs) = (Sha256::new(), Sha256::new());
-    let mut other = File::open(path).map_err(io(path))?;
-    let length = other.metadata().map_err(io(path))?.len();
-    each_copied(&mut other, path, (length, false), |entry| {
-        entry.add_to(&mut theirs);
-        Ok(())
-    })?;
-    let messages = each_copied(file, part, (readable, true), |entry| {
-        entry.add_to(&mut ours);
-        Ok(())
-    })?;
-    if ours.finalize() == theirs.finalize() {
-        return Ok(messages);
-    }
-    Err(io(path)(std::io::ErrorKind::AlreadyExists.into()))
-}
-
-/// Hands out what a copy takes over of the first `readable` bytes; how many messages there were.
-fn each_copied(
-    file: &mut File,
-    path: &Path,
-    (readable, is_checked): (u64, bool),
-    mut each: impl FnMut(&Entry) -> Result<(), Error>,
-) -> Result<u64, Error> {
-    let mut messages = 0;
-    if readable == 0 {
-        return Ok(messages);
-    }
-    each_entry(file, path, (readable, is_checked), |entry| {
-        match entry {
-            // The writer writes its own, which is the same.
-            Entry::Metadata(metadata) if metadata.name == "scand" => return Ok(true),
-            Entry::Message(_) => messages += 1,
-            _ => {}
-        }
-        each(entry).map(|()| true)
-    })?;
-    Ok(messages)
-}
-
-/// What can be read of a recording that was cut off.
-struct Readable {
-    /// Up to the first damage.
-    bytes: u64,
-    length: u64,
-    /// Name and version of what wrote it.
-    program: String,
-}
-
-impl Readable {
-    /// Keeps what could not be read beside the recording.
-    fn keep_rest(&self, file: &mut File, part: &Path, path: &Path) -> Result<Option<Tail>, Error> {
-        Ok(match self.length - self.bytes {
-            0 => None,
-            rest => Some((keep_tail(file, part, self.bytes, path)?, rest)),
-        })
-    }
-}
-
-fn readable(file: &File, part: &Path) -> Result<Readable, Error> {
-    // Cut off before its first byte was on the disk.
-    if file.metadata().map_err(io(part))?.len() == 0 {
-        return Ok(Readable {
-            bytes: 0,
-            length: 0,
-            program: String::new(),
-        });
-    }
-    let recording = Recording::open_cut_off(part)?;
-    let damage = recording.verify()?;
-    let length = recording.file_length();
-    // Damage of no length, such as a name defined twice, makes nothing unreadable.
-    let first = damage.iter().find(|d| d.length > 0);
-    Ok(Readable {
-        bytes: first.map_or(length, |d| d.offset),
-        length,
-        program: recording.written_by().1.to_owned(),
-    })
+fn complete(found: &Truncated, file: &File, part: &Path, path: &Path) -> std::io::Result<()> {
+    found.complete(file)?;
+    file.sync_all()?;
+    rename_noreplace(part, path)
 }
 
 /// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept there
 /// stays.
-fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
+fn keep_tail(mut file: &File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
     let mut tail = with_ending(path, "tail");
     let mut number = 1;
     while tail.try_exists().map_err(io(&tail))? {
@@ -248,7 +101,7 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<Pat
     let mut copied = || {
         file.seek(SeekFrom::Start(from))?;
         let mut copy = File::create_new(&staged)?;
-        std::io::copy(file, &mut copy)?;
+        std::io::copy(&mut file, &mut copy)?;
         let _ = dress(&copy, &file.metadata()?);
         copy.sync_all()?;
         rename_noreplace(&staged, &tail)?;
@@ -259,7 +112,7 @@ fn keep_tail(file: &mut File, part: &Path, from: u64, path: &Path) -> Result<Pat
 }
 
 /// Whether a tail holds all of the file from `from` on: a recovery that was cut off itself has got so far.
-fn is_kept(file: &mut File, from: u64, tail: &Path) -> std::io::Result<bool> {
+fn is_kept(mut file: &File, from: u64, tail: &Path) -> std::io::Result<bool> {
     let tail = File::open(tail)?;
     if tail.metadata()?.len() != file.metadata()?.len() - from {
         return Ok(false);
@@ -288,5 +141,5 @@ pub fn finished_name(part: &Path) -> Option<PathBuf> {
 
 /// The name that a recording has until it is complete: `NAME.mcap.part` of `NAME.mcap`.
 pub fn unfinished_name(path: &Path) -> PathBuf {
-    super::writer::part_of(path)
+    with_ending(path, "part")
 }

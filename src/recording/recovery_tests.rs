@@ -1,6 +1,5 @@
 //! What a crash leaves behind is made a recording again, and nothing of it is lost.
 
-use super::recovery::recover_by_copy;
 use super::testing::*;
 use super::*;
 use crate::frame::Timestamp;
@@ -63,22 +62,16 @@ fn messages(path: &Path) -> Vec<Message> {
 fn a_recovered_recording_and_its_tail_belong_to_whom_the_part_belonged() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());
-    let path = folder.path().join("a.mcap");
-    let by_copy = |part: &Path| recover_by_copy(part, path.clone());
-    for recover in [&recover as &dyn Fn(&Path) -> _, &by_copy] {
-        let part = part_of(folder.path(), &bytes[..bytes.len() - 200]);
-        std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
-        // Only root can.
-        let _ = chown(&part, Some(12_345), Some(23_456));
-        let of =
-            |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
-        let expected = of(&part).unwrap();
-        let recovered = recover(&part).unwrap();
-        let (tail, _) = recovered.tail.unwrap();
-        assert_eq!(of(&recovered.path).unwrap(), expected);
-        assert_eq!(of(&tail).unwrap(), expected);
-        std::fs::remove_file(&recovered.path).unwrap();
-    }
+    let part = part_of(folder.path(), &bytes[..bytes.len() - 200]);
+    std::fs::set_permissions(&part, std::fs::Permissions::from_mode(0o640)).unwrap();
+    // Only root can.
+    let _ = chown(&part, Some(12_345), Some(23_456));
+    let of = |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
+    let expected = of(&part).unwrap();
+    let recovered = recover(&part).unwrap();
+    let (tail, _) = recovered.tail.unwrap();
+    assert_eq!(of(&recovered.path).unwrap(), expected);
+    assert_eq!(of(&tail).unwrap(), expected);
 }
 
 #[test]
@@ -249,28 +242,38 @@ fn a_recovery_that_was_stopped_before_the_cut_keeps_its_tail_once() {
 #[test]
 fn a_chunks_index_that_lies_is_made_anew() {
     let folder = tempfile::tempdir().unwrap();
-    let mut bytes = cut_off(folder.path());
+    let bytes = cut_off(folder.path());
+    let whole = messages(&part_of(folder.path(), &bytes));
+    let (first, _) = completed(folder.path(), &bytes);
+    let complete = std::fs::read(&first.path).unwrap();
+    std::fs::remove_file(&first.path).unwrap();
     // The last record is an index; its last eight bytes say where the last message is.
     let last = bytes.len() - 8;
-    bytes[last] ^= 1;
-    let (recovered, in_place) = completed(folder.path(), &bytes);
-    assert!(!in_place);
-    assert_eq!(
-        Recording::open(&recovered.path).unwrap().verify().unwrap(),
-        []
-    );
+    // A chunk's head: what its first byte of the first log time says, nothing checks.
+    let chunk = records_of(&bytes)
+        .into_iter()
+        .rfind(|(opcode, ..)| *opcode == mcap::records::op::CHUNK);
+    let (_, head, _) = chunk.unwrap();
+    for at in [last, head + 9] {
+        let mut lying = bytes.clone();
+        lying[at] ^= 1;
+        let (recovered, in_place) = completed(folder.path(), &lying);
+        assert!(in_place && recovered.tail.is_none());
+        assert_eq!(messages(&recovered.path), whole);
+        assert!(std::fs::read(&recovered.path).unwrap() == complete, "{at}");
+        std::fs::remove_file(&recovered.path).unwrap();
+    }
 }
 
 #[test]
 fn a_flipped_bit_moves_what_is_behind_it_into_the_tail() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = cut_off(folder.path());
-    let mut in_place = 0;
+    let mut with_a_tail = 0;
     for at in (60..bytes.len()).step_by(1511) {
         let mut damaged = bytes.clone();
         damaged[at] ^= 0x10;
         let part = part_of(folder.path(), &damaged);
-        let inode = std::fs::metadata(&part).unwrap().ino();
         let found = match recover(&part) {
             Ok(recovered) => recovered,
             // What cannot be understood stays where it is.
@@ -279,17 +282,55 @@ fn a_flipped_bit_moves_what_is_behind_it_into_the_tail() {
                 continue;
             }
         };
-        let kept = kept(&found);
-        assert!(damaged.ends_with(&kept.1), "{at}");
-        in_place += usize::from(std::fs::metadata(&found.path).unwrap().ino() == inode);
+        let (kept, tail) = kept(&found);
+        assert!(damaged.ends_with(&tail), "{at}");
         clear(folder.path());
-        // By a copy it is the same.
-        let part = part_of(folder.path(), &damaged);
-        let copy = recover_by_copy(&part, found.path.clone()).unwrap();
-        assert!(kept == self::kept(&copy), "{at}");
+        let before = part_of(folder.path(), &bytes[..bytes.len() - tail.len()]);
+        assert!(kept == messages(&before), "{at}");
+        with_a_tail += usize::from(!tail.is_empty());
         clear(folder.path());
     }
-    assert!(in_place > 0);
+    assert!(with_a_tail > 0);
+}
+
+#[test]
+fn what_another_program_wrote_is_completed_as_well() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = mcap::WriteOptions::new()
+        .library("other 7")
+        .compression(None);
+    let packed = |compression| plain.clone().compression(Some(compression));
+    let without_sums = plain.clone().calculate_chunk_crcs(false);
+    let ways = [
+        plain.clone(),
+        plain.clone().emit_message_indexes(false),
+        plain.clone().use_chunks(false),
+        packed(mcap::Compression::Zstd),
+        packed(mcap::Compression::Lz4),
+        // Its end has no sum either, and is written anew.
+        without_sums.calculate_data_section_crc(false),
+    ];
+    let last = ways.len() - 1;
+    for (number, options) in ways.into_iter().enumerate() {
+        let bytes = {
+            let path = folder.path().join("b.mcap");
+            write_as_another(&path, options);
+            let bytes = std::fs::read(&path).unwrap();
+            std::fs::remove_file(path).unwrap();
+            bytes
+        };
+        for end in (40..bytes.len()).step_by(2003).chain([bytes.len()]) {
+            let before = messages(&part_of(folder.path(), &bytes[..end]));
+            let (recovered, in_place) = completed(folder.path(), &bytes[..end]);
+            assert!(in_place);
+            let (kept, tail) = kept(&recovered);
+            assert!(kept == before, "{number} cut at {end}");
+            assert!(bytes[..end].ends_with(&tail));
+            let has_our_end = number < last && end == bytes.len();
+            assert!(!has_our_end || tail.is_empty(), "{number}");
+            clear(folder.path());
+        }
+    }
 }
 
 fn clear(folder: &Path) {
@@ -347,13 +388,12 @@ fn another_recording_of_that_name_is_not_touched_but_an_equal_one_is_enough() {
 }
 
 #[test]
-fn a_copy_that_has_its_name_already_is_enough_and_its_tail_is_kept_too() {
+fn one_that_has_its_name_already_is_enough_and_its_tail_is_kept_too() {
     let folder = tempfile::tempdir().unwrap();
     let mut damaged = cut_off(folder.path());
     let middle = damaged.len() / 2;
     damaged[middle] ^= 1;
-    let path = folder.path().join("a.mcap");
-    let first = recover_by_copy(&part_of(folder.path(), &damaged), path.clone()).unwrap();
+    let first = recover(&part_of(folder.path(), &damaged)).unwrap();
     let kept = kept(&first);
     for has_tail in [true, false] {
         let part = part_of(folder.path(), &damaged);

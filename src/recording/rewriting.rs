@@ -5,6 +5,9 @@ use std::fs::{File, Metadata, TryLockError};
 use std::os::unix::fs::{MetadataExt, fchown};
 use std::path::{Path, PathBuf};
 
+/// What the name of a recording ends with while it is written.
+pub(super) const PART: &str = ".part";
+
 /// A recording that is being written is locked.
 pub(super) fn lock(file: &File, part: &Path) -> Result<(), Error> {
     match file.try_lock() {

@@ -1,12 +1,14 @@
 //! The schemas that a recording's channels carry, so that any MCAP tool can read it.
 
 use super::Topic;
-use super::records::SchemaText;
+use mcap::Schema;
 
 /// The schema of a Foxglove message: its FileDescriptorSet.
-pub(super) fn protobuf_schema<M: foxglove::Encode>() -> SchemaText {
+pub(super) fn protobuf_schema<M: foxglove::Encode>() -> Schema<'static> {
     let (name, data) = M::get_schema().map_or_else(Default::default, |s| (s.name, s.data));
-    SchemaText {
+    Schema {
+        // The writer gives it its number.
+        id: 0,
         name,
         encoding: "protobuf".into(),
         data,
@@ -14,7 +16,7 @@ pub(super) fn protobuf_schema<M: foxglove::Encode>() -> SchemaText {
 }
 
 /// The schema of a topic's JSON messages.
-pub(super) fn json_schema(topic: &Topic) -> SchemaText {
+pub(super) fn json_schema(topic: &Topic) -> Schema<'static> {
     let name = topic.schemas()[0];
     let data = match name {
         "scand.CameraSettings" => CAMERA_SETTINGS,
@@ -24,7 +26,9 @@ pub(super) fn json_schema(topic: &Topic) -> SchemaText {
         "scand.Capture" => CAPTURE,
         _ => NOTE,
     };
-    SchemaText {
+    Schema {
+        // The writer gives it its number.
+        id: 0,
         name: name.into(),
         encoding: "jsonschema".into(),
         data: data.as_bytes().into(),

@@ -256,7 +256,7 @@ fn is_taken(path: &Path) -> Result<bool, Error> {
             cause,
         })
     };
-    Ok(exists(path)? || exists(&super::writer::part_of(path))?)
+    Ok(exists(path)? || exists(&super::rewriting::with_ending(path, "part"))?)
 }
 
 /// Writes what every file begins with.

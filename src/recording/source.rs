@@ -1,7 +1,7 @@
 //! The file under a recording: opened once, read at places, never trusted about its length or its lengths.
 
 use super::Error;
-use super::writer::PART;
+use super::rewriting::{PART, io, lock};
 use std::fs::{File, TryLockError};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ const WINDOW: usize = 64 << 10;
 #[derive(Debug)]
 pub(super) struct Source {
     pub path: PathBuf,
-    file: File,
+    pub file: File,
     pub length: u64,
     /// Whether a writer is still at it: then it ends wherever the writer is, and no end is missing.
     pub being_written: bool,
@@ -21,27 +21,34 @@ pub(super) struct Source {
 
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, Error> {
-        let io = |cause| Error::Io {
-            path: path.into(),
-            cause,
-        };
-        // Looked at before it is opened: opening a pipe would wait for its writer.
-        if !std::fs::metadata(path).map_err(io)?.is_file() {
-            return Err(Error::NotAFile { path: path.into() });
-        }
-        let file = File::open(path).map_err(io)?;
+        check_is_file(path)?;
+        let file = File::open(path).map_err(io(path))?;
         // Before its length is known: what is completed between the two is whole, and found so.
         let being_written = path
             .as_os_str()
             .as_encoded_bytes()
             .ends_with(PART.as_bytes())
-            && is_locked(&file).map_err(io)?;
-        let length = file.metadata().map_err(io)?.len();
+            && is_locked(&file).map_err(io(path))?;
+        let length = file.metadata().map_err(io(path))?.len();
         Ok(Self {
             path: path.into(),
             file,
             length,
             being_written,
+        })
+    }
+
+    /// Opens a file to repair it, and locks it; where it ends, it was cut off.
+    pub(super) fn lock(path: &Path) -> Result<Self, Error> {
+        check_is_file(path)?;
+        let file = File::options().read(true).write(true).open(path);
+        let file = file.map_err(io(path))?;
+        lock(&file, path)?;
+        Ok(Self {
+            path: path.into(),
+            length: file.metadata().map_err(io(path))?.len(),
+            file,
+            being_written: false,
         })
     }
 
@@ -52,12 +59,17 @@ impl Source {
         let mut bytes = vec![0; length];
         self.file
             .read_exact_at(&mut bytes, offset)
-            .map_err(|cause| Error::Io {
-                path: self.path.clone(),
-                cause,
-            })?;
+            .map_err(io(&self.path))?;
         Ok(bytes)
     }
+}
+
+/// Looked at before it is opened: opening a pipe would wait for its writer.
+fn check_is_file(path: &Path) -> Result<(), Error> {
+    if std::fs::metadata(path).map_err(io(path))?.is_file() {
+        return Ok(());
+    }
+    Err(Error::NotAFile { path: path.into() })
 }
 
 /// Whether its writer holds the lock of a recording.

@@ -144,3 +144,48 @@ pub(crate) fn write_session(
     writer.finish().unwrap();
     path
 }
+
+/// Where each record of a file begins, and how long its body is.
+pub(crate) fn records_of(bytes: &[u8]) -> Vec<(u8, usize, usize)> {
+    let mut found = Vec::new();
+    let mut at = 8;
+    while at + 9 <= bytes.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        found.push((bytes[at], at, length));
+        at += 9 + length;
+    }
+    found
+}
+
+/// Writes a recording as another program may: 50 notes, in chunks of 20.
+pub(crate) fn write_as_another(path: &Path, options: mcap::WriteOptions) {
+    let file = std::fs::File::create_new(path).unwrap();
+    let mut writer = options.create(std::io::BufWriter::new(file)).unwrap();
+    let own = [("format", "1"), ("writer", "other 7"), ("more", "words")];
+    let own = own.map(|(k, v)| (k.to_owned(), v.to_owned()));
+    let metadata = mcap::records::Metadata {
+        name: "scand".into(),
+        metadata: own.into(),
+    };
+    writer.write_metadata(&metadata).unwrap();
+    let schema = writer.add_schema("scand.Note", "jsonschema", b"{}");
+    let pairs = [("k".to_owned(), "v".to_owned())].into();
+    let channel = writer.add_channel(schema.unwrap(), "/note", "json", &pairs);
+    let channel_id = channel.unwrap();
+    let text = "schön ".repeat(100);
+    let note = format!(r#"{{"capture": "cup-1", "kind": "text", "text": "{text}"}}"#);
+    for sequence in 0..50 {
+        let header = mcap::records::MessageHeader {
+            channel_id,
+            sequence,
+            log_time: at(u64::from(sequence)).0,
+            publish_time: 7,
+        };
+        let written = writer.write_to_known_channel(&header, note.as_bytes());
+        written.unwrap();
+        if sequence % 20 == 19 {
+            writer.flush().unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}

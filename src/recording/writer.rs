@@ -1,16 +1,17 @@
 //! Writes recordings in their plainest form. A recording is written as `NAME.part` beside its place; it gets
 //! its name when it is complete and on the disk.
 
-use super::container::Container;
-use super::encoding::MessageHead;
+use super::container::{Compression, Container};
 use super::json::{self, CaptureRecord, Note};
-use super::records::{ChannelText, SchemaText};
+use super::rewriting::{io, with_ending};
 use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
 use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
 use crate::frame::{CameraId, CameraSettings, Frame, Picture, Stream, Timestamp, Trigger};
 use crate::image::Mask;
 use crate::storage::{rename_noreplace, sync_parent};
+use mcap::Schema;
+use mcap::records::{MessageHeader, Metadata};
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,19 +22,6 @@ const LARGEST_CHUNK: usize = 16 << 20;
 /// Bytes that a message takes in a chunk beside its data.
 const MESSAGE_OVERHEAD: usize = 31;
 
-/// What the name of a recording ends with while it is written.
-pub(super) const PART: &str = ".part";
-
-/// How a recording's chunks are packed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Compression {
-    /// Not at all, as a rig does it: pictures of real sensors hardly shrink.
-    #[default]
-    None,
-    /// With zstd at its default level.
-    Zstd,
-}
-
 /// A recording that is being written.
 pub struct Writer {
     path: PathBuf,
@@ -42,8 +30,6 @@ pub struct Writer {
     file: File,
     container: Container,
     channels: BTreeMap<String, Channel>,
-    /// Of a recording that is copied: its channels' numbers, and what they are here.
-    copied: BTreeMap<u16, u16>,
     chunk: Chunk,
 }
 
@@ -68,57 +54,29 @@ impl Writer {
     /// If there is something at `path` already, or its `.part` that an earlier run left, or the folder
     /// cannot be written to.
     pub fn create(path: &Path, program: &str, compression: Compression) -> Result<Self, Error> {
-        let there = |cause| Error::Io {
-            path: path.into(),
-            cause,
-        };
-        if path.try_exists().map_err(there)? {
-            return Err(there(std::io::ErrorKind::AlreadyExists.into()));
+        if path.try_exists().map_err(io(path))? {
+            return Err(io(path)(std::io::ErrorKind::AlreadyExists.into()));
         }
-        Self::create_at(path, &part_of(path), program, compression)
-    }
-
-    /// Starts a recording that is written at `part`, and locked there, until it gets its name.
-    pub(super) fn create_at(
-        path: &Path,
-        part: &Path,
-        program: &str,
-        compression: Compression,
-    ) -> Result<Self, Error> {
-        let mut writer = Self::bare(path, part, program, compression)?;
-        let format = [("format", "1"), ("writer", program)];
-        writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
-        // Whatever happens from here on leaves a recording, not an empty file.
-        writer.finish_chunk()?;
-        Ok(writer)
-    }
-
-    /// The same without the metadata record `scand`: for a copy of a recording that has its own.
-    pub(super) fn bare(
-        path: &Path,
-        part: &Path,
-        program: &str,
-        compression: Compression,
-    ) -> Result<Self, Error> {
-        let part = part.to_owned();
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |cause| Error::Io { path, cause }
-        };
+        let part = with_ending(path, "part");
         let file = File::create_new(&part).map_err(io(&part))?;
         // Tells who would recover it that it is not lost. A file system without locks does without.
         let _ = file.try_lock();
         sync_parent(&part).map_err(io(&part))?;
         let same = file.try_clone().map_err(io(&part))?;
-        Ok(Self {
+        let container = Container::begin(same, "scand", program, compression);
+        let mut writer = Self {
             path: path.into(),
-            part,
             file,
-            container: Container::begin(same, "scand", program, compression),
+            container: container.map_err(io(&part))?,
+            part,
             channels: BTreeMap::new(),
-            copied: BTreeMap::new(),
             chunk: Chunk::default(),
-        })
+        };
+        let format = [("format", "1"), ("writer", program)];
+        writer.metadata("scand", &format.map(|(k, v)| (k.into(), v.into())).into())?;
+        // Whatever happens from here on leaves a recording, not an empty file.
+        writer.finish_chunk()?;
+        Ok(writer)
     }
 
     /// Writes a metadata record: a name and pairs. `session` and `board` are of the format.
@@ -127,7 +85,10 @@ impl Writer {
     /// If the file cannot be written; so for all that follow.
     pub fn metadata(&mut self, name: &str, pairs: &BTreeMap<String, String>) -> Result<(), Error> {
         self.chunk = Chunk::default();
-        let written = self.container.metadata(name, pairs);
+        let written = self.container.metadata(&Metadata {
+            name: name.into(),
+            metadata: pairs.clone(),
+        });
         written.map_err(|cause| self.failed(cause))
     }
 
@@ -144,13 +105,15 @@ impl Writer {
         time: Timestamp,
         data: &[u8],
     ) -> Result<(), Error> {
-        self.copy_attachment(&mcap::Attachment {
+        self.chunk = Chunk::default();
+        let written = self.container.attach(&mcap::Attachment {
             log_time: time.0,
             create_time: time.0,
             name: name.into(),
             media_type: media_type.into(),
             data: data.into(),
-        })
+        });
+        written.map_err(|cause| self.failed(cause))
     }
 
     /// Writes a colour camera: its lens and its pose.
@@ -287,10 +250,7 @@ impl Writer {
     pub fn sync(&mut self) -> Result<(), Error> {
         self.finish_chunk()?;
         let synced = self.file.sync_data();
-        synced.map_err(|cause| Error::Io {
-            path: self.part.clone(),
-            cause,
-        })
+        synced.map_err(io(&self.part))
     }
 
     /// Completes the recording and gives it its name.
@@ -302,10 +262,6 @@ impl Writer {
             container,
             ..
         } = self;
-        let io = |path: &Path, cause| Error::Io {
-            path: path.into(),
-            cause,
-        };
         let finished = container.finish();
         finished.map_err(|cause| Error::Write {
             path: part.clone(),
@@ -315,7 +271,7 @@ impl Writer {
             .sync_all()
             .and_then(|()| rename_noreplace(&part, &path))
             .and_then(|()| sync_parent(&path));
-        renamed.map_err(|cause| io(&path, cause))
+        renamed.map_err(io(&path))
     }
 
     fn json(&mut self, topic: &Topic, data: &[u8], time: Timestamp) -> Result<(), Error> {
@@ -344,66 +300,20 @@ impl Writer {
     fn write(
         &mut self,
         topic: &Topic,
-        schema: SchemaText,
+        schema: Schema<'static>,
         encoding: &str,
         data: [&[u8]; 2],
         time: Timestamp,
     ) -> Result<(), Error> {
         self.make_room(&schema.name, data[0].len() + data[1].len())?;
         let channel = self.channel(topic, schema, encoding)?;
-        let head = MessageHead {
-            channel: channel.id,
+        let header = MessageHeader {
+            channel_id: channel.id,
             sequence: channel.messages,
             log_time: time.0,
             publish_time: time.0,
         };
-        let written = self.container.message(&head, data);
-        written.map_err(|cause| self.failed(cause))
-    }
-
-    /// Writes a message of another recording as it is; all that are copied are of the same one.
-    pub(super) fn copy(&mut self, message: &mcap::Message) -> Result<(), Error> {
-        let schema = message.channel.schema.as_ref();
-        self.make_room(schema.map_or("", |s| &s.name), message.data.len())?;
-        let written = self.copied_channel(&message.channel).and_then(|channel| {
-            let head = MessageHead {
-                channel,
-                sequence: message.sequence,
-                log_time: message.log_time,
-                publish_time: message.publish_time,
-            };
-            self.container.message(&head, [&message.data, &[]])
-        });
-        written.map_err(|cause| self.failed(cause))
-    }
-
-    /// The channel that stands for another recording's.
-    fn copied_channel(&mut self, of: &mcap::Channel) -> std::io::Result<u16> {
-        if let Some(&known) = self.copied.get(&of.id) {
-            return Ok(known);
-        }
-        let schema = match &of.schema {
-            None => 0,
-            Some(schema) => self.container.schema(SchemaText {
-                name: schema.name.clone(),
-                encoding: schema.encoding.clone(),
-                data: schema.data.to_vec().into(),
-            })?,
-        };
-        let id = self.container.channel(ChannelText {
-            schema,
-            topic: of.topic.clone(),
-            encoding: of.message_encoding.clone(),
-            metadata: of.metadata.clone(),
-        })?;
-        self.copied.insert(of.id, id);
-        Ok(id)
-    }
-
-    /// Writes an attachment of another recording as it is.
-    pub(super) fn copy_attachment(&mut self, attachment: &mcap::Attachment) -> Result<(), Error> {
-        self.chunk = Chunk::default();
-        let written = self.container.attach(attachment);
+        let written = self.container.message(&header, data);
         written.map_err(|cause| self.failed(cause))
     }
 
@@ -414,7 +324,7 @@ impl Writer {
         let open = self.chunk;
         let fits = open.pictures == pictures && open.bytes + bytes <= LARGEST_CHUNK;
         if open.bytes > 0 && !fits {
-            let ended = self.container.end_chunk();
+            let ended = self.container.flush();
             ended.map_err(|cause| self.failed(cause))?;
             self.chunk = Chunk::default();
         }
@@ -427,7 +337,7 @@ impl Writer {
     fn channel(
         &mut self,
         topic: &Topic,
-        schema: SchemaText,
+        schema: Schema<'static>,
         encoding: &str,
     ) -> Result<Channel, Error> {
         let key = format!("{topic} {}", schema.name);
@@ -437,13 +347,10 @@ impl Writer {
         }
         // The open chunk holds the definitions too.
         self.chunk.bytes += schema.data.len() + 256;
-        let id = self.container.schema(schema).and_then(|schema| {
-            self.container.channel(ChannelText {
-                schema,
-                topic: topic.to_string(),
-                encoding: encoding.into(),
-                metadata: BTreeMap::new(),
-            })
+        let id = self.container.schema(&schema).and_then(|schema| {
+            let topic = topic.to_string();
+            self.container
+                .channel(schema, &topic, encoding, &BTreeMap::new())
         });
         let channel = Channel {
             id: id.map_err(|cause| self.failed(cause))?,
@@ -473,11 +380,4 @@ impl Writer {
             problem: problem.into(),
         }
     }
-}
-
-/// The name of a recording while it is written.
-pub(super) fn part_of(path: &Path) -> PathBuf {
-    let mut part = path.as_os_str().to_owned();
-    part.push(PART);
-    part.into()
 }
