@@ -577,8 +577,10 @@ fn packable(keep_free: Arc<AtomicU64>) -> (Clock, Stand, Packer) {
 fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     let (clock, stand, mut packer) = packable(Arc::default());
     let second = Duration::from_secs(1);
-    let is_packed = || recordings(stand.folder.path())[0].is_packed();
-    let before = captures(&recordings(stand.folder.path())[0]);
+    let path = recordings(stand.folder.path())[0].path().to_owned();
+    let recording = || Recording::open(&path).unwrap();
+    let is_packed = || recording().is_packed();
+    let before = captures(&recording());
     assert_eq!(before.len(), 3);
     assert!(!packer.step(), "nothing has rested yet");
     // An order is being carried out for longer than the rest that is asked for.
@@ -598,7 +600,7 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     clock.advance(second);
     while packer.step() {}
     assert!(is_packed());
-    assert_eq!(captures(&recordings(stand.folder.path())[0]), before);
+    assert_eq!(captures(&recording()), before);
     // The session that is recorded is nobody's to pack.
     assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     clock.advance(second);

@@ -236,7 +236,7 @@ mod tests {
                 whole.len()
             );
         }
-        assert!(inspect(b"GIF89a").unwrap_err().contains("begin"));
+        assert!(inspect(b"GIF89a").unwrap_err().contains("start"));
     }
 
     proptest::proptest! {
