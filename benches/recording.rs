@@ -7,7 +7,7 @@
 use bytes::Bytes;
 use rustix::time::{ClockId, clock_gettime};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
-use scand::recording::{CaptureRecord, Kept, Outcome, Preamble, Session};
+use scand::recording::{CaptureRecord, FinishedCapture, Outcome, RecordingSession, SessionHeader};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
@@ -68,14 +68,14 @@ fn folder() -> tempfile::TempDir {
 
 /// A way to bring captures to the disk.
 trait Way {
-    fn append(&mut self, capture: &Kept);
+    fn append(&mut self, capture: &FinishedCapture);
 }
 
 /// All of them, in the order of [`WAYS`].
 fn open_all(folder: &Path) -> [Box<dyn Way>; 2] {
     let begin = Timestamp(1);
-    let preamble = Preamble::default();
-    let session = Session::begin(folder, "session", "bench", begin, u64::MAX, preamble);
+    let preamble = SessionHeader::default();
+    let session = RecordingSession::begin(folder, "session", "bench", begin, u64::MAX, preamble);
     [
         Box::new(File::create_new(folder.join("plain")).unwrap()),
         Box::new(session.unwrap()),
@@ -83,7 +83,7 @@ fn open_all(folder: &Path) -> [Box<dyn Way>; 2] {
 }
 
 impl Way for File {
-    fn append(&mut self, capture: &Kept) {
+    fn append(&mut self, capture: &FinishedCapture) {
         for frame in &capture.frames {
             if let Picture::Raw { data, .. } = &frame.picture {
                 self.write_all(data).unwrap();
@@ -93,9 +93,9 @@ impl Way for File {
     }
 }
 
-impl Way for Session {
-    fn append(&mut self, capture: &Kept) {
-        self.keep(capture).unwrap();
+impl Way for RecordingSession {
+    fn append(&mut self, capture: &FinishedCapture) {
+        self.append(capture).unwrap();
     }
 }
 
@@ -140,7 +140,7 @@ fn measured(work: impl FnOnce()) -> [f64; 2] {
     [begin.elapsed().as_secs_f64(), cpu() - begin_cpu]
 }
 
-fn capture(seed: u64) -> Kept {
+fn capture(seed: u64) -> FinishedCapture {
     let mut frames = Vec::new();
     for i in 0..11 {
         let name = format!("c{i:02}");
@@ -151,7 +151,7 @@ fn capture(seed: u64) -> Kept {
         frames.push(frame("kinect", Stream::DepthColor, [640, 480], 3, seed + i));
     }
     let id = CaptureId::new("bench").unwrap();
-    Kept {
+    FinishedCapture {
         trigger: Trigger {
             id: id.clone(),
             time: Timestamp(2),

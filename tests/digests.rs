@@ -10,7 +10,8 @@ use scand::frame::{
     CameraId, CameraSettings, CaptureId, Frame, Picture, Stream, Timestamp, Transfer, Trigger,
 };
 use scand::recording::{
-    CameraInCapture, CaptureRecord, Kept, Lost, Note, Outcome, Preamble, Session,
+    CameraInCapture, CaptureRecord, FinishedCapture, Lost, Note, Outcome, RecordingSession,
+    SessionHeader,
 };
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -70,7 +71,7 @@ fn picture(encoding: &str, bytes_a_pixel: usize, seed: usize) -> Picture {
     }
 }
 
-fn preamble() -> Preamble {
+fn preamble() -> SessionHeader {
     let settings = CameraSettings {
         transfer: Transfer::Linear,
         exposure: Some(0.02),
@@ -86,7 +87,7 @@ fn preamble() -> Preamble {
         uncertainty: 0.002,
     };
     let background = |k| (at(k as u64), picture("bayer_rggb8", 1, k));
-    Preamble {
+    SessionHeader {
         colors: vec![
             camera("c0", [0.5, 0.0, 0.1]),
             camera("c1", [-0.2, 0.45, 0.1]),
@@ -104,7 +105,7 @@ fn preamble() -> Preamble {
 }
 
 /// A capture of two colour cameras and a depth camera at `ms`; a failed one lacks the second.
-fn capture(number: usize, ms: u64, outcome: Outcome) -> Kept {
+fn capture(number: usize, ms: u64, outcome: Outcome) -> FinishedCapture {
     let trigger = Trigger {
         id: CaptureId::new(&format!("amphora-{number:04}")).unwrap(),
         time: at(ms),
@@ -149,7 +150,7 @@ fn capture(number: usize, ms: u64, outcome: Outcome) -> Kept {
             ("d0".into(), given(3)),
         ]),
     };
-    Kept {
+    FinishedCapture {
         trigger,
         frames,
         record,
@@ -159,8 +160,9 @@ fn capture(number: usize, ms: u64, outcome: Outcome) -> Kept {
 
 /// Captures, a note, a background that was taken anew and the largest file's end, at fixed times.
 fn write_session(folder: &Path) {
-    let mut session = Session::begin(folder, "amphora", "scand", at(0), 6_000, preamble()).unwrap();
-    session.keep(&capture(1, 100, Outcome::Complete)).unwrap();
+    let mut session =
+        RecordingSession::begin(folder, "amphora", "scand", at(0), 6_000, preamble()).unwrap();
+    session.append(&capture(1, 100, Outcome::Complete)).unwrap();
     let note = Note {
         capture: "amphora-0001".into(),
         kind: "text".into(),
@@ -171,9 +173,9 @@ fn write_session(folder: &Path) {
     let taken_anew = (at(250), picture("bayer_rggb8", 1, 9));
     later.backgrounds.insert(id("c1"), taken_anew);
     session.change(later, at(260)).unwrap();
-    session.keep(&capture(2, 300, Outcome::Failed)).unwrap();
-    session.keep(&capture(3, 400, Outcome::Complete)).unwrap();
-    session.keep(&capture(4, 500, Outcome::Complete)).unwrap();
+    session.append(&capture(2, 300, Outcome::Failed)).unwrap();
+    session.append(&capture(3, 400, Outcome::Complete)).unwrap();
+    session.append(&capture(4, 500, Outcome::Complete)).unwrap();
     session.close().unwrap();
 }
 

@@ -3,7 +3,7 @@
 use super::systemd::Heart;
 use crate::frame::Timestamp;
 use crate::log;
-use crate::recording::{Error, Kept, Note, Preamble, Session};
+use crate::recording::{Error, FinishedCapture, Note, RecordingSession, SessionHeader};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,11 +16,11 @@ pub(super) type Done = Box<dyn FnOnce(Result<PathBuf, String>) + Send>;
 /// What is to be brought to the disk.
 pub(super) enum Work {
     /// A session begins; the one before is completed.
-    Begin(Box<Session>, Done),
+    Begin(Box<RecordingSession>, Done),
     /// What each file begins with has changed, or how large files become.
-    Change(Box<Preamble>, u64, Timestamp),
+    Change(Box<SessionHeader>, u64, Timestamp),
     /// A capture.
-    Keep(Box<Kept>, Done),
+    Keep(Box<FinishedCapture>, Done),
     /// What a person said.
     Note(Note, Timestamp, Done),
     /// The session is completed.
@@ -93,7 +93,7 @@ impl Recorder {
 }
 
 struct Writing {
-    session: Option<Session>,
+    session: Option<RecordingSession>,
     waiting: Arc<AtomicUsize>,
     heart: Heart,
 }
@@ -132,7 +132,7 @@ impl Writing {
             }
             Work::Keep(kept, done) => {
                 let written = self.with(|session| {
-                    let written = session.keep(&kept);
+                    let written = session.append(&kept);
                     if let Some(error) = session.take_unfinished() {
                         log::error!("{error}");
                     }
@@ -152,7 +152,7 @@ impl Writing {
 
     fn with(
         &mut self,
-        write: impl FnOnce(&mut Session) -> Result<PathBuf, Error>,
+        write: impl FnOnce(&mut RecordingSession) -> Result<PathBuf, Error>,
     ) -> Result<PathBuf, String> {
         let words = "there is no session: a note goes into the recording in progress";
         let session = self.session.as_mut().ok_or(words)?;
@@ -160,7 +160,7 @@ impl Writing {
     }
 
     fn close(&mut self) -> Result<PathBuf, String> {
-        let closed = self.session.take().map_or(Ok(()), Session::close);
+        let closed = self.session.take().map_or(Ok(()), RecordingSession::close);
         closed
             .map(|()| PathBuf::new())
             .map_err(|error| error.to_string())

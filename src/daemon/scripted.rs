@@ -4,7 +4,7 @@ use super::*;
 use crate::clock::Clock;
 use crate::drivers::live::{Backoff, Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
-use crate::recording::{Outcome, Preamble, Recording, Topic};
+use crate::recording::{Outcome, Recording, SessionHeader, Topic};
 use crate::sync;
 use crate::trigger::{Reply, Until};
 use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
@@ -188,9 +188,9 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
             keep_free_mb: 1,
             ..RecordingParameters::default()
         },
-        preamble: Preamble {
+        preamble: SessionHeader {
             configuration: "# a test".into(),
-            ..Preamble::default()
+            ..SessionHeader::default()
         },
         pool: pool.clone(),
         program: "scand test".into(),

@@ -31,7 +31,7 @@ pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
 pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
-pub use session::{Kept, Preamble, Session};
+pub use session::{FinishedCapture, RecordingSession, SessionHeader};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::Writer;
 

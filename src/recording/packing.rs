@@ -4,7 +4,7 @@
 use super::chunk;
 use super::index::{Chunk, Index, most_of};
 use super::records::{self, put_head, put_indexes};
-use super::rewriting::{dress, io, lock, remove_stale, with_ending};
+use super::rewriting::{copy_ownership, io, lock, remove_stale, with_ending};
 use super::scan::{Event, LARGEST_RECORD, Scan, Span};
 use super::source::Source;
 use super::{Damage, Error, Recording};
@@ -301,14 +301,14 @@ fn put_into_place(file: &File, path: &Path, packed: &Path) -> Result<Packed, Err
     if after as f64 > WORTHWHILE * original.len() as f64 {
         return Ok(Packed::NotWorthwhile);
     }
-    let dressed = || {
+    let moved = || {
         let copy = File::options().write(true).open(packed)?;
-        dress(&copy, &original)?;
+        copy_ownership(&copy, &original)?;
         copy.set_times(FileTimes::new().set_modified(original.modified()?))?;
         copy.sync_all()?;
         std::fs::rename(packed, path)?;
         sync_parent(path)
     };
-    dressed().map_err(io(path))?;
+    moved().map_err(io(path))?;
     Ok(Packed::Smaller(original.len(), after))
 }

@@ -4,7 +4,7 @@
 
 use super::Error;
 use super::repair::{Truncated, find_end};
-use super::rewriting::{PART, dress, io, remove_stale, with_ending};
+use super::rewriting::{PART, copy_ownership, io, remove_stale, with_ending};
 use super::source::Source;
 use crate::storage::{rename_noreplace, sync_parent};
 use std::fs::File;
@@ -102,7 +102,7 @@ fn keep_tail(mut file: &File, part: &Path, from: u64, path: &Path) -> Result<Pat
         file.seek(SeekFrom::Start(from))?;
         let mut copy = File::create_new(&staged)?;
         std::io::copy(&mut file, &mut copy)?;
-        let _ = dress(&copy, &file.metadata()?);
+        let _ = copy_ownership(&copy, &file.metadata()?);
         copy.sync_all()?;
         rename_noreplace(&staged, &tail)?;
         sync_parent(&tail)

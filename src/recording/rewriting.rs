@@ -35,7 +35,7 @@ pub(super) fn with_ending(path: &Path, ending: &str) -> PathBuf {
 
 /// Gives a copy the owner, the group and the permissions of the original: an administrator makes copies, too, and they
 /// are to stay the daemon's.
-pub(super) fn dress(copy: &File, original: &Metadata) -> std::io::Result<()> {
+pub(super) fn copy_ownership(copy: &File, original: &Metadata) -> std::io::Result<()> {
     let now = copy.metadata()?;
     let differing = |now: u32, wanted: u32| (now != wanted).then_some(wanted);
     let owner = differing(now.uid(), original.uid());

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// What every file of a session begins with, so that it stands alone.
 #[derive(Clone, Debug, Default)]
-pub struct Preamble {
+pub struct SessionHeader {
     /// Colour cameras.
     pub colors: Vec<Camera>,
     /// Depth cameras.
@@ -29,7 +29,7 @@ pub struct Preamble {
 
 /// A capture, ready to be kept.
 #[derive(Clone, Debug)]
-pub struct Kept {
+pub struct FinishedCapture {
     /// What asked for it.
     pub trigger: Trigger,
     /// Its frames; of a failed one those that came.
@@ -40,7 +40,7 @@ pub struct Kept {
     pub time: Timestamp,
 }
 
-impl Kept {
+impl FinishedCapture {
     /// Bytes of its pictures.
     pub fn bytes(&self) -> u64 {
         let bytes = self.frames.iter().map(|f| f.picture.bytes() as u64);
@@ -49,14 +49,14 @@ impl Kept {
 }
 
 /// A session that is being recorded.
-pub struct Session {
+pub struct RecordingSession {
     folder: PathBuf,
     name: String,
     program: String,
     begin: Timestamp,
     /// Bytes after which a file is completed and the next one begun.
     largest_file: u64,
-    preamble: Preamble,
+    preamble: SessionHeader,
     files: usize,
     open: Option<Open>,
     unfinished: Option<Error>,
@@ -69,7 +69,7 @@ struct Open {
     bytes: u64,
 }
 
-impl Session {
+impl RecordingSession {
     /// Begins a session whose files will be `folder/NAME.mcap`, `folder/NAME-002.mcap` and so on. The first one is made
     /// with the first capture. `begin` is before every capture.
     ///
@@ -81,7 +81,7 @@ impl Session {
         program: &str,
         begin: Timestamp,
         largest_file: u64,
-        preamble: Preamble,
+        preamble: SessionHeader,
     ) -> Result<Self, Error> {
         let session = Self {
             folder: folder.into(),
@@ -116,15 +116,15 @@ impl Session {
     /// # Errors
     /// If it cannot be written. What was kept before stays: the file that broke is left as `.part`, which a recovery
     /// completes, and the next capture begins another one.
-    pub fn keep(&mut self, capture: &Kept) -> Result<PathBuf, Error> {
-        let kept = self.try_keep(capture);
+    pub fn append(&mut self, capture: &FinishedCapture) -> Result<PathBuf, Error> {
+        let kept = self.try_append(capture);
         if kept.is_err() {
             self.open = None;
         }
         kept
     }
 
-    fn try_keep(&mut self, capture: &Kept) -> Result<PathBuf, Error> {
+    fn try_append(&mut self, capture: &FinishedCapture) -> Result<PathBuf, Error> {
         let bytes = capture.bytes();
         let full = |open: &Open| open.bytes > 0 && open.bytes + bytes > self.largest_file;
         if self.open.as_ref().is_some_and(full) {
@@ -146,7 +146,7 @@ impl Session {
     /// Writes what a person said of a capture, and brings it to the disk.
     ///
     /// # Errors
-    /// As for [`Self::keep`].
+    /// As for [`Self::append`].
     pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
         let mut noted = || {
             let writer = &mut self.open_file(time)?.writer;
@@ -165,8 +165,8 @@ impl Session {
     /// completed, and the next capture begins one.
     ///
     /// # Errors
-    /// As for [`Self::keep`]; the next file begins with what is new all the same.
-    pub fn change(&mut self, mut preamble: Preamble, time: Timestamp) -> Result<(), Error> {
+    /// As for [`Self::append`]; the next file begins with what is new all the same.
+    pub fn change(&mut self, mut preamble: SessionHeader, time: Timestamp) -> Result<(), Error> {
         // What was said of the session at its begin stays true; what the rig says of itself is what it says now.
         for (key, value) in &self.preamble.about {
             let about = preamble.about.entry(key.clone());
@@ -236,7 +236,7 @@ impl Session {
                 let path = self.next_path()?;
                 let mut writer = Writer::create(&path, &self.program, Compression::None)?;
                 begin_file(&mut writer, &self.preamble, &self.name, self.begin)?;
-                backgrounds(&mut writer, &Preamble::default(), &self.preamble, time)?;
+                backgrounds(&mut writer, &SessionHeader::default(), &self.preamble, time)?;
                 Open {
                     path,
                     writer,
@@ -262,7 +262,7 @@ fn is_taken(path: &Path) -> Result<bool, Error> {
 /// Writes what every file begins with.
 fn begin_file(
     writer: &mut Writer,
-    preamble: &Preamble,
+    preamble: &SessionHeader,
     name: &str,
     time: Timestamp,
 ) -> Result<(), Error> {
@@ -280,11 +280,11 @@ fn begin_file(
     if let Some(volume) = &preamble.volume {
         writer.volume(volume, time)?;
     }
-    settings(writer, &Preamble::default(), preamble, time)
+    settings(writer, &SessionHeader::default(), preamble, time)
 }
 
 /// Whether a file would begin with something that cannot be said later in it.
-fn begins_otherwise(before: &Preamble, now: &Preamble) -> bool {
+fn begins_otherwise(before: &SessionHeader, now: &SessionHeader) -> bool {
     before.colors != now.colors
         || before.depths != now.depths
         || before.volume != now.volume
@@ -295,8 +295,8 @@ fn begins_otherwise(before: &Preamble, now: &Preamble) -> bool {
 /// Writes settings and backgrounds that are not what they were.
 fn changed(
     writer: &mut Writer,
-    before: &Preamble,
-    now: &Preamble,
+    before: &SessionHeader,
+    now: &SessionHeader,
     time: Timestamp,
 ) -> Result<(), Error> {
     settings(writer, before, now, time)?;
@@ -305,8 +305,8 @@ fn changed(
 
 fn settings(
     writer: &mut Writer,
-    before: &Preamble,
-    now: &Preamble,
+    before: &SessionHeader,
+    now: &SessionHeader,
     time: Timestamp,
 ) -> Result<(), Error> {
     for (id, settings) in &now.settings {
@@ -321,8 +321,8 @@ fn settings(
 /// was ahead counts from `time` on.
 fn backgrounds(
     writer: &mut Writer,
-    before: &Preamble,
-    now: &Preamble,
+    before: &SessionHeader,
+    now: &SessionHeader,
     time: Timestamp,
 ) -> Result<(), Error> {
     for (id, (taken, picture)) in &now.backgrounds {

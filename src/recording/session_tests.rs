@@ -6,10 +6,10 @@ use crate::frame::{Stream, Timestamp};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-fn preamble(rig: &Rig) -> Preamble {
+fn preamble(rig: &Rig) -> SessionHeader {
     let plate = |ms| frame(rig.colors[0].id.clone(), Stream::Color, ms).picture;
     let colors = rig.colors.iter();
-    Preamble {
+    SessionHeader {
         colors: rig.colors.clone(),
         depths: vec![rig.depth.clone()],
         volume: Some(rig.volume),
@@ -20,14 +20,14 @@ fn preamble(rig: &Rig) -> Preamble {
     }
 }
 
-fn kept(rig: &Rig, id: &str, ms: u64) -> Kept {
+fn kept(rig: &Rig, id: &str, ms: u64) -> FinishedCapture {
     let colors = rig.colors.iter();
     let mut frames: Vec<_> = colors
         .map(|c| frame(c.id.clone(), Stream::Color, ms + 1))
         .collect();
     let depth = &rig.depth.camera.id;
     frames.extend((0..12).map(|i| frame(depth.clone(), Stream::Depth, ms + 33 * i)));
-    Kept {
+    FinishedCapture {
         trigger: trigger(id, ms),
         frames,
         record: CaptureRecord {
@@ -41,8 +41,8 @@ fn kept(rig: &Rig, id: &str, ms: u64) -> Kept {
     }
 }
 
-fn begin(folder: &Path, rig: &Rig, largest_file: u64) -> Session {
-    Session::begin(
+fn begin(folder: &Path, rig: &Rig, largest_file: u64) -> RecordingSession {
+    RecordingSession::begin(
         folder,
         "s",
         "scand test",
@@ -64,7 +64,7 @@ fn each_file_of_a_session_stands_alone() {
     let one = kept(&rig, "a", 10_000).bytes();
     let mut session = begin(folder.path(), &rig, 2 * one);
     for (i, id) in ["a", "b", "c", "d", "e"].into_iter().enumerate() {
-        let path = session.keep(&kept(&rig, id, 10_000 * (i as u64 + 1)));
+        let path = session.append(&kept(&rig, id, 10_000 * (i as u64 + 1)));
         let name = ["s.mcap", "s.mcap", "s-002.mcap", "s-002.mcap", "s-003.mcap"][i];
         assert_eq!(path.unwrap(), folder.path().join(name));
     }
@@ -91,7 +91,7 @@ fn what_is_kept_is_on_the_disk_before_the_file_is_complete() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
     let mut session = begin(folder.path(), &rig, u64::MAX);
-    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    session.append(&kept(&rig, "a", 10_000)).unwrap();
     let part = folder.path().join("s.mcap.part");
     // As after a crash: a copy, for the file itself is locked by who writes it.
     let copy = folder.path().join("copy.mcap.part");
@@ -112,9 +112,9 @@ fn plates_that_a_wrong_clock_put_into_the_future_count_from_the_capture_on() {
         *time = at(7_200_000);
     }
     let mut session =
-        Session::begin(folder.path(), "s", "scand test", at(2), 1 << 30, ahead).unwrap();
+        RecordingSession::begin(folder.path(), "s", "scand test", at(2), 1 << 30, ahead).unwrap();
     let capture = kept(&rig, "a", 10_000);
-    let path = session.keep(&capture).unwrap();
+    let path = session.append(&capture).unwrap();
     session.close().unwrap();
     let recording = Recording::open(&path).unwrap();
     let plates = Topic::Color(rig.colors[0].id.clone(), ColorPart::Background);
@@ -133,15 +133,15 @@ fn what_the_rig_says_of_itself_is_what_it_says_now() {
         .about
         .insert("calibration_sha256".into(), "old".into());
     let mut session =
-        Session::begin(folder.path(), "s", "scand test", at(2), 1 << 30, before).unwrap();
-    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+        RecordingSession::begin(folder.path(), "s", "scand test", at(2), 1 << 30, before).unwrap();
+    session.append(&kept(&rig, "a", 10_000)).unwrap();
     let about = BTreeMap::from([("calibration_sha256".into(), "new".into())]);
-    let now = Preamble {
+    let now = SessionHeader {
         about,
         ..preamble(&rig)
     };
     session.change(now, at(15_000)).unwrap();
-    let path = session.keep(&kept(&rig, "b", 20_000)).unwrap();
+    let path = session.append(&kept(&rig, "b", 20_000)).unwrap();
     session.close().unwrap();
     let recording = Recording::open(&path).unwrap();
     let mut metadata = recording.metadata().iter();
@@ -156,14 +156,14 @@ fn new_plates_count_from_the_next_capture_on_and_in_every_file() {
     let rig = Rig::new();
     let one = kept(&rig, "a", 10_000).bytes();
     let mut session = begin(folder.path(), &rig, 2 * one);
-    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    session.append(&kept(&rig, "a", 10_000)).unwrap();
     let mut changed = preamble(&rig);
     for (time, _) in changed.backgrounds.values_mut() {
         *time = at(15_000);
     }
     session.change(changed, at(15_500)).unwrap();
     for (id, ms) in [("b", 20_000), ("c", 30_000)] {
-        session.keep(&kept(&rig, id, ms)).unwrap();
+        session.append(&kept(&rig, id, ms)).unwrap();
     }
     session.close().unwrap();
     let plates = Topic::Color(rig.colors[0].id.clone(), ColorPart::Background);
@@ -181,13 +181,13 @@ fn another_calibration_begins_another_file_of_the_same_session() {
     let rig = Rig::new();
     let folder = tempfile::tempdir().unwrap();
     let mut session = begin(folder.path(), &rig, u64::MAX);
-    session.keep(&kept(&rig, "a", 10_000)).unwrap();
+    session.append(&kept(&rig, "a", 10_000)).unwrap();
     let mut changed = preamble(&rig);
     changed.configuration = "[rig]\nname = \"other\"\n".into();
     changed.colors[0].intrinsics.focal_px.x += 1.0;
     changed.about.clear();
     session.change(changed.clone(), at(15_000)).unwrap();
-    session.keep(&kept(&rig, "b", 20_000)).unwrap();
+    session.append(&kept(&rig, "b", 20_000)).unwrap();
     session.close().unwrap();
     let files = ["s.mcap", "s-002.mcap"].map(|name| folder.path().join(name));
     let [first, second] = files.map(|path| Recording::open(&path).unwrap());
@@ -215,14 +215,14 @@ fn a_session_of_the_same_name_is_refused_and_no_file_of_another_is_in_the_way() 
     std::fs::write(folder.path().join("s-002.mcap"), "in the way").unwrap();
     let one = kept(&rig, "a", 10_000).bytes();
     let mut session = begin(folder.path(), &rig, one);
-    session.keep(&kept(&rig, "a", 10_000)).unwrap();
-    let path = session.keep(&kept(&rig, "b", 20_000)).unwrap();
+    session.append(&kept(&rig, "a", 10_000)).unwrap();
+    let path = session.append(&kept(&rig, "b", 20_000)).unwrap();
     assert_eq!(path, folder.path().join("s-003.mcap"));
     std::fs::write(folder.path().join("s-004.mcap.part"), "in the way").unwrap();
-    let path = session.keep(&kept(&rig, "c", 30_000)).unwrap();
+    let path = session.append(&kept(&rig, "c", 30_000)).unwrap();
     assert_eq!(path, folder.path().join("s-005.mcap"));
     session.close().unwrap();
-    let again = Session::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
+    let again = RecordingSession::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
     assert!(again.err().unwrap().to_string().contains("s.mcap"));
 }
 
@@ -231,7 +231,7 @@ fn what_is_being_written_is_whole_up_to_where_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
     let mut session = begin(folder.path(), &rig, 1 << 30);
-    let path = session.keep(&kept(&rig, "s-0001", 10)).unwrap();
+    let path = session.append(&kept(&rig, "s-0001", 10)).unwrap();
     let part = unfinished_name(&path);
     let half = folder.path().join("half.mcap.part");
     let open = Recording::open(&part).unwrap();

@@ -8,7 +8,7 @@ use crate::config::{self, Config};
 use crate::daemon::{Kind, Station};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
-use crate::recording::Preamble;
+use crate::recording::SessionHeader;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -53,7 +53,7 @@ pub struct Prepared {
     /// The cameras with their drivers.
     pub stations: Vec<Station>,
     /// What every recording begins with.
-    pub preamble: Preamble,
+    pub preamble: SessionHeader,
     /// Memory for frames.
     pub pool: Pool,
     /// Where the calibration is.
@@ -130,7 +130,7 @@ fn preamble(
     calibration: &RigCalibration,
     stations: &[Station],
     configuration: String,
-) -> Result<Preamble, String> {
+) -> Result<SessionHeader, String> {
     let of = |color: bool| {
         let chosen = stations
             .iter()
@@ -149,7 +149,7 @@ fn preamble(
     if volume.is_none() {
         return Err("rig.volume is missing, and the calibration proposes none".into());
     }
-    Ok(Preamble {
+    Ok(SessionHeader {
         colors: of(true).map(|(camera, _)| camera.clone()).collect(),
         depths: of(false).map(depth).collect(),
         volume,

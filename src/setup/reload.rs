@@ -5,7 +5,7 @@ use super::prepare::ConfigSource;
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::{Reread, ServiceParameters};
-use crate::recording::Preamble;
+use crate::recording::SessionHeader;
 use crate::workers::Jobs;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub struct Running {
     /// The configuration.
     pub config: Config,
     /// What every recording begins with.
-    pub preamble: Preamble,
+    pub preamble: SessionHeader,
     /// Where models' settings go.
     pub jobs: Option<Arc<Jobs>>,
     /// Bytes of the disk that models and packing leave to others.
@@ -109,8 +109,8 @@ fn compare(within: &str, before: &Table, now: &Table, keys: &mut BTreeSet<String
 }
 
 /// The cameras' pictures must stay as large as memory and links were planned for.
-fn same_sizes(before: &Preamble, now: &Preamble) -> Result<(), String> {
-    let sizes = |preamble: &Preamble| {
+fn same_sizes(before: &SessionHeader, now: &SessionHeader) -> Result<(), String> {
+    let sizes = |preamble: &SessionHeader| {
         let depths = preamble.depths.iter().map(|d| &d.camera);
         let cameras = preamble.colors.iter().chain(depths);
         let size = |c: &crate::calibration::Camera| {

@@ -4,7 +4,7 @@
 use super::super::rig::Shooting;
 use crate::drivers::live::{Fault, Tally};
 use crate::frame::{CameraId, Frame, Timestamp};
-use crate::recording::{CameraInCapture, CaptureRecord, Kept, Lost, LostParts, Outcome};
+use crate::recording::{CameraInCapture, CaptureRecord, FinishedCapture, Lost, LostParts, Outcome};
 use crate::sync::{Capture, Shortfall};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +14,7 @@ pub(super) fn assemble(
     shooting: Shooting,
     largest_skew_ms: f64,
     time: Timestamp,
-) -> Kept {
+) -> FinishedCapture {
     let reasons = reasons(&capture, &shooting.answers, largest_skew_ms);
     let failed = !capture.complete || too_skewed(&capture, largest_skew_ms);
     let skew_ns = capture.skew_ns();
@@ -35,7 +35,7 @@ pub(super) fn assemble(
         skew_ns: Some(skew_ns),
         cameras: cameras(&frames, &shooting.answers),
     };
-    Kept {
+    FinishedCapture {
         trigger,
         frames,
         record,

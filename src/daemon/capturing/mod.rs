@@ -18,7 +18,7 @@ use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::log;
-use crate::recording::{Error, Note, Preamble, finished_name, left, recover, unfinished};
+use crate::recording::{Error, Note, SessionHeader, finished_name, left, recover, unfinished};
 use crate::sync;
 use crate::trigger::Reply;
 use crate::workers::Jobs;
@@ -71,7 +71,7 @@ pub struct Reread {
     /// Where they are kept; the folder stays as it was.
     pub recording: RecordingParameters,
     /// What every recording begins with, from the next capture on.
-    pub preamble: Preamble,
+    pub preamble: SessionHeader,
 }
 
 /// What the thread works with.
@@ -83,7 +83,7 @@ pub struct Plan {
     /// Where they are kept.
     pub recording: RecordingParameters,
     /// What every recording begins with; settings and backgrounds are added here.
-    pub preamble: Preamble,
+    pub preamble: SessionHeader,
     /// Where drivers take memory from.
     pub pool: Pool,
     /// Name and version of the program.

@@ -17,7 +17,7 @@ use crate::daemon::systemd::Heart;
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, Frame};
 use crate::log;
-use crate::recording::Preamble;
+use crate::recording::SessionHeader;
 use crate::storage::free_bytes;
 use crate::sync::Synchronizer;
 use crossbeam_channel::{Receiver, select};
@@ -131,7 +131,7 @@ impl Worker {
         } = &mut self.plan;
         *capture = reread.capture;
         *recording = reread.recording;
-        *preamble = Preamble {
+        *preamble = SessionHeader {
             settings: std::mem::take(&mut preamble.settings),
             backgrounds: std::mem::take(&mut preamble.backgrounds),
             ..reread.preamble

@@ -10,7 +10,7 @@ use crate::daemon::events::{Event, Events};
 use crate::daemon::recorder::{Done, Work};
 use crate::frame::{CaptureId, Trigger};
 use crate::log;
-use crate::recording::{Kept, Outcome};
+use crate::recording::{FinishedCapture, Outcome};
 use crate::trigger::Reply;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -61,7 +61,7 @@ impl Worker {
         }
     }
 
-    fn take(&mut self, id: CaptureId, press: &Press) -> Kept {
+    fn take(&mut self, id: CaptureId, press: &Press) -> FinishedCapture {
         let trigger = Trigger {
             id,
             time: self.rig.clock().timestamp(),
@@ -83,7 +83,13 @@ impl Worker {
     }
 
     /// Gives a capture to the recorder. True if the press has its end: it is complete, or was the last attempt.
-    fn hand_over(&mut self, kept: Kept, press: &Arc<Press>, begin: Instant, last: bool) -> bool {
+    fn hand_over(
+        &mut self,
+        kept: FinishedCapture,
+        press: &Arc<Press>,
+        begin: Instant,
+        last: bool,
+    ) -> bool {
         let clock = self.rig.clock();
         let capture = kept.record.id.clone();
         let reason = kept.record.reason.clone().unwrap_or_default();

@@ -6,7 +6,7 @@ use crate::daemon::events::Event;
 use crate::daemon::names;
 use crate::daemon::recorder::{Done, Work};
 use crate::log;
-use crate::recording::{Note, Session};
+use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -45,7 +45,7 @@ impl Worker {
         }
         preamble.about.extend(about);
         let folder = &self.plan.recording.folder;
-        let session = Session::begin(
+        let session = RecordingSession::begin(
             folder,
             name,
             &self.plan.program,
