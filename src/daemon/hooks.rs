@@ -174,7 +174,7 @@ mod tests {
     fn accepted(capture: &str) -> Event {
         Event::Accepted {
             capture: capture.into(),
-            source: "pedal".into(),
+            source: Some("pedal".into()),
             press_id: Some("p\0\n$(rm)".into()),
             subject: None,
         }
@@ -183,7 +183,7 @@ mod tests {
     fn done(verdict: Verdict) -> Event {
         Event::Done {
             capture: "a-0001".into(),
-            recording: "/r/a.mcap".into(),
+            recording: Some("/r/a.mcap".into()),
             verdict,
             reasons: vec!["few views".into(), "thin".into()],
             model: "/m/a-0001".into(),

@@ -127,7 +127,7 @@ pub(super) fn until<T>(mut reached: impl FnMut() -> Option<T>) -> T {
 
 fn capture_of(replies: &[Reply]) -> &str {
     match &replies[0] {
-        Reply::Accepted { capture } => capture,
+        Reply::Accepted { capture, .. } => capture,
         other => panic!("{other:?}"),
     }
 }
@@ -228,12 +228,16 @@ fn a_press_waits_for_what_it_asked_for_and_no_longer() {
     let reason = "no silhouettes".to_owned();
     service.stand.capturing.events().publish(Event::JobFailed {
         capture: capture.clone(),
-        recording: PathBuf::new(),
+        recording: Some(PathBuf::new()),
         reason: reason.clone(),
     });
     assert_eq!(
         waiting.reply().unwrap(),
-        Reply::JobFailed { capture, reason }
+        Reply::JobFailed {
+            capture,
+            recording: None,
+            reason
+        }
     );
 }
 

@@ -1,4 +1,5 @@
-//! What happens at the rig, as it is told to everybody who listens, whoever asked for it.
+//! The one type of what the daemon says. The stream of events and the hooks get it whole; replies to a client and the
+//! journal of presses are a view of it, [`Event::to_reply`].
 
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -15,7 +16,20 @@ pub enum Verdict {
     Red,
 }
 
-/// Something that happened. Each is a line of the stream that `events` asks for.
+/// What a press waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Until {
+    /// All frames are in.
+    Captured,
+    /// It is on the disk.
+    #[default]
+    Durable,
+    /// Its model is made.
+    Done,
+}
+
+/// What the daemon says, a line of JSON each. Members that a view leaves out are `None` there.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "type")]
 pub enum Event {
@@ -23,12 +37,13 @@ pub enum Event {
     Accepted {
         /// Its id.
         capture: String,
-        /// Who asked: `pedal`, `socket` or another word.
-        source: String,
-        /// The client's own name of the press.
+        /// Who asked: `pedal`, `socket` or another word; not in a reply.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        source: Option<String>,
+        /// The client's own name of the press; not in a reply.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         press_id: Option<String>,
-        /// The object's number.
+        /// The object's number; not in a reply.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         subject: Option<String>,
     },
@@ -60,7 +75,9 @@ pub enum Event {
         /// Why, naming the cameras.
         reason: String,
     },
-    /// A press that nothing was begun for: no memory, no room, a disk that is behind.
+    /// Another capture is being taken; only in a reply.
+    Busy,
+    /// A request was rejected and nothing was begun: for a press no memory, no room, a disk that is behind.
     Refused {
         /// Why.
         reason: String,
@@ -69,8 +86,9 @@ pub enum Event {
     Done {
         /// Its id.
         capture: String,
-        /// The recording it is in.
-        recording: PathBuf,
+        /// The recording it is in; not in a reply.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        recording: Option<PathBuf>,
         /// How far the model can be trusted.
         verdict: Verdict,
         /// Why not further.
@@ -83,11 +101,24 @@ pub enum Event {
     JobFailed {
         /// Its id.
         capture: String,
-        /// The recording it is in.
-        recording: PathBuf,
+        /// The recording it is in; not in a reply.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        recording: Option<PathBuf>,
         /// Why.
         reason: String,
     },
+    /// A request was carried out that is no press, status or events; only in a reply.
+    Ok {
+        /// What was done.
+        words: String,
+    },
+    /// What the daemon knows of itself; only in a reply.
+    Status {
+        /// As docs/socket.md describes it.
+        status: serde_json::Value,
+    },
+    /// Events follow from here on; only in a reply.
+    Listening,
     /// A camera came, or went away.
     Camera {
         /// The camera.
@@ -117,11 +148,62 @@ pub enum Event {
         #[serde(default)]
         text: String,
     },
-    /// The daemon ends as it was told to: nothing follows.
+    /// The daemon ends as it was told to. A client whose press has no end yet hears it when it asks again.
     Ending,
     /// The listener was too slow, and so many events are lost to it.
     Lost {
         /// How many.
         events: u64,
     },
+}
+
+/// An event as the answer to a client's request, see [`Event::to_reply`].
+pub type Reply = Event;
+
+impl Event {
+    /// The view that the press's own client and the journal get: without what the client said itself, and without the
+    /// recording of a model, which `durable` named.
+    pub fn to_reply(&self) -> Reply {
+        let mut reply = self.clone();
+        match &mut reply {
+            Self::Accepted {
+                source,
+                press_id,
+                subject,
+                ..
+            } => (*source, *press_id, *subject) = (None, None, None),
+            Self::Done { recording, .. } | Self::JobFailed { recording, .. } => *recording = None,
+            _ => {}
+        }
+        reply
+    }
+
+    /// Whether no reply follows this one, for a client that waits `until` then.
+    pub fn is_end(&self, until: Until) -> bool {
+        match self {
+            Self::Accepted { .. } | Self::Retried { .. } => false,
+            Self::Captured { .. } => until == Until::Captured,
+            Self::Durable { .. } => until != Until::Done,
+            _ => true,
+        }
+    }
+
+    /// Whether a press was rejected before anything was begun, so that its name may be used again.
+    pub fn is_rejection(&self) -> bool {
+        matches!(self, Self::Busy | Self::Refused { .. })
+    }
+
+    /// The id of the capture, where it is about one's making.
+    pub fn capture(&self) -> Option<&str> {
+        match self {
+            Self::Accepted { capture, .. }
+            | Self::Captured { capture, .. }
+            | Self::Retried { capture, .. }
+            | Self::Durable { capture, .. }
+            | Self::Failed { capture, .. }
+            | Self::Done { capture, .. }
+            | Self::JobFailed { capture, .. } => Some(capture),
+            _ => None,
+        }
+    }
 }

@@ -1,15 +1,14 @@
-//! What is said over the daemon's socket: lines of JSON, requests one way and replies the other, and a client that
-//! speaks them. Nothing of cameras or recordings lives here.
+//! What is said over the daemon's socket: lines of JSON, requests one way, replies and events the other, and a client
+//! that speaks them. Nothing of cameras or recordings lives here.
 
 mod client;
 mod event;
 
 pub use client::{Client, Error};
-pub use event::{Event, Verdict};
+pub use event::{Event, Reply, Until, Verdict};
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 /// Where the daemon listens unless it is configured otherwise.
 pub const SOCKET: &str = "/run/scand/scand.sock";
@@ -64,110 +63,6 @@ pub enum Request {
     Close {},
 }
 
-/// What a press waits for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Until {
-    /// All frames are in.
-    Captured,
-    /// It is on the disk.
-    #[default]
-    Durable,
-    /// Its model is made.
-    Done,
-}
-
 fn socket() -> String {
     "socket".into()
-}
-
-/// What the daemon answers. A press hears several; the last of them is the one of [`Reply::is_end`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", tag = "type")]
-pub enum Reply {
-    /// The capture is being taken.
-    Accepted {
-        /// Its id.
-        capture: String,
-    },
-    /// All frames are in: hands may move.
-    Captured {
-        /// Its id.
-        capture: String,
-        /// Spread of the colour frames' timestamps in nanoseconds.
-        skew_ns: u64,
-    },
-    /// It failed, and is taken once more by itself.
-    Retried {
-        /// The id of the one that failed.
-        capture: String,
-        /// Why.
-        reason: String,
-    },
-    /// It is on the disk.
-    Durable {
-        /// Its id.
-        capture: String,
-        /// The recording it is in, under the name that it has when it is complete.
-        recording: PathBuf,
-    },
-    /// It was taken and is not whole. The frames that came are kept.
-    Failed {
-        /// Its id.
-        capture: String,
-        /// Why, naming the cameras.
-        reason: String,
-    },
-    /// Another capture is being taken.
-    Busy,
-    /// It was not begun, or not done.
-    Refused {
-        /// Why.
-        reason: String,
-    },
-    /// Its model is made.
-    Done {
-        /// Its id.
-        capture: String,
-        /// How far the model can be trusted.
-        verdict: Verdict,
-        /// Why not further.
-        #[serde(default)]
-        reasons: Vec<String>,
-        /// The folder of the model.
-        model: PathBuf,
-    },
-    /// It is on the disk, and its model could not be made.
-    JobFailed {
-        /// Its id.
-        capture: String,
-        /// Why.
-        reason: String,
-    },
-    /// It is done; of everything but a press, a status and events.
-    Ok {
-        /// What was done.
-        words: String,
-    },
-    /// What the daemon knows of itself.
-    Status {
-        /// As docs/socket.md describes it.
-        status: serde_json::Value,
-    },
-    /// What happens is told from here on.
-    Listening,
-    /// The daemon is ending before the press has its end: who asks for the same press again hears it.
-    Ending,
-}
-
-impl Reply {
-    /// Whether nothing follows for who waits for this.
-    pub fn is_end(&self, until: Until) -> bool {
-        match self {
-            Self::Accepted { .. } | Self::Retried { .. } => false,
-            Self::Captured { .. } => until == Until::Captured,
-            Self::Durable { .. } => until != Until::Done,
-            _ => true,
-        }
-    }
 }

@@ -216,7 +216,7 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
         if *json {
             outln!("{}", serde_json::to_string(&event)?);
         } else {
-            outln!("{}", event_words(&event));
+            outln!("{}", words(&event));
         }
     }
 }
@@ -250,32 +250,49 @@ fn code(last: &Reply) -> ExitCode {
     }
 }
 
-fn words(reply: &Reply) -> String {
-    match reply {
-        Reply::Accepted { capture } => format!("{capture}: accepted"),
-        Reply::Captured { capture, skew_ns } => {
+fn words(event: &Event) -> String {
+    match event {
+        Event::Accepted {
+            capture,
+            source: Some(source),
+            ..
+        } => format!("{capture}: accepted from {source}"),
+        Event::Accepted { capture, .. } => format!("{capture}: accepted"),
+        Event::Captured { capture, skew_ns } => {
             format!("{capture}: captured, skew {:.2} ms", *skew_ns as f64 / 1e6)
         }
-        Reply::Retried { capture, reason } => {
+        Event::Retried { capture, reason } => {
             format!("{capture}: failed: {reason}; it is taken once more")
         }
-        Reply::Durable { capture, recording } => {
+        Event::Durable { capture, recording } => {
             format!("{capture}: durable in {}", recording.display())
         }
-        Reply::Failed { capture, reason } => format!("{capture}: failed: {reason}"),
-        Reply::Busy => "busy: a capture is being taken".into(),
-        Reply::Refused { reason } => format!("refused: {reason}"),
-        Reply::Done {
+        Event::Failed { capture, reason } => format!("{capture}: failed: {reason}"),
+        Event::Busy => "busy: a capture is being taken".into(),
+        Event::Refused { reason } => format!("refused: {reason}"),
+        Event::Done {
             capture,
             verdict,
             reasons,
             model,
+            ..
         } => done_words(capture, *verdict, reasons, model),
-        Reply::JobFailed { capture, reason } => format!("{capture}: no model: {reason}"),
-        Reply::Ok { words } => words.clone(),
-        Reply::Listening => "listening".into(),
-        Reply::Ending => "the daemon is ending: the same press id may be asked for again".into(),
-        Reply::Status { status } => status_table::status(status),
+        Event::JobFailed {
+            capture, reason, ..
+        } => format!("{capture}: no model: {reason}"),
+        Event::Ok { words } | Event::Plates { words } => words.clone(),
+        Event::Status { status } => status_table::status(status),
+        Event::Listening => "listening".into(),
+        Event::Camera { id, state, words } => format!("camera {id}: {state}: {words}"),
+        Event::Session { name: Some(name) } => format!("session {name}"),
+        Event::Session { name: None } => "the session is completed".into(),
+        Event::Note {
+            capture,
+            kind,
+            text,
+        } => format!("{capture}: {kind} {text}"),
+        Event::Ending => "the daemon is ending: ask again with the same press id later".into(),
+        Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
     }
 }
 
@@ -290,38 +307,4 @@ fn done_words(capture: &str, verdict: Verdict, reasons: &[String], model: &Path)
         reasons => format!(" ({})", reasons.join("; ")),
     };
     format!("{capture}: done, {verdict}{why}, in {}", model.display())
-}
-
-fn event_words(event: &Event) -> String {
-    match event.clone() {
-        Event::Accepted {
-            capture, source, ..
-        } => format!("{capture}: accepted from {source}"),
-        Event::Captured { capture, skew_ns } => words(&Reply::Captured { capture, skew_ns }),
-        Event::Retried { capture, reason } => words(&Reply::Retried { capture, reason }),
-        Event::Durable { capture, recording } => words(&Reply::Durable { capture, recording }),
-        Event::Failed { capture, reason } => words(&Reply::Failed { capture, reason }),
-        Event::Refused { reason } => words(&Reply::Refused { reason }),
-        Event::Done {
-            capture,
-            verdict,
-            reasons,
-            model,
-            ..
-        } => done_words(&capture, verdict, &reasons, &model),
-        Event::JobFailed {
-            capture, reason, ..
-        } => words(&Reply::JobFailed { capture, reason }),
-        Event::Camera { id, state, words } => format!("camera {id}: {state}: {words}"),
-        Event::Plates { words } => words,
-        Event::Session { name: Some(name) } => format!("session {name}"),
-        Event::Session { name: None } => "the session is completed".into(),
-        Event::Note {
-            capture,
-            kind,
-            text,
-        } => format!("{capture}: {kind} {text}"),
-        Event::Ending => "the daemon is ending".into(),
-        Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
-    }
 }

@@ -55,7 +55,7 @@ fn event(ended: Ended) -> Event {
     match model {
         Ok(model) => Event::Done {
             capture,
-            recording,
+            recording: Some(recording),
             verdict: match model.verdict {
                 Level::Green => Verdict::Green,
                 Level::Amber => Verdict::Amber,
@@ -66,7 +66,7 @@ fn event(ended: Ended) -> Event {
         },
         Err(reason) => Event::JobFailed {
             capture,
-            recording,
+            recording: Some(recording),
             reason,
         },
     }

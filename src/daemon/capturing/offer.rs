@@ -15,7 +15,7 @@ pub(super) fn offer(jobs: &Jobs, events: &Events, recording: PathBuf, trigger: &
         let reason = error.to_string();
         events.publish(Event::JobFailed {
             capture,
-            recording,
+            recording: Some(recording),
             reason,
         });
     }

@@ -152,6 +152,9 @@ mod tests {
     fn accepted(number: usize) -> Reply {
         Reply::Accepted {
             capture: format!("a-{number:04}"),
+            source: None,
+            press_id: None,
+            subject: None,
         }
     }
 
@@ -189,6 +192,7 @@ mod tests {
         assert_eq!(written.join("\n"), released.trim_end());
         let done = Reply::Done {
             capture: "a-0001".into(),
+            recording: None,
             verdict: crate::trigger::Verdict::Amber,
             reasons: vec!["plates are 9 days old".into()],
             model: "/var/lib/scand/models/a/a-0001".into(),

@@ -110,36 +110,12 @@ impl Presses {
 
     /// What became of a model is an answer to the press of its capture.
     pub(super) fn witness(&self, event: &Event) {
-        let (capture, reply) = match event.clone() {
-            Event::Done {
-                capture,
-                verdict,
-                reasons,
-                model,
-                ..
-            } => {
-                let reply = Reply::Done {
-                    capture: capture.clone(),
-                    verdict,
-                    reasons,
-                    model,
-                };
-                (capture, reply)
-            }
-            Event::JobFailed {
-                capture, reason, ..
-            } => {
-                let reply = Reply::JobFailed {
-                    capture: capture.clone(),
-                    reason,
-                };
-                (capture, reply)
-            }
-            _ => return,
+        let (Event::Done { capture, .. } | Event::JobFailed { capture, .. }) = event else {
+            return;
         };
-        let answers = self.known().by_capture.get(&capture).cloned();
+        let answers = self.known().by_capture.get(capture).cloned();
         if let Some(answers) = answers.filter(|a| !a.has_end(Until::Done)) {
-            self.tell(&answers, reply);
+            self.tell(&answers, event.to_reply());
         }
     }
 
@@ -150,7 +126,7 @@ impl Presses {
         }
         let mut known = self.known();
         match &reply {
-            Reply::Accepted { capture } => known.enter(capture, answers),
+            Reply::Accepted { capture, .. } => known.enter(capture, answers),
             reply if was_not_begun(reply) => known.free(answers),
             _ => {}
         }
@@ -176,6 +152,9 @@ impl Presses {
         let answers = self.remembered(id);
         let accepted = Reply::Accepted {
             capture: capture.capture.clone(),
+            source: None,
+            press_id: None,
+            subject: None,
         };
         let known = answers.replies.borrow().contains(&accepted);
         if !known && !answers.has_end(Until::Durable) {
@@ -224,7 +203,7 @@ impl Known {
     fn forget(&mut self, answers: &Arc<Answers>) {
         self.free(answers);
         for reply in answers.replies.borrow().iter() {
-            if let Reply::Accepted { capture } = reply {
+            if let Reply::Accepted { capture, .. } = reply {
                 let own = |found: &Arc<Answers>| Arc::ptr_eq(found, answers);
                 if self.by_capture.get(capture).is_some_and(own) {
                     self.by_capture.remove(capture);
@@ -267,7 +246,7 @@ impl Answers {
     fn last_capture(&self) -> Option<String> {
         let replies = self.replies.borrow();
         replies.iter().rev().find_map(|reply| match reply {
-            Reply::Accepted { capture } => Some(capture.clone()),
+            Reply::Accepted { capture, .. } => Some(capture.clone()),
             _ => None,
         })
     }

@@ -6,6 +6,9 @@ use std::path::PathBuf;
 fn accepted(capture: &str) -> Reply {
     Reply::Accepted {
         capture: capture.into(),
+        source: None,
+        press_id: None,
+        subject: None,
     }
 }
 
@@ -33,7 +36,7 @@ fn known(presses: &Presses, id: &str) -> Vec<Reply> {
 fn done(capture: &str) -> Event {
     Event::Done {
         capture: capture.into(),
-        recording: PathBuf::new(),
+        recording: Some(PathBuf::new()),
         verdict: crate::trigger::Verdict::Green,
         reasons: Vec::new(),
         model: "/m".into(),

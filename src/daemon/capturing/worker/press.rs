@@ -11,7 +11,6 @@ use crate::daemon::recorder::{Done, Work};
 use crate::frame::{CaptureId, Trigger};
 use crate::log;
 use crate::recording::{FinishedCapture, Outcome};
-use crate::trigger::Reply;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -31,8 +30,11 @@ impl Worker {
                 let reason = format!("{name:?} is too long for a capture's id");
                 return self.refuse(&press, reason);
             };
-            let accepted = Reply::Accepted {
+            let accepted = Event::Accepted {
                 capture: name.clone(),
+                source: Some(press.source.clone()),
+                press_id: press.press_id.clone(),
+                subject: press.subject.clone(),
             };
             tell(&self.plan.events, &press, accepted);
             self.heart.beat();
@@ -49,7 +51,7 @@ impl Worker {
     /// Refuses a press. Who merely listens hears of one refusal a second.
     fn refuse(&mut self, press: &Press, reason: String) {
         self.refused += 1;
-        (press.progress)(Reply::Refused {
+        (press.progress)(Event::Refused {
             reason: reason.clone(),
         });
         let clock = self.rig.clock();
@@ -95,14 +97,14 @@ impl Worker {
         let reason = kept.record.reason.clone().unwrap_or_default();
         let complete = kept.record.outcome == Outcome::Complete;
         if complete {
-            let captured = Reply::Captured {
+            let captured = Event::Captured {
                 capture: capture.clone(),
                 skew_ns: kept.record.skew_ns.unwrap_or(0),
             };
             tell(&self.plan.events, press, captured);
             self.ended.takes.note("captured", clock.elapsed(begin));
         } else if !last {
-            let retried = Reply::Retried {
+            let retried = Event::Retried {
                 capture: capture.clone(),
                 reason: reason.clone(),
             };
@@ -123,10 +125,10 @@ impl Worker {
             let recording = written.as_ref().ok().filter(|_| complete).cloned();
             let end = end(name, complete, reason, written);
             match &end {
-                Reply::Failed { capture, reason } => {
+                Event::Failed { capture, reason } => {
                     log::error!("capture {capture} failed: {reason}");
                 }
-                Reply::Durable { capture, recording } => {
+                Event::Durable { capture, recording } => {
                     log::info!("capture {capture}: durable in {}", recording.display());
                 }
                 _ => {}
@@ -141,7 +143,7 @@ impl Worker {
         if !self.recorder.hand_over(Work::Keep(Box::new(kept), done)) {
             let reason = "the disk is behind and the capture is lost".to_owned();
             log::error!("capture {capture}: {reason}");
-            tell(&self.plan.events, press, Reply::Failed { capture, reason });
+            tell(&self.plan.events, press, Event::Failed { capture, reason });
             return true;
         }
         ends
@@ -149,32 +151,17 @@ impl Worker {
 }
 
 /// Tells a press's client how it goes on, and everybody else.
-fn tell(events: &Events, press: &Press, reply: Reply) {
-    let event = match reply.clone() {
-        Reply::Accepted { capture } => Some(Event::Accepted {
-            capture,
-            source: press.source.clone(),
-            press_id: press.press_id.clone(),
-            subject: press.subject.clone(),
-        }),
-        Reply::Captured { capture, skew_ns } => Some(Event::Captured { capture, skew_ns }),
-        Reply::Retried { capture, reason } => Some(Event::Retried { capture, reason }),
-        Reply::Durable { capture, recording } => Some(Event::Durable { capture, recording }),
-        Reply::Failed { capture, reason } => Some(Event::Failed { capture, reason }),
-        _ => None,
-    };
-    (press.progress)(reply);
-    if let Some(event) = event {
-        events.publish(event);
-    }
+fn tell(events: &Events, press: &Press, event: Event) {
+    (press.progress)(event.to_reply());
+    events.publish(event);
 }
 
 /// The end of a press.
-fn end(capture: String, complete: bool, reason: String, written: Result<PathBuf, String>) -> Reply {
+fn end(capture: String, complete: bool, reason: String, written: Result<PathBuf, String>) -> Event {
     match written {
-        Ok(recording) if complete => Reply::Durable { capture, recording },
-        Ok(_) => Reply::Failed { capture, reason },
-        Err(problem) => Reply::Failed {
+        Ok(recording) if complete => Event::Durable { capture, recording },
+        Ok(_) => Event::Failed { capture, reason },
+        Err(problem) => Event::Failed {
             capture,
             reason: format!("it is not on the disk: {problem}"),
         },
