@@ -1,8 +1,9 @@
 //! What the capturing thread records of a fixed script of presses, by a clock that stands still between them, has the
 //! same messages as ever: topics, times and payloads.
 
+use super::capturing::Order;
+use super::recorder::Answer;
 use super::scripted::{CAMERAS, Mood, Stand, start_at};
-use super::*;
 use crate::clock::Clock;
 use crate::frame::Timestamp;
 use crate::recording::Note;

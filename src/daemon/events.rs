@@ -1,7 +1,6 @@
 //! What happens in the daemon, told to everybody who listens. To tell never waits: a listener that is slow loses the
 //! oldest of what it has not heard, as whole events, and hears how many.
 
-use std::sync::{Arc, OnceLock};
 use tokio::sync::broadcast::{self, error::RecvError};
 
 pub use crate::trigger::{Event, Verdict};
@@ -9,20 +8,16 @@ pub use crate::trigger::{Event, Verdict};
 /// Events that are kept for slow listeners, all of them together.
 const KEPT: usize = 1024;
 
-type Witness = Box<dyn Fn(&Event) + Send + Sync>;
-
 /// Where events are told; clones are the same place.
 #[derive(Clone)]
 pub struct Events {
     listeners: broadcast::Sender<Event>,
-    witness: Arc<OnceLock<Witness>>,
 }
 
 impl Default for Events {
     fn default() -> Self {
         Self {
             listeners: broadcast::Sender::new(KEPT),
-            witness: Arc::default(),
         }
     }
 }
@@ -30,9 +25,6 @@ impl Default for Events {
 impl Events {
     /// Tells an event to all who listen now. Never waits for one of them.
     pub fn publish(&self, event: Event) {
-        if let Some(witness) = self.witness.get() {
-            witness(&event);
-        }
         // Nobody may be listening.
         let _ = self.listeners.send(event);
     }
@@ -40,11 +32,6 @@ impl Events {
     /// Listens from now on.
     pub fn subscribe(&self) -> Subscription {
         Subscription(self.listeners.subscribe())
-    }
-
-    /// The one who misses no event, because it hears each where it is told; it must be quick. Only the first counts.
-    pub fn witnessed_by(&self, witness: impl Fn(&Event) + Send + Sync + 'static) {
-        let _ = self.witness.set(Box::new(witness));
     }
 }
 
@@ -75,7 +62,6 @@ fn heard(received: Result<Event, RecvError>) -> Option<Event> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn refused(number: usize) -> Event {
         Event::Refused {
@@ -97,19 +83,13 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_listener_loses_the_oldest_and_hears_how_many_and_a_witness_none() {
+    fn a_slow_listener_loses_the_oldest_and_hears_how_many() {
         let events = Events::default();
-        let seen = Arc::new(AtomicUsize::new(0));
-        let count = seen.clone();
-        events.witnessed_by(move |_| {
-            count.fetch_add(1, Ordering::Relaxed);
-        });
         let mut slow = events.subscribe();
         (0..KEPT + 100).for_each(|i| events.publish(refused(i)));
         assert_eq!(slow.wait(), Some(Event::Lost { events: 100 }));
         for i in 100..KEPT + 100 {
             assert_eq!(slow.wait(), Some(refused(i)));
         }
-        assert_eq!(seen.load(Ordering::Relaxed), KEPT + 100);
     }
 }

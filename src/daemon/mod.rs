@@ -11,6 +11,8 @@ mod digest_tests;
 #[cfg(all(test, feature = "live"))]
 mod disaster_tests;
 #[cfg(feature = "live")]
+mod dispatcher;
+#[cfg(feature = "live")]
 pub mod events;
 #[cfg(feature = "live")]
 mod hooks;
@@ -24,13 +26,13 @@ mod parameters;
 #[cfg(feature = "live")]
 mod plates;
 #[cfg(feature = "live")]
-mod presses;
-#[cfg(feature = "live")]
 mod probe;
 #[cfg(feature = "live")]
 mod readiness;
 #[cfg(feature = "live")]
 mod recorder;
+#[cfg(feature = "live")]
+mod request_log;
 #[cfg(feature = "live")]
 mod rig;
 #[cfg(all(test, feature = "live"))]
@@ -47,9 +49,11 @@ mod systemd;
 mod tests;
 
 #[cfg(feature = "live")]
-pub use capturing::{Answer, Capturing, Left, Order, Plan, Press, Reread};
+pub use capturing::{Capturing, Left, Plan, Reread};
 #[cfg(feature = "live")]
 pub use control::{Clients, ControlError, serve};
+#[cfg(feature = "live")]
+pub use dispatcher::ReplyStream;
 #[cfg(feature = "live")]
 pub use hooks::Hooks;
 #[cfg(feature = "live")]
@@ -58,8 +62,6 @@ pub use parameters::{
     CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
     SocketParameters,
 };
-#[cfg(feature = "live")]
-pub use presses::Following;
 #[cfg(feature = "live")]
 pub use probe::probe;
 #[cfg(feature = "live")]

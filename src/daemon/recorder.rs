@@ -1,5 +1,7 @@
 //! The thread that brings captures to the disk, one after the other, and says of each when it is safe.
 
+use super::dispatcher::ReplyGuard;
+use super::request_log::Input;
 use super::systemd::Heart;
 use crate::frame::Timestamp;
 use crate::log;
@@ -10,21 +12,41 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 
-/// Called once with what became of a piece of work: where it is, or why it is not.
-pub(super) type Done = Box<dyn FnOnce(Result<PathBuf, String>) + Send>;
+/// Answers an order: words, or why not.
+pub(super) type Answer = Box<dyn FnOnce(Result<String, String>) + Send>;
+
+/// Why a piece of work is refused.
+pub(super) const QUEUE_FULL: &str = "the recorder's queue is full: the disk is behind";
 
 /// What is to be brought to the disk.
 pub(super) enum Work {
     /// A session begins; the one before is completed.
-    Begin(Box<RecordingSession>, Done),
+    Begin(Box<RecordingSession>, Answer),
     /// What each file begins with has changed, or how large files become.
     Change(Box<SessionHeader>, u64, Timestamp),
-    /// A capture.
-    Keep(Box<FinishedCapture>, Done),
+    /// A capture, and what holds its press.
+    Keep(Box<FinishedCapture>, ReplyGuard),
     /// What a person said.
-    Note(Note, Timestamp, Done),
+    Note(Note, Timestamp, Answer),
     /// The session is completed.
-    Close(Done),
+    Close(Answer),
+}
+
+impl Work {
+    /// Lets the one who waits for it hear that it is not done.
+    pub(super) fn refuse(self) {
+        match self {
+            Self::Change(..) => {}
+            Self::Keep(kept, press) => written(press, &kept.record.id, Err(QUEUE_FULL.into())),
+            Self::Begin(_, answer) | Self::Note(_, _, answer) | Self::Close(answer) => {
+                answer(Err(QUEUE_FULL.into()));
+            }
+        }
+    }
+}
+
+fn written(press: ReplyGuard, capture: &str, result: Result<PathBuf, String>) {
+    press.end(Input::Written(capture.to_owned(), result));
 }
 
 /// The recorder's thread.
@@ -72,17 +94,14 @@ impl Recorder {
                 .is_some_and(|c| self.work.len() + 4 <= c)
     }
 
-    /// Hands work over; false where there is no room for it, and then it was not done.
-    pub(super) fn hand_over(&self, work: Work) -> bool {
-        let capture = matches!(work, Work::Keep(..));
-        if capture {
-            self.waiting.fetch_add(1, Ordering::AcqRel);
-        }
-        let handed = self.work.try_send(work).is_ok();
-        if capture && !handed {
-            self.waiting.fetch_sub(1, Ordering::AcqRel);
-        }
-        handed
+    /// Hands work over, or gives it back where there is no room for it.
+    pub(super) fn hand_over(&self, work: Work) -> Result<(), Work> {
+        let captures = usize::from(matches!(work, Work::Keep(..)));
+        self.waiting.fetch_add(captures, Ordering::AcqRel);
+        self.work.try_send(work).map_err(|refused| {
+            self.waiting.fetch_sub(captures, Ordering::AcqRel);
+            refused.into_inner()
+        })
     }
 
     /// Finishes all work and completes the session.
@@ -114,13 +133,13 @@ impl Writing {
 
     fn carry_out(&mut self, work: Work) {
         match work {
-            Work::Begin(session, done) => {
+            Work::Begin(session, answer) => {
                 // What became of the session before is no answer to who begins this one.
                 if let Err(error) = self.close() {
                     log::error!("{error}");
                 }
                 self.session = Some(*session);
-                done(Ok(PathBuf::new()));
+                answer(Ok("done".into()));
             }
             Work::Change(preamble, largest_file, time) => {
                 if let Some(session) = &mut self.session {
@@ -130,39 +149,39 @@ impl Writing {
                     }
                 }
             }
-            Work::Keep(kept, done) => {
-                let written = self.with(|session| {
+            Work::Keep(kept, press) => {
+                let result = self.with(|session| {
                     let written = session.append(&kept);
                     if let Some(error) = session.take_unfinished() {
                         log::error!("{error}");
                     }
                     written
                 });
+                let capture = kept.record.id.clone();
                 // The frames' memory is free again before anybody hears of it.
                 drop(kept);
                 self.waiting.fetch_sub(1, Ordering::AcqRel);
-                done(written);
+                written(press, &capture, result);
             }
-            Work::Note(note, time, done) => {
-                done(self.with(|session| session.note(&note, time).map(|()| PathBuf::new())));
+            Work::Note(note, time, answer) => {
+                let noted = self.with(|session| session.note(&note, time));
+                answer(noted.map(|()| "done".into()));
             }
-            Work::Close(done) => done(self.close()),
+            Work::Close(answer) => answer(self.close().map(|()| "done".into())),
         }
     }
 
-    fn with(
+    fn with<T>(
         &mut self,
-        write: impl FnOnce(&mut RecordingSession) -> Result<PathBuf, Error>,
-    ) -> Result<PathBuf, String> {
+        write: impl FnOnce(&mut RecordingSession) -> Result<T, Error>,
+    ) -> Result<T, String> {
         let words = "there is no session: a note goes into the recording in progress";
         let session = self.session.as_mut().ok_or(words)?;
         write(session).map_err(|error| error.to_string())
     }
 
-    fn close(&mut self) -> Result<PathBuf, String> {
+    fn close(&mut self) -> Result<(), String> {
         let closed = self.session.take().map_or(Ok(()), RecordingSession::close);
-        closed
-            .map(|()| PathBuf::new())
-            .map_err(|error| error.to_string())
+        closed.map_err(|error| error.to_string())
     }
 }

@@ -1,5 +1,7 @@
 //! Cameras of the tests' own, and a daemon that takes captures with them.
 
+use super::capturing::Order;
+use super::recorder::Answer;
 use super::*;
 use crate::clock::Clock;
 use crate::drivers::live::{Backoff, Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
@@ -7,7 +9,7 @@ use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::recording::{Outcome, Recording, SessionHeader, Topic};
 use crate::sync;
 use crate::trigger::{Reply, Until};
-use crossbeam_channel::{Receiver, Sender, bounded, unbounded};
+use crossbeam_channel::{Receiver, bounded, unbounded};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -169,6 +171,7 @@ pub(super) struct Stand {
     pub(super) capturing: Arc<Capturing>,
     moods: BTreeMap<String, Arc<AtomicU32>>,
     pub(super) pool: Pool,
+    presses: AtomicU32,
 }
 
 pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
@@ -278,6 +281,7 @@ fn start_on(
         capturing,
         moods,
         pool,
+        presses: AtomicU32::new(0),
     };
     stand.until(|status| {
         let ready = status.cameras.values().filter(|c| c.state == "ready");
@@ -288,18 +292,6 @@ fn start_on(
 
 pub(super) fn start(change: impl FnOnce(&mut Plan)) -> Stand {
     start_in(tempfile::tempdir().unwrap(), 4_000_000, change)
-}
-
-/// A press whose progress is heard.
-pub(super) fn press(sender: Sender<Reply>) -> Press {
-    Press {
-        source: "test".into(),
-        press_id: Some("p1".into()),
-        subject: Some("17".into()),
-        progress: Box::new(move |progress| {
-            let _ = sender.send(progress);
-        }),
-    }
 }
 
 impl Stand {
@@ -315,17 +307,56 @@ impl Stand {
         self.moods[camera].store(mood as u32, Ordering::Relaxed);
     }
 
+    /// Presses by a new name; what is heard, up to the capture's being on the disk.
     pub(super) fn begin_press(&self) -> Receiver<Reply> {
+        self.begin_press_of(self.new_name())
+    }
+
+    fn new_name(&self) -> String {
+        format!("p{}", self.presses.fetch_add(1, Ordering::Relaxed) + 1)
+    }
+
+    fn begin_press_of(&self, name: String) -> Receiver<Reply> {
+        let mut replies = self
+            .capturing
+            .press("test".into(), Some(name), Some("17".into()));
         let (sender, progress) = unbounded();
-        self.capturing.order(Order::Press(press(sender)));
+        std::thread::spawn(move || {
+            loop {
+                let Some(reply) = replies.try_next() else {
+                    std::thread::sleep(Duration::from_micros(100));
+                    continue;
+                };
+                let is_end = reply.is_end(Until::Durable);
+                if sender.send(reply).is_err() || is_end {
+                    return;
+                }
+            }
+        });
         progress
+    }
+
+    /// Lets the recorder's thread stand still until the end that is returned is heard: an answer that nobody takes.
+    pub(super) fn hold_recorder(&self) -> Receiver<()> {
+        let (heard, hearing) = bounded(0);
+        let note = crate::recording::Note {
+            capture: "a".into(),
+            kind: "text".into(),
+            text: String::new(),
+        };
+        let answer = Box::new(move |_| {
+            let _ = heard.send(());
+        });
+        self.capturing.order(Order::Note(note, answer));
+        hearing
     }
 
     /// Presses, and again while another order is being carried out; all that is heard.
     pub(super) fn press(&self) -> Vec<Reply> {
+        let name = self.new_name();
         loop {
             let mut heard = Vec::new();
-            for progress in self.begin_press() {
+            for progress in self.begin_press_of(name.clone()) {
                 let end = progress.is_end(Until::Durable);
                 heard.push(progress);
                 if end {

@@ -226,7 +226,7 @@ fn a_press_waits_for_what_it_asked_for_and_no_longer() {
     waiting.send(&trigger(Some("p"), Until::Done)).unwrap();
     (0..3).for_each(|_| drop(waiting.reply().unwrap()));
     let reason = "no silhouettes".to_owned();
-    service.stand.capturing.events().publish(Event::JobFailed {
+    service.stand.capturing.job_ended(Event::JobFailed {
         capture: capture.clone(),
         recording: Some(PathBuf::new()),
         reason: reason.clone(),

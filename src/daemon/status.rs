@@ -1,5 +1,6 @@
 //! The daemon's status, as clients see it. No logic beyond gathering it.
 
+use super::request_log::Percentiles;
 use super::rig::{Kind, Rig, State};
 use crate::workers::Backlog;
 use std::collections::BTreeMap;
@@ -26,15 +27,6 @@ pub struct CameraStatus {
     pub lost_frames: u64,
 }
 
-/// Percentiles of a duration, in milliseconds.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Spread {
-    /// The median.
-    pub p50: f64,
-    /// The 99th percentile.
-    pub p99: f64,
-}
-
 /// The daemon's status.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Status {
@@ -47,7 +39,7 @@ pub struct Status {
     /// Captures since the start that failed.
     pub failed: u64,
     /// How long recent presses took until they were `captured` and `durable`, in milliseconds.
-    pub takes_ms: BTreeMap<&'static str, Spread>,
+    pub takes_ms: BTreeMap<&'static str, Percentiles>,
     /// Presses that were refused for lack of memory or disk space, or because the recorder's queue was full.
     pub refused: u64,
     /// Frames that arrived after their capture had ended.

@@ -1,15 +1,13 @@
 //! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
 
+use super::capturing::Order;
 use super::packing::Packer;
-use super::scripted::{
-    CAMERAS, Mood, Stand, captures, press, recordings, start, start_at, start_in,
-};
+use super::scripted::{CAMERAS, Mood, Stand, captures, recordings, start, start_at, start_in};
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
 use crate::recording::{ColorPart, Outcome, Recording, Topic, left};
 use crate::trigger::{Event, Reply, Until};
-use crossbeam_channel::{bounded, unbounded};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -77,17 +75,18 @@ fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
 
 /// What a press with a name was answered up to its being on the disk.
 fn named_press(stand: &Stand) -> Vec<Reply> {
-    let pressed = stand
+    let mut pressed = stand
         .capturing
         .press("test".into(), Some("p9".into()), None);
-    let following = pressed.unwrap();
-    loop {
-        let replies = following.borrow().clone();
-        if replies.iter().any(|reply| reply.is_end(Until::Durable)) {
-            return replies;
-        }
-        std::thread::sleep(Duration::from_millis(5));
+    let mut replies = Vec::new();
+    while !replies
+        .last()
+        .is_some_and(|r: &Reply| r.is_end(Until::Durable))
+    {
+        replies.extend(pressed.try_next());
+        std::thread::sleep(Duration::from_millis(1));
     }
+    replies
 }
 
 #[test]
@@ -317,16 +316,7 @@ fn a_recorder_that_hangs_starves_the_watchdog() {
     let (systemd, pulse) = Systemd::start(clock);
     let stand = start(|plan| plan.pulse = pulse);
     systemd.until_fed();
-    // Who hears of the capture's end does not listen: the recorder stands still.
-    let (heard, hearing) = bounded(0);
-    let mut silent = press(unbounded().0);
-    silent.progress = Box::new(move |progress| {
-        if progress.is_end(Until::Durable) {
-            let _ = heard.send(progress);
-        }
-    });
-    stand.capturing.order(Order::Press(silent));
-    stand.until(|s| s.complete == 1);
+    let hearing = stand.hold_recorder();
     // The capturing thread lives: it answers, and shows itself before it takes the next order.
     let long_after = || {
         clock.advance(Duration::from_secs(10));
@@ -355,8 +345,7 @@ fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
         plan.capture.retry = 0;
     });
     stand.mood("c00", Mood::Silent);
-    let (sender, heard) = unbounded();
-    stand.capturing.order(Order::Press(press(sender)));
+    let heard = stand.begin_press();
     assert!(matches!(heard.recv(), Ok(Reply::Accepted { .. })));
     systemd.fed();
     let mut fed = 0;
@@ -371,19 +360,7 @@ fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
 #[test]
 fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
     let stand = start(|_| ());
-    // Who hears of the first capture's end does not listen for a while: the recorder stands still.
-    let (heard, hearing) = bounded(0);
-    stand.capturing.order(Order::Press(Press {
-        source: "test".into(),
-        press_id: None,
-        subject: None,
-        progress: Box::new(move |progress| {
-            if progress.is_end(Until::Durable) {
-                let _ = heard.send(progress);
-            }
-        }),
-    }));
-    stand.until(|s| s.complete == 1);
+    let hearing = stand.hold_recorder();
     let mut accepted = Vec::new();
     let refused = loop {
         let progress = stand.begin_press();

@@ -1,7 +1,8 @@
 //! Starts the workers that make models while the daemon runs, as the configuration says.
 
 use crate::config::Config;
-use crate::daemon::events::{Event, Events, Verdict};
+use crate::daemon::Capturing;
+use crate::daemon::events::{Event, Verdict};
 use crate::report::Level;
 use crate::workers::{Ended, Jobs, Plan, Workers, protocol};
 use std::path::PathBuf;
@@ -23,14 +24,14 @@ impl Models {
         Ok(Some(Self { jobs }))
     }
 
-    /// Starts the workers, first on the captures of recordings that an earlier run `left`. Publishes an event for each model
-    /// and for each failure.
+    /// Begins, with the captures of recordings that an earlier run `left`. Each press hears of its model,
+    /// or why there is none.
     pub(super) fn start(
         self,
         config: &Config,
         left: &[PathBuf],
         keep_free: Arc<AtomicU64>,
-        events: Events,
+        capturing: Arc<Capturing>,
     ) -> anyhow::Result<Workers> {
         self.jobs.offer_missing(left, &config.workers.folder);
         let plan = Plan {
@@ -41,7 +42,7 @@ impl Models {
             // This very program, also when another version has been installed meanwhile.
             command: vec!["/proc/self/exe".into(), protocol::COMMAND.into()],
         };
-        let tell = move |ended| events.publish(event(ended));
+        let tell = move |ended| capturing.job_ended(event(ended));
         Ok(Workers::start(&self.jobs, plan, tell)?)
     }
 }

@@ -79,7 +79,7 @@ fn serve_rig(
         models: models.as_ref().map(|_| config.workers.folder.clone()),
         jobs: models.as_ref().map(|models| models.jobs.clone()),
     };
-    let (events, jobs) = (plan.events.clone(), plan.jobs.clone());
+    let jobs = plan.jobs.clone();
     let frames = frames_a_shot(&stations, plan.sync.depth_frames);
     // Before there are cameras, whose news nobody would hear meanwhile.
     let left = Left::recover(&config.recording.folder, &pulse)?;
@@ -88,8 +88,14 @@ fn serve_rig(
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
     let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
-    let start =
-        |models: Models| models.start(&config, left.recordings(), keep_free.clone(), events);
+    let start = |models: Models| {
+        models.start(
+            &config,
+            left.recordings(),
+            keep_free.clone(),
+            capturing.clone(),
+        )
+    };
     let workers = models.map(start).transpose()?;
     left.settled();
     let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;

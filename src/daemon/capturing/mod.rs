@@ -3,14 +3,12 @@
 //! press are told so.
 
 mod assemble;
-mod offer;
-mod takes;
-mod turn;
 mod worker;
 
+use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
-use super::presses::{Asked, Following, Presses, Promise};
-use super::recorder::Recorder;
+use super::recorder::{Answer, Recorder};
+use super::request_log::{Input, Press};
 use super::rig::Rig;
 use super::status::Status;
 use super::systemd::Pulse;
@@ -20,38 +18,21 @@ use crate::frame::CameraId;
 use crate::log;
 use crate::recording::{Error, Note, SessionHeader, finished_name, left, recover, unfinished};
 use crate::sync;
-use crate::trigger::Reply;
+use crate::trigger::Event;
 use crate::workers::Jobs;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use takes::Takes;
 use worker::Worker;
 
-/// Someone asks for a capture.
-pub struct Press {
-    /// `pedal`, `socket` or another word.
-    pub source: String,
-    /// The client's own name of it.
-    pub press_id: Option<String>,
-    /// The object's number.
-    pub subject: Option<String>,
-    /// Hears how it goes on.
-    pub progress: Box<dyn Fn(Reply) + Send + Sync>,
-}
-
-/// Answers an order: words, or why not.
-pub type Answer = Box<dyn FnOnce(Result<String, String>) + Send>;
-
 /// What this thread is asked.
-pub enum Order {
+pub(super) enum Order {
     /// A capture.
-    Press(Press),
+    Press(Press, ReplyGuard),
     /// The empty rig's plates.
     Background(Answer),
     /// Begin a session of this name, with pairs about it.
@@ -98,42 +79,12 @@ pub struct Plan {
     pub jobs: Option<Arc<Jobs>>,
 }
 
-/// Captures since the start, counted when they are on the disk or cannot be.
-#[derive(Debug, Default)]
-struct Ended {
-    complete: AtomicU64,
-    failed: AtomicU64,
-    takes: Takes,
-}
-
-impl Ended {
-    fn count(&self, complete: bool) {
-        let counter = if complete {
-            &self.complete
-        } else {
-            &self.failed
-        };
-        counter.fetch_add(1, Ordering::AcqRel);
-    }
-
-    fn complete(&self) -> u64 {
-        self.complete.load(Ordering::Acquire)
-    }
-
-    fn failed(&self) -> u64 {
-        self.failed.load(Ordering::Acquire)
-    }
-}
-
 /// The thread, from outside.
 pub struct Capturing {
     /// `None` once it is told to stop.
     orders: Mutex<Option<Sender<Order>>>,
-    ended: Arc<Ended>,
-    busy: Arc<AtomicBool>,
+    dispatcher: Arc<Dispatcher>,
     status: Arc<Mutex<Status>>,
-    events: Events,
-    presses: Arc<Presses>,
     models: bool,
     jobs: Option<Arc<Jobs>>,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
@@ -150,34 +101,26 @@ impl Capturing {
             path: folder.clone(),
             cause,
         };
-        let presses = Presses::open(&presses_of(&folder), left.recordings());
-        let presses = Arc::new(presses);
+        let jobs = plan.jobs.clone();
+        let dispatcher = Dispatcher::open(
+            &presses_of(&folder),
+            left.recordings(),
+            plan.events.clone(),
+            jobs.clone(),
+            rig.clock(),
+        );
         let models = plan.models.is_some();
         let (orders, queue) = bounded(1);
-        let (busy, status) = (Arc::default(), Arc::default());
+        let status: Arc<Mutex<Status>> = Arc::default();
         let recorder =
             Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
-        let ended: Arc<Ended> = Arc::default();
-        let (events, jobs) = (plan.events.clone(), plan.jobs.clone());
-        let witness = presses.clone();
-        events.witnessed_by(move |event| witness.witness(event));
-        let worker = Worker::new(
-            rig,
-            plan,
-            recorder,
-            Arc::clone(&busy),
-            Arc::clone(&status),
-            ended.clone(),
-        );
+        let worker = Worker::new(rig, plan, recorder, dispatcher.clone(), status.clone());
         let thread = std::thread::Builder::new().name("capturing".into());
         let thread = thread.spawn(move || worker.run(&queue));
         Ok(Self {
             orders: Mutex::new(Some(orders)),
-            ended,
-            busy,
+            dispatcher,
             status,
-            events,
-            presses,
             models,
             jobs,
             thread: Mutex::new(Some(thread.map_err(io)?)),
@@ -185,64 +128,63 @@ impl Capturing {
     }
 
     /// Presses for a capture, or follows the press of the same name that there was before.
-    ///
-    /// # Errors
-    /// If `press_id` is no name; nothing is begun then.
     pub fn press(
         &self,
         source: String,
         press_id: Option<String>,
         subject: Option<String>,
-    ) -> Result<Following, String> {
-        let answers = match self.presses.ask(press_id.as_deref())? {
-            Asked::Known(following) => return Ok(following),
-            Asked::New(answers) => answers,
-        };
-        let following = answers.follow();
-        let presses = self.presses.clone();
-        let promise = Promise { presses, answers };
-        self.order(Order::Press(Press {
+    ) -> ReplyStream {
+        let press = Press {
             source,
             press_id,
             subject,
-            progress: Box::new(move |reply| promise.tell(reply)),
-        }));
-        Ok(following)
+        };
+        let (replies, begins) = self.dispatcher.ask(press.clone());
+        if let Some(guard) = begins
+            && let Err(order) = self.send(Order::Press(press, guard))
+        {
+            order.decline(ENDING);
+        }
+        replies
     }
 
-    /// Gives an order, unless one is being carried out: then a press hears `Busy`, and others that they may try again.
-    pub fn order(&self, order: Order) {
-        if self.busy.swap(true, Ordering::AcqRel) {
-            return decline(order, Reply::Busy, "a capture is being taken");
+    /// Gives an order that is no press, unless one is being carried out.
+    pub(super) fn order(&self, order: Order) {
+        if !self.dispatcher.log().claim() {
+            return order.decline("a capture is being taken");
         }
-        let declined = match &*self.orders.lock() {
-            Some(orders) => orders.try_send(order).err().map(TrySendError::into_inner),
-            None => Some(order),
-        };
-        if let Some(order) = declined {
-            self.busy.store(false, Ordering::Release);
-            let reason = "the daemon is ending";
-            let refused = Reply::Refused {
-                reason: reason.into(),
-            };
-            decline(order, refused, reason);
+        if let Err(order) = self.send(order) {
+            self.dispatcher.log().release();
+            order.decline(ENDING);
         }
+    }
+
+    fn send(&self, order: Order) -> Result<(), Order> {
+        match &*self.orders.lock() {
+            Some(orders) => orders.try_send(order).map_err(TrySendError::into_inner),
+            None => Err(order),
+        }
+    }
+
+    /// Answers the press of a capture, and everybody, with what became of its model.
+    pub fn job_ended(&self, event: Event) {
+        self.dispatcher.on(Input::JobEnded(event));
     }
 
     /// Where it is told what happens.
     pub fn events(&self) -> &Events {
-        &self.events
+        self.dispatcher.events()
     }
 
     /// Whether an order is being carried out.
     pub(super) fn is_busy(&self) -> bool {
-        self.busy.load(Ordering::Acquire)
+        self.dispatcher.log().is_busy()
     }
 
     /// Whether there is nothing to do: no order, no capture that waits for the disk, no model to be made.
     pub(super) fn is_idle(&self) -> bool {
         let jobs = || self.jobs.as_ref().is_none_or(|jobs| jobs.is_idle());
-        !self.is_busy() && self.status.lock().waiting == 0 && jobs()
+        self.dispatcher.log().is_idle() && jobs()
     }
 
     /// Whether a press may wait for its model.
@@ -252,14 +194,15 @@ impl Capturing {
 
     /// What is known now.
     pub fn status(&self) -> Status {
-        let status = self.status.lock();
+        let status = self.status.lock().clone();
+        let figures = self.dispatcher.log().figures();
         Status {
-            // The recorder counts after the capturing thread has gone on.
-            complete: self.ended.complete(),
-            failed: self.ended.failed(),
-            takes_ms: self.ended.takes.spreads(),
+            complete: figures.complete,
+            failed: figures.failed,
+            refused: figures.refused,
+            takes_ms: figures.latency_ms,
             models: self.jobs.as_ref().map(|jobs| jobs.backlog()),
-            ..status.clone()
+            ..status
         }
     }
 
@@ -273,15 +216,24 @@ impl Capturing {
     }
 }
 
-/// Answers an order that is not carried out: a press with the reply, all others with the words.
-fn decline(order: Order, reply: Reply, words: &str) {
-    match order {
-        Order::Press(press) => (press.progress)(reply),
-        Order::Background(answer)
-        | Order::Begin(_, _, answer)
-        | Order::Note(_, answer)
-        | Order::Close(answer)
-        | Order::Reread(_, answer) => answer(Err(words.to_owned())),
+/// Why an order is declined at the end.
+const ENDING: &str = "the daemon is ending";
+
+impl Order {
+    /// Answers an order that is not carried out.
+    fn decline(self, reason: &str) {
+        let reason = reason.to_owned();
+        match self {
+            Self::Press(_, guard) => {
+                let refused = Input::Refused(guard.press(), reason);
+                guard.end(refused);
+            }
+            Self::Background(answer)
+            | Self::Begin(_, _, answer)
+            | Self::Note(_, answer)
+            | Self::Close(answer)
+            | Self::Reread(_, answer) => answer(Err(reason)),
+        }
     }
 }
 

@@ -1,7 +1,8 @@
 //! One client of the socket, from its first line to its last: a request, its replies, the next request.
 
-use super::super::capturing::{Answer, Order};
-use super::super::presses::Following;
+use super::super::capturing::Order;
+use super::super::dispatcher::ReplyStream;
+use super::super::recorder::Answer;
 use super::Shared;
 use crate::recording::Note;
 use crate::trigger::{Event, LONGEST_LINE, Reply, Request, Until};
@@ -85,10 +86,8 @@ impl Client<'_> {
                     let reason = "no models are made here: the press may wait until durable";
                     return self.refuse(reason.into()).await;
                 }
-                match capturing.press(source, press_id, subject) {
-                    Ok(following) => self.follow(following, until).await,
-                    Err(reason) => self.refuse(reason).await,
-                }
+                let replies = capturing.press(source, press_id, subject);
+                self.follow(replies, until).await
             }
             Request::Status {} => {
                 let status = self.shared.capturing.status();
@@ -113,26 +112,20 @@ impl Client<'_> {
     }
 
     /// Tells what a press was answered and will be, up to the answer that the client waits for.
-    async fn follow(&mut self, mut press: Following, until: Until) -> std::io::Result<()> {
+    async fn follow(&mut self, mut replies: ReplyStream, until: Until) -> std::io::Result<()> {
         let mut ending = self.shared.ending.subscribe();
-        let (mut told, mut nobody_tells) = (0, false);
         loop {
-            let ends = *ending.borrow_and_update() || nobody_tells;
-            let new: Vec<Reply> = press.borrow_and_update()[told..].to_vec();
-            told += new.len();
-            for reply in &new {
-                self.send(reply).await?;
-                if reply.is_end(until) {
-                    return Ok(());
-                }
-            }
-            if ends {
-                return self.send(&Reply::Ending).await;
-            }
-            tokio::select! {
-                changed = press.changed() => nobody_tells = changed.is_err(),
-                _ = ending.changed() => {}
+            let reply = tokio::select! {
+                biased;
+                reply = replies.next() => reply,
+                // What was answered until then comes first.
+                _ = ending.wait_for(|ends| *ends) => replies.try_next(),
                 () = self.gone() => return Err(ErrorKind::BrokenPipe.into()),
+            };
+            let reply = reply.unwrap_or(Reply::Ending);
+            self.send(&reply).await?;
+            if reply.is_end(until) {
+                return Ok(());
             }
         }
     }

@@ -6,11 +6,11 @@ mod room;
 mod sessions;
 mod shot;
 
-use super::turn::Turn;
-use super::{Answer, Ended, Order, Plan, Reread};
+use super::{Order, Plan, Reread};
+use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
 use crate::daemon::plates;
-use crate::daemon::recorder::{Done, Recorder, Work};
+use crate::daemon::recorder::{Recorder, Work};
 use crate::daemon::rig::{Rig, Shooting, State};
 use crate::daemon::status::{self, Status};
 use crate::daemon::systemd::Heart;
@@ -25,22 +25,18 @@ use parking_lot::Mutex;
 use shot::cameras;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 pub(super) struct Worker {
     rig: Rig,
     plan: Plan,
     recorder: Recorder,
-    busy: Arc<AtomicBool>,
+    dispatcher: Arc<Dispatcher>,
     shared: Arc<Mutex<Status>>,
     synchronizer: Synchronizer<Frame>,
     session: Option<Naming>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
-    refused: u64,
-    last_refusal: Option<Instant>,
-    ended: Arc<Ended>,
     heart: Heart,
 }
 
@@ -55,9 +51,8 @@ impl Worker {
         rig: Rig,
         mut plan: Plan,
         recorder: Recorder,
-        busy: Arc<AtomicBool>,
+        dispatcher: Arc<Dispatcher>,
         shared: Arc<Mutex<Status>>,
-        ended: Arc<Ended>,
     ) -> Self {
         // Each turn has a window of its own length.
         plan.sync.window_ms *= rig.turns() as f64;
@@ -71,13 +66,10 @@ impl Worker {
             heart: plan.pulse.heart("capturing"),
             plan,
             recorder,
-            busy,
+            dispatcher,
             shared,
             session: None,
             lost: BTreeMap::new(),
-            refused: 0,
-            last_refusal: None,
-            ended,
         }
     }
 
@@ -85,20 +77,19 @@ impl Worker {
     pub(super) fn run(mut self, orders: &Receiver<Order>) -> Vec<CameraId> {
         let events = self.rig.events().clone();
         let ticks = crossbeam_channel::tick(Heart::REST);
+        self.publish();
         loop {
-            self.publish();
             self.heart.beat();
             select! {
                 recv(orders) -> order => {
                     let Ok(order) = order else { break };
-                    let turn = Turn::of(&self.busy);
-                    self.carry_out(turn.ended_by_answer_to(order));
-                    turn.end();
+                    self.carry_out(order);
+                    self.publish();
                 }
-                recv(events) -> message => if let Ok(message) = message {
-                    self.note(message);
+                recv(events) -> message => if message.is_ok_and(|message| self.note(message)) {
+                    self.publish();
                 },
-                recv(ticks) -> _ => {}
+                recv(ticks) -> _ => self.publish(),
             }
         }
         let Self { rig, recorder, .. } = self;
@@ -108,21 +99,33 @@ impl Worker {
     }
 
     fn carry_out(&mut self, order: Order) {
+        // Only shots keep others waiting. All other orders are done at once, so that a client that hears the answer and
+        // asks again finds the daemon free.
+        if !matches!(order, Order::Press(..) | Order::Background(_)) {
+            self.dispatcher.log().release();
+        }
         match order {
-            Order::Press(press) => self.press(press),
-            Order::Background(answer) => answer(self.take_plates()),
+            Order::Press(press, guard) => self.press(&press, &guard),
+            Order::Background(answer) => {
+                let taken = self.take_plates();
+                self.dispatcher.log().release();
+                answer(taken);
+            }
             Order::Begin(name, about, answer) => self.begin(&name, about, answer),
             Order::Note(note, answer) => self.write_down(note, answer),
             Order::Close(answer) => {
                 self.session = None;
                 self.plan.events.publish(Event::Session { name: None });
-                self.pass_on(answer, Work::Close);
+                self.hand_over(Work::Close(answer));
             }
-            Order::Reread(reread, answer) => self.reread(*reread, answer),
+            Order::Reread(reread, answer) => {
+                self.reread(*reread);
+                answer(Ok("what may change was read again".into()));
+            }
         }
     }
 
-    fn reread(&mut self, reread: Reread, answer: Answer) {
+    fn reread(&mut self, reread: Reread) {
         let Plan {
             capture,
             recording,
@@ -137,15 +140,16 @@ impl Worker {
             ..reread.preamble
         };
         self.preamble_changed();
-        answer(Ok("what may change was read again".into()));
     }
 
-    /// Notes what a camera says, and tells the log when that changes what can be done.
-    fn note(&mut self, message: Message) {
+    /// Notes what a camera says, and tells the log when that changes what can be done; whether it does.
+    fn note(&mut self, message: Message) -> bool {
         let id = message.camera.clone();
-        if self.rig.note(message) {
+        let changed = self.rig.note(message);
+        if changed {
             self.tell_state(id);
         }
+        changed
     }
 
     /// Tells the log and who listens what a camera is now; what it is set to goes into the recordings.
@@ -190,15 +194,15 @@ impl Worker {
         }
     }
 
-    /// Gives the recorder a piece of work whose end is the answer.
-    fn pass_on(&mut self, answer: Answer, work: impl FnOnce(Done) -> Work) {
-        let (told, failed) = split(answer);
-        let done: Done = Box::new(move |written| told(written.map(|_| "done".into())));
-        if !self.recorder.hand_over(work(done)) {
-            failed(Err("the disk is behind".into()));
-        }
+    /// Gives the recorder a piece of work; where it has no room, the one who waits for it hears so.
+    fn hand_over(&mut self, work: Work) -> bool {
+        let refused = self.recorder.hand_over(work).err();
+        let handed = refused.is_none();
+        refused.into_iter().for_each(Work::refuse);
+        handed
     }
 
+    /// Shows how the rig and the disk are. The presses' figures are added where somebody asks.
     fn publish(&self) {
         let bytes = self.capture_bytes();
         let free = free_bytes(&self.plan.recording.folder).unwrap_or(0);
@@ -206,32 +210,14 @@ impl Worker {
         let status = Status {
             cameras: status::cameras(&self.rig, &self.lost),
             session: self.session.as_ref().map(|s| s.name.clone()),
-            complete: self.ended.complete(),
-            failed: self.ended.failed(),
-            takes_ms: self.ended.takes.spreads(),
-            refused: self.refused,
             late_frames: self.rig.late_frames(),
             capture_bytes: bytes,
             captures_left: usable.checked_div(bytes).unwrap_or(0),
             waiting: self.recorder.waiting(),
             memory: [self.plan.pool.allocated(), self.plan.pool.limit()],
             plates_age_h: self.plates_age_h(),
-            models: None,
+            ..Status::default()
         };
         *self.shared.lock() = status;
     }
-}
-
-/// An answer that one of two may give.
-fn split(answer: Answer) -> (Answer, Answer) {
-    let shared = Arc::new(Mutex::new(Some(answer)));
-    let half = |shared: Arc<Mutex<Option<Answer>>>| -> Answer {
-        Box::new(move |result| {
-            let answer = shared.lock().take();
-            if let Some(answer) = answer {
-                answer(result);
-            }
-        })
-    };
-    (half(shared.clone()), half(shared))
 }

@@ -1,14 +1,12 @@
 //! Sessions: how they begin, how their captures are named, and what is noted in them.
 
-use super::super::Answer;
-use super::{Naming, Worker, split};
+use super::{Naming, Worker};
 use crate::daemon::events::Event;
 use crate::daemon::names;
-use crate::daemon::recorder::{Done, Work};
+use crate::daemon::recorder::{Answer, QUEUE_FULL, Work};
 use crate::log;
 use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 impl Worker {
     /// The next capture's id; begins a session, named by the time, where there is none.
@@ -16,28 +14,27 @@ impl Worker {
         if self.session.is_none() {
             let now = self.rig.clock().timestamp();
             let name = names::free(&self.plan.recording.folder, now);
-            self.begin_session(&name, BTreeMap::new(), Box::new(log_error))?;
+            let session = self.open_session(&name, BTreeMap::new())?;
+            self.enter_session(name, session, Box::new(|_| ()));
         }
-        let session = self.session.as_mut().ok_or("there is no session")?;
+        let session = self.session.as_mut().ok_or(QUEUE_FULL)?;
         session.captures += 1;
         Ok(format!("{}-{:04}", session.name, session.captures))
     }
 
     pub(super) fn begin(&mut self, name: &str, about: BTreeMap<String, String>, answer: Answer) {
-        let (told, failed) = split(answer);
-        let words = format!("session {name}");
-        let done: Done = Box::new(move |closed| told(closed.map(|_| words)));
-        if let Err(reason) = self.begin_session(name, about, done) {
-            failed(Err(reason));
+        match self.open_session(name, about) {
+            Ok(session) => self.enter_session(name.into(), session, answer),
+            Err(reason) => answer(Err(reason)),
         }
     }
 
-    fn begin_session(
-        &mut self,
+    /// A new session's file, which nothing is in the way of.
+    fn open_session(
+        &self,
         name: &str,
         about: BTreeMap<String, String>,
-        done: Done,
-    ) -> Result<(), String> {
+    ) -> Result<Box<RecordingSession>, String> {
         names::check_session(name)?;
         let mut preamble = self.plan.preamble.clone();
         if let Some(key) = about.keys().find(|key| preamble.about.contains_key(*key)) {
@@ -53,7 +50,7 @@ impl Worker {
             self.largest_file(),
             preamble,
         );
-        let session = Box::new(session.map_err(|e| e.to_string())?);
+        let session = session.map_err(|e| e.to_string())?;
         if let Some(models) = &self.plan.models {
             names::check_models(models, folder, name)?;
         }
@@ -64,17 +61,21 @@ impl Worker {
                 "models of an earlier session {name} are still to be made: take another name, or wait for them"
             ));
         }
-        if !self.recorder.hand_over(Work::Begin(session, done)) {
-            return Err("the disk is behind".into());
+        Ok(Box::new(session))
+    }
+
+    /// Lets captures go into a session from now on; answered when the one before is completed.
+    fn enter_session(&mut self, name: String, session: Box<RecordingSession>, answer: Answer) {
+        let words = format!("session {name}");
+        let answer: Answer = Box::new(move |done| answer(done.map(|_| words)));
+        if !self.hand_over(Work::Begin(session, answer)) {
+            return;
         }
         log::info!("session {name}");
-        self.session = Some(Naming {
-            name: name.into(),
-            captures: 0,
+        self.plan.events.publish(Event::Session {
+            name: Some(name.clone()),
         });
-        let name = Some(name.to_owned());
-        self.plan.events.publish(Event::Session { name });
-        Ok(())
+        self.session = Some(Naming { name, captures: 0 });
     }
 
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
@@ -91,7 +92,7 @@ impl Worker {
             }
             answer(written);
         });
-        self.pass_on(answer, |done| Work::Note(note, time, done));
+        self.hand_over(Work::Note(note, time, answer));
     }
 
     /// Bytes after which a recording is completed and the next one begun.
@@ -102,16 +103,10 @@ impl Worker {
     pub(super) fn preamble_changed(&mut self) {
         let preamble = Box::new(self.plan.preamble.clone());
         let work = Work::Change(preamble, self.largest_file(), self.rig.clock().timestamp());
-        if self.session.is_some() && !self.recorder.hand_over(work) {
+        if self.session.is_some() && !self.hand_over(work) {
             // Rather a session of its own than one whose later captures have old plates.
-            log::warning!("the disk is behind: the next capture begins a session");
+            log::warning!("{QUEUE_FULL}: the next capture begins a session");
             self.session = None;
         }
-    }
-}
-
-fn log_error(done: Result<PathBuf, String>) {
-    if let Err(error) = done {
-        log::error!("{error}");
     }
 }

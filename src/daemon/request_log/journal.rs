@@ -16,7 +16,7 @@ const LONGEST: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// A press was answered.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(super) struct Line {
+pub(in crate::daemon) struct Line {
     /// The client's own name of the press.
     pub press_id: String,
     /// When, in seconds since 1970.
@@ -26,7 +26,7 @@ pub(super) struct Line {
 }
 
 /// The file that is appended to.
-pub(super) struct Journal {
+pub(in crate::daemon) struct Journal {
     path: PathBuf,
     /// `None` where there is none, which was said.
     file: Option<Arc<File>>,
@@ -38,7 +38,7 @@ pub(super) struct Journal {
 impl Journal {
     /// Opens the journal in a folder; its lines, oldest first. One that cannot be had is said: presses are then known
     /// until the daemon ends.
-    pub(super) fn open(folder: &Path) -> (Self, Vec<Line>) {
+    pub(in crate::daemon) fn open(folder: &Path) -> (Self, Vec<Line>) {
         let path = folder.join("presses.jsonl");
         let mut lines = read(&old(&path));
         lines.append(&mut read(&path));
@@ -53,8 +53,8 @@ impl Journal {
         (journal, lines)
     }
 
-    /// Appends a line; it survives the daemon, and with the next [`sync`] a power cut.
-    pub(super) fn append(&mut self, press_id: &str, reply: &Reply) {
+    /// Appends a line, which survives the daemon, and with the next [`sync`] a power cut.
+    pub(in crate::daemon) fn append(&mut self, press_id: &str, reply: &Reply) {
         let line = Line {
             press_id: press_id.into(),
             time: now(),
@@ -64,7 +64,7 @@ impl Journal {
     }
 
     /// The file, to be brought to the disk without anybody's waiting for it.
-    pub(super) fn file(&self) -> Option<Arc<File>> {
+    pub(in crate::daemon) fn file(&self) -> Option<Arc<File>> {
         self.file.clone()
     }
 
@@ -106,7 +106,7 @@ impl Journal {
 }
 
 /// Brings what was appended to the disk.
-pub(super) fn sync(file: &File) {
+pub(in crate::daemon) fn sync(file: &File) {
     if let Err(error) = file.sync_data() {
         log::error!("the journal of presses is not on the disk: {error}");
     }

@@ -1,49 +1,24 @@
 //! What recordings that a crash left open say of the presses that they are of.
 
 use crate::log;
-use crate::recording::{CaptureRecord, Error, Outcome, Recording, Topic, unfinished_name};
-use crate::trigger::Reply;
+use crate::recording::{Error, Outcome, Recording, Topic, unfinished_name};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A capture that is on the disk.
 #[derive(Clone, Debug)]
-pub(super) struct Recorded {
+pub(in crate::daemon) struct Recorded {
     /// Its id.
     pub capture: String,
     /// The client's own name of the press.
     pub press_id: Option<String>,
-    /// What became of it.
-    record: CaptureRecord,
-    /// The recording, under the name that it has when it is complete.
-    recording: PathBuf,
-}
-
-impl Recorded {
-    /// What its client is answered when it has heard that it was accepted.
-    pub(super) fn answers(&self) -> Vec<Reply> {
-        let (capture, record) = (self.capture.clone(), &self.record);
-        match record.outcome {
-            Outcome::Complete => vec![
-                Reply::Captured {
-                    capture: capture.clone(),
-                    skew_ns: record.skew_ns.unwrap_or(0),
-                },
-                Reply::Durable {
-                    capture,
-                    recording: self.recording.clone(),
-                },
-            ],
-            Outcome::Failed => vec![Reply::Failed {
-                capture,
-                reason: record.reason.clone().unwrap_or_default(),
-            }],
-        }
-    }
+    /// Its colour frames' spread in nanoseconds and its recording, under the name that it has when it is complete; or
+    /// why it failed.
+    pub end: Result<(u64, PathBuf), String>,
 }
 
 /// The captures of recordings, named as if they were complete, in their order; what cannot be read is said and left out.
-pub(super) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
+pub(in crate::daemon) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
     let mut found = Vec::new();
     for file in files {
         if let Err(error) = add(file, &mut found) {
@@ -63,10 +38,12 @@ fn add(file: &Path, found: &mut Vec<Recorded>) -> Result<(), Error> {
     for message in recording.messages(&Topic::Capture) {
         let record = recording.capture_record(message)?;
         found.push(Recorded {
-            capture: record.id.clone(),
             press_id: presses.remove(&record.id).flatten(),
-            record,
-            recording: file.into(),
+            capture: record.id,
+            end: match record.outcome {
+                Outcome::Complete => Ok((record.skew_ns.unwrap_or(0), file.into())),
+                Outcome::Failed => Err(record.reason.unwrap_or_default()),
+            },
         });
     }
     Ok(())

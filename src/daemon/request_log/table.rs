@@ -1,0 +1,101 @@
+//! Where presses are found again, by their names and by their captures, and which are forgotten.
+
+use super::{Effect, Press, PressKey, Request, RequestLog, RequestState};
+use crate::frame::Timestamp;
+use crate::trigger::Event;
+
+/// Presses that are remembered; the oldest beyond them are forgotten.
+pub(super) const MOST_PRESSES: usize = 10_000;
+
+impl RequestLog {
+    /// Enters a press, and forgets the oldest that has its end and that nobody follows if there are too many.
+    pub(super) fn insert(&mut self, press: Press) -> PressKey {
+        let key = PressKey(self.next);
+        self.next += 1;
+        if let Some(id) = &press.press_id {
+            self.by_id.insert(id.clone(), key);
+        }
+        let request = Request {
+            press,
+            asked: self.now,
+            state: RequestState::Asked,
+            first: String::new(),
+            capture: String::new(),
+            attempts: 0,
+            retries: 0,
+            trigger: Timestamp(0),
+            followers: 0,
+        };
+        self.requests.insert(key, request);
+        if self.requests.len() > MOST_PRESSES {
+            let oldest = self.requests.iter().find(|(_, r)| r.is_forgettable());
+            if let Some(key) = oldest.map(|(key, _)| *key) {
+                self.forget(key);
+            }
+        }
+        key
+    }
+
+    pub(super) fn get_or_insert(&mut self, press_id: String) -> PressKey {
+        let known = self.by_id.get(&press_id).copied();
+        known.unwrap_or_else(|| {
+            self.insert(Press {
+                press_id: Some(press_id),
+                ..Press::default()
+            })
+        })
+    }
+
+    pub(super) fn forget(&mut self, key: PressKey) {
+        let Some(request) = self.requests.remove(&key) else {
+            return;
+        };
+        if let Some(id) = &request.press.press_id {
+            self.by_id.remove(id);
+        }
+        if !request.capture.is_empty() {
+            self.by_capture.retain(|_, press| *press != key);
+        }
+        self.effects.push(Effect::Forget(key));
+    }
+
+    /// Brings a press into the state in which an answer leaves it.
+    pub(super) fn advance(&mut self, press: PressKey, event: &Event) {
+        let Some(request) = self.requests.get_mut(&press) else {
+            return;
+        };
+        if let Some(capture) = event.capture() {
+            capture.clone_into(&mut request.capture);
+            self.by_capture.insert(capture.into(), press);
+        }
+        request.state = match event {
+            Event::Accepted { .. } => RequestState::Taking,
+            // Another attempt follows.
+            Event::Retried { .. } => RequestState::Asked,
+            Event::Captured { .. } => RequestState::Captured,
+            Event::Durable { .. } => RequestState::Durable,
+            _ => RequestState::Ended,
+        };
+    }
+
+    pub(super) fn in_state(
+        &mut self,
+        press: PressKey,
+        state: &RequestState,
+    ) -> Option<&mut Request> {
+        let request = self.requests.get_mut(&press);
+        request.filter(|request| request.state == *state)
+    }
+
+    pub(super) fn of_capture(&self, capture: &str) -> Option<(PressKey, &Request)> {
+        let press = self.by_capture.get(capture)?;
+        Some((*press, self.requests.get(press)?))
+    }
+}
+
+impl Request {
+    fn is_forgettable(&self) -> bool {
+        let has_end = matches!(self.state, RequestState::Durable | RequestState::Ended);
+        has_end && self.followers == 0
+    }
+}
