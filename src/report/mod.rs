@@ -6,8 +6,6 @@ mod coarse;
 mod document;
 mod measure;
 mod preview;
-#[cfg(test)]
-mod tests;
 mod verdict;
 
 pub use calibration::{CalibrationPage, calibration_page};

@@ -237,6 +237,3 @@ impl Silhouette {
         Some(mix(y0) * (1.0 - fy) + mix(y1) * fy)
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,12 +1,15 @@
 //! The whole room on simulated rigs: what is green is green, faults are named, the report is as its schema
 //! says, and the sheet can be drawn.
 
-use super::*;
-use crate::frame::{CameraId, CaptureId, Timestamp};
-use crate::job::CaptureFacts;
-use crate::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
-use crate::simulate::{CameraFault, Options, Shape, Simulation};
 use nalgebra::Vector2;
+use scand::frame::{CameraId, CaptureId, Timestamp};
+use scand::job::CaptureFacts;
+use scand::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
+use scand::report::{
+    Code, FailedCapture, Failure, Level, Origin, Parameters, Report, StageTime, Timing, Verdict,
+    judge, measure, preview, to_json,
+};
+use scand::simulate::{CameraFault, Options, Shape, Simulation};
 use serde_json::Value;
 
 /// A cup among eight small cameras, one depth camera above it.

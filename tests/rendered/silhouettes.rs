@@ -1,8 +1,9 @@
 //! Silhouettes of simulated pictures beside the exact ones.
 
-use super::*;
-use crate::image::srgb;
-use crate::simulate::{CameraFault, Options, Shape, Simulation};
+use scand::image::{Mask, RgbImage, srgb};
+use scand::reconstruct::silhouette::{Error, Parameters, Silhouette, extract};
+use scand::reconstruct::{ColorView, SilhouetteSource};
+use scand::simulate::{CameraFault, Options, Shape, Simulation};
 
 /// What a silhouette missed.
 #[derive(Debug)]
