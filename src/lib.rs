@@ -11,9 +11,11 @@
     allow(clippy::disallowed_methods, reason = "a test's channel ends with it")
 )]
 
-pub mod array;
-pub mod calibrate;
-pub mod calibration;
+pub use scand_core::{
+    array, calibrate, calibration, evaluate, frame, image, job, make_model, mesh, number, output,
+    queue, reconstruct, recording, report, statistics, storage, sync,
+};
+
 #[cfg(feature = "live")]
 pub mod check;
 #[cfg(feature = "live")]
@@ -22,29 +24,15 @@ pub mod commands;
 pub mod config;
 pub mod daemon;
 pub mod drivers;
-pub mod evaluate;
-pub mod frame;
-pub mod image;
-pub mod job;
 #[cfg(feature = "live")]
 pub mod log;
-pub mod make_model;
-pub mod mesh;
-pub mod number;
-pub mod output;
 #[cfg(feature = "live")]
 pub mod pedal;
 #[cfg(feature = "live")]
 pub mod process;
-pub mod queue;
-pub mod reconstruct;
-pub mod recording;
-pub mod report;
 #[cfg(feature = "live")]
 pub mod setup;
 pub mod simulate;
-pub mod statistics;
-pub mod storage;
 #[cfg(test)]
 #[path = "../tests/support"]
 #[allow(dead_code, reason = "it depends on the features what is used")]
@@ -53,6 +41,5 @@ mod support {
     pub mod skipped;
     pub mod torture;
 }
-pub mod sync;
 pub mod trigger;
 pub mod workers;

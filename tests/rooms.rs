@@ -232,8 +232,12 @@ const STAGES: &[(&str, &[&str])] = &[
 /// Files that are no rooms: they list the rooms, and begin the program.
 const ROOTS: [&str; 2] = ["main", "lib"];
 
+/// The packages' sources.
+const PACKAGES: [&str; 2] = ["src", "crates/core/src"];
+
 fn sources() -> Vec<PathBuf> {
-    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src")];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut folders: Vec<PathBuf> = PACKAGES.iter().map(|p| root.join(p)).collect();
     let mut files = Vec::new();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {
@@ -249,10 +253,12 @@ fn sources() -> Vec<PathBuf> {
     files
 }
 
-/// The parts of a source's path below `src`, without `.rs`.
+/// The parts of a source's path below its package's `src`, without `.rs`.
 fn place(file: &Path) -> Vec<String> {
-    let below = file.strip_prefix(Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
-    let below = below.unwrap().with_extension("");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let below = |package| file.strip_prefix(root.join(package)).ok();
+    let below = PACKAGES.into_iter().find_map(below).unwrap();
+    let below = below.with_extension("");
     let parts = below.iter().map(|part| part.to_str().unwrap().to_owned());
     parts.collect()
 }

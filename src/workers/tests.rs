@@ -3,7 +3,7 @@
 
 use super::find::find;
 use super::*;
-use crate::recording::testing::{at, trigger};
+use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unfinished_name};
 use crate::report::Level;
 use std::path::{Path, PathBuf};
@@ -11,6 +11,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
+
+/// A time so many milliseconds after the sessions began.
+fn at(milliseconds: u64) -> Timestamp {
+    Timestamp(1_760_000_000_000_000_000 + milliseconds * 1_000_000)
+}
+
+fn trigger(id: &str, ms: u64) -> Trigger {
+    Trigger {
+        id: CaptureId::new(id).unwrap(),
+        time: at(ms),
+        source: "pedal".into(),
+        press_id: None,
+        subject: None,
+    }
+}
 
 /// What every script begins with: `$capture` and `$target`, and `done`, which leaves a model there.
 const BEGIN: &str = r#"

@@ -2,14 +2,12 @@
 //! and durable, names that replace nothing, and the space that is left. Knows nothing of what the files hold.
 
 mod files;
-#[cfg(feature = "live")]
 mod space;
 mod staged_folder;
 
 pub use files::{
     rename_noreplace, sync_folder, sync_parent, write_atomically, write_atomically_for_owner,
 };
-#[cfg(feature = "live")]
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;
 
