@@ -5,7 +5,7 @@ use divan::Bencher;
 use rayon::prelude::*;
 use scand::reconstruct::Scene;
 use scand::reconstruct::silhouette::{Parameters, extract};
-use scand::simulate::{Options, Shape, Simulation};
+use scand_lab::{Options, Shape, Simulation};
 use std::sync::LazyLock;
 
 static SCENE: LazyLock<Scene> = LazyLock::new(|| {

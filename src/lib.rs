@@ -32,7 +32,6 @@ pub mod pedal;
 pub mod process;
 #[cfg(feature = "live")]
 pub mod setup;
-pub mod simulate;
 #[cfg(test)]
 #[path = "../tests/support"]
 #[allow(dead_code, reason = "it depends on the features what is used")]

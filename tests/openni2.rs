@@ -11,7 +11,7 @@ use scand::drivers::live::{
 use scand::drivers::openni2::{OpenNi2, Parameters};
 use scand::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use scand::recording::{DepthPart, Recording, Topic};
-use scand::simulate::serve::{SensorFile, SensorFrames, write_sensor_frames};
+use scand_lab::serve::{SensorFile, SensorFrames, write_sensor_frames};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;

@@ -76,7 +76,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     ("evaluate", &["mesh", "image", "reconstruct", "statistics"]),
     (
-        "simulate",
+        "lab",
         &[
             "mesh",
             "image",
@@ -176,7 +176,6 @@ const ROOMS: &[(&str, &[&str])] = &[
             "recording",
             "report",
             "setup",
-            "simulate",
             "storage",
             "sync",
             "trigger",
@@ -214,7 +213,7 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("output", "reconstruct", &["Model", "Provenance", "Texture"]),
     ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),
-    ("simulate", "reconstruct", SCENE),
+    ("lab", "reconstruct", SCENE),
     ("workers", "reconstruct", &["Method"]),
 ];
 
@@ -232,12 +231,16 @@ const STAGES: &[(&str, &[&str])] = &[
 /// Files that are no rooms: they list the rooms, and begin the program.
 const ROOTS: [&str; 2] = ["main", "lib"];
 
-/// The packages' sources.
-const PACKAGES: [&str; 2] = ["src", "crates/core/src"];
+/// The packages' sources, and the room that a whole package is.
+const PACKAGES: [(&str, Option<&str>); 3] = [
+    ("src", None),
+    ("crates/core/src", None),
+    ("crates/lab/src", Some("lab")),
+];
 
 fn sources() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut folders: Vec<PathBuf> = PACKAGES.iter().map(|p| root.join(p)).collect();
+    let mut folders: Vec<PathBuf> = PACKAGES.iter().map(|(p, _)| root.join(p)).collect();
     let mut files = Vec::new();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {
@@ -256,11 +259,11 @@ fn sources() -> Vec<PathBuf> {
 /// The parts of a source's path below its package's `src`, without `.rs`.
 fn place(file: &Path) -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let below = |package| file.strip_prefix(root.join(package)).ok();
-    let below = PACKAGES.into_iter().find_map(below).unwrap();
+    let below = |(package, room)| Some((file.strip_prefix(root.join(package)).ok()?, room));
+    let (below, room) = PACKAGES.into_iter().find_map(below).unwrap();
     let below = below.with_extension("");
-    let parts = below.iter().map(|part| part.to_str().unwrap().to_owned());
-    parts.collect()
+    let parts = below.iter().map(|part| part.to_str().unwrap());
+    room.into_iter().chain(parts).map(str::to_owned).collect()
 }
 
 /// A source without comments and without what is compiled for tests alone.
@@ -353,7 +356,12 @@ fn a_room_uses_what_its_row_allows() {
         let row = ROOMS.iter().find(|(name, _)| *name == room);
         let (_, allowed) = row.unwrap_or_else(|| panic!("{room} has no row in the table"));
         seen.insert(room.to_owned());
-        for path in paths(&code(&file), "crate::") {
+        let prefix = if room == "lab" {
+            "scand_core::"
+        } else {
+            "crate::"
+        };
+        for path in paths(&code(&file), prefix) {
             let other = path[0].as_str();
             let file = file.display();
             assert!(
@@ -408,7 +416,10 @@ fn modules() -> Vec<Module> {
 fn from_root(modules: &[Module], within: &[String], path: &[String]) -> Option<Vec<String>> {
     let first = path.first()?.as_str();
     match first {
-        "crate" => Some(path[1..].to_vec()),
+        "crate" => {
+            let package = usize::from(within.first().is_some_and(|room| room == "lab"));
+            Some([&within[..package], &path[1..]].concat())
+        }
         "self" => Some([within, &path[1..]].concat()),
         "super" => {
             let (_, parent) = within.split_last()?;
@@ -565,6 +576,7 @@ fn mcap_and_foxglove_are_named_in_one_room() {
 
 /// Files that have `unsafe`, and how often. design/security.md says why each has it.
 const UNSAFE: &[(&str, usize)] = &[
+    ("lab/serve/gige", 4),
     ("drivers/aravis/stream", 1),
     ("drivers/openni2/device", 11),
     ("drivers/openni2/library", 13),
@@ -572,7 +584,6 @@ const UNSAFE: &[(&str, usize)] = &[
     ("drivers/openni2/stream", 12),
     ("drivers/v4l2/device", 17),
     ("process/system", 3),
-    ("simulate/serve/gige", 4),
 ];
 
 #[test]
@@ -596,7 +607,7 @@ fn unsafe_stands_where_the_list_says() {
 const NETWORK: [&str; 3] = [
     "drivers/aravis/find",
     "drivers/aravis/gvcp",
-    "simulate/serve/color",
+    "lab/serve/color",
 ];
 
 #[test]

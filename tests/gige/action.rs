@@ -5,7 +5,7 @@ use crate::description::{self, LISTENING, PTP_ENABLE, PTP_STATUS, SLAVE};
 use crate::network::alone_without_raw_sockets;
 use crate::stand::{Stand, id, milliseconds_after};
 use scand::drivers::aravis::{ActionCommand, Answer, Message, Parameters, TriggerMode};
-use scand::simulate::serve::ColorOptions;
+use scand_lab::serve::ColorOptions;
 use std::collections::HashMap;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::sync::Mutex;

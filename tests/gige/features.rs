@@ -6,7 +6,7 @@ use crate::stand::{Stand, id};
 use scand::drivers::aravis::{FeatureValue, Parameters, Region, TriggerMode};
 use scand::drivers::live::Fault;
 use scand::drivers::pixel_format::PixelFormat;
-use scand::simulate::serve::ColorOptions;
+use scand_lab::serve::ColorOptions;
 
 #[test]
 fn what_a_camera_does_not_take_is_refused_with_its_answer() {

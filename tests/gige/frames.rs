@@ -5,7 +5,7 @@ use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};
 use crossbeam_channel::unbounded;
 use scand::drivers::aravis::{Parameters, TriggerMode};
 use scand::drivers::live::{Backoff, Event, Fault, supervise};
-use scand::simulate::serve::Shown;
+use scand_lab::serve::Shown;
 use std::time::{Duration, Instant};
 
 #[test]

@@ -5,7 +5,7 @@ use scand::drivers::aravis::{ActionGroup, GigeDriver, Parameters};
 use scand::drivers::live::{Device, Driver, Fault, Pool, Shot, Tally};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{Compression, Recording, Writer};
-use scand::simulate::serve::{ColorOptions, ColorRig};
+use scand_lab::serve::{ColorOptions, ColorRig};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

@@ -6,7 +6,7 @@ use assert_cmd::Command;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use scand::calibration::{Camera, RigCalibration};
 use scand::recording::Compression;
-use scand::simulate::{BoardOptions, BoardSession, Options, write_board_session};
+use scand_lab::{BoardOptions, BoardSession, Options, write_board_session};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

@@ -7,7 +7,7 @@ use scand::output::{glb, ply};
 use scand::reconstruct::{
     Method, Parameters, Provenance, Reconstruction, Scene, Silent, reconstruct, restore,
 };
-use scand::simulate::{Options, Shape, Simulation};
+use scand_lab::{Options, Shape, Simulation};
 
 fn simulation(shape: Shape, change: impl FnOnce(&mut Options)) -> Simulation {
     let mut options = Options {

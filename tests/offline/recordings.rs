@@ -4,7 +4,7 @@
 
 use scand::frame::{Frame, Picture, Stream};
 use scand::recording::{ColorPart, DepthPart, Recording, Topic};
-use scand::simulate::{Options, Simulation, ply};
+use scand_lab::{Options, Simulation, ply};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 

@@ -2,9 +2,9 @@
 
 use crate::commands::{refuse_to_replace, wrong_usage};
 use crate::recording::Compression;
-use crate::simulate::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
 use crate::storage::write_atomically;
 use anyhow::Context;
+use scand_lab::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -5,11 +5,11 @@ mod serve;
 
 use super::{refuse_to_replace, wrong_usage};
 use crate::recording::Compression;
-use crate::simulate::{
-    CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply, write,
-};
 use crate::storage::write_atomically;
 use anyhow::Context;
+use scand_lab::{
+    CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply, write,
+};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

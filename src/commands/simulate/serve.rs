@@ -51,8 +51,8 @@ mod serving {
     use super::ServeArgs;
     use crate::frame::CameraId;
     use crate::recording::{DepthPart, Recording, Topic};
-    use crate::simulate::serve::{ColorOptions, ColorRig, Shown, write_sensor_frames};
     use anyhow::Context;
+    use scand_lab::serve::{ColorOptions, ColorRig, Shown, write_sensor_frames};
     use std::io::BufRead;
     use std::path::Path;
     use std::process::ExitCode;

@@ -3,7 +3,7 @@
 
 use mcap::records::MessageHeader;
 use scand::recording::Compression;
-use scand::simulate::{DepthSensor, Options, Shape, Simulation, write};
+use scand_lab::{DepthSensor, Options, Shape, Simulation, write};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;

@@ -1,0 +1,81 @@
+//! The simulated rig: objects whose form is known, rendered into the pictures and depth readings that real
+//! cameras would give of them, with their noise and their faults, so that accuracy is a number.
+
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
+#![cfg_attr(
+    test,
+    allow(clippy::disallowed_methods, reason = "a test's channel ends with it")
+)]
+
+mod board;
+mod burst;
+mod color;
+mod coverage;
+mod depth;
+mod light;
+mod material;
+mod noise;
+mod options;
+mod preset;
+mod random;
+mod record;
+mod render;
+mod rig;
+pub mod serve;
+mod session;
+mod shape;
+
+pub use board::{
+    BoardFaults, BoardOptions, BoardSession, Placement, PlacementFault, write_board_session,
+};
+pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Options, Response};
+pub use preset::Preset;
+pub use record::{ply, write};
+pub use rig::{ColorStation, DepthStation, Rig};
+pub use session::{Capture, Simulation};
+pub use shape::Shape;
+
+use scand_core::frame::BadName;
+use scand_core::{calibration, recording};
+
+/// Why nothing is simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// An option that cannot be met.
+    #[error("{what} is {found}, expected {expected}")]
+    BadOption {
+        /// Which.
+        what: &'static str,
+        /// What was asked.
+        found: String,
+        /// What would do.
+        expected: &'static str,
+    },
+    /// A camera that cannot be.
+    #[error(transparent)]
+    Calibration(#[from] calibration::Error),
+    /// A camera's id that is none.
+    #[error(transparent)]
+    Name(#[from] BadName),
+    /// What cannot be played as a live rig, in words.
+    #[error("{0}")]
+    Unservable(String),
+    /// A recording that cannot be read or written.
+    #[error(transparent)]
+    Recording(#[from] recording::Error),
+}
+
+fn invalid(what: &'static str, found: impl ToString, expected: &'static str) -> Error {
+    Error::BadOption {
+        what,
+        found: found.to_string(),
+        expected,
+    }
+}
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod tests_depth;
+#[cfg(test)]
+mod tests_faults;

@@ -1,0 +1,84 @@
+//! A simulated session as a recording, and its truth as a PLY file.
+
+use super::{Capture, Error, Simulation};
+use scand_core::frame::Stream;
+use scand_core::mesh::Mesh;
+use scand_core::recording::{Compression, Writer};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Writes the session to a new recording: calibration, backgrounds or masks, captures, and in its metadata
+/// the options that make it again.
+///
+/// # Errors
+/// If there is something at `path` already, or it cannot be written.
+pub fn write(simulation: &Simulation, path: &Path, compression: Compression) -> Result<(), Error> {
+    let program = concat!("scand ", env!("CARGO_PKG_VERSION"));
+    let mut writer = Writer::create(path, program, compression)?;
+    let options = serde_json::to_string(simulation.options()).unwrap_or_default();
+    let session = BTreeMap::from([("simulation".to_owned(), options)]);
+    writer.metadata("session", &session)?;
+    write_rig(simulation, &mut writer)?;
+    for index in 0..simulation.options().captures {
+        write_capture(simulation, &simulation.capture(index)?, &mut writer)?;
+    }
+    Ok(writer.finish()?)
+}
+
+fn write_rig(simulation: &Simulation, writer: &mut Writer) -> Result<(), Error> {
+    let (rig, begin) = (simulation.rig(), simulation.begin());
+    for station in &rig.colors {
+        writer.color_camera(&station.calibrated, begin)?;
+    }
+    for station in &rig.depths {
+        writer.depth_camera(&station.calibrated, begin)?;
+    }
+    writer.volume(&rig.volume, begin)?;
+    if !simulation.options().masks {
+        for plate in simulation.backgrounds() {
+            writer.background(&plate.camera, &plate.picture, plate.timestamp)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_capture(
+    simulation: &Simulation,
+    capture: &Capture,
+    writer: &mut Writer,
+) -> Result<(), Error> {
+    writer.trigger(&capture.trigger)?;
+    for frame in &capture.frames {
+        writer.frame(frame)?;
+    }
+    if simulation.options().masks {
+        let colors = capture.frames.iter().filter(|f| f.stream == Stream::Color);
+        for frame in colors {
+            let stations = simulation.rig().colors.iter();
+            for station in stations.filter(|s| s.actual.id == frame.camera) {
+                let mask = simulation.mask(station);
+                writer.mask(&frame.camera, &mask, frame.timestamp)?;
+            }
+        }
+    }
+    Ok(writer.sync()?)
+}
+
+/// A mesh as binary PLY, positions in metres.
+pub fn ply(mesh: &Mesh) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    )
+    .into_bytes();
+    for value in mesh.vertices.iter().flat_map(|v| v.iter()) {
+        bytes.extend(value.to_le_bytes());
+    }
+    for triangle in &mesh.triangles {
+        bytes.push(3);
+        bytes.extend(triangle.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bytes
+}

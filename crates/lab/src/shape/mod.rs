@@ -1,0 +1,193 @@
+//! The objects of the simulated rig: closed, oriented, manifold meshes with z up that stand on the table at
+//! z = 0. Surfaces of revolution are made from their profiles, the others from signed distances. How an
+//! object looks and how it is seen is decided elsewhere.
+
+mod blocks;
+mod bodies;
+mod implicit;
+mod profiles;
+mod revolve;
+
+use nalgebra::Point3;
+use profiles::Profile;
+use scand_core::mesh::{Mesh, components, extract};
+use serde::{Deserialize, Serialize};
+
+/// An object whose form is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    /// A tapered cup of 95 mm with a wall of 2.5 mm: deep, with steep walls.
+    Cup,
+    /// An open bowl, 160 mm across, with a wall of 4.5 mm.
+    Bowl,
+    /// A bowl of 196 mm in which three spheres rest, as one closed surface.
+    FruitBowl,
+    /// A vase with a neck narrower than its belly, most of whose inside no camera sees.
+    Vase,
+    /// A goblet: a small bowl on a thin stem.
+    Goblet,
+    /// A flat plate with a raised border.
+    Plate,
+    /// A mug with a handle, whose hole is seen through (genus 1).
+    Mug,
+    /// A ring that lies on the table (genus 1).
+    Torus,
+    /// An egg that stands on its blunt end: convex.
+    Egg,
+    /// A box of 80 x 55 x 40 mm, turned by 20 degrees: convex, with edges.
+    Box,
+    /// A ball of 30 mm radius: convex.
+    Ball,
+    /// A shallow pit with a broad, flat top and four notches.
+    Ashtray,
+    /// A block with two pits of different forms: two concave regions.
+    TwoPits,
+}
+
+impl Shape {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::Cup,
+        Self::Bowl,
+        Self::FruitBowl,
+        Self::Vase,
+        Self::Goblet,
+        Self::Plate,
+        Self::Mug,
+        Self::Torus,
+        Self::Egg,
+        Self::Box,
+        Self::Ball,
+        Self::Ashtray,
+        Self::TwoPits,
+    ];
+
+    /// The object's surface, in metres, of triangles with edges of about `spacing` metres.
+    pub fn mesh(self, spacing: f64) -> Mesh {
+        let spacing = spacing.max(1e-4);
+        let revolved = |profile: Profile| revolve::revolve(&profile, spacing);
+        match self {
+            Self::Cup => revolved(profiles::cup()),
+            Self::Bowl => revolved(profiles::bowl()),
+            Self::Vase => revolved(profiles::vase()),
+            Self::Goblet => revolved(profiles::goblet()),
+            Self::Plate => revolved(profiles::plate()),
+            Self::Torus => revolved(profiles::torus()),
+            Self::Egg => revolved(profiles::egg()),
+            Self::Ball => revolved(profiles::ball()),
+            Self::Box => blocks::turned_box([0.080, 0.055, 0.040], 20.0, spacing),
+            Self::FruitBowl => meshed(&bodies::fruit_bowl(), spacing),
+            Self::Mug => meshed(&bodies::mug(), spacing),
+            Self::Ashtray => meshed(&bodies::ashtray(), spacing),
+            Self::TwoPits => meshed(&bodies::two_pits(), spacing),
+        }
+    }
+
+    /// Which part of the object a point of its surface belongs to: 0, or 1 and up for the fruit in a bowl.
+    pub fn part(self, p: Point3<f64>) -> usize {
+        match self {
+            Self::FruitBowl => bodies::fruit_at(p).map_or(0, |k| k + 1),
+            _ => 0,
+        }
+    }
+}
+
+/// Edge of the cells in which an implicit body is meshed, over that of the triangles that come of it.
+const CELL: f64 = 1.5;
+
+/// Meshes a body and keeps its outer surface: what two parts that touch enclose between them is dropped.
+fn meshed(body: &bodies::Body, spacing: f64) -> Mesh {
+    let mut mesh = implicit::mesh(|p| body.distance(p), body.bounds, spacing * CELL);
+    for v in &mut mesh.vertices {
+        v.z = v.z.max(0.0);
+    }
+    let pieces = components(&mesh);
+    match pieces.largest() {
+        Some(largest) => extract(&mesh, &pieces, |piece| piece == largest).0,
+        None => mesh,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scand_core::mesh::{check, volume_and_total_area};
+    use std::f64::consts::PI;
+
+    #[test]
+    fn every_shape_is_one_closed_oriented_manifold_that_stands_on_the_table() {
+        for shape in Shape::ALL {
+            let mesh = shape.mesh(0.003);
+            let report = check(&mesh);
+            assert!(report.is_watertight(), "{shape:?}: {report:?}");
+            let pieces = components(&mesh);
+            assert_eq!(pieces.parts.len(), 1, "{shape:?}");
+            let genus = i64::from(matches!(shape, Shape::Mug | Shape::Torus));
+            // Around the fruit's contacts the gap is narrower than any cell and bridged here and there.
+            if shape != Shape::FruitBowl {
+                assert_eq!(pieces.parts[0].genus(), genus, "{shape:?}");
+            }
+            let lowest = mesh.vertices.iter().fold(1.0, |low: f32, v| low.min(v.z));
+            assert!(lowest.abs() < 1e-4, "{shape:?} begins at {lowest}");
+            assert!(
+                volume_and_total_area(&mesh).0 > 0.0,
+                "{shape:?} is inside out"
+            );
+        }
+    }
+
+    #[test]
+    fn volumes_are_those_of_the_closed_forms() {
+        let cases = [
+            (Shape::Ball, 4.0 / 3.0 * PI * 0.03_f64.powi(3)),
+            (Shape::Torus, 2.0 * PI * PI * 0.045 * 0.016 * 0.016),
+            (Shape::Box, 0.08 * 0.055 * 0.04),
+            (Shape::Cup, profiles::cup().volume()),
+            (Shape::Vase, profiles::vase().volume()),
+        ];
+        for (shape, expected) in cases {
+            let volume = volume_and_total_area(&shape.mesh(0.001)).0;
+            assert!(
+                (volume / expected - 1.0).abs() < 0.002,
+                "{shape:?} {volume} for {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_volume_of_an_implicit_body_is_what_random_points_find() {
+        let mut random = crate::random::Random::new(&[7]);
+        for (shape, body) in [
+            (Shape::FruitBowl, bodies::fruit_bowl()),
+            (Shape::Mug, bodies::mug()),
+            (Shape::Ashtray, bodies::ashtray()),
+            (Shape::TwoPits, bodies::two_pits()),
+        ] {
+            let [min, max] = body.bounds.map(Point3::from);
+            let points = 200_000;
+            let inside = (0..points)
+                .filter(|_| {
+                    let at = |a: usize, u: f64| min[a] + (max[a] - min[a]) * u;
+                    let u = [random.uniform(), random.uniform(), random.uniform()];
+                    body.distance(Point3::new(at(0, u[0]), at(1, u[1]), at(2, u[2]))) < 0.0
+                })
+                .count();
+            let box_volume: f64 = (max - min).iter().product();
+            let expected = box_volume * inside as f64 / f64::from(points);
+            let volume = volume_and_total_area(&shape.mesh(0.002)).0;
+            assert!(
+                (volume / expected - 1.0).abs() < 0.02,
+                "{shape:?} {volume} for {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn vertices_of_an_implicit_body_lie_on_its_surface() {
+        let body = bodies::mug();
+        let mesh = Shape::Mug.mesh(0.003);
+        let far = |v: &&Point3<f32>| body.distance(v.cast()).abs() > 1.5e-4;
+        assert!(mesh.vertices.iter().filter(far).count() * 100 < mesh.vertices.len());
+    }
+}

@@ -1,0 +1,278 @@
+//! The whole room on simulated rigs: what is green is green, faults are named, the report is as its schema
+//! says, and the sheet can be drawn.
+
+use nalgebra::Vector2;
+use scand_core::frame::{CameraId, CaptureId, Timestamp};
+use scand_core::job::CaptureFacts;
+use scand_core::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
+use scand_core::report::{
+    Code, FailedCapture, Failure, Level, Origin, Parameters, Report, StageTime, Timing, Verdict,
+    judge, measure, preview, to_json,
+};
+use scand_lab::{CameraFault, Options, Shape, Simulation};
+use serde_json::Value;
+
+/// A cup among eight small cameras, one depth camera above it.
+fn simulated(change: impl Fn(&mut Options)) -> (Scene, Reconstruction) {
+    simulated_at(60.0, change)
+}
+
+fn simulated_at(resolution: f64, change: impl Fn(&mut Options)) -> (Scene, Reconstruction) {
+    let mut options = Options {
+        shape: Shape::Cup,
+        cameras: 8,
+        width: 480,
+        height: 360,
+        masks: true,
+        ..Options::default()
+    };
+    options.depth.frames = 4;
+    change(&mut options);
+    let scene = Simulation::new(options).unwrap().scene(0);
+    let mut parameters = reconstruct::Parameters::default();
+    parameters.hull.resolution = resolution;
+    let made = reconstruct(&scene, &parameters, &Silent).unwrap();
+    (scene, made)
+}
+
+fn facts() -> CaptureFacts {
+    CaptureFacts {
+        id: CaptureId::new("cup-000").unwrap(),
+        time_ns: Timestamp(1_700_000_000_000_000_000),
+        source: "replay".into(),
+        subject: None,
+        skew_ns: 0,
+        colors: Vec::new(),
+        depths: Vec::new(),
+        left_out: Vec::new(),
+        warnings: Vec::new(),
+        damage: Vec::new(),
+    }
+}
+
+fn judged(scene: &Scene, made: &Reconstruction) -> Verdict {
+    let measured = measure(scene, made, Method::Hybrid);
+    judge(&measured, &facts(), &Parameters::default())
+}
+
+#[test]
+fn a_sound_capture_is_green_and_its_report_is_as_published() {
+    // Of a deep cup the sensor reads too little for green, and rightly; in large cells a bowl has a hole at its rim.
+    let (scene, made) = simulated_at(150.0, |o| o.shape = Shape::Bowl);
+    let measured = measure(&scene, &made, Method::Hybrid);
+    let verdict = judge(&measured, &facts(), &Parameters::default());
+    assert_eq!(verdict.level, Level::Green, "{:#?}", verdict.reasons);
+    let covered = measured.colors.iter().map(|c| c.consistency.coverage);
+    assert!(covered.fold(1.0, f64::min) > 0.98);
+    let regions = measured.depths[0].regions.as_ref().unwrap();
+    assert!(
+        regions.greatest_depth > 0.04 && regions.disagreement < 2e-3,
+        "{regions:?}"
+    );
+
+    let origin = Origin::new("cup.mcap", Method::Hybrid, "abc");
+    let timing = Timing {
+        stages: vec![StageTime {
+            stage: "visual hull".into(),
+            seconds: 0.25,
+        }],
+        ..Timing::default()
+    };
+    let capture = facts();
+    let report = Report::new(&origin, &capture, &measured, &verdict, timing);
+    let report: Value = serde_json::from_str(&to_json(&report).unwrap()).unwrap();
+    assert_eq!(violations(&report, "done"), [""; 0]);
+
+    let sheet = preview(&scene, &made, &verdict, "cup.mcap, cup-000");
+    assert_eq!(sheet.width(), 1920);
+    let colors: std::collections::BTreeSet<_> = sheet.pixels().iter().collect();
+    assert!(colors.len() > 500, "{} colours", colors.len());
+}
+
+#[test]
+fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
+    for (camera, degrees) in [("c00", 0.1), ("c08", 0.1), ("c03", 1.0)] {
+        let turned = CameraFault {
+            camera: camera.into(),
+            amount: degrees,
+        };
+        let (scene, made) = simulated_at(120.0, |o| {
+            (o.cameras, o.width, o.height) = (11, 960, 720);
+            o.faults.turned_deg = vec![turned.clone()];
+        });
+        let verdict = judged(&scene, &made);
+        let mut reasons = verdict.reasons.iter();
+        let reason = reasons.find(|r| r.code == Code::CameraDisplaced);
+        let reason = reason.unwrap_or_else(|| panic!("{camera}: {verdict:#?}"));
+        assert_eq!(reason.cameras, [CameraId::new(camera).unwrap()]);
+        // The camera was turned about (0.6, 0.8, 0) of its own frame.
+        let focal_px = scene.colors[0].camera.intrinsics.focal_px;
+        let expected =
+            (focal_px * f64::to_radians(degrees)).component_mul(&Vector2::new(-0.8, 0.6));
+        let measured = measure(&scene, &made, Method::Hybrid);
+        let found = Vector2::from(measured.moved.unwrap().shift_px);
+        assert!(
+            (found - expected).norm() < 0.35 * expected.norm(),
+            "{camera}: {found} {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_camera_out_of_focus_is_named() {
+    let blurred = CameraFault {
+        camera: "c05".into(),
+        amount: 5.0,
+    };
+    let (scene, made) = simulated(|o| {
+        o.shape = Shape::Bowl;
+        (o.masks, o.width, o.height) = (false, 960, 720);
+        o.faults.blurred_px = vec![blurred.clone()];
+    });
+    let verdict = judged(&scene, &made);
+    let found = verdict.reasons.iter().find(|r| r.code == Code::Blurred);
+    let reason = found.unwrap_or_else(|| panic!("{verdict:#?}"));
+    assert_eq!(reason.cameras, [CameraId::new("c05").unwrap()]);
+    assert!(verdict.level > Level::Green);
+}
+
+#[test]
+fn depth_without_readings_and_a_rig_without_depth_are_told_apart() {
+    let (scene, made) = simulated(|o| o.faults.no_depth = true);
+    let verdict = judged(&scene, &made);
+    assert_eq!(
+        (verdict.level, verdict.reasons[0].code),
+        (Level::Amber, Code::NoDepth)
+    );
+    preview(&scene, &made, &verdict, "no readings");
+    let (scene, made) = simulated(|o| o.depth_cameras = 0);
+    let verdict = judged(&scene, &made);
+    assert_eq!(
+        (verdict.level, verdict.reasons[0].code),
+        (Level::Green, Code::NoDepthCamera)
+    );
+    preview(&scene, &made, &verdict, "no depth camera");
+}
+
+#[test]
+fn the_report_of_a_failure_is_as_published() {
+    let origin = Origin::new("cup.mcap", Method::Hybrid, "");
+    let id = CaptureId::new("cup-000").unwrap();
+    let capture = FailedCapture {
+        id: &id,
+        time_ns: Timestamp(5),
+        source: "pedal",
+    };
+    let failure = Failure::new(
+        &origin,
+        capture,
+        "camera c03: no background",
+        Timing::default(),
+    );
+    let mut failure = serde_json::to_value(&failure).unwrap();
+    assert_eq!(violations(&failure, "failed"), [""; 0]);
+    failure["reason"] = Value::Null;
+    failure["surplus"] = 1.into();
+    failure["capture"]["time_ns"] = 5.into();
+    assert_eq!(
+        violations(&failure, "failed").len(),
+        3,
+        "the check itself can fail"
+    );
+}
+
+/// Where a value breaks a definition of the published schema.
+fn violations(value: &Value, definition: &str) -> Vec<String> {
+    let schema: Value =
+        serde_json::from_str(include_str!("../../../../docs/report.schema.json")).unwrap();
+    let mut found = Vec::new();
+    validate(
+        value,
+        &schema["$defs"][definition],
+        &schema,
+        definition,
+        &mut found,
+    );
+    found
+}
+
+/// The part of JSON Schema that the published one uses, without lengths and patterns.
+fn validate(value: &Value, rule: &Value, schema: &Value, at: &str, found: &mut Vec<String>) {
+    if let Some(name) = rule["$ref"].as_str() {
+        let name = name.trim_start_matches("#/$defs/");
+        return validate(value, &schema["$defs"][name], schema, at, found);
+    }
+    if let Some(rules) = rule["anyOf"].as_array() {
+        let fits = |rule| {
+            let mut found = Vec::new();
+            validate(value, rule, schema, at, &mut found);
+            found.is_empty()
+        };
+        if !rules.iter().any(fits) {
+            found.push(format!("{at}: {value} fits none"));
+        }
+        return;
+    }
+    let choices = rule["enum"].as_array();
+    let fixed = rule.get("const");
+    if choices.is_some_and(|c| !c.contains(value)) || fixed.is_some_and(|c| c != value) {
+        found.push(format!("{at}: {value} is not allowed"));
+    }
+    let types = match &rule["type"] {
+        Value::Array(types) => types.clone(),
+        Value::Null => Vec::new(),
+        one => vec![one.clone()],
+    };
+    if !types.is_empty() && !types.iter().any(|t| is_of_type(value, t.as_str().unwrap())) {
+        found.push(format!("{at}: {value} is not {types:?}"));
+    }
+    if let (Some(low), Some(v)) = (rule["minimum"].as_f64(), value.as_f64())
+        && v < low
+    {
+        found.push(format!("{at}: {v} is below {low}"));
+    }
+    for (index, item) in value.as_array().into_iter().flatten().enumerate() {
+        validate(
+            item,
+            &rule["items"],
+            schema,
+            &format!("{at}[{index}]"),
+            found,
+        );
+    }
+    if let Some(members) = value.as_object() {
+        validate_members(members, rule, schema, at, found);
+    }
+}
+
+fn validate_members(
+    members: &serde_json::Map<String, Value>,
+    rule: &Value,
+    schema: &Value,
+    at: &str,
+    found: &mut Vec<String>,
+) {
+    for name in rule["required"].as_array().into_iter().flatten() {
+        if !members.contains_key(name.as_str().unwrap()) {
+            found.push(format!("{at}: {name} is missing"));
+        }
+    }
+    for (name, member) in members {
+        match rule["properties"].get(name) {
+            Some(rule) => validate(member, rule, schema, &format!("{at}.{name}"), found),
+            None => found.push(format!("{at}.{name} is not in the schema")),
+        }
+    }
+}
+
+fn is_of_type(value: &Value, name: &str) -> bool {
+    match name {
+        "null" => value.is_null(),
+        "boolean" => value.is_boolean(),
+        "string" => value.is_string(),
+        "number" => value.is_number(),
+        "integer" => value.is_u64() || value.is_i64(),
+        "array" => value.is_array(),
+        _ => value.is_object(),
+    }
+}
