@@ -53,6 +53,9 @@ say "running"
 inside scand --version
 [ "$(inside ldd /usr/bin/scand | grep -c 'not found')" -eq 0 ] || fail "libraries are missing"
 inside scand pedal --help >/dev/null
+code=0
+words=$(inside scand simulate --shape cup --out /tmp/a.mcap 2>&1) || code=$?
+[ "$code" -eq 2 ] && [[ $words == *"no simulator"* ]] || fail "scand simulate: exit code $code, expected 2 and where the simulator is: $words"
 inside scand --replay /tmp/cup.mcap --out /tmp/out --quiet || fail "the replay"
 find "$root/tmp/out" -name model.glb | grep -q . || fail "no model"
 words=$(inside systemd-analyze verify scand.service scand.socket scand-pedal@event0.service 2>&1) || fail "$words"

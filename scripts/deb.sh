@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Builds the Debian package into target/debian, with cargo-deb, which is installed below target if it is not there. The
-# program links Debian's libraries, so that it is to be built on the Debian that it is to run on. PROFILE=dev packs, into
-# the folder OUTPUT, what was built for the tests.
+# program links Debian's libraries, so that it is to be built on the Debian that it is to run on. An installed rig needs no
+# simulator: the program in the package has none, and is left in target/release (or target/debug) in place of another.
+# PROFILE=dev packs one that is not optimised, into the folder OUTPUT.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -15,11 +16,10 @@ if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 	CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off "$cargo" install cargo-deb --version "$version" --locked --root "$tools" --target-dir "$tools/build" --quiet
 	rm -rf "$tools/build"
 fi
-if [ "$profile" = release ]; then
-	"$cargo" build --release --locked --features rig
-fi
+features=(--no-default-features --features rig)
+"$cargo" build --profile "$profile" --locked --package scand "${features[@]}"
 # The same input makes the same package.
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || echo 0)}
 export SOURCE_DATE_EPOCH
-"$tools/bin/cargo-deb" --no-build --locked --features rig --profile "$profile" --output "$output"
+"$tools/bin/cargo-deb" --no-build --locked "${features[@]}" --profile "$profile" --output "$output"
 ls -l "$output"/*.deb

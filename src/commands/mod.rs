@@ -16,9 +16,12 @@ pub mod info;
 pub mod live;
 #[cfg(feature = "live")]
 pub mod make_model;
+#[cfg(not(feature = "lab"))]
+pub mod no_simulator;
 pub mod pack;
 pub mod recover;
 pub mod replay;
+#[cfg(feature = "lab")]
 pub mod simulate;
 
 use clap::{Parser, Subcommand};
@@ -122,7 +125,10 @@ enum Command {
     #[cfg(feature = "live")]
     Run(live::run::Args),
     Session(live::client::SessionArgs),
+    #[cfg(feature = "lab")]
     Simulate(Box<simulate::Args>),
+    #[cfg(not(feature = "lab"))]
+    Simulate(no_simulator::Args),
     Status(live::client::StatusArgs),
     Trigger(live::client::TriggerArgs),
 }
@@ -152,7 +158,10 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
         Some(Command::Session(args)) => live::client::session(args),
+        #[cfg(feature = "lab")]
         Some(Command::Simulate(args)) => simulate::run(*args),
+        #[cfg(not(feature = "lab"))]
+        Some(Command::Simulate(_)) => no_simulator::run(),
         Some(Command::Status(args)) => live::client::status(args),
         Some(Command::Trigger(args)) => live::client::trigger(args),
         None => replay::run(cli.replay),

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Boots the guest that image.sh made into FOLDER, with a package and the test program of the workers in it, and tells what
-# was found there. SCAND is the package's program on this machine, which makes recordings to be played. All chapters are
-# done by two guests side by side, for most of them keep one processor busy; those that are named, by one.
+# was found there. SCAND is a program with the simulator, which the package's has not: it makes recordings here, and plays
+# them in the guest. All chapters are done by two guests side by side, for most of them keep one processor busy; those that are named, by one.
 #
 #   tests/rig-vm/boot.sh FOLDER PACKAGE SCAND WORKERS [CHAPTER...]
 set -euo pipefail
@@ -19,7 +19,8 @@ cp "$package" "$over/rig-vm/scand.deb"
 sensor=$(tests/openni2-sensor/stage.sh)
 cp -L "$sensor/OpenNI2/Drivers/libScandSensor.so.0" "$over/rig-vm/"
 cp "$workers" "$over/rig-vm/workers"
-strip --strip-debug "$over/rig-vm/workers"
+cp "$scand" "$over/rig-vm/scand"
+strip --strip-debug "$over/rig-vm/workers" "$over/rig-vm/scand"
 # Recordings whose pictures cameras can play as they are: of a whole rig, and of cameras that give JPEG.
 simulated() {
 	if [ ! -e "$folder/$1" ]; then

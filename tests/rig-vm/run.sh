@@ -3,7 +3,7 @@
 # and looks whether everything works together. One line a check; when one fails, the guest's journal is kept beside the
 # log. Run as root, for what is installed and for the guest's Debian; needs no KVM, no mount and no device.
 #
-# PROFILE=dev takes the program as it was built for the tests, which is there sooner than the one of a release.
+# PROFILE=dev takes programs as they are built for the tests, which are there sooner than those of a release.
 #
 #   tests/rig-vm/run.sh [CHAPTER...]
 set -euo pipefail
@@ -35,7 +35,8 @@ if [ ${#missing[@]} -ne 0 ]; then
 	DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=5 install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
 
-# The program, its package, and the test of the workers' confinement, to be run in the daemon's own.
+# The test of the workers' confinement, to be run in the daemon's own; the program that was built beside it, which has the
+# simulator; and the package, whose program has none.
 say "building ($profile)"
 output=$folder/debian
 [ "$profile" = dev ] || output=target/debian
@@ -44,8 +45,9 @@ workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig 
 	tail -n 20 "$folder/build.log" >&2
 	exit 1
 }
+mkdir -p "$folder/lab"
+cp "target/${profile/dev/debug}/scand" "$folder/lab/scand"
 PROFILE=$profile OUTPUT=$output/ scripts/deb.sh >/dev/null
 package=$(ls -t "$output"/scand_*.deb | head -n 1)
-scand=target/${profile/dev/debug}/scand
 tests/rig-vm/image.sh "$folder" "$package"
-tests/rig-vm/boot.sh "$folder" "$package" "$scand" "$workers" "$@"
+tests/rig-vm/boot.sh "$folder" "$package" "$folder/lab/scand" "$workers" "$@"

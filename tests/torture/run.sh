@@ -12,7 +12,7 @@ cargo=${CARGO:-cargo}
 folder=$PWD/target/torture
 export SCAND_TORTURE=${N:-1}
 
-# Chapter, what is promised, the test program ("lib" is the library's own tests), and the tests' names.
+# Chapter, what is promised, the test program ("lib" is the rig's own tests, "core" those of crates/core), and the tests' names.
 promises() {
 	cat <<-'END'
 		power|a power cut loses no durable capture|lib|daemon::disaster_tests::power_cuts
@@ -25,7 +25,7 @@ promises() {
 		disk|a replay whose disk refuses leaves no half output|offline|disasters::a_replay_whose_disk
 		disk|a full disk fails one capture, a slow one disturbs no camera|rig|a_full_disk a_slow_disk
 		damage|damaged and hostile recordings: an error, bounded, no panic|offline|hostile::
-		damage|recordings cut, flipped and recovered at every byte|lib|recording::
+		damage|recordings cut, flipped and recovered at every byte|core|recording::
 		damage|damaged inputs of every parser: no panic|offline|fuzzing::
 		presses|every press has one last answer and at most one capture|lib|daemon::service_tests::a_thousand_presses daemon::service_tests::told_to_end
 		presses|storms and nonsense harm neither capture, memory nor log|lib|daemon::hostile_tests::
@@ -56,6 +56,7 @@ programs=$("$cargo" test --locked --features rig --no-run --message-format=json 
 program() {
 	local kind="test $1"
 	[ "$1" != lib ] || kind="lib scand"
+	[ "$1" != core ] || kind="lib scand_core"
 	sed -n "s#^$kind ##p" <<<"$programs"
 }
 

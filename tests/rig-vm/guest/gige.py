@@ -16,7 +16,7 @@ class Cameras:
             run("ip", "address", "replace", f"127.0.1.{index + 1}/8", "dev", "lo")
         with LOG.open("w", encoding="utf-8") as log:
             self.process = subprocess.Popen(
-                ["scand", "simulate", "--serve", str(recording), "--empty", *map(str, options)],
+                ["/rig-vm/scand", "simulate", "--serve", str(recording), "--empty", *map(str, options)],
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,

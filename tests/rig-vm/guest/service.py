@@ -53,6 +53,11 @@ def installed():
     expect(sorted(members), ["plugdev", "video"], "groups of the user scand")
 
 
+@chapter.step("the installed program has no simulator, and says where one is")
+def no_simulator():
+    contains(run("scand", "simulate", "--shape", "cup", expected=2), "no simulator")
+
+
 @chapter.step("systemd finds no fault with the units, and scores them 2.0 at most")
 def scores():
     expect(run("systemd-analyze", "verify", "scand.service", "scand.socket", "scand-pedal@event0.service"), "", "verify")

@@ -1,0 +1,39 @@
+//! Which of our packages is built into which program, as cargo resolves it.
+
+use std::collections::BTreeSet;
+use std::process::Command;
+
+/// Our packages in the program `scand` that is built with these options.
+fn packages(options: &[&str]) -> BTreeSet<String> {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "--locked", "--package", "scand"])
+        .args(["--edges", "normal", "--prefix", "none", "--format", "{lib}"])
+        .args(options)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let names = String::from_utf8(output.stdout).unwrap();
+    // What was listed already comes with a mark behind its name.
+    let names = names.lines().filter_map(|line| line.split(' ').next());
+    let ours = names.filter(|name| name.starts_with("scand"));
+    ours.map(str::to_owned).collect()
+}
+
+#[test]
+fn an_installed_rig_holds_no_simulator() {
+    let script = include_str!("../scripts/deb.sh");
+    let options = ["--no-default-features", "--features", "rig"];
+    assert!(
+        script.contains(&options.join(" ")),
+        "how the package is built"
+    );
+    assert_eq!(
+        packages(&options),
+        ["scand", "scand_core"].map(str::to_owned).into()
+    );
+    // What is built otherwise has it.
+    let all = ["scand", "scand_core", "scand_lab"].map(str::to_owned);
+    assert_eq!(packages(&["--features", "rig"]), all.into());
+}
