@@ -22,7 +22,7 @@ check: ## what needs neither root nor a camera library: format, clippy, document
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then every test with the whole rig
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --features rig
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --workspace --features rig
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked

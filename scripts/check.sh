@@ -75,6 +75,7 @@ else
 fi
 if has_aravis && has_libclang; then
 	lint rig --all-targets
+	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig --lib --bins -- -D warnings
 	documented=rig
 else
 	skip "clippy, rig" "it wants aravis and libclang"
