@@ -122,7 +122,7 @@ fn a_recording_in_progress_gives_the_model_that_a_replay_makes_when_it_is_comple
     writer.lock().unwrap();
     let [(capture, trigger_ns), _] = captures();
     let job = Job::new(&path, &capture, trigger_ns, "test");
-    jobs.offer(&job).unwrap();
+    jobs.enqueue(&job).unwrap();
     let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
     let ended = next(&heard);
     let model = ended.model.unwrap();
@@ -153,7 +153,7 @@ fn a_recording_in_progress_gives_the_model_that_a_replay_makes_when_it_is_comple
     assert_eq!(report(&model.folder), report(&by_hand));
     let made = std::fs::metadata(model.folder.join("model.glb")).unwrap();
     until("not finished", || jobs.backlog().done == 1);
-    jobs.offer(&job).unwrap();
+    jobs.enqueue(&job).unwrap();
     assert_eq!(next(&heard).model.unwrap(), model);
     let found = std::fs::metadata(model.folder.join("model.glb")).unwrap();
     assert_eq!(made.modified().unwrap(), found.modified().unwrap());
@@ -166,7 +166,7 @@ fn one_that_eats_memory_fails_alone() {
     let path = home.path().join("recordings/cup.mcap");
     std::fs::copy(simulated(), &path).unwrap();
     for (capture, trigger_ns) in captures() {
-        jobs.offer(&Job::new(&path, &capture, trigger_ns, "test"))
+        jobs.enqueue(&Job::new(&path, &capture, trigger_ns, "test"))
             .unwrap();
     }
     let few = plan(home.path(), |parameters| parameters.memory_mb = 64);
@@ -230,7 +230,7 @@ fn a_killed_daemon_takes_its_processes_along_and_loses_no_job() {
     let path = home.path().join("recordings/cup.mcap");
     std::fs::copy(simulated(), &path).unwrap();
     for (capture, trigger_ns) in captures() {
-        jobs.offer(&Job::new(&path, &capture, trigger_ns, "test"))
+        jobs.enqueue(&Job::new(&path, &capture, trigger_ns, "test"))
             .unwrap();
     }
     drop(jobs);
@@ -269,7 +269,7 @@ fn a_killed_worker_fails_its_job_alone_and_leaves_no_half_model() {
     let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
     let (kills, mut killed) = (times(3, 20), 0);
     for kill in 0..kills {
-        jobs.offer(&job).unwrap();
+        jobs.enqueue(&job).unwrap();
         until("nothing runs", || !processes(home.path()).is_empty());
         std::thread::sleep(Duration::from_millis(kill * 173 % 1500));
         for process in processes(home.path()) {
@@ -292,7 +292,7 @@ fn a_killed_worker_fails_its_job_alone_and_leaves_no_half_model() {
     }
     assert!(killed > 0, "no kill came in time");
     // The pool is as large as before.
-    jobs.offer(&job).unwrap();
+    jobs.enqueue(&job).unwrap();
     assert!(next(&heard).model.is_ok());
     println!(
         "shown: {kills} kills of a worker: {killed} jobs failed with a report, 0 half models, the next one is made"

@@ -2,15 +2,15 @@
 //! can waste its own connection and nothing else.
 
 mod client;
+mod connection_limit;
 mod limits;
-mod places;
 
 use super::SocketParameters;
 use super::capturing::Capturing;
 use super::service::Service;
 use crate::log;
-use limits::{Gate, Visitors};
-use places::Places;
+use connection_limit::ConnectionLimiter;
+use limits::{ClientLogThrottle, RateLimiter};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -45,8 +45,8 @@ struct Shared {
     capturing: Arc<Capturing>,
     /// How long a client may take to send a line, or to read a reply.
     patience: Duration,
-    gate: Gate,
-    visitors: Visitors,
+    rate: RateLimiter,
+    client_log: ClientLogThrottle,
     /// Requests that are being answered.
     in_progress: AtomicUsize,
     /// Whether nothing happens any more.
@@ -84,8 +84,8 @@ pub fn serve(
     let shared = Arc::new(Shared {
         capturing: capturing.clone(),
         patience: Duration::from_millis(socket.patience_ms),
-        gate: Gate::new(),
-        visitors: Visitors::new(),
+        rate: RateLimiter::new(),
+        client_log: ClientLogThrottle::new(),
         in_progress: AtomicUsize::new(0),
         ending: watch::Sender::new(false),
     });
@@ -177,26 +177,26 @@ pub(super) fn listen(path: &Path) -> Result<UnixListener, ControlError> {
 }
 
 async fn accept(listener: &UnixListener, shared: &Arc<Shared>) {
-    let places = Places::default();
+    let limiter = ConnectionLimiter::default();
     loop {
-        shared.gate.pass().await;
+        shared.rate.acquire().await;
         match listener.accept().await {
             Ok((stream, _)) => {
                 // The kernel knows who it is, or the connection has no other end.
                 let Ok(who) = stream.peer_cred() else {
                     continue;
                 };
-                shared.visitors.note(&who);
-                match places.take(who.uid()) {
-                    Ok(place) => {
+                shared.client_log.note(&who);
+                match limiter.acquire(who.uid()) {
+                    Ok(permit) => {
                         let shared = shared.clone();
                         tokio::spawn(async move {
                             client::serve(stream, &shared).await;
-                            drop(place);
+                            drop(permit);
                         });
                     }
                     // Rather than left waiting.
-                    Err(reason) => client::turn_away(&stream, reason),
+                    Err(reason) => client::reject(&stream, reason),
                 }
             }
             // Out of file descriptors, for example: they come back.

@@ -135,7 +135,7 @@ impl Dispatcher {
             return;
         };
         let job = Job::new(&recording, &capture, trigger.0, source);
-        if let Err(error) = jobs.offer(&job) {
+        if let Err(error) = jobs.enqueue(&job) {
             log::error!("capture {capture}: no model will be made: {error}");
             self.on(Input::JobEnded(Event::JobFailed {
                 capture,

@@ -121,7 +121,7 @@ impl Jobs {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn offer(&self, job: &Job) -> Result<(), Error> {
+    pub fn enqueue(&self, job: &Job) -> Result<(), Error> {
         let path = self.folder.join(job.file_name());
         if path.exists() {
             return Ok(());
@@ -154,7 +154,7 @@ impl Jobs {
 
     /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
     /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is said.
-    pub fn offer_missing(&self, recordings: &[PathBuf], models: &Path) {
+    pub fn enqueue_missing(&self, recordings: &[PathBuf], models: &Path) {
         for path in recordings {
             let recovered = path.exists();
             let found = if recovered {
@@ -171,7 +171,7 @@ impl Jobs {
             };
             let folder = models.join(path.file_stem().unwrap_or_default());
             for job in jobs.iter().filter(|j| !folder.join(&j.capture).exists()) {
-                if let Err(error) = self.offer(job) {
+                if let Err(error) = self.enqueue(job) {
                     log::error!("capture {}: no model will be made: {error}", job.capture);
                 }
             }
@@ -274,7 +274,7 @@ impl Jobs {
     }
 
     /// Lets a job wait again.
-    pub(super) fn give_back(&self, taken: &Taken) {
+    pub(super) fn requeue(&self, taken: &Taken) {
         let mut state = self.state.lock();
         state.running.remove(&taken.name);
         state.waiting += 1;

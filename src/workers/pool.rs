@@ -123,7 +123,7 @@ impl Shared {
     fn run(&self) {
         while let Some(mut taken) = self.jobs.take() {
             let Some(ended) = self.carry_out(&mut taken) else {
-                self.jobs.give_back(&taken);
+                self.jobs.requeue(&taken);
                 continue;
             };
             match &ended.model {

@@ -88,7 +88,7 @@ impl Place {
         for number in numbers {
             let capture = format!("s-{number}");
             let job = Job::new(&self.recording("s.mcap"), &capture, number, "test");
-            jobs.offer(&job).unwrap();
+            jobs.enqueue(&job).unwrap();
         }
     }
 
@@ -302,7 +302,7 @@ fn who_is_asked_to_end_is_done_again_and_who_takes_the_daemon_along_is_not() {
         begun: 3,
         ..Job::new(&place.recording("s.mcap"), "s-2", 2, "test")
     };
-    jobs.offer(&fatal).unwrap();
+    jobs.enqueue(&fatal).unwrap();
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert!(heard.next().model.is_ok());
     let reason = heard.next().model.unwrap_err();
@@ -332,12 +332,12 @@ fn a_job_that_the_disk_refuses_is_told_of_leaves_nothing_and_is_done_when_it_is_
     let job = Job::new(&place.recording("s.mcap"), "s-1", 1, "test");
     std::fs::remove_dir(&folder).unwrap();
     std::fs::write(&folder, "").unwrap();
-    let refused = jobs.offer(&job).unwrap_err().to_string();
+    let refused = jobs.enqueue(&job).unwrap_err().to_string();
     assert!(refused.contains(folder.to_str().unwrap()), "{refused}");
     assert!(jobs.is_idle());
 
     std::fs::remove_file(&folder).unwrap();
-    jobs.offer(&job).unwrap();
+    jobs.enqueue(&job).unwrap();
     assert_eq!(place.left(), [job.file_name()]);
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!(heard.next().capture, "s-1");
@@ -427,10 +427,10 @@ fn a_crash_between_a_capture_and_its_job_is_made_good() {
     record(&path, &[("a-1", 1000), ("a-2", 2000), ("a-3", 3000)], true);
     std::fs::create_dir_all(place.models().join("a/a-1")).unwrap();
     let jobs = place.jobs();
-    jobs.offer(&Job::new(&path, "a-2", at(2000).0, "test"))
+    jobs.enqueue(&Job::new(&path, "a-2", at(2000).0, "test"))
         .unwrap();
     let gone = place.recording("gone.mcap");
-    jobs.offer_missing(&[path, gone], &place.models());
+    jobs.enqueue_missing(&[path, gone], &place.models());
     assert_eq!(jobs.backlog().waiting, 2);
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);

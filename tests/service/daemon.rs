@@ -298,7 +298,7 @@ fn sighup_changes_what_models_leave_free() {
     let jobs = scand::workers::Jobs::open(&stand.path("recordings")).unwrap();
     let capture = trigger.id.to_string();
     let job = scand::workers::Job::new(&recording, &capture, trigger.time.0, "test");
-    jobs.offer(&job).unwrap();
+    jobs.enqueue(&job).unwrap();
     // The model itself is of no interest: it may fail.
     let leave_free = |stand: &Stand, mb: u32| {
         let section = format!("[recording]\nkeep_free_mb = {mb}\n");

@@ -33,7 +33,7 @@ impl Models {
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
     ) -> anyhow::Result<Workers> {
-        self.jobs.offer_missing(left, &config.workers.folder);
+        self.jobs.enqueue_missing(left, &config.workers.folder);
         let plan = Plan {
             parameters: config.workers.clone(),
             settings: config.replay_toml()?,

@@ -3,7 +3,7 @@
 //! press are told so.
 
 mod assemble;
-mod worker;
+mod capture_thread;
 
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
@@ -20,6 +20,7 @@ use crate::recording::{Error, Note, SessionHeader, finished_name, left, recover,
 use crate::sync;
 use crate::trigger::Event;
 use crate::workers::Jobs;
+use capture_thread::CaptureThread;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -27,7 +28,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
-use worker::Worker;
 
 /// What this thread is asked.
 pub(super) enum Order {
@@ -114,9 +114,10 @@ impl Capturing {
         let status: Arc<Mutex<Status>> = Arc::default();
         let recorder =
             Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
-        let worker = Worker::new(rig, plan, recorder, dispatcher.clone(), status.clone());
+        let capture_thread =
+            CaptureThread::new(rig, plan, recorder, dispatcher.clone(), status.clone());
         let thread = std::thread::Builder::new().name("capturing".into());
-        let thread = thread.spawn(move || worker.run(&queue));
+        let thread = thread.spawn(move || capture_thread.run(&queue));
         Ok(Self {
             orders: Mutex::new(Some(orders)),
             dispatcher,

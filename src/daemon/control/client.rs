@@ -29,7 +29,7 @@ pub(super) async fn serve(stream: UnixStream, shared: &Shared) {
     let mut read = BufReader::new(read);
     let mut client = Client { write, shared };
     while let Ok(line) = timeout(shared.patience, line(&mut read)).await {
-        shared.gate.pass().await;
+        shared.rate.acquire().await;
         shared.in_progress.fetch_add(1, Ordering::AcqRel);
         let served = client.answer(line).await;
         shared.in_progress.fetch_sub(1, Ordering::AcqRel);
@@ -197,7 +197,7 @@ fn note(capture: String, kind: String, text: String) -> Result<Note, String> {
 }
 
 /// Turns away a client for whom there is no room.
-pub(super) fn turn_away(stream: &UnixStream, reason: String) {
+pub(super) fn reject(stream: &UnixStream, reason: String) {
     let mut line = serde_json::to_vec(&Reply::Refused { reason }).unwrap_or_default();
     line.push(b'\n');
     // What was just opened has room for a line, or nobody reads it.

@@ -16,7 +16,7 @@ const PERIOD: Duration = Duration::from_secs(60);
 
 /// Lets requests pass at a limited rate, in order of arrival, so that a client that seldom asks waits for at most one
 /// request of each other client.
-pub(super) struct Gate {
+pub(super) struct RateLimiter {
     earned: tokio::sync::Mutex<Earned>,
 }
 
@@ -40,7 +40,7 @@ impl Earned {
     }
 }
 
-impl Gate {
+impl RateLimiter {
     pub(super) fn new() -> Self {
         let earned = Earned {
             requests: BURST,
@@ -52,7 +52,7 @@ impl Gate {
     }
 
     /// Waits until a request may pass.
-    pub(super) async fn pass(&self) {
+    pub(super) async fn acquire(&self) {
         // Held while waiting: the lock's queue keeps the order of arrival.
         let mut earned = self.earned.lock().await;
         while let Err(wait) = earned.spend(Instant::now()) {
@@ -62,20 +62,20 @@ impl Gate {
 }
 
 /// Logs the first clients of each minute, and how many more there were.
-pub(super) struct Visitors {
-    state: Mutex<Visits>,
+pub(super) struct ClientLogThrottle {
+    state: Mutex<Period>,
 }
 
-struct Visits {
+struct Period {
     since: Instant,
     named: u32,
     more: u64,
 }
 
-impl Visitors {
+impl ClientLogThrottle {
     pub(super) fn new() -> Self {
         Self {
-            state: Mutex::new(Visits {
+            state: Mutex::new(Period {
                 since: Instant::now(),
                 named: 0,
                 more: 0,
@@ -98,22 +98,22 @@ impl Visitors {
 
     /// Whether one more client is logged.
     fn is_named(&self, now: Instant) -> bool {
-        let mut visits = self.state.lock();
-        if now.duration_since(visits.since) > PERIOD {
-            if visits.more > 0 {
-                log::info!("{} more clients connected in the last minute", visits.more);
+        let mut period = self.state.lock();
+        if now.duration_since(period.since) > PERIOD {
+            if period.more > 0 {
+                log::info!("{} more clients connected in the last minute", period.more);
             }
-            *visits = Visits {
+            *period = Period {
                 since: now,
                 named: 0,
                 more: 0,
             };
         }
-        let named = visits.named < NAMED;
+        let named = period.named < NAMED;
         if named {
-            visits.named += 1;
+            period.named += 1;
         } else {
-            visits.more += 1;
+            period.more += 1;
         }
         named
     }
@@ -148,10 +148,10 @@ mod tests {
 
     #[test]
     fn a_flood_of_clients_is_not_a_flood_of_lines() {
-        let visitors = Visitors::new();
+        let throttle = ClientLogThrottle::new();
         let now = Instant::now();
-        let named = (0..10_000).filter(|_| visitors.is_named(now)).count();
+        let named = (0..10_000).filter(|_| throttle.is_named(now)).count();
         assert_eq!(named, NAMED as usize);
-        assert!(visitors.is_named(now + 2 * PERIOD));
+        assert!(throttle.is_named(now + 2 * PERIOD));
     }
 }

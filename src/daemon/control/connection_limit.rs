@@ -12,20 +12,20 @@ const MOST_OF_A_USER: usize = 24;
 
 /// Counts the clients of each user.
 #[derive(Clone, Default)]
-pub(super) struct Places(Arc<Mutex<BTreeMap<u32, usize>>>);
+pub(super) struct ConnectionLimiter(Arc<Mutex<BTreeMap<u32, usize>>>);
 
 /// The right of one client to be served; dropping it frees its place.
-pub(super) struct Place {
-    places: Places,
+pub(super) struct Permit {
+    limiter: ConnectionLimiter,
     user: u32,
 }
 
-impl Places {
+impl ConnectionLimiter {
     /// Admits one more client of a user.
     ///
     /// # Errors
     /// Which limit is reached, in words.
-    pub(super) fn take(&self, user: u32) -> Result<Place, String> {
+    pub(super) fn acquire(&self, user: u32) -> Result<Permit, String> {
         let mut taken = self.0.lock();
         if taken.values().sum::<usize>() >= MOST {
             return Err(format!("{MOST} clients are connected, which is the limit"));
@@ -37,16 +37,16 @@ impl Places {
             ));
         }
         *own += 1;
-        Ok(Place {
-            places: self.clone(),
+        Ok(Permit {
+            limiter: self.clone(),
             user,
         })
     }
 }
 
-impl Drop for Place {
+impl Drop for Permit {
     fn drop(&mut self) {
-        let mut taken = self.places.0.lock();
+        let mut taken = self.limiter.0.lock();
         if let Some(own) = taken.get_mut(&self.user) {
             *own -= 1;
             if *own == 0 {
@@ -62,22 +62,22 @@ mod tests {
 
     #[test]
     fn one_user_leaves_room_for_others_and_all_have_their_limit() {
-        let places = Places::default();
-        let mut greedy: Vec<Place> = (0..MOST_OF_A_USER)
-            .map(|_| places.take(1000).unwrap())
+        let limiter = ConnectionLimiter::default();
+        let mut greedy: Vec<Permit> = (0..MOST_OF_A_USER)
+            .map(|_| limiter.acquire(1000).unwrap())
             .collect();
-        let refused = places.take(1000).err().unwrap();
+        let refused = limiter.acquire(1000).err().unwrap();
         assert_eq!(
             refused,
             "24 clients of user 1000 are connected, which is the limit"
         );
-        let others: Vec<Place> = (0..8).map(|user| places.take(user).unwrap()).collect();
-        let refused = places.take(8).err().unwrap();
+        let others: Vec<Permit> = (0..8).map(|user| limiter.acquire(user).unwrap()).collect();
+        let refused = limiter.acquire(8).err().unwrap();
         assert_eq!(refused, "32 clients are connected, which is the limit");
         // A client that disconnects frees its place.
         greedy.pop();
-        greedy.push(places.take(1000).unwrap());
+        greedy.push(limiter.acquire(1000).unwrap());
         drop((greedy, others));
-        assert!(places.0.lock().is_empty());
+        assert!(limiter.0.lock().is_empty());
     }
 }

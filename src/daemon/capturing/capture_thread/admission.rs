@@ -1,12 +1,12 @@
 //! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk.
 
-use super::Worker;
+use super::CaptureThread;
 use crate::daemon::rig::{Kind, State};
 use crate::storage::free_bytes;
 
-impl Worker {
+impl CaptureThread {
     /// Whether a capture can be begun; if not, why.
-    pub(super) fn ready_for_a_capture(&self) -> Result<(), String> {
+    pub(super) fn check_capacity(&self) -> Result<(), String> {
         if !self.recorder.has_room() {
             return Err(format!(
                 "the disk is behind: {} captures wait for it",

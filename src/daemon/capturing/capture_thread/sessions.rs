@@ -1,6 +1,6 @@
 //! Sessions: how they begin, how their captures are named, and what is noted in them.
 
-use super::{Naming, Worker};
+use super::{CaptureThread, Naming};
 use crate::daemon::events::Event;
 use crate::daemon::names;
 use crate::daemon::recorder::{Answer, QUEUE_FULL, Work};
@@ -8,7 +8,7 @@ use crate::log;
 use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
 
-impl Worker {
+impl CaptureThread {
     /// The next capture's id; begins a session, named by the time, where there is none.
     pub(super) fn next_id(&mut self) -> Result<String, String> {
         if self.session.is_none() {

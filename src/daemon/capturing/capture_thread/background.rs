@@ -1,7 +1,7 @@
 //! The empty rig's plates: how they are taken, and their age.
 
 use super::super::assemble::assemble;
-use super::Worker;
+use super::CaptureThread;
 use super::shot::{cameras, shoot};
 use crate::daemon::events::Event;
 use crate::daemon::plates::{self, Plates};
@@ -11,10 +11,10 @@ use crate::recording::Outcome;
 use crate::sync::{self, Synchronizer};
 use std::collections::BTreeMap;
 
-impl Worker {
+impl CaptureThread {
     /// Takes the empty rig's plates and keeps them.
     pub(super) fn take_plates(&mut self) -> Result<String, String> {
-        self.ready_for_a_capture()?;
+        self.check_capacity()?;
         let trigger = Trigger {
             id: CaptureId::new("background").map_err(|e| e.to_string())?,
             time: self.rig.clock().timestamp(),

@@ -1,8 +1,8 @@
 //! What the capturing thread does with its orders, one after the other.
 
+mod admission;
 mod background;
 mod press;
-mod room;
 mod sessions;
 mod shot;
 
@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-pub(super) struct Worker {
+pub(super) struct CaptureThread {
     rig: Rig,
     plan: Plan,
     recorder: Recorder,
@@ -46,7 +46,7 @@ struct Naming {
     captures: u32,
 }
 
-impl Worker {
+impl CaptureThread {
     pub(super) fn new(
         rig: Rig,
         mut plan: Plan,

@@ -1,7 +1,7 @@
 //! A press: the shots that it asks for, handed to the recorder. What its client hears is decided in `request_log`.
 
 use super::super::assemble::assemble;
-use super::Worker;
+use super::CaptureThread;
 use super::shot::shoot;
 use crate::daemon::dispatcher::ReplyGuard;
 use crate::daemon::recorder::Work;
@@ -9,11 +9,11 @@ use crate::daemon::request_log::{Input, Press};
 use crate::frame::{CaptureId, Trigger};
 use crate::recording::{FinishedCapture, Outcome};
 
-impl Worker {
+impl CaptureThread {
     /// Takes the captures that the press is to have: one, and others if it fails.
     pub(super) fn press(&mut self, asked: &Press, guard: &ReplyGuard) {
         let press = guard.press();
-        let admitted = self.ready_for_a_capture().and_then(|()| self.next_id());
+        let admitted = self.check_capacity().and_then(|()| self.next_id());
         let mut next = self.dispatcher.on(match admitted {
             Ok(capture) => Input::Admitted(press, capture, self.plan.capture.retry),
             Err(reason) => Input::Refused(press, reason),
