@@ -12,8 +12,8 @@
 )]
 
 pub use scand_core::{
-    array, calibrate, calibration, evaluate, frame, image, job, make_model, mesh, number, output,
-    queue, reconstruct, recording, report, statistics, storage, sync,
+    array, calibrate, calibration, evaluate, frame, image, job, level, make_model, mesh, number,
+    output, queue, reconstruct, recording, report, statistics, storage, sync,
 };
 
 #[cfg(feature = "live")]

@@ -3,7 +3,7 @@
 
 use tokio::sync::broadcast::{self, error::RecvError};
 
-pub use crate::trigger::{Event, Verdict};
+pub use crate::trigger::Event;
 
 /// Events that are kept for slow listeners, all of them together.
 const KEPT: usize = 1024;

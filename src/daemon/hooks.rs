@@ -3,7 +3,7 @@
 //! children.
 
 use super::HooksParameters;
-use super::events::{Event, Events, Subscription, Verdict};
+use super::events::{Event, Events, Subscription};
 use crate::log;
 use crate::process::{Cancel, Child, End};
 use std::process::Command;
@@ -125,18 +125,10 @@ fn command<'a>(
         Event::Captured { .. } => "captured",
         Event::Durable { .. } => "durable",
         Event::Failed { .. } | Event::Refused { .. } | Event::JobFailed { .. } => "failed",
-        Event::Done { verdict, .. } => verdict_word(*verdict),
+        Event::Done { verdict, .. } => verdict.name(),
         _ => return None,
     };
     parameters.each().find(|(name, _)| *name == hook)
-}
-
-fn verdict_word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Green => "green",
-        Verdict::Amber => "amber",
-        Verdict::Red => "red",
-    }
 }
 
 /// An event's members as `SCAND_CAPTURE` and so on; `SCAND_EVENT` is what happened. Words of clients have no control
@@ -164,6 +156,7 @@ fn environment(event: &Event) -> Vec<(String, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::level::Level;
     use std::path::Path;
     use std::time::Instant;
 
@@ -180,7 +173,7 @@ mod tests {
         }
     }
 
-    fn done(verdict: Verdict) -> Event {
+    fn done(verdict: Level) -> Event {
         Event::Done {
             capture: "a-0001".into(),
             recording: Some("/r/a.mcap".into()),
@@ -227,9 +220,9 @@ mod tests {
         };
         let events = Events::default();
         let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
-        events.publish(done(Verdict::Green));
+        events.publish(done(Level::Green));
         events.publish(accepted("a-0001"));
-        events.publish(done(Verdict::Amber));
+        events.publish(done(Level::Amber));
         events.publish(Event::Refused {
             reason: "no room".into(),
         });

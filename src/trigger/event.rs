@@ -1,20 +1,9 @@
 //! The one type of what the daemon says. The stream of events and the hooks get it whole; replies to a client and the
 //! journal of presses are a view of it, [`Event::to_reply`].
 
+use crate::level::Level;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-
-/// How far a model can be trusted, in a word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// As it should be.
-    Green,
-    /// To be looked at.
-    Amber,
-    /// Not to be used.
-    Red,
-}
 
 /// What a press waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,7 +79,7 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<PathBuf>,
         /// How far the model can be trusted.
-        verdict: Verdict,
+        verdict: Level,
         /// Why not further.
         #[serde(default)]
         reasons: Vec<String>,

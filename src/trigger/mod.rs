@@ -5,7 +5,7 @@ mod client;
 mod event;
 
 pub use client::{Client, Error};
-pub use event::{Event, Reply, Until, Verdict};
+pub use event::{Event, Reply, Until};
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

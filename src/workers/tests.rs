@@ -4,8 +4,8 @@
 use super::find::find;
 use super::*;
 use crate::frame::{CaptureId, Timestamp, Trigger};
+use crate::level::Level;
 use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unfinished_name};
-use crate::report::Level;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -20,6 +20,7 @@ pub mod evaluate;
 pub mod frame;
 pub mod image;
 pub mod job;
+pub mod level;
 pub mod make_model;
 pub mod mesh;
 pub mod number;

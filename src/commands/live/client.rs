@@ -1,7 +1,8 @@
 //! `scand trigger`, `background`, `session`, `note`, `status` and `events`: clients of a running daemon.
 
 use super::status_table;
-use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until, Verdict};
+use crate::level::Level;
+use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -296,12 +297,8 @@ fn words(event: &Event) -> String {
     }
 }
 
-fn done_words(capture: &str, verdict: Verdict, reasons: &[String], model: &Path) -> String {
-    let verdict = match verdict {
-        Verdict::Green => "green",
-        Verdict::Amber => "amber",
-        Verdict::Red => "red",
-    };
+fn done_words(capture: &str, verdict: Level, reasons: &[String], model: &Path) -> String {
+    let verdict = verdict.name();
     let why = match reasons {
         [] => String::new(),
         reasons => format!(" ({})", reasons.join("; ")),

@@ -2,8 +2,7 @@
 
 use crate::config::Config;
 use crate::daemon::Capturing;
-use crate::daemon::events::{Event, Verdict};
-use crate::report::Level;
+use crate::daemon::events::Event;
 use crate::workers::{Ended, Jobs, Plan, Workers, protocol};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -57,11 +56,7 @@ fn event(ended: Ended) -> Event {
         Ok(model) => Event::Done {
             capture,
             recording: Some(recording),
-            verdict: match model.verdict {
-                Level::Green => Verdict::Green,
-                Level::Amber => Verdict::Amber,
-                Level::Red => Verdict::Red,
-            },
+            verdict: model.verdict,
             reasons: model.reasons,
             model: model.folder,
         },

@@ -3,8 +3,8 @@
 
 use super::outcome::{Ending, Outcome};
 use crate::job::Session;
+use crate::level::Level;
 use crate::reconstruct::Stage;
-use crate::report::Level;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;

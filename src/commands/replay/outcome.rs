@@ -3,8 +3,8 @@
 use crate::commands::EXIT_LOST;
 use crate::frame::CaptureId;
 use crate::job::Session;
+use crate::level::Level;
 use crate::make_model::{self, Model};
-use crate::report::Level;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

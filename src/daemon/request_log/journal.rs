@@ -193,7 +193,7 @@ mod tests {
         let done = Reply::Done {
             capture: "a-0001".into(),
             recording: None,
-            verdict: crate::trigger::Verdict::Amber,
+            verdict: crate::level::Level::Amber,
             reasons: vec!["plates are 9 days old".into()],
             model: "/var/lib/scand/models/a/a-0001".into(),
         };

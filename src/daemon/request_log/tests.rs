@@ -4,7 +4,7 @@
 use super::recorded::Recorded;
 use super::table::MOST_PRESSES;
 use super::*;
-use crate::trigger::Verdict;
+use crate::level::Level;
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 
@@ -40,7 +40,7 @@ fn done(capture: &str) -> Event {
     Event::Done {
         capture: capture.into(),
         recording: Some("/r/a.mcap".into()),
-        verdict: Verdict::Green,
+        verdict: Level::Green,
         reasons: Vec::new(),
         model: "/m".into(),
     }

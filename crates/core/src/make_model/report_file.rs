@@ -1,7 +1,8 @@
 //! The report in a model's folder, read back: by a replay that finds a model there, and by the daemon when its process
 //! has ended.
 
-use crate::report::{Level, Outcome};
+use crate::level::Level;
+use crate::report::Outcome;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 

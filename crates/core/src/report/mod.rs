@@ -17,4 +17,4 @@ pub use measure::{
     ProvenanceMeasures, RegionMeasures, measure,
 };
 pub use preview::preview;
-pub use verdict::{Code, Level, Limits, Parameters, Reason, Verdict, judge};
+pub use verdict::{Code, Limits, Parameters, Reason, Verdict, judge};

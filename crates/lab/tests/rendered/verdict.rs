@@ -4,10 +4,11 @@
 use nalgebra::Vector2;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
 use scand_core::job::CaptureFacts;
+use scand_core::level::Level;
 use scand_core::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
 use scand_core::report::{
-    Code, FailedCapture, Failure, Level, Origin, Parameters, Report, StageTime, Timing, Verdict,
-    judge, measure, preview, to_json,
+    Code, FailedCapture, Failure, Origin, Parameters, Report, StageTime, Timing, Verdict, judge,
+    measure, preview, to_json,
 };
 use scand_lab::{CameraFault, Options, Shape, Simulation};
 use serde_json::Value;

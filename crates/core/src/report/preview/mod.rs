@@ -9,8 +9,9 @@ mod views;
 mod window;
 
 use super::coarse::coarse;
-use super::verdict::{Level, Verdict};
+use super::verdict::Verdict;
 use crate::image::{RgbImage, text_size};
+use crate::level::Level;
 use crate::mesh::{Mesh, bounding_box};
 use crate::reconstruct::{Provenance, Reconstruction, Scene};
 use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, wrap, write};

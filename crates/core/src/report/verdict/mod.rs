@@ -14,32 +14,8 @@ pub use parameters::{Limits, Parameters};
 use super::Measurements;
 use crate::frame::CameraId;
 use crate::job::CaptureFacts;
+use crate::level::Level;
 use serde::Serialize;
-
-/// How far a model can be trusted.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, serde::Deserialize,
-)]
-#[serde(rename_all = "snake_case")]
-pub enum Level {
-    /// Nothing is wrong. A reason of this level is a note.
-    Green,
-    /// It can be used, but a person should look.
-    Amber,
-    /// It should not be used.
-    Red,
-}
-
-impl Level {
-    /// In a word.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Green => "green",
-            Self::Amber => "amber",
-            Self::Red => "red",
-        }
-    }
-}
 
 /// What a reason is about; for programs, as the words are for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
