@@ -7,33 +7,44 @@ use toml::Table;
 
 /// Each section of numbers, and the source of its parameters.
 const SECTIONS: [(&str, &str); 8] = [
-    ("sync", "src/sync/mod.rs"),
-    ("silhouette", "src/reconstruct/silhouette/mod.rs"),
-    ("hull", "src/reconstruct/hull/mod.rs"),
-    ("depth", "src/reconstruct/depth/mod.rs"),
-    ("region", "src/reconstruct/region/mod.rs"),
-    ("restoration", "src/reconstruct/restore/mod.rs"),
-    ("texture", "src/reconstruct/texture/mod.rs"),
-    ("glb", "src/output/glb.rs"),
+    ("sync", "crates/core/src/sync/mod.rs"),
+    (
+        "silhouette",
+        "crates/core/src/reconstruct/silhouette/mod.rs",
+    ),
+    ("hull", "crates/core/src/reconstruct/hull/mod.rs"),
+    ("depth", "crates/core/src/reconstruct/depth/mod.rs"),
+    ("region", "crates/core/src/reconstruct/region/mod.rs"),
+    ("restoration", "crates/core/src/reconstruct/restore/mod.rs"),
+    ("texture", "crates/core/src/reconstruct/texture/mod.rs"),
+    ("glb", "crates/core/src/output/glb.rs"),
 ];
 
 /// The same of a calibration, with the name of its parameters.
 const CALIBRATION: [(&str, &str, &str); 5] = [
-    ("fit", "src/calibration/fit/mod.rs", "pub struct Parameters"),
+    (
+        "fit",
+        "crates/core/src/calibration/fit/mod.rs",
+        "pub struct Parameters",
+    ),
     (
         "limits",
-        "src/calibration/fit/verdict.rs",
+        "crates/core/src/calibration/fit/verdict.rs",
         "pub struct Limits",
     ),
     (
         "wanted",
-        "src/calibration/fit/coverage.rs",
+        "crates/core/src/calibration/fit/coverage.rs",
         "pub struct Wanted",
     ),
-    ("watch", "src/calibration/fit/drift.rs", "pub struct Watch"),
+    (
+        "watch",
+        "crates/core/src/calibration/fit/drift.rs",
+        "pub struct Watch",
+    ),
     (
         "plane",
-        "src/calibration/response/plane.rs",
+        "crates/core/src/calibration/response/plane.rs",
         "pub struct PlaneParameters",
     ),
 ];
@@ -160,7 +171,7 @@ fn defaults_above(text: &str, begin: &str) -> Vec<f64> {
 #[test]
 fn the_verdicts_limits_say_their_defaults() {
     let shipped = text("config/replay.toml");
-    let source = text("src/report/verdict/parameters.rs");
+    let source = text("crates/core/src/report/verdict/parameters.rs");
     let defaults: Table = toml::from_str(&shipped).unwrap();
     let limits = defaults["verdict"].as_table().unwrap();
     for (name, limits) in limits.iter().filter_map(|(n, l)| Some((n, l.as_table()?))) {
