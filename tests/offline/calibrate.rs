@@ -508,7 +508,7 @@ fn limits_are_configured_and_exports_need_no_fit() {
     );
     let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
     assert!(
-        errors.contains("calibration.limits.coverage is 20"),
+        errors.contains("calibration.limits.coverage=20: 20 found, expected 0 to 1"),
         "{errors}"
     );
     std::fs::write(&config, "[calibration.limits]\ngod_px = 1\n").unwrap();
