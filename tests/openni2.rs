@@ -6,7 +6,7 @@ mod stage;
 
 use scand::clock::Clock;
 use scand::drivers::live::{
-    Backoff, Device, Driver, Event, Fault, Message, Pool, Shot, Tally, supervise,
+    Backoff, Device, Driver, Event, Fault, Message, Pool, Shot, ShotStats, supervise,
 };
 use scand::drivers::openni2::{OpenNi2, Parameters};
 use scand::frame::{CameraId, Frame, Picture, Stream, Timestamp};
@@ -140,7 +140,7 @@ impl Stand {
         }
     }
 
-    fn shoot(&self, device: &mut dyn Device) -> (Vec<Frame>, Result<Tally, Fault>, Timestamp) {
+    fn shoot(&self, device: &mut dyn Device) -> (Vec<Frame>, Result<ShotStats, Fault>, Timestamp) {
         let shot = self.shot(1, 5.0);
         let mut frames = Vec::new();
         let outcome = device.shoot(&shot, &mut |frame| frames.push(frame));
@@ -159,15 +159,15 @@ fn of(frames: &[Frame], stream: Stream) -> Vec<&Frame> {
     frames.iter().filter(|f| f.stream == stream).collect()
 }
 
-/// Frames that the tally says never came, and asserts that it says nothing else: OpenNI keeps the newest frame of a
+/// Frames that the statistics say never came, and asserts that they say nothing else: OpenNI keeps the newest frame of a
 /// stream alone, so on a busy machine some are missed. They are counted.
-fn missed(tally: &Tally, of: &str) -> usize {
+fn missed(stats: &ShotStats, of: &str) -> usize {
     let count = |line: &String| {
-        assert!(line.ends_with("did not arrive"), "{tally:?}");
+        assert!(line.ends_with("did not arrive"), "{stats:?}");
         let words: Vec<&str> = line.split(' ').collect();
         (words[1] == of).then(|| words[0].parse::<usize>().unwrap())
     };
-    tally.lost.iter().filter_map(count).sum()
+    stats.lost.iter().filter_map(count).sum()
 }
 
 /// Asserts that frames are served ones in their order, whichever was first; how many were left out between them.
@@ -185,17 +185,11 @@ fn served(frames: &[&Frame], first: usize, bytes: fn(usize) -> Vec<u8>) -> usize
 fn a_burst_is_what_was_served_byte_for_byte() {
     staged("a_burst_is_what_was_served_byte_for_byte", 1, 30, |stand| {
         let mut device = stand.open(30, "").unwrap();
-        let confirmed = device.confirmed().clone();
-        assert!(
-            confirmed.identity.contains("scand-sensor://d0"),
-            "{confirmed:?}"
-        );
-        assert_eq!(
-            (confirmed.size, confirmed.encoding.as_str()),
-            (SIZE, "16UC1")
-        );
-        assert!(confirmed.remarks.iter().any(|r| r.contains("millimetres")));
-        let rows: Vec<&str> = confirmed.table.iter().map(|r| r[0].as_str()).collect();
+        let info = device.info().clone();
+        assert!(info.identity.contains("scand-sensor://d0"), "{info:?}");
+        assert_eq!((info.size, info.encoding.as_str()), (SIZE, "16UC1"));
+        assert!(info.remarks.iter().any(|r| r.contains("millimetres")));
+        let rows: Vec<&str> = info.table.iter().map(|r| r[0].as_str()).collect();
         for name in [
             "depth mode",
             "color mode",
@@ -208,14 +202,14 @@ fn a_burst_is_what_was_served_byte_for_byte() {
             stand.tell(&format!("d0 capture {capture}"));
             device.idle().unwrap();
             let (frames, outcome, trigger) = stand.shoot(device.as_mut());
-            let tally = outcome.unwrap();
+            let stats = outcome.unwrap();
             let (depth, color) = (of(&frames, Stream::Depth), of(&frames, Stream::DepthColor));
             assert_eq!((depth.len(), color.len()), (30, 30));
             let gaps = served(&depth, capture * 100, depth_bytes);
             // A frame that is missed before the first one of the burst is counted too.
-            assert!(gaps <= missed(&tally, "depth"), "{gaps} {tally:?}");
+            assert!(gaps <= missed(&stats, "depth"), "{gaps} {stats:?}");
             if capture == 0 {
-                assert!(served(&color, 0, color_bytes) <= missed(&tally, "color"));
+                assert!(served(&color, 0, color_bytes) <= missed(&stats, "color"));
             }
             let times: Vec<Timestamp> = color.iter().map(|c| c.timestamp).collect();
             let together = depth
@@ -250,7 +244,7 @@ fn registration_that_does_not_take_is_refused_by_name() {
                     assert_eq!((asked.as_str(), found.as_str()), ("on", "off"));
                     assert!(field.contains("registration"), "{field}");
                 }
-                other => panic!("{:?}", other.map(|d| d.confirmed().clone())),
+                other => panic!("{:?}", other.map(|d| d.info().clone())),
             }
             assert!(stand.open(60, "registration = false").is_ok());
             stand.tell("");
@@ -283,7 +277,7 @@ fn synchronisation_is_demanded_or_taken_where_there_is_one() {
         60,
         |stand| {
             let row = |device: &dyn Device| {
-                let table = &device.confirmed().table;
+                let table = &device.info().table;
                 let row = table.iter().find(|r| r[0].contains("synchronisation"));
                 row.unwrap()[2].clone()
             };
@@ -359,15 +353,15 @@ impl Expect for Box<dyn Device> {
         let _ = self.idle();
         let shot = stand.shot(2, 0.5);
         let mut frames = 0;
-        let tally = self.shoot(&shot, &mut |_| frames += 1).unwrap();
+        let stats = self.shoot(&shot, &mut |_| frames += 1).unwrap();
         assert_eq!(frames, 0);
-        assert!(tally.lost.len() > 5, "{tally:?}");
+        assert!(stats.lost.len() > 5, "{stats:?}");
         assert!(
-            tally
+            stats
                 .lost
                 .iter()
                 .all(|l| l.contains(word) || l.ends_with("did not arrive")),
-            "{tally:?}"
+            "{stats:?}"
         );
         let idle = self.idle().unwrap_err().to_string();
         assert!(idle.contains(word), "{idle}");
@@ -432,9 +426,9 @@ fn sensors_are_told_apart_and_take_turns() {
         let mut second = stand
             .open(60, "device = 'd1'\ntake_turns = true\nburst = 12")
             .unwrap();
-        assert!(second.confirmed().identity.contains("d1"));
+        assert!(second.info().identity.contains("d1"));
         let mut first = stand.open(60, "take_turns = true\nburst = 12").unwrap();
-        assert!(first.confirmed().identity.contains("d0"), "the free one");
+        assert!(first.info().identity.contains("d0"), "the free one");
         for wanted in [
             "",
             "device = 'd0'",
@@ -486,7 +480,7 @@ fn an_oni_file_is_a_device_that_gives_every_frame_once() {
                 }
                 let shot = stand.shot(1, 3.0);
                 match file.shoot(&shot, &mut |frame| played.push(frame)) {
-                    Ok(tally) => assert_eq!(tally.lost, Vec::<String>::new()),
+                    Ok(stats) => assert_eq!(stats.lost, Vec::<String>::new()),
                     Err(end) => break end.to_string(),
                 }
             };

@@ -3,7 +3,7 @@
 
 use super::capturing::Order;
 use super::recorder::Answer;
-use super::scripted::{CAMERAS, Mood, Stand, start_at};
+use super::scripted::{Behaviour, CAMERAS, Stand, start_at};
 use crate::clock::Clock;
 use crate::frame::Timestamp;
 use crate::recording::Note;
@@ -44,14 +44,14 @@ fn play(folder: tempfile::TempDir) -> tempfile::TempDir {
     });
     let script = Script { clock, stand };
     assert!(matches!(script.press(), Reply::Durable { .. }));
-    script.stand.mood("c01", Mood::LosesOnce);
+    script.stand.behaviour("c01", Behaviour::LosesOnce);
     let Reply::Durable { capture, .. } = script.press() else {
         panic!("the second attempt succeeds");
     };
     assert!(capture.ends_with("-0002.r1"), "{capture}");
-    script.stand.mood("c01", Mood::Loses);
+    script.stand.behaviour("c01", Behaviour::Loses);
     assert!(matches!(script.press(), Reply::Failed { .. }));
-    script.stand.mood("c01", Mood::Sound);
+    script.stand.behaviour("c01", Behaviour::Sound);
     script.ask(Order::Background);
     let about = BTreeMap::from([("operator".to_owned(), "Ann".to_owned())]);
     script.ask(|answer| Order::Begin("amphora".into(), about.clone(), answer));
@@ -63,9 +63,9 @@ fn play(folder: tempfile::TempDir) -> tempfile::TempDir {
     };
     script.ask(|answer| Order::Note(note.clone(), answer));
     script.ask(Order::Background);
-    script.stand.mood("c02", Mood::Late);
+    script.stand.behaviour("c02", Behaviour::Late);
     assert!(matches!(script.press(), Reply::Failed { .. }));
-    script.stand.mood("c02", Mood::Sound);
+    script.stand.behaviour("c02", Behaviour::Sound);
     assert!(matches!(script.press(), Reply::Durable { .. }));
     script.ask(Order::Close);
     let (folder, stuck) = script.stand.stop();

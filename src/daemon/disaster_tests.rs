@@ -2,7 +2,7 @@
 //! the disk is there after the next start, once and whole, and the start mends the rest by itself. `make torture` asks for
 //! more of each.
 
-use super::scripted::{Mood, captures, recordings};
+use super::scripted::{Behaviour, captures, recordings};
 use super::service_tests::{
     Dice, PATIENCE, be_a_daemon, daemon, daemon_by, inside, is_durable, replies, service_over,
     times, trigger,
@@ -103,7 +103,7 @@ fn durable(told: &Told) -> usize {
 #[test]
 fn kills_at_random_moments_lose_nothing_that_a_client_was_told() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Sound);
+        be_a_daemon(&folder, Behaviour::Sound);
     }
     let test =
         "daemon::disaster_tests::kills_at_random_moments_lose_nothing_that_a_client_was_told";
@@ -196,7 +196,7 @@ impl Disk {
 #[test]
 fn power_cuts_lose_nothing_that_was_durable() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Sound);
+        be_a_daemon(&folder, Behaviour::Sound);
     }
     let test = "daemon::disaster_tests::power_cuts_lose_nothing_that_was_durable";
     let folder = tempfile::tempdir().unwrap();
@@ -287,7 +287,7 @@ fn press_thrice(test: &str, folder: &Path, command: Command) -> Told {
 #[test]
 fn a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Sound);
+        be_a_daemon(&folder, Behaviour::Sound);
     }
     let test = "daemon::disaster_tests::a_disk_that_refuses_any_one_call_fails_at_most_one_capture_and_says_so";
     let (runs, mut dice) = (times(1, 8), Dice(13));
@@ -349,7 +349,7 @@ fn wall_clock_library() -> PathBuf {
 #[test]
 fn a_wall_clock_that_steps_by_an_hour_moves_no_timestamp() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Sound);
+        be_a_daemon(&folder, Behaviour::Sound);
     }
     let test = "daemon::disaster_tests::a_wall_clock_that_steps_by_an_hour_moves_no_timestamp";
     let folder = tempfile::tempdir().unwrap();
@@ -419,7 +419,7 @@ fn a_wall_clock_that_steps_by_an_hour_moves_no_timestamp() {
 #[test]
 fn a_disk_that_refuses_the_journal_of_presses_fails_no_capture_and_is_told_of() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Sound);
+        be_a_daemon(&folder, Behaviour::Sound);
     }
     let test = "daemon::disaster_tests::a_disk_that_refuses_the_journal_of_presses_fails_no_capture_and_is_told_of";
     let (mut count, mut said) = (0, 0);

@@ -1,6 +1,6 @@
 //! The socket against clients that storm it, talk nonsense, stop in the middle, or do not listen.
 
-use super::scripted::Mood;
+use super::scripted::Behaviour;
 use super::service_tests::{
     Dice, PATIENCE, be_a_daemon, daemon, inside, replies, service, trigger, until,
 };
@@ -269,7 +269,7 @@ fn storm(socket: &Path, line: &[u8], over: &AtomicBool, sent: &AtomicU64) {
 #[test]
 fn a_storm_harms_neither_the_capture_nor_the_memory_nor_the_log() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::VerySlow);
+        be_a_daemon(&folder, Behaviour::VerySlow);
     }
     let name =
         "daemon::hostile_tests::a_storm_harms_neither_the_capture_nor_the_memory_nor_the_log";

@@ -65,10 +65,10 @@ pub use parameters::{
 #[cfg(feature = "live")]
 pub use probe::probe;
 #[cfg(feature = "live")]
-pub use rig::{Kind, Rig, Station};
+pub use rig::{Kind, Rig, RigCamera};
 #[cfg(feature = "live")]
 pub use service::Service;
 #[cfg(feature = "live")]
 pub use status::{CameraStatus, Status};
 #[cfg(feature = "live")]
-pub use systemd::{Heart, Notifier, Pulse, handed_over};
+pub use systemd::{Heartbeat, Notifier, Watchdog, handed_over};

@@ -1,6 +1,6 @@
 //! Opens the rig's cameras once and reports their state, for a check while no daemon holds them.
 
-use super::rig::{Rig, State, Station};
+use super::rig::{Rig, RigCamera, State};
 use super::status::{self, CameraStatus};
 use crate::clock::Clock;
 use crate::drivers::live::Backoff;
@@ -13,11 +13,11 @@ use std::time::{Duration, Instant};
 /// # Errors
 /// If the system cannot start a thread.
 pub fn probe(
-    stations: Vec<Station>,
+    rig_cameras: Vec<RigCamera>,
     clock: Clock,
     patience: Duration,
 ) -> std::io::Result<BTreeMap<String, CameraStatus>> {
-    let mut rig = Rig::start(stations, clock, 64, Backoff::default())?;
+    let mut rig = Rig::start(rig_cameras, clock, 64, Backoff::default())?;
     let deadline = Instant::now() + patience;
     while rig
         .states()

@@ -2,7 +2,7 @@
 
 use super::dispatcher::ReplyGuard;
 use super::request_log::Input;
-use super::systemd::Heart;
+use super::systemd::Heartbeat;
 use crate::frame::Timestamp;
 use crate::log;
 use crate::recording::{Error, FinishedCapture, Note, RecordingSession, SessionHeader};
@@ -60,14 +60,14 @@ pub(super) struct Recorder {
 
 impl Recorder {
     /// Starts the thread; at most `most` captures wait.
-    pub(super) fn start(most: usize, heart: Heart) -> std::io::Result<Self> {
+    pub(super) fn start(most: usize, heartbeat: Heartbeat) -> std::io::Result<Self> {
         // Small pieces of work go beside the captures.
         let (work, queue) = bounded(4 * (most + 1));
         let waiting = Arc::new(AtomicUsize::new(0));
         let mut writing = Writing {
             session: None,
             waiting: waiting.clone(),
-            heart,
+            heartbeat,
         };
         let thread = std::thread::Builder::new()
             .name("recorder".into())
@@ -114,13 +114,13 @@ impl Recorder {
 struct Writing {
     session: Option<RecordingSession>,
     waiting: Arc<AtomicUsize>,
-    heart: Heart,
+    heartbeat: Heartbeat,
 }
 
 impl Writing {
     fn run(&mut self, queue: &Receiver<Work>) {
         loop {
-            match self.heart.wait(queue) {
+            match self.heartbeat.wait(queue) {
                 Ok(work) => self.carry_out(work),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,

@@ -1,10 +1,11 @@
 //! All cameras' threads: sends a shot to each of them, collects their answers, and tracks their state between shots. No
 //! camera is waited for longer than a shot may take.
 
-use super::systemd::Heart;
+use super::systemd::Heartbeat;
 use crate::clock::Clock;
 use crate::drivers::live::{
-    Backoff, Confirmed, Driver, Ending, Event, Fault, Message, Shot, Supervised, Tally, supervise,
+    Backoff, CameraInfo, Driver, Ending, Event, Fault, Message, Shot, ShotStats, Supervised,
+    supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -26,7 +27,7 @@ pub enum Kind {
 }
 
 /// A camera of the rig that has not been started yet.
-pub struct Station {
+pub struct RigCamera {
     /// The camera.
     pub id: CameraId,
     /// What it is to a capture.
@@ -41,18 +42,18 @@ pub(super) enum State {
     /// It has not been opened yet.
     Opening,
     /// It works.
-    Ready(Box<Confirmed>),
+    Ready(Box<CameraInfo>),
     /// It does not.
     Away(Fault),
 }
 
 /// The result of a shot.
 #[derive(Debug, Default)]
-pub(super) struct Shooting {
+pub(super) struct ShotResult {
     /// Complete frames, in order of arrival.
     pub frames: Vec<Frame>,
     /// Each camera's answer: the statistics of its shot, or why it took none.
-    pub answers: BTreeMap<CameraId, Result<Tally, Fault>>,
+    pub answers: BTreeMap<CameraId, Result<ShotStats, Fault>>,
     /// Cameras whose state changed meanwhile.
     pub changed: BTreeSet<CameraId>,
 }
@@ -81,16 +82,16 @@ impl Rig {
     /// # Errors
     /// If the system cannot start a thread.
     pub fn start(
-        stations: Vec<Station>,
+        rig_cameras: Vec<RigCamera>,
         clock: Clock,
         frames_a_shot: usize,
         backoff: Backoff,
     ) -> std::io::Result<Self> {
         // Space for a whole shot and the reports meanwhile, so that no camera's thread waits.
-        let (sender, events) = bounded(2 * frames_a_shot + 16 * stations.len() + 16);
+        let (sender, events) = bounded(2 * frames_a_shot + 16 * rig_cameras.len() + 16);
         let mut cameras = BTreeMap::new();
-        for station in stations {
-            let camera = start_camera(&station.id.clone(), station, &sender, backoff)?;
+        for rig_camera in rig_cameras {
+            let camera = start_camera(&rig_camera.id.clone(), rig_camera, &sender, backoff)?;
             cameras.insert(camera.thread.camera().clone(), camera);
         }
         Ok(Self {
@@ -133,7 +134,7 @@ impl Rig {
             return false;
         };
         match message.event {
-            Event::Ready(confirmed) => camera.state = State::Ready(confirmed),
+            Event::Ready(info) => camera.state = State::Ready(info),
             Event::Away { fault, .. } => {
                 // A failed attempt to reopen it changes nothing.
                 let is_news = !matches!(&camera.state, State::Away(before) if *before == fault);
@@ -160,13 +161,13 @@ impl Rig {
         wanted: impl Fn(Kind) -> bool,
         trigger: Timestamp,
         at_most: Duration,
-        heart: &Heart,
-    ) -> Shooting {
-        let mut shooting = Shooting::default();
+        heartbeat: &Heartbeat,
+    ) -> ShotResult {
+        let mut result = ShotResult::default();
         for group in self.groups(wanted) {
-            self.shoot_group(&group, trigger, at_most, heart, &mut shooting);
+            self.shoot_group(&group, trigger, at_most, heartbeat, &mut result);
         }
-        shooting
+        result
     }
 
     /// How many shots a capture consists of, because depth cameras take turns.
@@ -197,8 +198,8 @@ impl Rig {
         group: &[CameraId],
         trigger: Timestamp,
         at_most: Duration,
-        heart: &Heart,
-        shooting: &mut Shooting,
+        heartbeat: &Heartbeat,
+        result: &mut ShotResult,
     ) {
         self.shots += 1;
         let shot = Shot {
@@ -212,14 +213,14 @@ impl Rig {
         for id in group {
             match self.ask(id, &shot) {
                 Ok(()) => drop(waiting.insert(id.clone())),
-                Err(fault) => drop(shooting.answers.insert(id.clone(), Err(fault))),
+                Err(fault) => drop(result.answers.insert(id.clone(), Err(fault))),
             }
         }
-        self.collect(&shot, heart, &mut waiting, shooting);
+        self.collect(&shot, heartbeat, &mut waiting, result);
         shot.abandoned.store(true, Ordering::Relaxed);
         for id in waiting {
             let fault = Fault::Away(format!("no answer within {} ms", at_most.as_millis()));
-            shooting.answers.insert(id, Err(fault));
+            result.answers.insert(id, Err(fault));
         }
     }
 
@@ -238,15 +239,18 @@ impl Rig {
     fn collect(
         &mut self,
         shot: &Shot,
-        heart: &Heart,
+        heartbeat: &Heartbeat,
         waiting: &mut BTreeSet<CameraId>,
-        shooting: &mut Shooting,
+        result: &mut ShotResult,
     ) {
         while !waiting.is_empty() {
             // The wait has a deadline, so this thread is not stuck.
-            heart.beat();
+            heartbeat.tick();
             let left = shot.remaining();
-            let message = match self.clock.recv_timeout(&self.events, left.min(Heart::REST)) {
+            let message = match self
+                .clock
+                .recv_timeout(&self.events, left.min(Heartbeat::INTERVAL))
+            {
                 Ok(message) => message,
                 Err(RecvTimeoutError::Timeout) if !left.is_zero() => continue,
                 Err(_) => return,
@@ -255,18 +259,18 @@ impl Rig {
                 Event::Frame {
                     shot: number,
                     frame,
-                } if number == shot.number => shooting.frames.push(frame),
+                } if number == shot.number => result.frames.push(frame),
                 Event::Answered {
                     shot: number,
                     outcome,
                 } if number == shot.number => {
                     waiting.remove(&message.camera);
-                    shooting.answers.insert(message.camera, outcome);
+                    result.answers.insert(message.camera, outcome);
                 }
                 _ => {
                     let camera = message.camera.clone();
                     if self.note(message) {
-                        shooting.changed.insert(camera);
+                        result.changed.insert(camera);
                     }
                 }
             }
@@ -291,13 +295,13 @@ impl Rig {
 
 fn start_camera(
     id: &CameraId,
-    station: Station,
+    rig_camera: RigCamera,
     events: &Sender<Message>,
     backoff: Backoff,
 ) -> std::io::Result<Camera> {
-    let thread = supervise(id.clone(), station.driver, events.clone(), backoff)?;
+    let thread = supervise(id.clone(), rig_camera.driver, events.clone(), backoff)?;
     Ok(Camera {
-        kind: station.kind,
+        kind: rig_camera.kind,
         thread,
         state: State::Opening,
         health: Vec::new(),

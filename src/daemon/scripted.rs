@@ -4,7 +4,7 @@ use super::capturing::Order;
 use super::recorder::Answer;
 use super::*;
 use crate::clock::Clock;
-use crate::drivers::live::{Backoff, Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
+use crate::drivers::live::{Backoff, CameraInfo, Device, Driver, Fault, Pool, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::recording::{Outcome, Recording, SessionHeader, Topic};
 use crate::sync;
@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 /// How a camera behaves at its shots from now on.
 #[derive(Clone, Copy, PartialEq)]
 #[repr(u32)]
-pub(super) enum Mood {
+pub(super) enum Behaviour {
     Sound,
     /// Unplugged at the next shot, and away for one attempt to open it.
     Unplugged,
@@ -39,16 +39,16 @@ pub(super) enum Mood {
     VerySlow,
 }
 
-const MOODS: [Mood; 9] = [
-    Mood::Sound,
-    Mood::Unplugged,
-    Mood::Silent,
-    Mood::Loses,
-    Mood::LosesOnce,
-    Mood::Late,
-    Mood::Early,
-    Mood::Slow,
-    Mood::VerySlow,
+const BEHAVIOURS: [Behaviour; 9] = [
+    Behaviour::Sound,
+    Behaviour::Unplugged,
+    Behaviour::Silent,
+    Behaviour::Loses,
+    Behaviour::LosesOnce,
+    Behaviour::Late,
+    Behaviour::Early,
+    Behaviour::Slow,
+    Behaviour::VerySlow,
 ];
 
 #[derive(Clone)]
@@ -57,9 +57,9 @@ struct Played {
     depth: bool,
     clock: Clock,
     pool: Pool,
-    mood: Arc<AtomicU32>,
+    behaviour: Arc<AtomicU32>,
     shots: Arc<AtomicU32>,
-    confirmed: Confirmed,
+    info: CameraInfo,
     /// By how much more each shot's frames are late, so that they follow each other by a clock that stands still.
     later_ns: u64,
 }
@@ -97,42 +97,48 @@ impl Played {
 }
 
 impl Device for Played {
-    fn confirmed(&self) -> &Confirmed {
-        &self.confirmed
+    fn info(&self) -> &CameraInfo {
+        &self.info
     }
 
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
-        let mood = MOODS[self.mood.load(Ordering::Relaxed) as usize];
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        let behaviour = BEHAVIOURS[self.behaviour.load(Ordering::Relaxed) as usize];
         let number = self.shots.fetch_add(1, Ordering::Relaxed) + 1;
-        let mut tally = Tally::default();
-        match mood {
-            Mood::Unplugged => {
-                self.mood.store(Mood::Sound as u32, Ordering::Relaxed);
+        let mut stats = ShotStats::default();
+        match behaviour {
+            Behaviour::Unplugged => {
+                self.behaviour
+                    .store(Behaviour::Sound as u32, Ordering::Relaxed);
                 return Err(Fault::Away("unplugged".into()));
             }
-            Mood::Silent => {
+            Behaviour::Silent => {
                 while !shot.remaining().is_zero() {
                     std::thread::sleep(Duration::from_millis(1));
                 }
-                return Ok(tally);
+                return Ok(stats);
             }
-            Mood::Loses | Mood::LosesOnce => {
-                if mood == Mood::LosesOnce {
-                    self.mood.store(Mood::Sound as u32, Ordering::Relaxed);
+            Behaviour::Loses | Behaviour::LosesOnce => {
+                if behaviour == Behaviour::LosesOnce {
+                    self.behaviour
+                        .store(Behaviour::Sound as u32, Ordering::Relaxed);
                 }
-                tally.lost.push("a damaged frame".into());
-                return Ok(tally);
+                stats.lost.push("a damaged frame".into());
+                return Ok(stats);
             }
-            Mood::Sound | Mood::Late | Mood::Early | Mood::Slow | Mood::VerySlow => {}
+            Behaviour::Sound
+            | Behaviour::Late
+            | Behaviour::Early
+            | Behaviour::Slow
+            | Behaviour::VerySlow => {}
         }
-        let begin = match mood {
-            Mood::Late => self.clock.timestamp().0 + 200_000_000,
-            Mood::Early => shot.trigger.0 - 30_000_000,
+        let begin = match behaviour {
+            Behaviour::Late => self.clock.timestamp().0 + 200_000_000,
+            Behaviour::Early => shot.trigger.0 - 30_000_000,
             _ => self.clock.timestamp().0,
         };
-        self.clock.sleep(Duration::from_millis(match mood {
-            Mood::Slow => 100,
-            Mood::VerySlow => 1500,
+        self.clock.sleep(Duration::from_millis(match behaviour {
+            Behaviour::Slow => 100,
+            Behaviour::VerySlow => 1500,
             _ => 0,
         }));
         let streams: &[Stream] = if self.depth {
@@ -146,11 +152,11 @@ impl Device for Played {
                 let time = Timestamp(begin + u64::from(number) * self.later_ns + i * 20_000);
                 match self.frame(stream, time, number as u8) {
                     Some(frame) => take(frame),
-                    None => tally.lost.push("no memory".into()),
+                    None => stats.lost.push("no memory".into()),
                 }
             }
         }
-        Ok(tally)
+        Ok(stats)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {
@@ -169,7 +175,7 @@ impl Device for Played {
 pub(super) struct Stand {
     pub(super) folder: tempfile::TempDir,
     pub(super) capturing: Arc<Capturing>,
-    moods: BTreeMap<String, Arc<AtomicU32>>,
+    behaviours: BTreeMap<String, Arc<AtomicU32>>,
     pub(super) pool: Pool,
     presses: AtomicU32,
 }
@@ -200,7 +206,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
         events: events::Events::default(),
         models: None,
         jobs: None,
-        pulse: Pulse::default(),
+        watchdog: Watchdog::default(),
     }
 }
 
@@ -239,28 +245,28 @@ fn start_on(
     change: impl FnOnce(&mut Plan),
 ) -> Stand {
     let pool = Pool::new(memory);
-    let mut moods = BTreeMap::new();
-    let mut stations = Vec::new();
+    let mut behaviours = BTreeMap::new();
+    let mut rig_cameras = Vec::new();
     for &(name, kind) in cameras {
         let depth = kind != Kind::Color;
-        let mood: Arc<AtomicU32> = Arc::default();
-        moods.insert(name.to_owned(), mood.clone());
+        let behaviour: Arc<AtomicU32> = Arc::default();
+        behaviours.insert(name.to_owned(), behaviour.clone());
         let id = CameraId::new(name).unwrap();
         let driver = Played {
             id: id.clone(),
             depth,
             clock,
             pool: pool.clone(),
-            mood,
+            behaviour,
             shots: Arc::default(),
             later_ns,
-            confirmed: Confirmed {
+            info: CameraInfo {
                 identity: "played".into(),
                 frame_bytes: (PIXELS * if depth { 5 } else { 1 }) as u64,
-                ..Confirmed::default()
+                ..CameraInfo::default()
             },
         };
-        stations.push(Station {
+        rig_cameras.push(RigCamera {
             id,
             kind,
             driver: Box::new(driver),
@@ -270,16 +276,16 @@ fn start_on(
         first: Duration::from_millis(20),
         longest: Duration::from_millis(40),
     };
-    let rig = Rig::start(stations, clock, 64, backoff).unwrap();
+    let rig = Rig::start(rig_cameras, clock, 64, backoff).unwrap();
     let mut plan = plan(folder.path(), &pool);
     change(&mut plan);
-    let left = Left::recover(&plan.recording.folder, &plan.pulse).unwrap();
+    let left = Left::recover(&plan.recording.folder, &plan.watchdog).unwrap();
     let capturing = Arc::new(Capturing::start(rig, plan, &left).unwrap());
     left.settled();
     let stand = Stand {
         folder,
         capturing,
-        moods,
+        behaviours,
         pool,
         presses: AtomicU32::new(0),
     };
@@ -303,8 +309,8 @@ impl Stand {
         }
     }
 
-    pub(super) fn mood(&self, camera: &str, mood: Mood) {
-        self.moods[camera].store(mood as u32, Ordering::Relaxed);
+    pub(super) fn behaviour(&self, camera: &str, behaviour: Behaviour) {
+        self.behaviours[camera].store(behaviour as u32, Ordering::Relaxed);
     }
 
     /// Presses by a new name; what is heard, up to the capture's being on the disk.

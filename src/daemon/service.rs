@@ -4,7 +4,7 @@
 use super::capturing::{Capturing, Order, Reread};
 use super::parameters::ServiceParameters;
 use super::readiness::readiness;
-use super::systemd::{Heart, Notifier, Pulse};
+use super::systemd::{Heartbeat, Notifier, Watchdog};
 use crate::clock::Clock;
 use crate::log;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ pub type Rereading = Box<dyn Fn() -> Result<(Reread, ServiceParameters), String>
 /// What the daemon is to systemd.
 pub struct Service {
     notifier: Arc<Notifier>,
-    heart: Heart,
+    heartbeat: Heartbeat,
     policy: ServiceParameters,
     reread: Rereading,
     clock: Clock,
@@ -32,14 +32,14 @@ impl Service {
     /// Not ready yet.
     pub fn new(
         notifier: Arc<Notifier>,
-        pulse: &Pulse,
+        watchdog: &Watchdog,
         policy: ServiceParameters,
         reread: Rereading,
         clock: Clock,
     ) -> Self {
         Self {
             notifier,
-            heart: pulse.heart("socket"),
+            heartbeat: watchdog.heartbeat("socket"),
             policy,
             reread,
             clock,
@@ -51,7 +51,7 @@ impl Service {
 
     /// Says how the daemon is, twice a second, and reads parameters again at SIGHUP; never ends.
     pub(super) async fn attend(&mut self, capturing: &Capturing) {
-        let mut ticks = tokio::time::interval(Heart::REST);
+        let mut ticks = tokio::time::interval(Heartbeat::INTERVAL);
         let Ok(mut hangups) = signal(SignalKind::hangup()) else {
             log::error!("SIGHUP cannot be had");
             return std::future::pending().await;
@@ -65,7 +65,7 @@ impl Service {
     }
 
     fn say(&mut self, capturing: &Capturing) {
-        self.heart.beat();
+        self.heartbeat.tick();
         let now = readiness(
             &capturing.status(),
             self.clock.elapsed(self.begin),
@@ -103,8 +103,8 @@ impl Service {
     /// Gives the parameters to the capturing thread, once it has no capture in hand.
     async fn hand_over(&self, capturing: &Capturing, reread: Reread) -> Result<String, String> {
         while capturing.is_busy() {
-            self.heart.beat();
-            tokio::time::sleep(Heart::REST / 50).await;
+            self.heartbeat.tick();
+            tokio::time::sleep(Heartbeat::INTERVAL / 50).await;
         }
         let (told, answer) = oneshot::channel();
         let tell = move |result| drop(told.send(result));

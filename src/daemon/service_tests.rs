@@ -1,6 +1,6 @@
 //! The socket as clients see it, with cameras of the tests' own: presses and their names, kills, disconnects.
 
-use super::scripted::{Mood, Stand, captures, recordings, start_in};
+use super::scripted::{Behaviour, Stand, captures, recordings, start_in};
 use super::*;
 use crate::clock::Clock;
 use crate::recording::{Outcome, Topic};
@@ -55,11 +55,16 @@ fn listen(path: PathBuf, capturing: &Arc<Capturing>) -> Clients {
         path,
         patience_ms: 2000,
     };
-    let (notifier, pulse) = (Notifier::from_environment(), Pulse::default());
+    let (notifier, watchdog) = (Notifier::from_environment(), Watchdog::default());
     let reread = Box::new(|| Err("nothing is read again".to_owned()));
     let policy = ServiceParameters::default();
-    let mut service =
-        super::Service::new(Arc::new(notifier), &pulse, policy, reread, Clock::system());
+    let mut service = super::Service::new(
+        Arc::new(notifier),
+        &watchdog,
+        policy,
+        reread,
+        Clock::system(),
+    );
     serve(&parameters, None, capturing, &mut service).unwrap()
 }
 
@@ -165,7 +170,7 @@ pub(super) fn daemon_by(mut command: Command, test: &str, folder: &Path) -> (Chi
 }
 
 /// Is that daemon until it is killed or told to end.
-pub(super) fn be_a_daemon(folder: &Path, mood: Mood) -> ! {
+pub(super) fn be_a_daemon(folder: &Path, behaviour: Behaviour) -> ! {
     let stand = start_in(tempfile::tempdir().unwrap(), 4_000_000, |plan| {
         plan.recording.folder = folder.join("recordings");
         // Some twenty captures a file.
@@ -173,7 +178,7 @@ pub(super) fn be_a_daemon(folder: &Path, mood: Mood) -> ! {
         plan.sync.window_ms = 3000.0;
         plan.models = Some(plan.recording.folder.join("models"));
     });
-    stand.mood("c00", mood);
+    stand.behaviour("c00", behaviour);
     let clients = listen(folder.join("0.sock"), &stand.capturing);
     stand.stop();
     clients.finish(Duration::from_secs(1));
@@ -184,7 +189,7 @@ pub(super) fn be_a_daemon(folder: &Path, mood: Mood) -> ! {
 fn the_same_press_id_is_the_same_capture_while_it_lasts_later_and_after_a_restart() {
     let folder = tempfile::tempdir().unwrap();
     let service = service_over(folder.path(), |_| ());
-    service.stand.mood("c00", Mood::Slow);
+    service.stand.behaviour("c00", Behaviour::Slow);
     let mut first = service.client();
     first.send(&trigger(Some("p-1"), Until::Durable)).unwrap();
     assert!(matches!(first.reply().unwrap(), Reply::Accepted { .. }));
@@ -252,7 +257,7 @@ fn nobody_waits_for_models_where_none_are_made() {
 #[test]
 fn a_kill_between_accepted_and_durable_leaves_one_capture_with_one_end() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Slow);
+        be_a_daemon(&folder, Behaviour::Slow);
     }
     let name = "daemon::service_tests::a_kill_between_accepted_and_durable_leaves_one_capture_with_one_end";
     let mut ends = BTreeSet::new();
@@ -291,7 +296,7 @@ fn a_kill_between_accepted_and_durable_leaves_one_capture_with_one_end() {
 #[test]
 fn told_to_end_it_finishes_the_capture_and_every_client_has_its_end() {
     if let Some(folder) = inside() {
-        be_a_daemon(&folder, Mood::Slow);
+        be_a_daemon(&folder, Behaviour::Slow);
     }
     let name =
         "daemon::service_tests::told_to_end_it_finishes_the_capture_and_every_client_has_its_end";

@@ -73,10 +73,10 @@ pub(super) fn cameras(rig: &Rig, lost: &BTreeMap<String, u64>) -> BTreeMap<Strin
         match state {
             State::Opening => {}
             State::Away(fault) => (camera.state, camera.words) = ("away", fault.to_string()),
-            State::Ready(confirmed) => {
-                (camera.state, camera.words) = ("ready", confirmed.identity.clone());
-                camera.settings.clone_from(&confirmed.table);
-                camera.remarks.clone_from(&confirmed.remarks);
+            State::Ready(info) => {
+                (camera.state, camera.words) = ("ready", info.identity.clone());
+                camera.settings.clone_from(&info.table);
+                camera.remarks.clone_from(&info.remarks);
             }
         }
         (id.to_string(), camera)

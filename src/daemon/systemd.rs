@@ -83,7 +83,7 @@ impl Notifier {
 
 /// The signs of life of all threads that work; shared by them.
 #[derive(Clone, Debug)]
-pub struct Pulse {
+pub struct Watchdog {
     notifier: Arc<Notifier>,
     clock: Clock,
     beats: Arc<Mutex<Beats>>,
@@ -101,13 +101,13 @@ struct Beats {
 /// How much longer systemd lets the start take with each sign of life.
 const START: Duration = Duration::from_secs(60);
 
-impl Default for Pulse {
+impl Default for Watchdog {
     fn default() -> Self {
         Self::new(Arc::default(), Clock::system())
     }
 }
 
-impl Pulse {
+impl Watchdog {
     /// A watchdog that knows no threads yet.
     pub fn new(notifier: Arc<Notifier>, clock: Clock) -> Self {
         let beats = Beats {
@@ -122,13 +122,13 @@ impl Pulse {
         }
     }
 
-    /// A heart for a thread that must live from now on. One that is dropped, because its thread panicked, is silent.
-    pub fn heart(&self, thread: &'static str) -> Heart {
+    /// A heartbeat for a thread that must live from now on. One that is dropped, because its thread panicked, is silent.
+    pub fn heartbeat(&self, thread: &'static str) -> Heartbeat {
         let mut beats = self.beats.lock();
         beats.threads.push((thread, false));
-        Heart {
+        Heartbeat {
             index: beats.threads.len() - 1,
-            pulse: self.clone(),
+            watchdog: self.clone(),
         }
     }
 
@@ -139,7 +139,7 @@ impl Pulse {
     }
 
     /// Feeds the watchdog if all threads have shown a sign of life since it was fed last.
-    fn beat(&self, index: usize, now: Instant) {
+    fn tick(&self, index: usize, now: Instant) {
         let Some(watchdog) = self.notifier.watchdog else {
             return;
         };
@@ -173,18 +173,18 @@ impl Pulse {
 
 /// A thread's own sign of life.
 #[derive(Debug)]
-pub struct Heart {
+pub struct Heartbeat {
     index: usize,
-    pulse: Pulse,
+    watchdog: Watchdog,
 }
 
-impl Heart {
+impl Heartbeat {
     /// How long a thread may wait for work before it must show a sign of life.
-    pub const REST: Duration = Duration::from_millis(500);
+    pub const INTERVAL: Duration = Duration::from_millis(500);
 
     /// Shows that the thread works, or waits for work.
-    pub fn beat(&self) {
-        self.pulse.beat(self.index, self.pulse.clock.now());
+    pub fn tick(&self) {
+        self.watchdog.tick(self.index, self.watchdog.clock.now());
     }
 
     /// Shows that the thread lives, and waits for a message until it has to show it again.
@@ -192,8 +192,8 @@ impl Heart {
     /// # Errors
     /// If none came meanwhile, or none can come any more.
     pub(super) fn wait<T>(&self, messages: &Receiver<T>) -> Result<T, RecvTimeoutError> {
-        self.beat();
-        self.pulse.clock.recv_timeout(messages, Self::REST)
+        self.tick();
+        self.watchdog.clock.recv_timeout(messages, Self::INTERVAL)
     }
 }
 
@@ -222,22 +222,25 @@ mod tests {
     fn the_watchdog_is_fed_while_all_threads_beat_and_starves_when_one_does_not() {
         let (_folder, end, notifier) = systemd(1000);
         let clock = Clock::system();
-        let pulse = Pulse::new(notifier, clock);
-        let (_a, _b) = (pulse.heart("capturing"), pulse.heart("recorder"));
+        let watchdog = Watchdog::new(notifier, clock);
+        let (_a, _b) = (
+            watchdog.heartbeat("capturing"),
+            watchdog.heartbeat("recorder"),
+        );
         let begin = clock.now();
         let at = |ms: u64| begin + Duration::from_millis(ms);
         for ms in [300, 310] {
-            pulse.beat(0, at(ms));
+            watchdog.tick(0, at(ms));
             assert_eq!(heard(&end), [""; 0], "one alone does not feed it");
         }
-        pulse.beat(1, at(320));
+        watchdog.tick(1, at(320));
         assert_eq!(heard(&end).len(), 1);
         assert!(heard(&end).is_empty());
         // Both beat at once again: it is not hungry yet.
-        pulse.beat(0, at(330));
-        pulse.beat(1, at(330));
+        watchdog.tick(0, at(330));
+        watchdog.tick(1, at(330));
         assert_eq!(heard(&end), [""; 0]);
-        pulse.beat(0, at(600));
+        watchdog.tick(0, at(600));
         let fed = heard(&end);
         assert!(
             fed[0].starts_with("WATCHDOG=1\nEXTEND_TIMEOUT_USEC="),
@@ -245,15 +248,15 @@ mod tests {
         );
         // From here on the recorder hangs.
         for ms in 601..5000 {
-            pulse.beat(0, at(ms));
+            watchdog.tick(0, at(ms));
         }
         assert_eq!(heard(&end), [""; 0]);
     }
 
     #[test]
     fn without_systemd_nothing_is_said_and_nothing_fails() {
-        let pulse = Pulse::default();
-        pulse.heart("capturing").beat();
+        let watchdog = Watchdog::default();
+        watchdog.heartbeat("capturing").tick();
         Notifier::default().tell("READY=1");
     }
 

@@ -2,7 +2,7 @@
 
 use super::capturing::Order;
 use super::packing::Packer;
-use super::scripted::{CAMERAS, Mood, Stand, captures, recordings, start, start_at, start_in};
+use super::scripted::{Behaviour, CAMERAS, Stand, captures, recordings, start, start_at, start_in};
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
@@ -56,8 +56,8 @@ fn depth_cameras_that_take_turns_have_a_window_each() {
         plan.capture.patience_ms = 1000;
         plan.capture.retry = 0;
     });
-    stand.mood("k0", Mood::Slow);
-    stand.mood("k1", Mood::Slow);
+    stand.behaviour("k0", Behaviour::Slow);
+    stand.behaviour("k1", Behaviour::Slow);
     let heard = stand.press();
     assert!(
         matches!(heard.last(), Some(Reply::Durable { .. })),
@@ -131,7 +131,7 @@ fn a_file_that_is_no_socket_is_not_removed() {
 #[test]
 fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
     let stand = start(|_| ());
-    stand.mood("c01", Mood::Loses);
+    stand.behaviour("c01", Behaviour::Loses);
     let heard = stand.press();
     let Some(Reply::Failed { capture, reason }) = heard.last() else {
         panic!("{heard:?}");
@@ -142,7 +142,7 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
         "{reason}"
     );
     assert!(matches!(&heard[1], Reply::Retried { .. }), "{heard:?}");
-    stand.mood("c01", Mood::Sound);
+    stand.behaviour("c01", Behaviour::Sound);
     assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     stand.until(|s| s.failed == 2 && s.complete == 1);
     assert_eq!(stand.capturing.status().cameras["c01"].lost_frames, 2);
@@ -160,7 +160,7 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
 #[test]
 fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
     let stand = start(|plan| plan.capture.retry = 3);
-    stand.mood("c02", Mood::Unplugged);
+    stand.behaviour("c02", Behaviour::Unplugged);
     let heard = stand.press();
     let Reply::Retried { reason, .. } = &heard[1] else {
         panic!("{heard:?}");
@@ -174,8 +174,8 @@ fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
 fn a_camera_that_comes_back_while_others_are_shot_is_told() {
     let stand = start(|plan| plan.capture.retry = 0);
     let mut events = stand.capturing.events().subscribe();
-    stand.mood("c02", Mood::Unplugged);
-    stand.mood("c00", Mood::Silent);
+    stand.behaviour("c02", Behaviour::Unplugged);
+    stand.behaviour("c00", Behaviour::Silent);
     assert!(matches!(stand.press().last(), Some(Reply::Failed { .. })));
     let told = std::iter::from_fn(|| events.wait())
         .take_while(|event| !matches!(event, Event::Failed { .. }))
@@ -188,20 +188,20 @@ fn a_camera_that_comes_back_while_others_are_shot_is_told() {
 #[test]
 fn a_silent_camera_holds_nobody_up_for_longer_than_a_shot() {
     let stand = start(|plan| plan.capture.retry = 0);
-    stand.mood("c00", Mood::Silent);
+    stand.behaviour("c00", Behaviour::Silent);
     let heard = stand.press();
     let Some(Reply::Failed { reason, .. }) = heard.last() else {
         panic!("{heard:?}");
     };
     assert!(reason.contains("c00"), "{reason}");
-    stand.mood("c00", Mood::Sound);
+    stand.behaviour("c00", Behaviour::Sound);
     stand.until(|_| matches!(stand.press().last(), Some(Reply::Durable { .. })));
 }
 
 #[test]
 fn frames_too_far_apart_are_no_capture() {
     let stand = start(|plan| plan.capture.retry = 0);
-    stand.mood("c01", Mood::Late);
+    stand.behaviour("c01", Behaviour::Late);
     let heard = stand.press();
     let Some(Reply::Failed { reason, .. }) = heard.last() else {
         panic!("{heard:?}");
@@ -220,7 +220,7 @@ fn a_signal_that_was_faster_than_the_press_makes_a_capture_where_that_is_tolerat
             plan.sync.tolerance_ms = tolerance_ms;
         });
         for camera in ["c00", "c01", "c02"] {
-            stand.mood(camera, Mood::Early);
+            stand.behaviour(camera, Behaviour::Early);
         }
         let heard = stand.press();
         let taken = matches!(heard.last(), Some(Reply::Durable { .. }));
@@ -231,7 +231,7 @@ fn a_signal_that_was_faster_than_the_press_makes_a_capture_where_that_is_tolerat
 #[test]
 fn a_press_during_a_capture_is_told_so() {
     let stand = start(|plan| plan.capture.retry = 0);
-    stand.mood("c00", Mood::Silent);
+    stand.behaviour("c00", Behaviour::Silent);
     let first = stand.begin_press();
     assert!(matches!(first.recv().unwrap(), Reply::Accepted { .. }));
     let second: Vec<_> = stand.begin_press().iter().collect();
@@ -278,19 +278,19 @@ struct Systemd {
 }
 
 impl Systemd {
-    fn start(clock: Clock) -> (Self, Pulse) {
+    fn start(clock: Clock) -> (Self, Watchdog) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let socket = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
         socket.set_nonblocking(true).unwrap();
         let notifier = Notifier::to(&path.into_os_string(), Some(Duration::from_millis(800)));
-        let pulse = Pulse::new(Arc::new(notifier.unwrap()), clock);
+        let watchdog = Watchdog::new(Arc::new(notifier.unwrap()), clock);
         let systemd = Self {
             _folder: folder,
             socket,
             clock,
         };
-        (systemd, pulse)
+        (systemd, watchdog)
     }
 
     /// How often it was fed since this was asked last.
@@ -313,8 +313,8 @@ impl Systemd {
 #[test]
 fn a_recorder_that_hangs_starves_the_watchdog() {
     let clock = Clock::by_hand(Timestamp(0));
-    let (systemd, pulse) = Systemd::start(clock);
-    let stand = start(|plan| plan.pulse = pulse);
+    let (systemd, watchdog) = Systemd::start(clock);
+    let stand = start(|plan| plan.watchdog = watchdog);
     systemd.until_fed();
     let hearing = stand.hold_recorder();
     // The capturing thread lives: it answers, and shows itself before it takes the next order.
@@ -337,14 +337,14 @@ fn a_recorder_that_hangs_starves_the_watchdog() {
 #[test]
 fn a_camera_that_is_waited_for_does_not_starve_the_watchdog() {
     let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
-    let (systemd, pulse) = Systemd::start(clock);
+    let (systemd, watchdog) = Systemd::start(clock);
     let folder = tempfile::tempdir().unwrap();
     let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |plan| {
-        plan.pulse = pulse;
+        plan.watchdog = watchdog;
         plan.capture.patience_ms = 4000;
         plan.capture.retry = 0;
     });
-    stand.mood("c00", Mood::Silent);
+    stand.behaviour("c00", Behaviour::Silent);
     let heard = stand.begin_press();
     assert!(matches!(heard.recv(), Ok(Reply::Accepted { .. })));
     systemd.fed();
@@ -406,7 +406,7 @@ fn plates_are_kept_known_after_a_restart_and_in_every_recording() {
     assert_eq!(stand.capturing.status().plates_age_h, None);
     let words = stand.ask(Order::Background).unwrap();
     assert!(words.contains("3 plates"), "{words}");
-    stand.mood("c00", Mood::Loses);
+    stand.behaviour("c00", Behaviour::Loses);
     let refused = stand.ask(Order::Background).unwrap_err();
     assert!(refused.contains("c00"), "{refused}");
     let (folder, _) = stand.stop();
@@ -513,9 +513,9 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
         let jobs = crate::workers::Jobs::open(&plan.recording.folder);
         plan.jobs = Some(Arc::new(jobs.unwrap()));
     });
-    stand.mood("c01", Mood::Loses);
+    stand.behaviour("c01", Behaviour::Loses);
     assert!(matches!(stand.press().last(), Some(Reply::Failed { .. })));
-    stand.mood("c01", Mood::Sound);
+    stand.behaviour("c01", Behaviour::Sound);
     let heard = stand.press();
     let Some(Reply::Durable { capture, .. }) = heard.last() else {
         panic!("{heard:?}");
@@ -561,7 +561,7 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     assert_eq!(before.len(), 3);
     assert!(!packer.step(), "nothing has rested yet");
     // An order is being carried out for longer than the rest that is asked for.
-    stand.mood("c00", Mood::Silent);
+    stand.behaviour("c00", Behaviour::Silent);
     let begin = clock.now();
     let pressed = stand.begin_press();
     while !pressed.try_iter().any(|reply| reply.is_end(Until::Durable)) {
@@ -570,7 +570,7 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
         std::thread::sleep(Duration::from_millis(1));
     }
     assert!(clock.elapsed(begin) > second / 2);
-    stand.mood("c00", Mood::Sound);
+    stand.behaviour("c00", Behaviour::Sound);
     stand.ask(Order::Close).unwrap();
     stand.until(|status| status.waiting == 0);
     assert!(!packer.step() && !is_packed());

@@ -5,7 +5,7 @@ mod duplicate_devices;
 mod line_trigger;
 mod prepare;
 mod reload;
-mod stations;
+mod rig_cameras;
 
 pub use prepare::{ConfigSource, Error, Prepared};
 pub use reload::Running;

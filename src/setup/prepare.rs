@@ -1,11 +1,11 @@
 //! From the configuration's file to everything that a daemon needs before it touches a camera.
 
 use super::line_trigger::allow_for_lines;
-use super::stations::stations;
+use super::rig_cameras::rig_cameras;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
 use crate::clock::Clock;
 use crate::config::{self, Config};
-use crate::daemon::{Kind, Station};
+use crate::daemon::{Kind, RigCamera};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::recording::SessionHeader;
@@ -51,7 +51,7 @@ pub struct Prepared {
     /// The configuration, its paths absolute.
     pub config: Config,
     /// The cameras with their drivers.
-    pub stations: Vec<Station>,
+    pub rig_cameras: Vec<RigCamera>,
     /// What every recording begins with.
     pub preamble: SessionHeader,
     /// Memory for frames.
@@ -89,13 +89,13 @@ impl ConfigSource {
         let file = self.calibration(&config).map_err(named)?;
         let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
-        let stations = stations(&config, &calibration, clock, &pool).map_err(named)?;
-        let mut preamble = preamble(&config, &calibration, &stations, text).map_err(named)?;
+        let rig_cameras = rig_cameras(&config, &calibration, clock, &pool).map_err(named)?;
+        let mut preamble = preamble(&config, &calibration, &rig_cameras, text).map_err(named)?;
         let about = &mut preamble.about;
         about.insert("calibration_sha256".into(), digest(&file)?);
         Ok(Prepared {
             config,
-            stations,
+            rig_cameras,
             preamble,
             pool,
             calibration: file,
@@ -128,11 +128,11 @@ fn unread(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {
 fn preamble(
     config: &Config,
     calibration: &RigCalibration,
-    stations: &[Station],
+    rig_cameras: &[RigCamera],
     configuration: String,
 ) -> Result<SessionHeader, String> {
     let of = |color: bool| {
-        let chosen = stations
+        let chosen = rig_cameras
             .iter()
             .filter(move |s| (s.kind == Kind::Color) == color);
         chosen.filter_map(|s| calibration.cameras.get(&s.id))

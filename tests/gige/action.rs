@@ -137,24 +137,24 @@ fn shoot_at_times(relay: &Relay<'_>) {
         assert_eq!(stand.rig.register(&camera, register), Some(value));
     }
     // Its clock does not follow the network's yet: nothing can be scheduled.
-    let (_, frames, tally) = stand.shoot(device.as_mut(), 1);
-    let tally = tally.unwrap();
+    let (_, frames, stats) = stand.shoot(device.as_mut(), 1);
+    let stats = stats.unwrap();
     assert!(
-        frames.is_empty() && tally.lost[0].contains("Listening"),
-        "{tally:?}"
+        frames.is_empty() && stats.lost[0].contains("Listening"),
+        "{stats:?}"
     );
     assert!(relay.obeyed.lock().unwrap().is_empty());
     stand.rig.set_register(&camera, PTP_STATUS, SLAVE);
     for number in 2..5 {
-        let (shot, frames, tally) = stand.shoot(device.as_mut(), number);
-        assert_eq!(frames.len(), 1, "{tally:?}");
+        let (shot, frames, stats) = stand.shoot(device.as_mut(), number);
+        assert_eq!(frames.len(), 1, "{stats:?}");
         assert!(stand.is_picture(&frames[0], 0, number as usize - 2));
         let after = milliseconds_after(&shot, &frames[0]);
         assert!(
             (98.0..250.0).contains(&after),
             "exposed {after} ms after the trigger"
         );
-        assert_eq!(tally.unwrap().remarks, ["PTP: Slave, 0 ns from its master"]);
+        assert_eq!(stats.unwrap().remarks, ["PTP: Slave, 0 ns from its master"]);
     }
     // The upper half of 41.5 as it lies in a register of eight bytes.
     let upper = (41.5_f64.to_bits() >> 32) as u32;
@@ -169,8 +169,8 @@ fn shoot_at_times(relay: &Relay<'_>) {
     stand
         .rig
         .set_register(&camera, description::PTP_OFFSET, -200_000_i32 as u32);
-    let (_, frames, tally) = stand.shoot(device.as_mut(), 5);
-    assert!(frames.is_empty() && tally.unwrap().lost[0].contains("-200000 ns"));
+    let (_, frames, stats) = stand.shoot(device.as_mut(), 5);
+    assert!(frames.is_empty() && stats.unwrap().lost[0].contains("-200000 ns"));
     let obeyed = relay.obeyed.lock().unwrap();
     assert_eq!(obeyed.len(), 3);
     assert!(

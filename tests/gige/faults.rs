@@ -20,16 +20,16 @@ fn a_frame_with_lost_packets_never_looks_whole() {
             let (mut whole, mut missing) = (0, 0);
             const SHOTS: u64 = 40;
             for number in 0..SHOTS {
-                let (_, frames, tally) =
+                let (_, frames, stats) =
                     stand.shoot_within(device.as_mut(), number, Duration::from_secs(1));
-                let tally = tally.unwrap();
-                missing += tally.missing_packets;
+                let stats = stats.unwrap();
+                missing += stats.missing_packets;
                 match frames.as_slice() {
                     [frame] => {
                         assert!(stand.is_picture(frame, 0, number as usize % CAPTURES));
                         whole += 1;
                     }
-                    [] => assert!(!tally.lost.is_empty(), "a frame is lost in silence"),
+                    [] => assert!(!stats.lost.is_empty(), "a frame is lost in silence"),
                     more => panic!("{} frames", more.len()),
                 }
             }
@@ -37,8 +37,8 @@ fn a_frame_with_lost_packets_never_looks_whole() {
             assert!((1..SHOTS).contains(&whole), "{whole} of {SHOTS}");
             assert!(missing > 0);
             stand.rig.set_loss(&id("c00"), 0.0).unwrap();
-            let (_, frames, tally) = stand.shoot(device.as_mut(), SHOTS);
-            assert_eq!(frames.len(), 1, "{tally:?}");
+            let (_, frames, stats) = stand.shoot(device.as_mut(), SHOTS);
+            assert_eq!(frames.len(), 1, "{stats:?}");
         },
     );
 }
@@ -70,7 +70,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             let driver = Box::new(stand.driver("c00", parameters));
             let camera = supervise(id("c00"), driver, sender, Backoff::default()).unwrap();
             let ready = |event| match event {
-                Event::Ready(confirmed) => Some(confirmed),
+                Event::Ready(info) => Some(info),
                 _ => None,
             };
             let before = until(&events, Duration::from_secs(10), ready);
@@ -123,21 +123,21 @@ fn a_late_frame_has_its_true_time_and_is_not_taken_for_the_next() {
                 .rig
                 .set_delay(&id("c00"), Duration::from_millis(400))
                 .unwrap();
-            let (shot, frames, tally) = stand.shoot(device.as_mut(), 0);
-            assert_eq!(frames.len(), 1, "{tally:?}");
+            let (shot, frames, stats) = stand.shoot(device.as_mut(), 0);
+            assert_eq!(frames.len(), 1, "{stats:?}");
             let after = milliseconds_after(&shot, &frames[0]);
             assert!(
                 (0.0..350.0).contains(&after),
                 "stamped {after} ms after the trigger"
             );
             // Too late for its shot.
-            let (_, frames, tally) =
+            let (_, frames, stats) =
                 stand.shoot_within(device.as_mut(), 1, Duration::from_millis(100));
             assert!(frames.is_empty());
-            assert!(tally.unwrap().lost[0].contains("no frame arrived"));
+            assert!(stats.unwrap().lost[0].contains("no frame arrived"));
             stand.rig.set_delay(&id("c00"), Duration::ZERO).unwrap();
-            let (_, frames, tally) = stand.shoot(device.as_mut(), 2);
-            assert_eq!(frames.len(), 1, "{tally:?}");
+            let (_, frames, stats) = stand.shoot(device.as_mut(), 2);
+            assert_eq!(frames.len(), 1, "{stats:?}");
             assert!(
                 stand.is_picture(&frames[0], 0, 2),
                 "the picture of the shot before"
@@ -155,10 +155,10 @@ fn a_frozen_clock_is_not_believed() {
         stand.rig.freeze_clock(&id("c00"), true);
         std::thread::sleep(Duration::from_millis(50));
         for number in 1..4 {
-            let (_, frames, tally) =
+            let (_, frames, stats) =
                 stand.shoot_within(device.as_mut(), number, Duration::from_millis(300));
             assert!(frames.is_empty(), "shot {number}");
-            let lost = tally.unwrap().lost;
+            let lost = stats.unwrap().lost;
             assert!(lost[0].contains("stands still"), "{lost:?}");
         }
         stand.rig.freeze_clock(&id("c00"), false);

@@ -160,11 +160,11 @@ fn settings_are_read_back_for_the_recording() {
             ..stand.parameters("c00")
         };
         let device = stand.open("c00", parameters).unwrap();
-        let confirmed = device.confirmed();
-        let settings = confirmed.settings.as_ref().unwrap();
+        let info = device.info();
+        let settings = info.settings.as_ref().unwrap();
         assert!((settings.exposure.unwrap() - 0.004).abs() < 1e-6);
         assert_eq!(settings.trigger.as_deref(), Some("Software"));
-        let names: Vec<&str> = confirmed.table.iter().map(|row| row[0].as_str()).collect();
+        let names: Vec<&str> = info.table.iter().map(|row| row[0].as_str()).collect();
         // What starts exposures comes last, and the packets after the format.
         let place = |name| {
             names
@@ -176,7 +176,7 @@ fn settings_are_read_back_for_the_recording() {
         assert!(place("PixelFormat") < place("GevSCPSPacketSize"));
         assert!(place("GevSCPSPacketSize") < place("TriggerSource"));
         assert!(place("TriggerSource") < place("TriggerMode"));
-        for [name, asked, found] in &confirmed.table {
+        for [name, asked, found] in &info.table {
             assert!(!name.is_empty() && !asked.is_empty() && !found.is_empty());
         }
     });
@@ -210,7 +210,7 @@ fn a_camera_with_all_features_is_set_as_asked() {
                 ..stand.parameters("c00")
             };
             let device = stand.open("c00", all.clone()).unwrap();
-            let settings = device.confirmed().settings.clone().unwrap();
+            let settings = device.info().settings.clone().unwrap();
             assert_eq!(settings.gain_db, Some(6.5));
             assert_eq!(settings.white_balance, Some([1.75, 1.0, 2.5]));
             let register = |address| stand.rig.register(&camera, address).unwrap();

@@ -16,18 +16,15 @@ fn each_trigger_gives_the_picture_that_is_served_byte_for_byte() {
             let stand = Stand::new([64, 48]);
             for (camera, (name, encoding, bytes)) in CAMERAS.iter().enumerate() {
                 let mut device = stand.open(name, stand.parameters(name)).unwrap();
-                let confirmed = device.confirmed();
-                assert_eq!(
-                    (confirmed.size, confirmed.encoding.as_str()),
-                    ([64, 48], *encoding)
-                );
-                assert_eq!(confirmed.frame_bytes, u64::from(64 * 48 * bytes));
-                assert!(confirmed.identity.contains(name), "{}", confirmed.identity);
-                assert!(confirmed.remarks.is_empty(), "{:?}", confirmed.remarks);
+                let info = device.info();
+                assert_eq!((info.size, info.encoding.as_str()), ([64, 48], *encoding));
+                assert_eq!(info.frame_bytes, u64::from(64 * 48 * bytes));
+                assert!(info.identity.contains(name), "{}", info.identity);
+                assert!(info.remarks.is_empty(), "{:?}", info.remarks);
                 for number in 0..2 * CAPTURES {
-                    let (shot, frames, tally) = stand.shoot(device.as_mut(), number as u64);
-                    let tally = tally.unwrap();
-                    assert_eq!(tally, Default::default());
+                    let (shot, frames, stats) = stand.shoot(device.as_mut(), number as u64);
+                    let stats = stats.unwrap();
+                    assert_eq!(stats, Default::default());
                     assert_eq!(frames.len(), 1);
                     assert!(
                         stand.is_picture(&frames[0], camera, number % CAPTURES),
@@ -119,10 +116,10 @@ fn a_line_exposes_without_the_daemon() {
             assert!(stand.rig.pulse_line(&id("c00")));
             let picture = (sent(&stand) - 1) % CAPTURES;
             let is_quick = begin.elapsed() < Duration::from_millis(40);
-            let (shot, frames, tally) =
+            let (shot, frames, stats) =
                 stand.shoot_within(device.as_mut(), number, Duration::from_millis(500));
             if is_quick {
-                assert_eq!(frames.len(), 1, "{tally:?}");
+                assert_eq!(frames.len(), 1, "{stats:?}");
                 assert!(stand.is_picture(&frames[0], 0, picture));
                 assert!((-50.0..1.0).contains(&milliseconds_after(&shot, &frames[0])));
                 break;
@@ -134,14 +131,14 @@ fn a_line_exposes_without_the_daemon() {
                 std::thread::sleep(Duration::from_millis(100));
                 assert!(stand.rig.pulse_line(&id("c00")));
             });
-            let (shot, frames, tally) = stand.shoot(device.as_mut(), 30);
-            assert_eq!(frames.len(), 1, "{tally:?}");
+            let (shot, frames, stats) = stand.shoot(device.as_mut(), 30);
+            assert_eq!(frames.len(), 1, "{stats:?}");
             assert!(stand.is_picture(&frames[0], 0, (sent(&stand) - 1) % CAPTURES));
             assert!(milliseconds_after(&shot, &frames[0]) > 80.0);
         });
-        let (_, frames, tally) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));
+        let (_, frames, stats) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));
         assert!(frames.is_empty());
-        assert!(tally.unwrap().lost[0].contains("no frame arrived"));
+        assert!(stats.unwrap().lost[0].contains("no frame arrived"));
     });
 }
 
@@ -163,8 +160,8 @@ fn a_free_running_camera_gives_the_frames_around_a_trigger() {
                     std::thread::sleep(device.idle_period());
                     device.idle().unwrap();
                 }
-                let (shot, frames, tally) = stand.shoot(device.as_mut(), number);
-                assert_eq!(frames.len(), 2, "{tally:?}");
+                let (shot, frames, stats) = stand.shoot(device.as_mut(), number);
+                assert_eq!(frames.len(), 2, "{stats:?}");
                 let times: Vec<f64> = frames
                     .iter()
                     .map(|f| milliseconds_after(&shot, f))
@@ -201,7 +198,7 @@ fn a_part_of_the_sensor_is_read_where_that_is_asked_for() {
                 ..stand.parameters("c02")
             };
             let mut device = stand.open("c02", parameters).unwrap();
-            assert_eq!(device.confirmed().size, [16, 12]);
+            assert_eq!(device.info().size, [16, 12]);
             let (_, frames, _) = stand.shoot(device.as_mut(), 1);
             let whole = crate::stand::pixels(2, 0, [64, 48], 1);
             let expected: Vec<u8> = (4..16)
@@ -226,8 +223,8 @@ fn triggers_may_be_rare() {
                 std::thread::sleep(device.idle_period());
                 device.idle().unwrap();
             }
-            let (_, frames, tally) = stand.shoot(device.as_mut(), number);
-            assert_eq!((frames.len(), tally), (1, Ok(Default::default())));
+            let (_, frames, stats) = stand.shoot(device.as_mut(), number);
+            assert_eq!((frames.len(), stats), (1, Ok(Default::default())));
         }
     });
 }

@@ -2,7 +2,7 @@
 
 use scand::clock::Clock;
 use scand::drivers::aravis::{ActionGroup, GigeDriver, Parameters};
-use scand::drivers::live::{Device, Driver, Fault, Pool, Shot, Tally};
+use scand::drivers::live::{Device, Driver, Fault, Pool, Shot, ShotStats};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::recording::{Compression, Recording, Writer};
 use scand_lab::serve::{ColorOptions, ColorRig};
@@ -149,7 +149,7 @@ impl Stand {
         &self,
         device: &mut dyn Device,
         number: u64,
-    ) -> (Shot, Vec<Frame>, Result<Tally, Fault>) {
+    ) -> (Shot, Vec<Frame>, Result<ShotStats, Fault>) {
         self.shoot_within(device, number, Duration::from_secs(2))
     }
 
@@ -158,7 +158,7 @@ impl Stand {
         device: &mut dyn Device,
         number: u64,
         patience: Duration,
-    ) -> (Shot, Vec<Frame>, Result<Tally, Fault>) {
+    ) -> (Shot, Vec<Frame>, Result<ShotStats, Fault>) {
         let shot = self.shot(number, patience);
         let mut frames = Vec::new();
         let outcome = device.shoot(&shot, &mut |frame| frames.push(frame));

@@ -55,7 +55,7 @@ fn a_camera_of_others_is_set_and_triggered() {
             }
             std::thread::sleep(Duration::from_millis(50));
         };
-        let remarks = &device.confirmed().remarks;
+        let remarks = &device.info().remarks;
         assert!(
             remarks.iter().any(|r| r.contains("clock cannot be read")),
             "{remarks:?}"
@@ -70,10 +70,10 @@ fn a_camera_of_others_is_set_and_triggered() {
                 abandoned: Arc::default(),
             };
             let mut frames = Vec::new();
-            let tally = device
+            let stats = device
                 .shoot(&shot, &mut |frame| frames.push(frame))
                 .unwrap();
-            assert_eq!((frames.len(), tally.lost.len()), (1, 0), "{tally:?}");
+            assert_eq!((frames.len(), stats.lost.len()), (1, 0), "{stats:?}");
             let Picture::Raw {
                 width,
                 height,

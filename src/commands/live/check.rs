@@ -95,14 +95,14 @@ fn findings(args: &Args) -> Findings {
 fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings {
     let Prepared {
         config,
-        stations,
+        rig_cameras,
         calibration,
         ..
     } = prepared;
     let words = format!(
         "{}, {} cameras",
         args.source.config.display(),
-        stations.len()
+        rig_cameras.len()
     );
     let mut all = vec![Finding::ok("configuration", words)];
     all.push(check::calibration(modified(&calibration)));
@@ -122,7 +122,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
     all.push(daemon);
     let cameras = match &status {
         Some(status) => Ok(status["cameras"].clone()),
-        None => probe(stations, clock, CAMERAS)
+        None => probe(rig_cameras, clock, CAMERAS)
             .map(|cameras| serde_json::to_value(cameras).unwrap_or_default()),
     };
     match &cameras {

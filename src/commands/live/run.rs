@@ -6,7 +6,7 @@ use crate::clock::Clock;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Hooks, Kind, Left, Notifier, Packing, Plan, Pulse, Rig, Service, Station,
+    Capturing, Hooks, Kind, Left, Notifier, Packing, Plan, Rig, RigCamera, Service, Watchdog,
     handed_over, serve,
 };
 use crate::drivers::live::Backoff;
@@ -41,7 +41,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         outln!(
             "{}: {} cameras, all of them calibrated",
             args.source.config.display(),
-            prepared.stations.len()
+            prepared.rig_cameras.len()
         );
         return Ok(ExitCode::SUCCESS);
     }
@@ -57,7 +57,7 @@ fn serve_rig(
 ) -> anyhow::Result<ExitCode> {
     let Prepared {
         config,
-        stations,
+        rig_cameras,
         preamble,
         pool,
         ..
@@ -65,7 +65,7 @@ fn serve_rig(
     // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
     let _ = rustix::thread::clear_ambient_capability_set();
     let notifier = Arc::new(Notifier::from_environment());
-    let pulse = Pulse::new(notifier.clone(), clock);
+    let watchdog = Watchdog::new(notifier.clone(), clock);
     let models = Models::prepare(&config)?;
     let plan = Plan {
         sync: config.sync.clone(),
@@ -75,15 +75,15 @@ fn serve_rig(
         pool,
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
-        pulse: pulse.clone(),
+        watchdog: watchdog.clone(),
         models: models.as_ref().map(|_| config.workers.folder.clone()),
         jobs: models.as_ref().map(|models| models.jobs.clone()),
     };
     let jobs = plan.jobs.clone();
-    let frames = frames_a_shot(&stations, plan.sync.depth_frames);
+    let frames = frames_a_shot(&rig_cameras, plan.sync.depth_frames);
     // Before there are cameras, whose news nobody would hear meanwhile.
-    let left = Left::recover(&config.recording.folder, &pulse)?;
-    let rig = Rig::start(stations, clock, frames, Backoff::default())?;
+    let left = Left::recover(&config.recording.folder, &watchdog)?;
+    let rig = Rig::start(rig_cameras, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan, &left)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
@@ -107,7 +107,7 @@ fn serve_rig(
         keep_free,
     };
     let reread = Box::new(move || running.reload(clock));
-    let mut service = Service::new(notifier, &pulse, policy, reread, clock);
+    let mut service = Service::new(notifier, &watchdog, policy, reread, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");
     // Models are made after the next start: the capture in progress has the machine to itself.
@@ -127,8 +127,8 @@ fn serve_rig(
 }
 
 /// Frames that all cameras may give to one shot.
-pub(super) fn frames_a_shot(stations: &[Station], depth_frames: usize) -> usize {
-    let frames = stations.iter().map(|station| match station.kind {
+pub(super) fn frames_a_shot(rig_cameras: &[RigCamera], depth_frames: usize) -> usize {
+    let frames = rig_cameras.iter().map(|rig_camera| match rig_camera.kind {
         Kind::Color => 8,
         Kind::Depth | Kind::DepthInTurn => 2 * depth_frames + 16,
     });

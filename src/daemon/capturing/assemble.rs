@@ -1,8 +1,8 @@
 //! From what a shot gave to what is kept: which frames, which record, and in words why a capture failed. No thread, no
 //! clock, no file.
 
-use super::super::rig::Shooting;
-use crate::drivers::live::{Fault, Tally};
+use super::super::rig::ShotResult;
+use crate::drivers::live::{Fault, ShotStats};
 use crate::frame::{CameraId, Frame, Timestamp};
 use crate::recording::{CameraInCapture, CaptureRecord, FinishedCapture, Lost, LostParts, Outcome};
 use crate::sync::{Capture, Shortfall};
@@ -11,16 +11,16 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Makes of a shot and of what `sync` took from it the capture that is kept. A failed one keeps every frame that came.
 pub(super) fn assemble(
     capture: Capture<Frame>,
-    shooting: Shooting,
+    result: ShotResult,
     largest_skew_ms: f64,
     time: Timestamp,
 ) -> FinishedCapture {
-    let reasons = reasons(&capture, &shooting.answers, largest_skew_ms);
+    let reasons = reasons(&capture, &result.answers, largest_skew_ms);
     let failed = !capture.complete || too_skewed(&capture, largest_skew_ms);
     let skew_ns = capture.skew_ns();
     let trigger = capture.trigger.clone();
     let frames = if failed {
-        shooting.frames
+        result.frames
     } else {
         frames_of(capture)
     };
@@ -33,7 +33,7 @@ pub(super) fn assemble(
         },
         reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
         skew_ns: Some(skew_ns),
-        cameras: cameras(&frames, &shooting.answers),
+        cameras: cameras(&frames, &result.answers),
     };
     FinishedCapture {
         trigger,
@@ -64,15 +64,15 @@ fn frames_of(capture: Capture<Frame>) -> Vec<Frame> {
 /// Of each camera its frames' timestamps and what it lost. A depth camera is known by its depth frames.
 fn cameras(
     frames: &[Frame],
-    answers: &BTreeMap<CameraId, Result<Tally, Fault>>,
+    answers: &BTreeMap<CameraId, Result<ShotStats, Fault>>,
 ) -> BTreeMap<String, CameraInCapture> {
     let mut cameras: BTreeMap<String, CameraInCapture> = BTreeMap::new();
     for (id, answer) in answers {
         let camera = cameras.entry(id.to_string()).or_default();
         camera.timestamps = Some(Vec::new());
         camera.lost = lost(answer);
-        if let Ok(tally) = answer {
-            camera.remarks.clone_from(&tally.remarks);
+        if let Ok(stats) = answer {
+            camera.remarks.clone_from(&stats.remarks);
         }
     }
     for frame in frames {
@@ -91,19 +91,19 @@ fn cameras(
 }
 
 /// What a camera lost, for the record; nothing where it lost nothing.
-fn lost(answer: &Result<Tally, Fault>) -> Option<Lost> {
-    let tally = match answer {
+fn lost(answer: &Result<ShotStats, Fault>) -> Option<Lost> {
+    let stats = match answer {
         Err(fault) => {
             let fault = fault.to_string();
             return Some(Lost::All { fault });
         }
-        Ok(tally) => tally,
+        Ok(stats) => stats,
     };
     let parts = LostParts {
-        frames: tally.lost.clone(),
-        missing_packets: tally.missing_packets,
-        resent_packets: tally.resent_packets,
-        unused_frames: tally.unused,
+        frames: stats.lost.clone(),
+        missing_packets: stats.missing_packets,
+        resent_packets: stats.resent_packets,
+        unused_frames: stats.unused,
     };
     (parts != LostParts::default()).then_some(Lost::Some(parts))
 }
@@ -111,13 +111,13 @@ fn lost(answer: &Result<Tally, Fault>) -> Option<Lost> {
 /// What was short, each with what its camera had to say.
 fn reasons(
     capture: &Capture<Frame>,
-    answers: &BTreeMap<CameraId, Result<Tally, Fault>>,
+    answers: &BTreeMap<CameraId, Result<ShotStats, Fault>>,
     largest_skew_ms: f64,
 ) -> Vec<String> {
     let short = |shortfall: &Shortfall| match answers.get(&shortfall.camera) {
         Some(Err(fault)) => format!("camera {}: {fault}", shortfall.camera),
-        Some(Ok(tally)) if !tally.lost.is_empty() => {
-            format!("{shortfall}; it lost: {}", tally.lost.join(", "))
+        Some(Ok(stats)) if !stats.lost.is_empty() => {
+            format!("{shortfall}; it lost: {}", stats.lost.join(", "))
         }
         _ => shortfall.to_string(),
     };

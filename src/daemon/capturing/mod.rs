@@ -11,7 +11,7 @@ use super::recorder::{Answer, Recorder};
 use super::request_log::{Input, Press};
 use super::rig::Rig;
 use super::status::Status;
-use super::systemd::Pulse;
+use super::systemd::Watchdog;
 use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
@@ -72,7 +72,7 @@ pub struct Plan {
     /// Where it is told what happens.
     pub events: Events,
     /// Where its threads show that they live.
-    pub pulse: Pulse,
+    pub watchdog: Watchdog,
     /// Where models of captures go; `None` where none are made, so that no press can wait for its model.
     pub models: Option<PathBuf>,
     /// Where the jobs of making models go; `None` where none are made.
@@ -112,8 +112,8 @@ impl Capturing {
         let models = plan.models.is_some();
         let (orders, queue) = bounded(1);
         let status: Arc<Mutex<Status>> = Arc::default();
-        let recorder =
-            Recorder::start(plan.capture.waiting, plan.pulse.heart("recorder")).map_err(io)?;
+        let recorder = Recorder::start(plan.capture.waiting, plan.watchdog.heartbeat("recorder"))
+            .map_err(io)?;
         let capture_thread =
             CaptureThread::new(rig, plan, recorder, dispatcher.clone(), status.clone());
         let thread = std::thread::Builder::new().name("capturing".into());
@@ -255,7 +255,7 @@ impl Left {
     ///
     /// # Errors
     /// If the folder cannot be made or read.
-    pub fn recover(folder: &Path, pulse: &Pulse) -> Result<Self, Error> {
+    pub fn recover(folder: &Path, watchdog: &Watchdog) -> Result<Self, Error> {
         let io = |cause| Error::Io {
             path: folder.into(),
             cause,
@@ -272,7 +272,7 @@ impl Left {
             log::error!("{error}");
         }
         for part in parts {
-            recover_one(&part, pulse);
+            recover_one(&part, watchdog);
         }
         Ok(Self {
             folder: folder.into(),
@@ -293,11 +293,11 @@ impl Left {
     }
 }
 
-fn recover_one(part: &Path, pulse: &Pulse) {
+fn recover_one(part: &Path, watchdog: &Watchdog) {
     const SLOWEST_BYTES_A_SECOND: u64 = 5_000_000;
     const BESIDE: Duration = Duration::from_secs(60);
     let bytes = part.metadata().map_or(0, |part| part.len());
-    pulse.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
+    watchdog.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
     match recover(part) {
         Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
         Err(error) => log::error!("{error}; {} stays as it is", part.display()),

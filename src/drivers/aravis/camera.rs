@@ -11,7 +11,7 @@ use super::precision_time::PrecisionTime;
 use super::settings::{Set, Setting};
 use super::stream::{Frames, Layout};
 use crate::clock::Clock;
-use crate::drivers::live::{Confirmed, Device, Driver, Fault, Pool, Shot, Tally};
+use crate::drivers::live::{CameraInfo, Device, Driver, Fault, Pool, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Timestamp};
 use aravis::prelude::*;
 use aravis::{Buffer, Camera, GvDevice};
@@ -70,7 +70,7 @@ pub(super) struct OpenCamera {
     pub(super) clock: Clock,
     pub(super) actions: ActionGroup,
     pub(super) found: Found,
-    pub(super) confirmed: Confirmed,
+    pub(super) info: CameraInfo,
     /// Whole frames that no shot has asked for yet, the oldest first. They go before their stream.
     pub(super) kept: VecDeque<(Timestamp, Buffer)>,
     pub(super) frames: Frames,
@@ -112,7 +112,7 @@ impl OpenCamera {
         let mut frames = Frames::open(&camera, &parameters, layout)?;
         let camera_clock = CameraClock::find(&camera, &device, driver.clock);
         frames.begin();
-        let confirmed = confirmed(&found, set, table);
+        let info = info(&found, set, table);
         let mut open = Self {
             id: driver.id.clone(),
             parameters,
@@ -120,7 +120,7 @@ impl OpenCamera {
             clock: driver.clock,
             actions: driver.actions.clone(),
             found,
-            confirmed,
+            info,
             kept: VecDeque::new(),
             frames,
             camera_clock,
@@ -142,7 +142,7 @@ impl OpenCamera {
 
     /// Notes what works and yet should be known.
     fn remark(&mut self) {
-        let remarks = &mut self.confirmed.remarks;
+        let remarks = &mut self.info.remarks;
         if !self.camera_clock.can_be_read() {
             remarks.push(
                 "its clock cannot be read, only estimated from when its frames arrive".into(),
@@ -193,30 +193,30 @@ impl OpenCamera {
 }
 
 impl OpenCamera {
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         self.in_control()?;
         // A camera that is gone is told now, and not when the library gives up.
         self.check()?;
         self.camera_clock.keep_known(&self.camera, &self.device);
-        let mut tally = Tally::default();
+        let mut stats = ShotStats::default();
         let outcome = match self.mode() {
-            TriggerMode::Software => self.shoot_software(shot, &mut tally, take),
-            TriggerMode::Action => self.shoot_action(shot, &mut tally, take),
-            TriggerMode::Line => self.shoot_line(shot, &mut tally, take),
-            TriggerMode::FreeRun => self.shoot_free_run(shot, &mut tally, take),
+            TriggerMode::Software => self.shoot_software(shot, &mut stats, take),
+            TriggerMode::Action => self.shoot_action(shot, &mut stats, take),
+            TriggerMode::Line => self.shoot_line(shot, &mut stats, take),
+            TriggerMode::FreeRun => self.shoot_free_run(shot, &mut stats, take),
         };
-        self.frames.count(&mut tally);
+        self.frames.count(&mut stats);
         if let Some(precision_time) = &self.precision_time {
             let (Ok(words) | Err(words)) = precision_time.state(&self.camera);
-            tally.remarks.push(words);
+            stats.remarks.push(words);
         }
-        outcome.map(|()| tally)
+        outcome.map(|()| stats)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {
         match self.mode() {
-            TriggerMode::Software | TriggerMode::Action => self.drain(&mut Tally::default()),
-            TriggerMode::Line | TriggerMode::FreeRun => self.keep_newest(&mut Tally::default()),
+            TriggerMode::Software | TriggerMode::Action => self.drain(&mut ShotStats::default()),
+            TriggerMode::Line | TriggerMode::FreeRun => self.keep_newest(&mut ShotStats::default()),
         }
         self.in_control()?;
         if self.checked.elapsed() >= CHECK_PERIOD {
@@ -271,13 +271,13 @@ fn nobody() -> Fault {
 }
 
 impl Device for Held {
-    fn confirmed(&self) -> &Confirmed {
-        static NONE: OnceLock<Confirmed> = OnceLock::new();
-        let open = self.0.as_ref().map(|camera| &camera.confirmed);
-        open.unwrap_or_else(|| NONE.get_or_init(Confirmed::default))
+    fn info(&self) -> &CameraInfo {
+        static NONE: OnceLock<CameraInfo> = OnceLock::new();
+        let open = self.0.as_ref().map(|camera| &camera.info);
+        open.unwrap_or_else(|| NONE.get_or_init(CameraInfo::default))
     }
 
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         self.0.as_mut().ok_or_else(nobody)?.shoot(shot, take)
     }
 
@@ -307,9 +307,9 @@ impl Drop for Held {
     }
 }
 
-fn confirmed(found: &Found, set: Set, table: Vec<[String; 3]>) -> Confirmed {
+fn info(found: &Found, set: Set, table: Vec<[String; 3]>) -> CameraInfo {
     let identity = &found.identity;
-    Confirmed {
+    CameraInfo {
         identity: format!(
             "{} {}, serial {}, firmware {}, at {}",
             identity.vendor, identity.model, identity.serial, identity.version, found.address

@@ -7,7 +7,7 @@ use super::features::no_answer;
 use super::gvcp;
 use super::parameters::ExposureMark;
 use super::stream::Arrival;
-use crate::drivers::live::{Fault, LINE_LEAD, Shot, Tally};
+use crate::drivers::live::{Fault, LINE_LEAD, Shot, ShotStats};
 use crate::frame::{Frame, Stream, Timestamp};
 use aravis::Buffer;
 use aravis::prelude::*;
@@ -34,7 +34,7 @@ impl OpenCamera {
         match self.parameters.exposure_mark.unwrap_or_default() {
             ExposureMark::Start => Ok(time),
             ExposureMark::End => {
-                let settings = self.confirmed.settings.as_ref();
+                let settings = self.info.settings.as_ref();
                 let exposure = settings.and_then(|s| s.exposure).unwrap_or(0.0);
                 Ok(Timestamp(time.0.saturating_sub((exposure * 1e9) as u64)))
             }
@@ -42,38 +42,38 @@ impl OpenCamera {
     }
 
     /// Drops every frame that has come.
-    pub(super) fn drain(&mut self, tally: &mut Tally) {
+    pub(super) fn drain(&mut self, stats: &mut ShotStats) {
         while let Some(arrival) = self.frames.next() {
             if let Arrival::Whole(buffer) = arrival {
                 self.frames.give_back(buffer);
-                tally.unused += 1;
+                stats.unused += 1;
             }
         }
     }
 
     /// Keeps the newest of the frames that have come.
-    pub(super) fn keep_newest(&mut self, tally: &mut Tally) {
+    pub(super) fn keep_newest(&mut self, stats: &mut ShotStats) {
         while let Some(arrival) = self.frames.next() {
             match arrival {
-                Arrival::Whole(buffer) => self.keep(buffer, tally),
+                Arrival::Whole(buffer) => self.keep(buffer, stats),
                 // Nobody has asked for it.
                 Arrival::Damaged(..) | Arrival::Nothing => {}
             }
         }
     }
 
-    fn keep(&mut self, buffer: Buffer, tally: &mut Tally) {
+    fn keep(&mut self, buffer: Buffer, stats: &mut ShotStats) {
         match self.begin_of(buffer.timestamp(), None) {
             Ok(time) => self.kept.push_back((time, buffer)),
             Err(why) => {
                 self.frames.give_back(buffer);
-                tally.lost.push(why);
+                stats.lost.push(why);
             }
         }
         while self.kept.len() > KEPT {
             if let Some((_, oldest)) = self.kept.pop_front() {
                 self.frames.give_back(oldest);
-                tally.unused += 1;
+                stats.unused += 1;
             }
         }
     }
@@ -83,7 +83,7 @@ impl OpenCamera {
         &self,
         time: Timestamp,
         buffer: Buffer,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) {
         match self.frames.copy(buffer, &self.pool) {
@@ -93,7 +93,7 @@ impl OpenCamera {
                 timestamp: time,
                 picture,
             }),
-            None => tally.lost.push(format!(
+            None => stats.lost.push(format!(
                 "no memory for a frame: {} of {} bytes are in use (capture.memory_mb)",
                 self.pool.allocated(),
                 self.pool.limit()
@@ -107,7 +107,7 @@ impl OpenCamera {
         &mut self,
         shot: &Shot,
         (earliest, certain): (Timestamp, Option<Timestamp>),
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<bool, Fault> {
         let mut until = shot.deadline;
@@ -122,18 +122,18 @@ impl OpenCamera {
                         // Of a trigger before.
                         continue;
                     }
-                    tally.lost.push(why);
+                    stats.lost.push(why);
                     until = until.min(Instant::now() + AFTER_DAMAGE);
                 }
                 Arrival::Whole(buffer) => match self.begin_of(buffer.timestamp(), certain) {
                     Ok(time) if time >= earliest => {
-                        self.deliver(time, buffer, tally, take);
-                        tally.unused += doubtful.len() as u64;
+                        self.deliver(time, buffer, stats, take);
+                        stats.unused += doubtful.len() as u64;
                         return Ok(true);
                     }
                     Ok(_) => {
                         self.frames.give_back(buffer);
-                        tally.unused += 1;
+                        stats.unused += 1;
                     }
                     Err(why) => {
                         self.frames.give_back(buffer);
@@ -142,7 +142,7 @@ impl OpenCamera {
                 },
             }
         }
-        tally.lost.append(&mut doubtful);
+        stats.lost.append(&mut doubtful);
         Ok(false)
     }
 
@@ -167,10 +167,10 @@ impl OpenCamera {
     pub(super) fn shoot_software(
         &mut self,
         shot: &Shot,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
-        self.drain(tally);
+        self.drain(stats);
         let triggered = self.clock.timestamp();
         if let Err(error) = self.camera.software_trigger() {
             if no_answer(&error) {
@@ -180,32 +180,32 @@ impl OpenCamera {
                     "{address}: no answer to a trigger: {why}"
                 )));
             }
-            tally.lost.push(format!(
+            stats.lost.push(format!(
                 "the camera declined the trigger: {}",
                 error.message()
             ));
             return Ok(());
         }
-        let came = self.await_triggered(shot, (triggered, Some(triggered)), tally, take)?;
-        self.miss(came, shot, tally)
+        let came = self.await_triggered(shot, (triggered, Some(triggered)), stats, take)?;
+        self.miss(came, shot, stats)
     }
 
     pub(super) fn shoot_action(
         &mut self,
         shot: &Shot,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
-        self.drain(tally);
+        self.drain(stats);
         let scheduled = match self.schedule(shot) {
             Ok(scheduled) => scheduled,
             Err(why) => {
-                tally.lost.push(why);
+                stats.lost.push(why);
                 return Ok(());
             }
         };
-        let came = self.await_triggered(shot, (scheduled, Some(scheduled)), tally, take)?;
-        self.miss(came, shot, tally)
+        let came = self.await_triggered(shot, (scheduled, Some(scheduled)), stats, take)?;
+        self.miss(came, shot, stats)
     }
 
     /// Tells the camera when to expose; the host's time of that.
@@ -240,41 +240,41 @@ impl OpenCamera {
     pub(super) fn shoot_line(
         &mut self,
         shot: &Shot,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
         let earliest = Timestamp(shot.trigger.0.saturating_sub(LINE_LEAD.as_nanos() as u64));
-        self.keep_newest(tally);
+        self.keep_newest(stats);
         let mut came = false;
         while let Some((time, buffer)) = self.kept.pop_front() {
             if time >= earliest && !came {
-                self.deliver(time, buffer, tally, take);
+                self.deliver(time, buffer, stats, take);
                 came = true;
             } else {
                 self.frames.give_back(buffer);
-                tally.unused += 1;
+                stats.unused += 1;
             }
         }
-        let came = came || self.await_triggered(shot, (earliest, None), tally, take)?;
-        self.miss(came, shot, tally)
+        let came = came || self.await_triggered(shot, (earliest, None), stats, take)?;
+        self.miss(came, shot, stats)
     }
 
     /// The last frame before the trigger and the first from then on.
     pub(super) fn shoot_free_run(
         &mut self,
         shot: &Shot,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
-        self.keep_newest(tally);
+        self.keep_newest(stats);
         while self
             .kept
             .back()
             .is_none_or(|(time, _)| *time < shot.trigger)
         {
             match self.next_arrival(shot, shot.deadline)? {
-                Some(Arrival::Whole(buffer)) => self.keep(buffer, tally),
-                Some(Arrival::Damaged(why, _)) => tally.lost.push(why),
+                Some(Arrival::Whole(buffer)) => self.keep(buffer, stats),
+                Some(Arrival::Damaged(why, _)) => stats.lost.push(why),
                 Some(Arrival::Nothing) => {}
                 None => break,
             }
@@ -284,23 +284,23 @@ impl OpenCamera {
         let kept = std::mem::take(&mut self.kept);
         for (i, (time, buffer)) in kept.into_iter().enumerate() {
             if Some(i) == before || Some(i) == after {
-                self.deliver(time, buffer, tally, take);
+                self.deliver(time, buffer, stats, take);
             } else {
                 self.frames.give_back(buffer);
-                tally.unused += 1;
+                stats.unused += 1;
             }
         }
-        self.miss(after.is_some(), shot, tally)
+        self.miss(after.is_some(), shot, stats)
     }
 
     /// Tells of a frame that did not come, and finds out whether the camera is still there.
-    fn miss(&mut self, came: bool, shot: &Shot, tally: &mut Tally) -> Result<(), Fault> {
+    fn miss(&mut self, came: bool, shot: &Shot, stats: &mut ShotStats) -> Result<(), Fault> {
         if came || shot.abandoned.load(Ordering::Relaxed) {
             return Ok(());
         }
-        if tally.lost.is_empty() {
+        if stats.lost.is_empty() {
             let waited = self.clock.timestamp().nanoseconds_since(shot.trigger) as f64 / 1e9;
-            tally.lost.push(format!(
+            stats.lost.push(format!(
                 "no frame arrived within {waited:.2} s of the trigger"
             ));
         }

@@ -3,7 +3,7 @@
 #![allow(unsafe_code)] // A frame is read where the library put it; the wrapper has that as a pointer only.
 
 use super::parameters::{self, Parameters};
-use crate::drivers::live::{Fault, Pool, Tally};
+use crate::drivers::live::{Fault, Pool, ShotStats};
 use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::Picture;
 use aravis::glib::prelude::Cast;
@@ -91,7 +91,7 @@ impl Frames {
         for _ in 0..self.buffers {
             self.give_back(Buffer::new_allocate(self.layout.payload));
         }
-        self.count(&mut Tally::default());
+        self.count(&mut ShotStats::default());
     }
 
     /// What has come already; `None` if nothing has.
@@ -113,8 +113,8 @@ impl Frames {
         self.stream.push_buffer(buffer);
     }
 
-    /// Adds to `tally` what was lost since the last call.
-    pub fn count(&mut self, tally: &mut Tally) {
+    /// Adds to `stats` what was lost since the last call.
+    pub fn count(&mut self, stats: &mut ShotStats) {
         let (resent, missing) = self.stream.statistics();
         let (_, _, underruns) = StreamExt::statistics(&self.stream);
         let now = Counts {
@@ -123,11 +123,11 @@ impl Frames {
             underruns,
         };
         let last = std::mem::replace(&mut self.counted, now);
-        tally.resent_packets += now.resent.saturating_sub(last.resent);
-        tally.missing_packets += now.missing.saturating_sub(last.missing);
+        stats.resent_packets += now.resent.saturating_sub(last.resent);
+        stats.missing_packets += now.missing.saturating_sub(last.missing);
         let dropped = now.underruns.saturating_sub(last.underruns);
         if dropped > 0 {
-            tally.lost.push(format!(
+            stats.lost.push(format!(
                 "{dropped} packets arrived while no memory was ready for their frame"
             ));
         }

@@ -52,7 +52,7 @@ impl Shot {
 
 /// The result of a shot beside its frames.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct ShotStats {
     /// Frames that were damaged or did not arrive, each in words.
     pub lost: Vec<String>,
     /// Packets that were requested again.
@@ -67,7 +67,7 @@ pub struct Tally {
 
 /// An open camera: its identity and its settings as they were read back.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Confirmed {
+pub struct CameraInfo {
     /// Vendor, model, serial number, firmware, address.
     pub identity: String,
     /// Width and height of its frames in pixels.
@@ -96,7 +96,7 @@ pub trait Driver: Send {
 /// An open camera. It lives and dies on the thread that opened it.
 pub trait Device {
     /// Its identity and settings.
-    fn confirmed(&self) -> &Confirmed;
+    fn info(&self) -> &CameraInfo;
 
     /// Takes the frames of a shot: what was exposed before is dropped, the camera is triggered where that is its way,
     /// and each whole frame is handed to `take` with its timestamp, the start of its exposure on the host's
@@ -104,7 +104,7 @@ pub trait Device {
     ///
     /// # Errors
     /// If the camera is away. Lost frames are no error; they are counted in the result.
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault>;
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault>;
 
     /// Called every [`Device::idle_period`] between shots: drains the frames of a free-running camera, keeps its clock
     /// mapped, and detects that it is away.

@@ -11,7 +11,7 @@ mod supervisor_tests;
 use std::time::Duration;
 
 pub use clock::{DeviceClock, Reading};
-pub use device::{Confirmed, Device, Driver, Fault, Shot, Tally};
+pub use device::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
 pub use pool::{Pool, PooledBuffer};
 pub use supervisor::{Backoff, Command, Ending, Event, Message, Supervised, supervise};
 

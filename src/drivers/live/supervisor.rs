@@ -1,7 +1,7 @@
 //! The thread of one live camera: opens it, takes its shots, polls it while idle, and reopens it with growing pauses when
 //! it is away. Only its own camera can block this thread: when the queue is full, frames are dropped and counted.
 
-use super::{Confirmed, Device, Driver, Fault, Shot, Tally};
+use super::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Stream, Timestamp};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
@@ -20,7 +20,7 @@ pub enum Command {
 #[derive(Debug)]
 pub enum Event {
     /// The camera is open and configured.
-    Ready(Box<Confirmed>),
+    Ready(Box<CameraInfo>),
     /// A complete frame of a shot.
     Frame {
         /// The shot's number.
@@ -33,7 +33,7 @@ pub enum Event {
         /// The shot's number.
         shot: u64,
         /// Its result, or why the camera took none.
-        outcome: Result<Tally, Fault>,
+        outcome: Result<ShotStats, Fault>,
     },
     /// What the camera reports about itself while idle: names and values.
     Health(Vec<[String; 2]>),
@@ -192,7 +192,7 @@ impl Supervisor {
     /// Serves until the camera fails; returns why, and whether it had been open.
     fn open_and_serve(&mut self) -> Result<Ended, (Fault, bool)> {
         let mut device = guarded(|| self.driver.open()).map_err(|fault| (fault, false))?;
-        self.tell(Event::Ready(Box::new(device.confirmed().clone())));
+        self.tell(Event::Ready(Box::new(device.info().clone())));
         let served = guarded(|| self.serve(device.as_mut()));
         // A device that panicked may panic again while it is closed.
         let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
@@ -242,9 +242,9 @@ impl Supervisor {
         let fault = outcome.as_ref().err().cloned();
         self.tell(Event::Answered {
             shot: shot.number,
-            outcome: outcome.map(|mut tally| {
-                tally.lost.append(&mut not_taken);
-                tally
+            outcome: outcome.map(|mut stats| {
+                stats.lost.append(&mut not_taken);
+                stats
             }),
         });
         fault.map_or(Ok(()), Err)

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// What a camera of the tests does at each shot.
-type Script = fn(u64, &mut dyn FnMut(Frame)) -> Result<Tally, Fault>;
+type Script = fn(u64, &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault>;
 
 struct Scripted {
     opened: Arc<AtomicUsize>,
@@ -19,7 +19,7 @@ struct Scripted {
 }
 
 struct Open {
-    confirmed: Confirmed,
+    info: CameraInfo,
     plugged: Arc<AtomicBool>,
     script: Script,
 }
@@ -31,9 +31,9 @@ impl Driver for Scripted {
             return Err(Fault::Away("no answer from 127.0.0.9".into()));
         }
         Ok(Box::new(Open {
-            confirmed: Confirmed {
+            info: CameraInfo {
                 identity: "scripted".into(),
-                ..Confirmed::default()
+                ..CameraInfo::default()
             },
             plugged: self.plugged.clone(),
             script: self.script,
@@ -42,10 +42,10 @@ impl Driver for Scripted {
 }
 
 impl Device for Open {
-    fn confirmed(&self) -> &Confirmed {
-        &self.confirmed
+    fn info(&self) -> &CameraInfo {
+        &self.info
     }
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         (self.script)(shot.number, take)
     }
     fn idle(&mut self) -> Result<(), Fault> {
@@ -102,7 +102,7 @@ impl Stand {
         while !matches!(self.next(), Event::Ready(_)) {}
     }
 
-    fn shoot(&self, number: u64) -> (Vec<Timestamp>, Result<Tally, Fault>) {
+    fn shoot(&self, number: u64) -> (Vec<Timestamp>, Result<ShotStats, Fault>) {
         let shot = Shot {
             number,
             trigger: Timestamp(0),
@@ -136,9 +136,9 @@ fn frame(time: u64) -> Frame {
     }
 }
 
-fn sound(number: u64, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+fn sound(number: u64, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
     take(frame(number));
-    Ok(Tally::default())
+    Ok(ShotStats::default())
 }
 
 #[test]
@@ -150,7 +150,10 @@ fn a_camera_that_is_not_there_yet_is_opened_later_and_named_meanwhile() {
     }
     stand.ready();
     assert_eq!(stand.opened.load(Ordering::Relaxed), 6);
-    assert_eq!(stand.shoot(1), (vec![Timestamp(1)], Ok(Tally::default())));
+    assert_eq!(
+        stand.shoot(1),
+        (vec![Timestamp(1)], Ok(ShotStats::default()))
+    );
     assert!(
         stand
             .camera
@@ -205,7 +208,7 @@ fn a_frozen_clock_is_not_believed() {
     let stand = stand(
         |_, take| {
             take(frame(77));
-            Ok(Tally::default())
+            Ok(ShotStats::default())
         },
         0,
     );

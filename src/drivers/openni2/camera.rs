@@ -10,7 +10,7 @@ use super::recorder::Recorder;
 use super::settings::{self, Read};
 use super::stream::{self, Stream};
 use crate::clock::Clock;
-use crate::drivers::live::{Confirmed, Fault, Pool};
+use crate::drivers::live::{CameraInfo, Fault, Pool};
 use crate::frame::{CameraId, Timestamp};
 use std::path::Path;
 use std::rc::Rc;
@@ -23,7 +23,7 @@ pub struct Camera {
     pub(super) parameters: Parameters,
     pub(super) pool: Pool,
     pub(super) host: Clock,
-    pub(super) confirmed: Confirmed,
+    pub(super) info: CameraInfo,
     /// Of depth and of colour.
     pub(super) expected: [Expected; 2],
     pub(super) clock: StreamClock,
@@ -58,14 +58,14 @@ impl Camera {
         if parameters.color() {
             streams.push(Stream::create(&device, ffi::SENSOR_COLOR)?);
         }
-        let confirmed = settings::apply(&parameters, &device, &streams)?;
+        let info = settings::apply(&parameters, &device, &streams)?;
         let mut camera = Self {
             id,
             expected: settings::expected(&parameters),
             parameters,
             pool,
             host,
-            confirmed,
+            info,
             clock: StreamClock::by_arrival(),
             runs: false,
             synchronised: false,
@@ -73,7 +73,7 @@ impl Camera {
             device,
         };
         let read = camera.start()?;
-        settings::add(&mut camera.confirmed, read);
+        settings::add(&mut camera.info, read);
         if camera.parameters.take_turns() {
             camera.stop();
         }

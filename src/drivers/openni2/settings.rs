@@ -5,7 +5,7 @@ use super::ffi::{self, VideoMode};
 use super::frame_check::Expected;
 use super::parameters::{Parameters, Unit, is_file};
 use super::stream::Stream;
-use crate::drivers::live::{Confirmed, Fault};
+use crate::drivers::live::{CameraInfo, Fault};
 use std::ffi::c_int;
 
 /// What was read back of a setting, or is to be said of it.
@@ -22,11 +22,11 @@ fn row(name: &str, asked: impl Into<String>, found: impl Into<String>) -> Read {
 }
 
 /// Adds to what is known of a camera.
-pub fn add(confirmed: &mut Confirmed, read: Vec<Read>) {
+pub fn add(info: &mut CameraInfo, read: Vec<Read>) {
     for one in read {
         match one {
-            Read::Row(row) => confirmed.table.push(row),
-            Read::Remark(remark) => confirmed.remarks.push(remark),
+            Read::Row(row) => info.table.push(row),
+            Read::Remark(remark) => info.remarks.push(remark),
         }
     }
 }
@@ -35,7 +35,7 @@ pub fn add(confirmed: &mut Confirmed, read: Vec<Read>) {
 ///
 /// # Errors
 /// If something was not taken.
-pub fn apply(p: &Parameters, device: &Device, streams: &[Stream]) -> Result<Confirmed, Fault> {
+pub fn apply(p: &Parameters, device: &Device, streams: &[Stream]) -> Result<CameraInfo, Fault> {
     let [width, height] = p.size();
     let color = streams.len() == 2;
     let mut read = vec![row("device", p.device(), device.uri())];
@@ -63,7 +63,7 @@ pub fn apply(p: &Parameters, device: &Device, streams: &[Stream]) -> Result<Conf
         read.extend(unmirror(stream, name)?);
     }
     let each = if color { 3 } else { 2 };
-    let mut confirmed = Confirmed {
+    let mut info = CameraInfo {
         identity: identity(device),
         size: [width, height],
         encoding: "16UC1".into(),
@@ -72,8 +72,8 @@ pub fn apply(p: &Parameters, device: &Device, streams: &[Stream]) -> Result<Conf
         table: Vec::new(),
         remarks: vec![format!("a raw reading counts {}", unit.words())],
     };
-    add(&mut confirmed, read);
-    Ok(confirmed)
+    add(&mut info, read);
+    Ok(info)
 }
 
 fn identity(device: &Device) -> String {

@@ -5,13 +5,13 @@ use super::clock::Anchor;
 use super::frame_check::complete_rows;
 use super::settings;
 use super::stream;
-use crate::drivers::live::{Confirmed, Device, Fault, Shot, Tally};
+use crate::drivers::live::{CameraInfo, Device, Fault, Shot, ShotStats};
 use crate::frame::{Frame, Picture, Stream, Timestamp};
 use std::time::{Duration, Instant};
 
 /// What a shot has so far.
 struct Burst {
-    tally: Tally,
+    stats: ShotStats,
     anchor: Option<Anchor>,
     /// Frames of depth and of colour that were handed over.
     taken: [u32; 2],
@@ -38,7 +38,7 @@ impl Burst {
         // A file that begins again counts from one.
         if (1..1000).contains(&missed) {
             let of = NAMES[which];
-            self.tally.lost.push(format!(
+            self.stats.lost.push(format!(
                 "{missed} {of} frames before number {number} did not arrive"
             ));
         }
@@ -51,11 +51,11 @@ const STREAMS: [Stream; 2] = [Stream::Depth, Stream::DepthColor];
 const ENCODINGS: [&str; 2] = ["16UC1", "rgb8"];
 
 impl Device for Camera {
-    fn confirmed(&self) -> &Confirmed {
-        &self.confirmed
+    fn info(&self) -> &CameraInfo {
+        &self.info
     }
 
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         if !self.runs {
             self.start()?;
         } else if !self.is_file() {
@@ -126,10 +126,10 @@ impl Camera {
         Ok(())
     }
 
-    fn burst(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn burst(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         let each = self.parameters.burst();
         let mut burst = Burst {
-            tally: Tally::default(),
+            stats: ShotStats::default(),
             anchor: None,
             taken: [0; 2],
             wanted: [each, if self.streams.len() == 2 { each } else { 0 }],
@@ -152,7 +152,7 @@ impl Camera {
             let arrival = self.host.timestamp();
             self.receive(which, arrival, shot, &mut burst, take)?;
         }
-        Ok(burst.tally)
+        Ok(burst.stats)
     }
 
     /// Takes one frame that has come.
@@ -175,7 +175,7 @@ impl Camera {
         let timestamp = self.exposed(burst, device_us, arrival);
         let picture = match rows {
             Ok(_) if burst.has_enough(which) || timestamp < shot.trigger => {
-                burst.tally.unused += 1;
+                burst.stats.unused += 1;
                 return Ok(());
             }
             Ok((step, rows)) => self.picture(which, step, rows),
@@ -193,7 +193,7 @@ impl Camera {
             }
             Err(why) => {
                 let lost = format!("{} frame {number}: {why}", NAMES[which]);
-                burst.tally.lost.push(lost);
+                burst.stats.lost.push(lost);
             }
         }
         Ok(())

@@ -5,7 +5,7 @@ use super::frame::{self, Expected, Whole};
 use super::parameters::{Parameters, TriggerMode};
 use super::{jpeg, settings};
 use crate::clock::Clock;
-use crate::drivers::live::{Confirmed, Device, Driver, Fault, LINE_LEAD, Pool, Shot, Tally};
+use crate::drivers::live::{CameraInfo, Device, Driver, Fault, LINE_LEAD, Pool, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use std::collections::VecDeque;
 use std::io;
@@ -38,12 +38,12 @@ impl Driver for V4l2Driver {
         let path = Path::new(self.parameters.device());
         let away = |why: io::Error| Fault::Away(format!("{}: {why}", path.display()));
         let device = device::open(path).map_err(away)?;
-        let (confirmed, expected) = settings::apply(&self.parameters, &device)?;
+        let (info, expected) = settings::apply(&self.parameters, &device)?;
         let buffers = self.parameters.buffers.unwrap_or(6);
         let queue = Queue::start(device.handle(), buffers).map_err(away)?;
         Ok(Box::new(Camera {
             driver: self.clone(),
-            confirmed,
+            info,
             expected,
             queue,
             kept: VecDeque::new(),
@@ -57,7 +57,7 @@ impl Driver for V4l2Driver {
 /// An open camera.
 struct Camera {
     driver: V4l2Driver,
-    confirmed: Confirmed,
+    info: CameraInfo,
     expected: Expected,
     queue: Queue,
     /// The newest whole frames, at most two, in the kernel's memory: one of them may be the last before a trigger.
@@ -80,14 +80,14 @@ struct Kept {
 const KEPT: usize = 2;
 
 impl Device for Camera {
-    fn confirmed(&self) -> &Confirmed {
-        &self.confirmed
+    fn info(&self) -> &CameraInfo {
+        &self.info
     }
 
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<Tally, Fault> {
+    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         // What was damaged before is of no shot.
-        self.drain(&mut Tally::default())?;
-        let mut tally = Tally::default();
+        self.drain(&mut ShotStats::default())?;
+        let mut stats = ShotStats::default();
         let earliest = self.earliest(shot);
         while self.kept.back().is_none_or(|k| k.time < earliest) {
             let left = shot.remaining();
@@ -96,15 +96,15 @@ impl Device for Camera {
             }
             self.not_silent()?;
             if self.wait(left)? {
-                self.receive(&mut tally)?;
+                self.receive(&mut stats)?;
             }
         }
-        self.hand_over(shot, &mut tally, take)?;
-        Ok(tally)
+        self.hand_over(shot, &mut stats, take)?;
+        Ok(stats)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {
-        self.drain(&mut Tally::default())?;
+        self.drain(&mut ShotStats::default())?;
         self.not_silent()
     }
 
@@ -151,10 +151,10 @@ impl Camera {
     }
 
     /// Takes all that has come.
-    fn drain(&mut self, tally: &mut Tally) -> Result<(), Fault> {
+    fn drain(&mut self, stats: &mut ShotStats) -> Result<(), Fault> {
         // As often as there are buffers at the most: a fast camera fills them again meanwhile.
         for _ in 0..32 {
-            if !self.receive(tally)? {
+            if !self.receive(stats)? {
                 break;
             }
         }
@@ -162,13 +162,13 @@ impl Camera {
     }
 
     /// Takes a frame, if one has come, and keeps it if it is whole.
-    fn receive(&mut self, tally: &mut Tally) -> Result<bool, Fault> {
+    fn receive(&mut self, stats: &mut ShotStats) -> Result<bool, Fault> {
         let arrival = self.driver.clock.timestamp();
         let taken = self.queue.take().map_err(|why| self.broken(&why))?;
         let Some(filled) = taken else {
             return Ok(false);
         };
-        let judged = self.follow(&filled, tally).and_then(|()| {
+        let judged = self.follow(&filled, stats).and_then(|()| {
             let bytes = self.queue.bytes(&filled);
             frame::whole(&self.expected, filled.flags, bytes)
         });
@@ -191,7 +191,7 @@ impl Camera {
             Err(why) => {
                 let lost = format!("frame {}: {why}", filled.sequence);
                 self.damage = Some(lost.clone());
-                tally.lost.push(lost);
+                stats.lost.push(lost);
                 self.give_back(filled)?;
             }
         }
@@ -199,7 +199,7 @@ impl Camera {
     }
 
     /// Compares a frame's number and time with those of the one before.
-    fn follow(&mut self, filled: &Filled, tally: &mut Tally) -> Result<(), String> {
+    fn follow(&mut self, filled: &Filled, stats: &mut ShotStats) -> Result<(), String> {
         let before = self.newest.replace((filled.sequence, filled.time));
         let Some((sequence, time)) = before else {
             return Ok(());
@@ -207,7 +207,7 @@ impl Camera {
         let missed = filled.sequence.wrapping_sub(sequence).wrapping_sub(1);
         if (1..1000).contains(&missed) {
             let next = filled.sequence;
-            tally.lost.push(format!(
+            stats.lost.push(format!(
                 "{missed} frames before number {next} did not arrive"
             ));
         }
@@ -250,13 +250,13 @@ impl Camera {
     fn hand_over(
         &mut self,
         shot: &Shot,
-        tally: &mut Tally,
+        stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
         let earliest = self.earliest(shot);
         let came = self.kept.back().is_some_and(|k| k.time >= earliest);
-        if !came && tally.lost.is_empty() {
-            tally.lost.push("no frame arrived in time".into());
+        if !came && stats.lost.is_empty() {
+            stats.lost.push("no frame arrived in time".into());
         }
         let first = self.kept.iter().position(|k| k.time >= earliest);
         for (i, kept) in std::mem::take(&mut self.kept).into_iter().enumerate() {
@@ -269,12 +269,12 @@ impl Camera {
                         timestamp: kept.time,
                         picture,
                     }),
-                    None => tally
+                    None => stats
                         .lost
                         .push("no memory for a frame: raise capture.memory_mb".into()),
                 }
             } else {
-                tally.unused += 1;
+                stats.unused += 1;
             }
             self.give_back(kept.filled)?;
         }

@@ -3,7 +3,7 @@
 use super::device::{self, Control};
 use super::frame::Expected;
 use super::parameters::{Parameters, TriggerMode, four_letters};
-use crate::drivers::live::{Confirmed, Fault};
+use crate::drivers::live::{CameraInfo, Fault};
 use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::{CameraSettings, Transfer};
 use v4l::capability::Flags;
@@ -49,7 +49,7 @@ struct Setting<'a> {
 ///
 /// # Errors
 /// If it is not a V4L2 camera, or refused a setting.
-pub fn apply(p: &Parameters, device: &Device) -> Result<(Confirmed, Expected), Fault> {
+pub fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, Expected), Fault> {
     let identity = identity(p, device)?;
     let format = format(p, device)?;
     let rate = rate(p, device)?;
@@ -81,7 +81,7 @@ pub fn apply(p: &Parameters, device: &Device) -> Result<(Confirmed, Expected), F
         trigger: Some(trigger_words(p.trigger()).into()),
         ..CameraSettings::default()
     };
-    let confirmed = Confirmed {
+    let info = CameraInfo {
         identity,
         size: expected.size,
         encoding: p.pixel_format().encoding().into(),
@@ -90,7 +90,7 @@ pub fn apply(p: &Parameters, device: &Device) -> Result<(Confirmed, Expected), F
         table: setting.table,
         remarks: Vec::new(),
     };
-    Ok((confirmed, expected))
+    Ok((info, expected))
 }
 
 fn trigger_words(trigger: TriggerMode) -> &'static str {

@@ -56,7 +56,7 @@ impl CaptureThread {
             Kind::Depth | Kind::DepthInTurn => self.plan.sync.depth_frames as u64,
         };
         let bytes = self.rig.states().map(|(_, kind, state)| match state {
-            State::Ready(confirmed) => confirmed.frame_bytes * frames(kind),
+            State::Ready(info) => info.frame_bytes * frames(kind),
             State::Opening | State::Away(_) => 0,
         });
         bytes.sum()

@@ -28,17 +28,17 @@ impl CaptureThread {
         };
         let mut synchronizer = Synchronizer::new(colors, self.plan.sync.clone());
         let only_colors = |kind| kind == Kind::Color;
-        let (capture, shooting) = shoot(
+        let (capture, result) = shoot(
             &mut self.rig,
             &self.plan,
             &mut synchronizer,
             only_colors,
             trigger,
-            &self.heart,
+            &self.heartbeat,
         );
-        self.note_shot(&shooting);
+        self.note_shot(&result);
         let now = self.rig.clock().timestamp();
-        let kept = assemble(capture, shooting, f64::INFINITY, now);
+        let kept = assemble(capture, result, f64::INFINITY, now);
         if kept.record.outcome == Outcome::Failed {
             return Err(kept.record.reason.unwrap_or_default());
         }

@@ -11,9 +11,9 @@ use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
 use crate::daemon::plates;
 use crate::daemon::recorder::{Recorder, Work};
-use crate::daemon::rig::{Rig, Shooting, State};
+use crate::daemon::rig::{Rig, ShotResult, State};
 use crate::daemon::status::{self, Status};
-use crate::daemon::systemd::Heart;
+use crate::daemon::systemd::Heartbeat;
 use crate::drivers::live::Message;
 use crate::frame::{CameraId, Frame};
 use crate::log;
@@ -37,7 +37,7 @@ pub(super) struct CaptureThread {
     session: Option<Naming>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
-    heart: Heart,
+    heartbeat: Heartbeat,
 }
 
 /// A session's name and how many captures it has.
@@ -63,7 +63,7 @@ impl CaptureThread {
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
             rig,
-            heart: plan.pulse.heart("capturing"),
+            heartbeat: plan.watchdog.heartbeat("capturing"),
             plan,
             recorder,
             dispatcher,
@@ -76,10 +76,10 @@ impl CaptureThread {
     /// Serves until nobody can give orders any more, then completes the session and ends all threads.
     pub(super) fn run(mut self, orders: &Receiver<Order>) -> Vec<CameraId> {
         let events = self.rig.events().clone();
-        let ticks = crossbeam_channel::tick(Heart::REST);
+        let ticks = crossbeam_channel::tick(Heartbeat::INTERVAL);
         self.publish();
         loop {
-            self.heart.beat();
+            self.heartbeat.tick();
             select! {
                 recv(orders) -> order => {
                     let Ok(order) = order else { break };
@@ -156,10 +156,10 @@ impl CaptureThread {
     fn tell_state(&mut self, id: CameraId) {
         let states = self.rig.states().find(|(camera, ..)| **camera == id);
         match states.map(|(.., state)| state.clone()) {
-            Some(State::Ready(confirmed)) => {
-                log::notice!("camera {id}: ready, {}", confirmed.identity);
-                self.tell_camera(&id, "ready", confirmed.identity);
-                if let Some(settings) = confirmed.settings {
+            Some(State::Ready(info)) => {
+                log::notice!("camera {id}: ready, {}", info.identity);
+                self.tell_camera(&id, "ready", info.identity);
+                if let Some(settings) = info.settings {
                     self.plan.preamble.settings.insert(id, settings);
                     self.preamble_changed();
                 }
@@ -181,12 +181,12 @@ impl CaptureThread {
     }
 
     /// What is to be known of a shot beside its frames: cameras that came or went meanwhile, and what was lost.
-    fn note_shot(&mut self, shooting: &Shooting) {
-        for id in &shooting.changed {
+    fn note_shot(&mut self, result: &ShotResult) {
+        for id in &result.changed {
             self.tell_state(id.clone());
         }
-        for (id, answer) in &shooting.answers {
-            let lost = answer.as_ref().map_or(&[][..], |tally| &tally.lost);
+        for (id, answer) in &result.answers {
+            let lost = answer.as_ref().map_or(&[][..], |stats| &stats.lost);
             for words in lost {
                 log::error!("camera {id}: lost: {words}");
             }

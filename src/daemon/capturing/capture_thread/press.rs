@@ -19,7 +19,7 @@ impl CaptureThread {
             Err(reason) => Input::Refused(press, reason),
         });
         while let Some(capture) = next {
-            self.heart.beat();
+            self.heartbeat.tick();
             let written = guard.of_capture(capture.to_string());
             let kept = self.take(capture, asked);
             let result = match kept.record.outcome {
@@ -40,16 +40,16 @@ impl CaptureThread {
             press_id: asked.press_id.clone(),
             subject: asked.subject.clone(),
         };
-        let (capture, shooting) = shoot(
+        let (capture, result) = shoot(
             &mut self.rig,
             &self.plan,
             &mut self.synchronizer,
             |_| true,
             trigger,
-            &self.heart,
+            &self.heartbeat,
         );
-        self.note_shot(&shooting);
+        self.note_shot(&result);
         let now = self.rig.clock().timestamp();
-        assemble(capture, shooting, self.plan.capture.largest_skew_ms, now)
+        assemble(capture, result, self.plan.capture.largest_skew_ms, now)
     }
 }

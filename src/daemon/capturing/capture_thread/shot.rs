@@ -1,8 +1,8 @@
 //! A shot of the rig's cameras, and which of its frames make the capture.
 
 use super::super::Plan;
-use crate::daemon::rig::{Kind, Rig, Shooting};
-use crate::daemon::systemd::Heart;
+use crate::daemon::rig::{Kind, Rig, ShotResult};
+use crate::daemon::systemd::Heartbeat;
 use crate::frame::{Frame, Timestamp, Trigger};
 use crate::sync::{self, Capture, Listed, Synchronizer};
 use std::collections::BTreeMap;
@@ -27,13 +27,13 @@ pub(super) fn shoot(
     synchronizer: &mut Synchronizer<Frame>,
     wanted: impl Fn(Kind) -> bool,
     trigger: Trigger,
-    heart: &Heart,
-) -> (Capture<Frame>, Shooting) {
+    heartbeat: &Heartbeat,
+) -> (Capture<Frame>, ShotResult) {
     let patience = plan.sync.window_ms + plan.capture.patience_ms as f64;
     let at_most = Duration::from_secs_f64(patience / 1e3);
-    let shooting = rig.shoot(wanted, trigger.time, at_most, heart);
+    let result = rig.shoot(wanted, trigger.time, at_most, heartbeat);
     synchronizer.push_trigger(trigger.clone(), Listed::new());
-    for frame in &shooting.frames {
+    for frame in &result.frames {
         synchronizer.push_frame(&frame.camera, frame.stream, frame.timestamp, frame.clone());
     }
     // All cameras have answered, or nobody waits for them any more.
@@ -47,5 +47,5 @@ pub(super) fn shoot(
         shortfalls: Vec::new(),
         complete: false,
     });
-    (capture, shooting)
+    (capture, result)
 }

@@ -4,7 +4,7 @@ use super::duplicate_devices;
 use crate::calibration::RigCalibration;
 use crate::clock::Clock;
 use crate::config::Config;
-use crate::daemon::{Kind, Station};
+use crate::daemon::{Kind, RigCamera};
 #[cfg(feature = "aravis")]
 use crate::drivers::aravis;
 use crate::drivers::aravis::Parameters as GigeParameters;
@@ -34,29 +34,29 @@ const PLAIN_PACKET: u32 = 1500;
 /// # Errors
 /// If a camera is named twice, has two names, is set wrongly or has no calibration, its driver is not in this program, or
 /// a link cannot carry what it should.
-pub(super) fn stations(
+pub(super) fn rig_cameras(
     config: &Config,
     calibration: &RigCalibration,
     clock: Clock,
     pool: &Pool,
-) -> Result<Vec<Station>, String> {
+) -> Result<Vec<RigCamera>, String> {
     let shared = Shared {
         clock,
         pool,
         #[cfg(feature = "aravis")]
         actions: aravis::ActionGroup::default(),
     };
-    let mut stations: BTreeMap<CameraId, Station> = BTreeMap::new();
+    let mut rig_cameras: BTreeMap<CameraId, RigCamera> = BTreeMap::new();
     let gige = staggered(config, calibration)?;
     for (id, parameters) in gige {
         let driver = gige_driver(&id, parameters, &shared)?;
-        add(&mut stations, calibration, id, Kind::Color, driver)?;
+        add(&mut rig_cameras, calibration, id, Kind::Color, driver)?;
     }
     let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
     duplicate_devices::check_unique_v4l2(&videos)?;
     for (id, parameters) in videos {
         let driver = v4l2_driver(&id, parameters, &shared)?;
-        add(&mut stations, calibration, id, Kind::Color, driver)?;
+        add(&mut rig_cameras, calibration, id, Kind::Color, driver)?;
     }
     let depths = checked(
         "openni2",
@@ -72,19 +72,24 @@ pub(super) fn stations(
             Kind::Depth
         };
         let driver = openni2_driver(&id, parameters, &shared)?;
-        add(&mut stations, calibration, id, kind, driver)?;
+        add(&mut rig_cameras, calibration, id, kind, driver)?;
     }
-    if stations.values().filter(|s| s.kind == Kind::Color).count() < 2 {
+    if rig_cameras
+        .values()
+        .filter(|s| s.kind == Kind::Color)
+        .count()
+        < 2
+    {
         return Err("expected at least two colour cameras (aravis.cameras, v4l2.cameras)".into());
     }
     for id in calibration
         .cameras
         .keys()
-        .filter(|id| !stations.contains_key(id))
+        .filter(|id| !rig_cameras.contains_key(id))
     {
         log::warning!("camera {id} is calibrated and not configured: it is left out");
     }
-    Ok(stations.into_values().collect())
+    Ok(rig_cameras.into_values().collect())
 }
 
 /// Each camera of a driver, checked, by its id.
@@ -103,7 +108,7 @@ fn checked<P>(
 }
 
 fn add(
-    stations: &mut BTreeMap<CameraId, Station>,
+    rig_cameras: &mut BTreeMap<CameraId, RigCamera>,
     calibration: &RigCalibration,
     id: CameraId,
     kind: Kind,
@@ -116,12 +121,12 @@ fn add(
             known.join(", ")
         ));
     }
-    let station = Station {
+    let rig_camera = RigCamera {
         id: id.clone(),
         kind,
         driver,
     };
-    match stations.insert(id.clone(), station) {
+    match rig_cameras.insert(id.clone(), rig_camera) {
         Some(_) => Err(format!("camera {id} is configured for two drivers")),
         None => Ok(()),
     }
