@@ -1,7 +1,7 @@
 //! `scand recover`: recordings that a crash or a power cut left unfinished become complete files.
 
 use super::EXIT_LOST;
-use crate::recording::{Error, Recovered, finished_name, left, recover, unfinished};
+use crate::recording::{Error, Recovered, finished_name, interrupted, recover, unfinished};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -53,7 +53,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 /// Completes a recording; the daemon whose it is will still know that it was open.
 fn complete(part: &Path) -> Result<Recovered, Error> {
     if let (Some(folder), Some(complete)) = (part.parent(), finished_name(part)) {
-        let entered = left::enter(folder, &[complete]);
+        let entered = interrupted::enter(folder, &[complete]);
         entered.map_err(|cause| Error::Io {
             path: part.into(),
             cause: std::io::Error::other(cause),

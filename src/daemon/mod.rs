@@ -3,6 +3,8 @@
 //! stored in `recording`, and how a camera is spoken to in `drivers`.
 
 #[cfg(feature = "live")]
+mod backgrounds;
+#[cfg(feature = "live")]
 mod capturing;
 #[cfg(feature = "live")]
 mod control;
@@ -23,8 +25,6 @@ mod names;
 #[cfg(feature = "live")]
 mod packing;
 mod parameters;
-#[cfg(feature = "live")]
-mod plates;
 #[cfg(feature = "live")]
 mod probe;
 #[cfg(feature = "live")]
@@ -49,7 +49,7 @@ mod systemd;
 mod tests;
 
 #[cfg(feature = "live")]
-pub use capturing::{Capturing, Left, Plan, Reread};
+pub use capturing::{Capturing, InterruptedRecordings, Plan, ReloadedSettings};
 #[cfg(feature = "live")]
 pub use control::{Clients, ControlError, serve};
 #[cfg(feature = "live")]

@@ -279,9 +279,10 @@ fn start_on(
     let rig = Rig::start(rig_cameras, clock, 64, backoff).unwrap();
     let mut plan = plan(folder.path(), &pool);
     change(&mut plan);
-    let left = Left::recover(&plan.recording.folder, &plan.watchdog).unwrap();
-    let capturing = Arc::new(Capturing::start(rig, plan, &left).unwrap());
-    left.settled();
+    let interrupted =
+        InterruptedRecordings::recover(&plan.recording.folder, &plan.watchdog).unwrap();
+    let capturing = Arc::new(Capturing::start(rig, plan, &interrupted).unwrap());
+    interrupted.settled();
     let stand = Stand {
         folder,
         capturing,

@@ -1,7 +1,7 @@
 //! The daemon as a service among others: says when it is ready and how it goes, shows that its socket is served, and
 //! reads its parameters again when it is asked to. It runs beside the socket, on the same thread.
 
-use super::capturing::{Capturing, Order, Reread};
+use super::capturing::{Capturing, Order, ReloadedSettings};
 use super::parameters::ServiceParameters;
 use super::readiness::readiness;
 use super::systemd::{Heartbeat, Notifier, Watchdog};
@@ -13,14 +13,14 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
 /// Reads the parameters again, as far as they may change; else says what is in the way.
-pub type Rereading = Box<dyn Fn() -> Result<(Reread, ServiceParameters), String>>;
+pub type ReloadSettings = Box<dyn Fn() -> Result<(ReloadedSettings, ServiceParameters), String>>;
 
 /// What the daemon is to systemd.
 pub struct Service {
     notifier: Arc<Notifier>,
     heartbeat: Heartbeat,
     policy: ServiceParameters,
-    reread: Rereading,
+    reload: ReloadSettings,
     clock: Clock,
     begin: Instant,
     ready: bool,
@@ -34,14 +34,14 @@ impl Service {
         notifier: Arc<Notifier>,
         watchdog: &Watchdog,
         policy: ServiceParameters,
-        reread: Rereading,
+        reload: ReloadSettings,
         clock: Clock,
     ) -> Self {
         Self {
             notifier,
             heartbeat: watchdog.heartbeat("socket"),
             policy,
-            reread,
+            reload,
             clock,
             begin: clock.now(),
             ready: false,
@@ -84,10 +84,10 @@ impl Service {
 
     async fn read_again(&mut self, capturing: &Capturing) {
         self.notifier.tell("RELOADING=1");
-        let end = match (self.reread)() {
-            Ok((reread, policy)) => {
+        let end = match (self.reload)() {
+            Ok((settings, policy)) => {
                 self.policy = policy;
-                self.hand_over(capturing, reread).await
+                self.hand_over(capturing, settings).await
             }
             Err(reason) => Err(reason),
         };
@@ -101,14 +101,18 @@ impl Service {
     }
 
     /// Gives the parameters to the capturing thread, once it has no capture in hand.
-    async fn hand_over(&self, capturing: &Capturing, reread: Reread) -> Result<String, String> {
+    async fn hand_over(
+        &self,
+        capturing: &Capturing,
+        settings: ReloadedSettings,
+    ) -> Result<String, String> {
         while capturing.is_busy() {
             self.heartbeat.tick();
             tokio::time::sleep(Heartbeat::INTERVAL / 50).await;
         }
         let (told, answer) = oneshot::channel();
         let tell = move |result| drop(told.send(result));
-        capturing.order(Order::Reread(Box::new(reread), Box::new(tell)));
+        capturing.order(Order::Reload(Box::new(settings), Box::new(tell)));
         answer
             .await
             .unwrap_or_else(|_| Err("the daemon is ending".into()))

@@ -56,13 +56,13 @@ fn listen(path: PathBuf, capturing: &Arc<Capturing>) -> Clients {
         patience_ms: 2000,
     };
     let (notifier, watchdog) = (Notifier::from_environment(), Watchdog::default());
-    let reread = Box::new(|| Err("nothing is read again".to_owned()));
+    let reload = Box::new(|| Err("nothing is read again".to_owned()));
     let policy = ServiceParameters::default();
     let mut service = super::Service::new(
         Arc::new(notifier),
         &watchdog,
         policy,
-        reread,
+        reload,
         Clock::system(),
     );
     serve(&parameters, None, capturing, &mut service).unwrap()

@@ -1,4 +1,4 @@
-//! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, plates, sessions.
+//! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, backgrounds, sessions.
 
 use super::capturing::Order;
 use super::packing::Packer;
@@ -6,7 +6,7 @@ use super::scripted::{Behaviour, CAMERAS, Stand, captures, recordings, start, st
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
-use crate::recording::{ColorPart, Outcome, Recording, Topic, left};
+use crate::recording::{ColorPart, Outcome, Recording, Topic, interrupted};
 use crate::trigger::{Event, Reply, Until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -97,13 +97,13 @@ fn a_press_is_known_from_a_recording_that_somebody_completed_after_a_crash() {
     // As after a power cut that took the journal's last lines, and `scand recover`.
     std::fs::remove_file(folder.path().join("presses/presses.jsonl")).unwrap();
     let recording = recordings(folder.path())[0].path().to_owned();
-    left::enter(folder.path(), &[recording]).unwrap();
+    interrupted::enter(folder.path(), &[recording]).unwrap();
     let stand = start_in(folder, 4_000_000, |_| ());
     let after = named_press(&stand);
     assert_eq!(before.last(), after.last());
     assert_eq!(stand.capturing.status().complete, 0, "no second capture");
     let (folder, _) = stand.stop();
-    assert!(left::all(folder.path()).is_empty());
+    assert!(interrupted::all(folder.path()).is_empty());
 }
 
 #[test]
@@ -401,7 +401,7 @@ fn a_capture_that_finds_no_room_is_not_begun() {
 }
 
 #[test]
-fn plates_are_kept_known_after_a_restart_and_in_every_recording() {
+fn backgrounds_are_kept_known_after_a_restart_and_in_every_recording() {
     let stand = start(|_| ());
     assert_eq!(stand.capturing.status().plates_age_h, None);
     let words = stand.ask(Order::Background).unwrap();

@@ -4,7 +4,7 @@
 use super::prepare::ConfigSource;
 use crate::clock::Clock;
 use crate::config::Config;
-use crate::daemon::{Reread, ServiceParameters};
+use crate::daemon::{ReloadedSettings, ServiceParameters};
 use crate::recording::SessionHeader;
 use crate::workers::Jobs;
 use std::collections::BTreeSet;
@@ -54,7 +54,7 @@ impl Running {
     ///
     /// # Errors
     /// If they are bad, or something has changed that may not: each key by its name.
-    pub fn reload(&self, clock: Clock) -> Result<(Reread, ServiceParameters), String> {
+    pub fn reload(&self, clock: Clock) -> Result<(ReloadedSettings, ServiceParameters), String> {
         let now = self.source.prepare(clock).map_err(|e| e.to_string())?;
         let mut fixed = changed(&self.config, &now.config)?;
         fixed.retain(|key| !may_change(key));
@@ -69,12 +69,12 @@ impl Running {
         }
         let keep_free = now.config.recording.keep_free();
         self.keep_free.store(keep_free, Ordering::Relaxed);
-        let reread = Reread {
+        let reloaded = ReloadedSettings {
             capture: now.config.capture,
             recording: now.config.recording,
             preamble: now.preamble,
         };
-        Ok((reread, now.config.service))
+        Ok((reloaded, now.config.service))
     }
 }
 

@@ -23,16 +23,17 @@ impl Models {
         Ok(Some(Self { jobs }))
     }
 
-    /// Begins, with the captures of recordings that an earlier run `left`. Each press hears of its model,
+    /// Begins, with the captures of `interrupted` recordings. Each press hears of its model,
     /// or why there is none.
     pub(super) fn start(
         self,
         config: &Config,
-        left: &[PathBuf],
+        interrupted: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
     ) -> anyhow::Result<Workers> {
-        self.jobs.enqueue_missing(left, &config.workers.folder);
+        self.jobs
+            .enqueue_missing(interrupted, &config.workers.folder);
         let plan = Plan {
             parameters: config.workers.clone(),
             settings: config.replay_toml()?,

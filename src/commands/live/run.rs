@@ -6,8 +6,8 @@ use crate::clock::Clock;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Hooks, Kind, Left, Notifier, Packing, Plan, Rig, RigCamera, Service, Watchdog,
-    handed_over, serve,
+    Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Plan, Rig, RigCamera,
+    Service, Watchdog, handed_over, serve,
 };
 use crate::drivers::live::Backoff;
 use crate::log;
@@ -82,22 +82,22 @@ fn serve_rig(
     let jobs = plan.jobs.clone();
     let frames = frames_a_shot(&rig_cameras, plan.sync.depth_frames);
     // Before there are cameras, whose news nobody would hear meanwhile.
-    let left = Left::recover(&config.recording.folder, &watchdog)?;
+    let interrupted = InterruptedRecordings::recover(&config.recording.folder, &watchdog)?;
     let rig = Rig::start(rig_cameras, clock, frames, Backoff::default())?;
-    let capturing = Arc::new(Capturing::start(rig, plan, &left)?);
+    let capturing = Arc::new(Capturing::start(rig, plan, &interrupted)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events())?;
     let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
     let start = |models: Models| {
         models.start(
             &config,
-            left.recordings(),
+            interrupted.recordings(),
             keep_free.clone(),
             capturing.clone(),
         )
     };
     let workers = models.map(start).transpose()?;
-    left.settled();
+    interrupted.settled();
     let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
     let running = Running {
         source,
@@ -106,8 +106,8 @@ fn serve_rig(
         jobs,
         keep_free,
     };
-    let reread = Box::new(move || running.reload(clock));
-    let mut service = Service::new(notifier, &watchdog, policy, reread, clock);
+    let reload = Box::new(move || running.reload(clock));
+    let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     log::notice!("ending");
     // Models are made after the next start: the capture in progress has the machine to itself.

@@ -16,7 +16,9 @@ use super::{CaptureParameters, RecordingParameters};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::log;
-use crate::recording::{Error, Note, SessionHeader, finished_name, left, recover, unfinished};
+use crate::recording::{
+    Error, Note, SessionHeader, finished_name, interrupted, recover, unfinished,
+};
 use crate::sync;
 use crate::trigger::Event;
 use crate::workers::Jobs;
@@ -33,7 +35,7 @@ use std::time::Duration;
 pub(super) enum Order {
     /// A capture.
     Press(Press, ReplyGuard),
-    /// The empty rig's plates.
+    /// The empty rig's backgrounds.
     Background(Answer),
     /// Begin a session of this name, with pairs about it.
     Begin(String, BTreeMap<String, String>, Answer),
@@ -42,11 +44,11 @@ pub(super) enum Order {
     /// Complete the session.
     Close(Answer),
     /// Go on with other parameters.
-    Reread(Box<Reread>, Answer),
+    Reload(Box<ReloadedSettings>, Answer),
 }
 
 /// What may change while the daemon runs.
-pub struct Reread {
+pub struct ReloadedSettings {
     /// How captures are taken; `memory_mb` and `waiting` stay as they were.
     pub capture: CaptureParameters,
     /// Where they are kept; the folder stays as it was.
@@ -91,11 +93,11 @@ pub struct Capturing {
 }
 
 impl Capturing {
-    /// Settles the presses of what an earlier run `left`, finds its plates and starts the thread.
+    /// Settles the presses of `interrupted` recordings, finds the backgrounds and starts the thread.
     ///
     /// # Errors
     /// If the system has no thread left.
-    pub fn start(rig: Rig, plan: Plan, left: &Left) -> Result<Self, Error> {
+    pub fn start(rig: Rig, plan: Plan, interrupted: &InterruptedRecordings) -> Result<Self, Error> {
         let folder = plan.recording.folder.clone();
         let io = |cause| Error::Io {
             path: folder.clone(),
@@ -104,7 +106,7 @@ impl Capturing {
         let jobs = plan.jobs.clone();
         let dispatcher = Dispatcher::open(
             &presses_of(&folder),
-            left.recordings(),
+            interrupted.recordings(),
             plan.events.clone(),
             jobs.clone(),
             rig.clock(),
@@ -233,7 +235,7 @@ impl Order {
             | Self::Begin(_, _, answer)
             | Self::Note(_, answer)
             | Self::Close(answer)
-            | Self::Reread(_, answer) => answer(Err(reason)),
+            | Self::Reload(_, answer) => answer(Err(reason)),
         }
     }
 }
@@ -243,13 +245,13 @@ fn presses_of(recordings: &Path) -> PathBuf {
     recordings.join("presses")
 }
 
-/// What an earlier run left.
-pub struct Left {
+/// The recordings that were open when an earlier run ended.
+pub struct InterruptedRecordings {
     folder: PathBuf,
     recordings: Vec<PathBuf>,
 }
 
-impl Left {
+impl InterruptedRecordings {
     /// Completes the recordings that an earlier run left in a folder, which is made if it is not there. What cannot be
     /// completed or kept is said and stays as it is. The start may take as long as a slow disk needs for each.
     ///
@@ -268,7 +270,7 @@ impl Left {
             .iter()
             .filter_map(|part| finished_name(part))
             .collect();
-        if let Err(error) = left::enter(folder, &complete) {
+        if let Err(error) = interrupted::enter(folder, &complete) {
             log::error!("{error}");
         }
         for part in parts {
@@ -276,7 +278,7 @@ impl Left {
         }
         Ok(Self {
             folder: folder.into(),
-            recordings: left::all(folder),
+            recordings: interrupted::all(folder),
         })
     }
 
@@ -287,7 +289,7 @@ impl Left {
 
     /// Forgets them: presses and jobs are settled.
     pub fn settled(self) {
-        if let Err(error) = left::settled(&self.folder) {
+        if let Err(error) = interrupted::settled(&self.folder) {
             log::warning!("{error}");
         }
     }

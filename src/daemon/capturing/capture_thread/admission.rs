@@ -28,8 +28,8 @@ impl CaptureThread {
         let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
         // Those that are not on the disk yet will take theirs.
         let waiting = self.recorder.waiting() as u64;
-        // Room for what the recording has beside the pictures, and for the plates of a file that may begin.
-        let beside = self.plates_bytes() + bytes / 10 + 1_000_000;
+        // Room for what the recording has beside the pictures, and for the backgrounds of a file that may begin.
+        let beside = self.backgrounds_bytes() + bytes / 10 + 1_000_000;
         if free < kept_free + (1 + waiting) * bytes + beside {
             return Err(format!(
                 "{} has {} MB left, a capture takes {} MB, {waiting} wait for the disk, and {} MB stay free \
@@ -43,10 +43,10 @@ impl CaptureThread {
         Ok(())
     }
 
-    /// Bytes of the plates that a file begins with.
-    fn plates_bytes(&self) -> u64 {
-        let plates = self.plan.preamble.backgrounds.values();
-        plates.map(|(_, plate)| plate.bytes() as u64).sum()
+    /// Bytes of the backgrounds that a file begins with.
+    fn backgrounds_bytes(&self) -> u64 {
+        let backgrounds = self.plan.preamble.backgrounds.values();
+        backgrounds.map(|(_, picture)| picture.bytes() as u64).sum()
     }
 
     /// Bytes of a capture, as the cameras are set.

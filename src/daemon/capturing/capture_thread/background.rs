@@ -1,10 +1,10 @@
-//! The empty rig's plates: how they are taken, and their age.
+//! The empty rig's backgrounds: how they are taken, and their age.
 
 use super::super::assemble::assemble;
 use super::CaptureThread;
 use super::shot::{cameras, shoot};
+use crate::daemon::backgrounds::{self, Backgrounds};
 use crate::daemon::events::Event;
-use crate::daemon::plates::{self, Plates};
 use crate::daemon::rig::Kind;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::recording::Outcome;
@@ -12,8 +12,8 @@ use crate::sync::{self, Synchronizer};
 use std::collections::BTreeMap;
 
 impl CaptureThread {
-    /// Takes the empty rig's plates and keeps them.
-    pub(super) fn take_plates(&mut self) -> Result<String, String> {
+    /// Takes the empty rig's backgrounds and keeps them.
+    pub(super) fn take_backgrounds(&mut self) -> Result<String, String> {
         self.check_capacity()?;
         let trigger = Trigger {
             id: CaptureId::new("background").map_err(|e| e.to_string())?,
@@ -42,28 +42,28 @@ impl CaptureThread {
         if kept.record.outcome == Outcome::Failed {
             return Err(kept.record.reason.unwrap_or_default());
         }
-        let plates: Plates = kept
+        let backgrounds: Backgrounds = kept
             .frames
             .into_iter()
             .map(|f| (f.camera, (f.timestamp, f.picture)))
             .collect();
         let plan = &self.plan;
-        let path = plates::save(&plan.recording.folder, now, &plates, &plan.program)
+        let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
-        let words = format!("{} plates in {}", plates.len(), path.display());
-        self.plan.preamble.backgrounds = plates::detached(plates);
+        let words = format!("{} plates in {}", backgrounds.len(), path.display());
+        self.plan.preamble.backgrounds = backgrounds::detached(backgrounds);
         self.preamble_changed();
         let told = words.clone();
         self.plan.events.publish(Event::Plates { words: told });
         Ok(words)
     }
 
-    /// Hours since the oldest plate; `None` where a camera has none.
-    pub(super) fn plates_age_h(&self) -> Option<f64> {
-        let plates = &self.plan.preamble.backgrounds;
+    /// Hours since the oldest background; `None` where a camera has none.
+    pub(super) fn backgrounds_age_h(&self) -> Option<f64> {
+        let backgrounds = &self.plan.preamble.backgrounds;
         let colors = self.rig.states().filter(|(_, k, _)| *k == Kind::Color);
         let times: Option<Vec<Timestamp>> = colors
-            .map(|(id, ..)| plates.get(id).map(|(time, _)| *time))
+            .map(|(id, ..)| backgrounds.get(id).map(|(time, _)| *time))
             .collect();
         let oldest = times?.into_iter().min()?;
         let age_ns = self.rig.clock().timestamp().nanoseconds_since(oldest);

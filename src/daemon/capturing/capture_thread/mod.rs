@@ -6,10 +6,10 @@ mod press;
 mod sessions;
 mod shot;
 
-use super::{Order, Plan, Reread};
+use super::{Order, Plan, ReloadedSettings};
+use crate::daemon::backgrounds;
 use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
-use crate::daemon::plates;
 use crate::daemon::recorder::{Recorder, Work};
 use crate::daemon::rig::{Rig, ShotResult, State};
 use crate::daemon::status::{self, Status};
@@ -59,7 +59,7 @@ impl CaptureThread {
         let cameras = cameras(&rig);
         let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
         plan.preamble.backgrounds =
-            plates::newest(&plan.recording.folder, &colors, rig.clock().timestamp());
+            backgrounds::newest(&plan.recording.folder, &colors, rig.clock().timestamp());
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
             rig,
@@ -107,7 +107,7 @@ impl CaptureThread {
         match order {
             Order::Press(press, guard) => self.press(&press, &guard),
             Order::Background(answer) => {
-                let taken = self.take_plates();
+                let taken = self.take_backgrounds();
                 self.dispatcher.log().release();
                 answer(taken);
             }
@@ -118,26 +118,26 @@ impl CaptureThread {
                 self.plan.events.publish(Event::Session { name: None });
                 self.hand_over(Work::Close(answer));
             }
-            Order::Reread(reread, answer) => {
-                self.reread(*reread);
+            Order::Reload(settings, answer) => {
+                self.reload(*settings);
                 answer(Ok("what may change was read again".into()));
             }
         }
     }
 
-    fn reread(&mut self, reread: Reread) {
+    fn reload(&mut self, reloaded: ReloadedSettings) {
         let Plan {
             capture,
             recording,
             preamble,
             ..
         } = &mut self.plan;
-        *capture = reread.capture;
-        *recording = reread.recording;
+        *capture = reloaded.capture;
+        *recording = reloaded.recording;
         *preamble = SessionHeader {
             settings: std::mem::take(&mut preamble.settings),
             backgrounds: std::mem::take(&mut preamble.backgrounds),
-            ..reread.preamble
+            ..reloaded.preamble
         };
         self.preamble_changed();
     }
@@ -215,7 +215,7 @@ impl CaptureThread {
             captures_left: usable.checked_div(bytes).unwrap_or(0),
             waiting: self.recorder.waiting(),
             memory: [self.plan.pool.allocated(), self.plan.pool.limit()],
-            plates_age_h: self.plates_age_h(),
+            plates_age_h: self.backgrounds_age_h(),
             ..Status::default()
         };
         *self.shared.lock() = status;

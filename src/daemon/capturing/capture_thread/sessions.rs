@@ -104,7 +104,7 @@ impl CaptureThread {
         let preamble = Box::new(self.plan.preamble.clone());
         let work = Work::Change(preamble, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.hand_over(work) {
-            // Rather a session of its own than one whose later captures have old plates.
+            // Rather a session of its own than one whose later captures have old backgrounds.
             log::warning!("{QUEUE_FULL}: the next capture begins a session");
             self.session = None;
         }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Each colour camera's view of the rig with no object in it, and when it was taken.
-pub(super) type Plates = BTreeMap<CameraId, (Timestamp, Picture)>;
+pub(super) type Backgrounds = BTreeMap<CameraId, (Timestamp, Picture)>;
 
 /// The folder of backgrounds beside the recordings.
 fn folder(recordings: &Path) -> PathBuf {
@@ -23,7 +23,7 @@ fn folder(recordings: &Path) -> PathBuf {
 pub(super) fn save(
     recordings: &Path,
     now: Timestamp,
-    plates: &Plates,
+    backgrounds: &Backgrounds,
     program: &str,
 ) -> Result<PathBuf, Error> {
     let folder = folder(recordings);
@@ -33,7 +33,7 @@ pub(super) fn save(
     })?;
     let path = folder.join(format!("{}.mcap", names::free(&folder, now)));
     let mut writer = Writer::create(&path, program, Compression::None)?;
-    for (id, (time, picture)) in plates {
+    for (id, (time, picture)) in backgrounds {
         writer.background(id, picture, *time)?;
     }
     writer.finish()?;
@@ -41,7 +41,7 @@ pub(super) fn save(
 }
 
 /// Copies backgrounds out of the pool, whose memory is for captures.
-pub(super) fn detached(plates: Plates) -> Plates {
+pub(super) fn detached(backgrounds: Backgrounds) -> Backgrounds {
     let own = |picture: Picture| match picture {
         Picture::Raw {
             width,
@@ -62,60 +62,66 @@ pub(super) fn detached(plates: Plates) -> Plates {
         },
     };
     let each = |(id, (time, picture))| (id, (time, own(picture)));
-    plates.into_iter().map(each).collect()
+    backgrounds.into_iter().map(each).collect()
 }
 
 /// The newest background of each of these cameras. Empty if there is none or its file is unreadable (logged).
 /// Backgrounds dated in the future (the clock was wrong) are used only as a last resort.
-pub(super) fn newest(recordings: &Path, cameras: &[CameraId], now: Timestamp) -> Plates {
-    let mut plates = until(recordings, cameras, now);
-    let found = plates.len();
-    for (id, plate) in until(recordings, cameras, Timestamp(u64::MAX)) {
-        plates.entry(id).or_insert(plate);
+pub(super) fn newest(recordings: &Path, cameras: &[CameraId], now: Timestamp) -> Backgrounds {
+    let mut backgrounds = until(recordings, cameras, now);
+    let found = backgrounds.len();
+    for (id, background) in until(recordings, cameras, Timestamp(u64::MAX)) {
+        backgrounds.entry(id).or_insert(background);
     }
-    if plates.len() > found {
+    if backgrounds.len() > found {
         log::warning!(
             "the backgrounds are dated in the future, {}: the clock was wrong when they were taken; take them again",
-            names::of_time(plates.values().map(|(time, _)| *time).max().unwrap_or(now))
+            names::of_time(
+                backgrounds
+                    .values()
+                    .map(|(time, _)| *time)
+                    .max()
+                    .unwrap_or(now)
+            )
         );
     }
-    plates
+    backgrounds
 }
 
-fn until(recordings: &Path, cameras: &[CameraId], end: Timestamp) -> Plates {
-    let mut plates = Plates::new();
+fn until(recordings: &Path, cameras: &[CameraId], end: Timestamp) -> Backgrounds {
+    let mut backgrounds = Backgrounds::new();
     let files = std::fs::read_dir(folder(recordings)).into_iter().flatten();
     let mut files: Vec<PathBuf> = files.flatten().map(|f| f.path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "mcap"));
     // Without their ending, before which a number sorts.
     files.sort_by_key(|f| f.with_extension(""));
     for file in files.iter().rev() {
-        if cameras.iter().all(|id| plates.contains_key(id)) {
+        if cameras.iter().all(|id| backgrounds.contains_key(id)) {
             break;
         }
-        if let Err(error) = add(file, cameras, end, &mut plates) {
+        if let Err(error) = add(file, cameras, end, &mut backgrounds) {
             log::warning!("{error}");
         }
     }
-    plates
+    backgrounds
 }
 
 fn add(
     file: &Path,
     cameras: &[CameraId],
     end: Timestamp,
-    plates: &mut Plates,
+    backgrounds: &mut Backgrounds,
 ) -> Result<(), Error> {
     let recording = Recording::open(file)?;
     for id in cameras {
         let topic = Topic::Color(id.clone(), ColorPart::Background);
-        if plates.contains_key(id) {
+        if backgrounds.contains_key(id) {
             continue;
         }
         let mut messages = recording.messages(&topic).iter();
         if let Some(message) = messages.rfind(|message| message.log_time() <= end) {
             let picture = recording.picture(&topic, message)?;
-            plates.insert(id.clone(), (message.log_time(), picture));
+            backgrounds.insert(id.clone(), (message.log_time(), picture));
         }
     }
     Ok(())
@@ -126,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plates_of_a_clock_that_was_ahead_serve_where_there_are_no_others() {
+    fn backgrounds_of_a_clock_that_was_ahead_serve_where_there_are_no_others() {
         let folder = tempfile::tempdir().unwrap();
         let at = |hours: u64| Timestamp(hours * 3_600_000_000_000);
         let camera = CameraId::new("c00").unwrap();
@@ -138,8 +144,8 @@ mod tests {
                 step: 1,
                 data: vec![hours as u8].into(),
             };
-            let plates = Plates::from([(camera.clone(), (at(hours), picture))]);
-            super::save(folder.path(), at(hours), &plates, "test").unwrap();
+            let backgrounds = Backgrounds::from([(camera.clone(), (at(hours), picture))]);
+            super::save(folder.path(), at(hours), &backgrounds, "test").unwrap();
         };
         let found = |now| newest(folder.path(), std::slice::from_ref(&camera), at(now))[&camera].0;
         save(10);
