@@ -149,6 +149,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "number",
             "process",
             "recording",
+            "statistics",
             "storage",
             "sync",
             "trigger",

@@ -1,5 +1,6 @@
 //! How long the last presses took.
 
+use crate::statistics::nearest_rank_quantile;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -30,13 +31,10 @@ impl LatencyWindow {
 
     /// How long they took; `None` before the first one.
     pub(super) fn percentiles(&self) -> Option<Percentiles> {
-        let mut sorted: Vec<f64> = self.0.iter().copied().collect();
-        sorted.sort_by(f64::total_cmp);
-        let last = sorted.len().checked_sub(1)?;
-        let at = |part: f64| sorted[(last as f64 * part).round() as usize];
+        let mut latencies: Vec<f64> = self.0.iter().copied().collect();
         Some(Percentiles {
-            p50: at(0.5),
-            p99: at(0.99),
+            p50: nearest_rank_quantile(&mut latencies, 0.5)?,
+            p99: nearest_rank_quantile(&mut latencies, 0.99)?,
         })
     }
 }
