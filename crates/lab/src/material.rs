@@ -47,8 +47,8 @@ impl Material {
             (Shape::Mug, _) => [0.52, 0.10, 0.07],
             (Shape::Egg, _) => [0.66, 0.48, 0.34],
             (Shape::Torus | Shape::Ball, _) => [0.60, 0.34, 0.08],
-            (Shape::Box | Shape::TwoPits, _) => [0.46, 0.33, 0.19],
-            (Shape::Ashtray, _) => [0.38, 0.42, 0.34],
+            (Shape::Box | Shape::TwoPits | Shape::Prism, _) => [0.46, 0.33, 0.19],
+            (Shape::Ashtray | Shape::Relief, _) => [0.38, 0.42, 0.34],
         }
     }
 }

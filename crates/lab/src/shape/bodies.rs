@@ -2,6 +2,7 @@
 
 use super::profiles::{self, Swept};
 use nalgebra::{Point3, Vector3};
+use std::f64::consts::{PI, TAU};
 
 /// A body: negative inside. The value is a distance or smaller than one, so that empty space can be skipped.
 pub(super) struct Body {
@@ -90,6 +91,43 @@ pub(super) fn two_pits() -> Body {
             block.max(-deep).max(-round)
         }),
         bounds: [[-0.076, -0.043, 0.0], [0.076, 0.043, 0.056]],
+    }
+}
+
+/// Height and distance of the relief's ribs.
+const RIBS: [f64; 2] = [0.0008, 0.003];
+
+pub(super) fn relief() -> Body {
+    const RADIUS: f64 = 0.034;
+    const HEIGHT: f64 = 0.090;
+    let [rib, apart] = RIBS;
+    // The ribs' steepest slope: by so much the value is more than the distance.
+    let slope = 1f64.hypot(PI * rib / apart);
+    Body {
+        distance: Box::new(move |p| {
+            (cylinder(p, Vector3::zeros(), RADIUS, HEIGHT, 0.002) - rib * ribs(p, RADIUS)) / slope
+        }),
+        bounds: [
+            [-RADIUS - 0.002, -RADIUS - 0.002, 0.0],
+            [RADIUS + 0.002, RADIUS + 0.002, HEIGHT + 0.001],
+        ],
+    }
+}
+
+/// How far a rib stands out at a point, from 0 to 1: whole ribs between 9 and 39 mm of height, rings, and between
+/// 48 and 78 mm, upright ones.
+fn ribs(p: Point3<f64>, radius: f64) -> f64 {
+    let apart = RIBS[1];
+    let wave = |phase: f64| 0.5 - 0.5 * (TAU * phase).cos();
+    let around = p.y.atan2(p.x) / TAU * (TAU * radius / apart).round();
+    let fade =
+        |z: f64| ((z - 0.048) / apart).clamp(0.0, 1.0) * ((0.078 - z) / apart).clamp(0.0, 1.0);
+    // Above the top and on it there are none, for the value is to stay a distance there.
+    let beside = ((p.x.hypot(p.y) - 0.8 * radius) / (0.1 * radius)).clamp(0.0, 1.0);
+    if (0.009..0.039).contains(&p.z) {
+        beside * wave((p.z - 0.009) / apart)
+    } else {
+        beside * fade(p.z) * wave(around)
     }
 }
 

@@ -5,6 +5,7 @@
 mod blocks;
 mod bodies;
 mod implicit;
+mod prism;
 mod profiles;
 mod revolve;
 
@@ -43,11 +44,16 @@ pub enum Shape {
     Ashtray,
     /// A block with two pits of different forms: two concave regions.
     TwoPits,
+    /// A body of five leaning sides, each at an angle of its own: convex, with edges.
+    Prism,
+    /// A column with ribs 0.8 mm high, 3 mm apart: rings below, which stand in profile, and upright ones above, which
+    /// do not.
+    Relief,
 }
 
 impl Shape {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 15] = [
         Self::Cup,
         Self::Bowl,
         Self::FruitBowl,
@@ -61,6 +67,8 @@ impl Shape {
         Self::Ball,
         Self::Ashtray,
         Self::TwoPits,
+        Self::Prism,
+        Self::Relief,
     ];
 
     /// The object's surface, in metres, of triangles with edges of about `spacing` metres.
@@ -81,6 +89,8 @@ impl Shape {
             Self::Mug => meshed(&bodies::mug(), spacing),
             Self::Ashtray => meshed(&bodies::ashtray(), spacing),
             Self::TwoPits => meshed(&bodies::two_pits(), spacing),
+            Self::Prism => prism::prism(spacing),
+            Self::Relief => meshed(&bodies::relief(), spacing),
         }
     }
 
@@ -163,6 +173,7 @@ mod tests {
             (Shape::Mug, bodies::mug()),
             (Shape::Ashtray, bodies::ashtray()),
             (Shape::TwoPits, bodies::two_pits()),
+            (Shape::Relief, bodies::relief()),
         ] {
             let [min, max] = body.bounds.map(Point3::from);
             let points = 200_000;

@@ -9,9 +9,9 @@ use std::f64::consts::TAU;
 const CORNER: f64 = 0.94;
 
 /// A ring of vertices around the axis, or a single one on it.
-struct Ring {
-    first: u32,
-    count: u32,
+pub(super) struct Ring {
+    pub(super) first: u32,
+    pub(super) count: u32,
 }
 
 /// The mesh of the solid that `profile` sweeps around z, with edges of about `spacing` metres.
@@ -45,8 +45,8 @@ fn ring(mesh: &mut Mesh, [r, z]: [f64; 2], spacing: f64) -> Ring {
     Ring { first, count }
 }
 
-/// Fills the strip between two rings, `a` before `b` on the profile, walking both around by angle.
-fn zip(triangles: &mut Vec<[u32; 3]>, a: &Ring, b: &Ring) {
+/// Fills the strip between two rings, `a` before `b` on the profile, walking both around by their shares.
+pub(super) fn zip(triangles: &mut Vec<[u32; 3]>, a: &Ring, b: &Ring) {
     let sides = |ring: &Ring| if ring.count == 1 { 0 } else { ring.count };
     let (na, nb) = (sides(a), sides(b));
     let vertex = |ring: &Ring, k: u32| ring.first + k % ring.count;
