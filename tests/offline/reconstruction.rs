@@ -77,6 +77,29 @@ fn a_convex_object_is_its_hull_bit_for_bit_whatever_the_depth_says() {
 }
 
 #[test]
+fn depth_takes_nothing_off_a_convex_body_from_wherever_and_with_whatever_bias() {
+    for shape in [Shape::Egg, Shape::Box, Shape::Prism] {
+        for slant_deg in [0.0, 10.0, 25.0, 45.0] {
+            for bias_mm in [-8.0, 0.0, 8.0] {
+                let simulated = simulation(shape, |o| {
+                    (o.width, o.height) = (640, 480);
+                    o.masks = true;
+                    o.depth_cameras = 2;
+                    o.depth_slant_deg = slant_deg;
+                    o.depth.bias_mm = bias_mm;
+                });
+                let found = run(&simulated.scene(0), Method::Hybrid);
+                let regions: Vec<_> = found.depths.iter().map(|d| d.regions.count).collect();
+                let what = format!("{shape:?} at {slant_deg} degrees with {bias_mm} mm");
+                assert_eq!(regions, [0, 0], "{what}");
+                let is_hull = |p: &Provenance| matches!(p, Provenance::Hull | Provenance::Table);
+                assert!(found.model.provenance.iter().all(is_hull), "{what}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_cup_is_hollow_and_a_hull_alone_is_not() {
     let simulated = simulation(Shape::Cup, |_| {});
     let scene = simulated.scene(0);

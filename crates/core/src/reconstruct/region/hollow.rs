@@ -1,34 +1,56 @@
 //! How hollow the measured surface itself is: how far each pixel lies behind the straight lines between
-//! nearer parts of the surface. A convex object has none of it, however far the hull stands off, and neither
-//! an offset of the depth nor a misregistration makes any.
+//! nearer parts of the object. A convex object has none of it, however far the hull stands off, and neither
+//! an offset of the depth nor a misregistration makes any. What lies beside the object is no part of it: the
+//! table next to a box would be hollow else, between the box and the table farther out.
 
 use crate::image::{Grid, Mask};
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
 use crate::statistics::lower_median;
 
-/// For each pixel, in metres, how far it lies behind the convex envelope of the measured depth along the
-/// rows, columns and diagonals through it (the largest of the four). 0 where there is no measured depth.
-pub(super) fn depth_below_rims(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
+/// For each pixel, in metres, how far it lies behind the convex envelope of the measured depth of the object along
+/// the rows, columns and diagonals through it (the largest of the four). 0 where there is no measured depth, and
+/// where the object does not lie to either side. `on_object` are the readings of the object, of those in its image.
+pub(super) fn depth_below_rims(
+    depth: &EnhancedDepth,
+    object: &Mask,
+    on_object: &Grid<bool>,
+) -> Grid<f32> {
     let (width, height) = (depth.depth.width(), depth.depth.height());
     let inverse = inverse_depth(depth, object);
     let mut hollow = Grid::filled(width, height, 0f32);
-    let (w, h) = (width as isize, height as isize);
-    let rows = (0..h).map(|y| (0, y, 1, 0));
-    let columns = (0..w).map(|x| (x, 0, 0, 1));
-    let falling = (1 - h..w).map(|d| (d.max(0), (-d).max(0), 1, 1));
-    let rising = (0..w + h - 1).map(|s| ((s - h + 1).max(0), s.min(h - 1), 1, -1));
     let mut line = Vec::new();
-    for (x, y, dx, dy) in rows.chain(columns).chain(falling).chain(rising) {
+    for pixels in lines(width, height) {
         line.clear();
-        let steps = (0..).map(|i| (x + i * dx, y + i * dy));
-        let inside = steps.take_while(|&(x, y)| x >= 0 && y >= 0 && x < w && y < h);
-        line.extend(inside.enumerate().filter_map(|(i, (x, y))| {
-            let value = inverse[(x as usize, y as usize)];
-            (value > 0.0).then_some((i as f64, f64::from(value), (x as usize, y as usize)))
+        line.extend(pixels.enumerate().filter_map(|(i, pixel)| {
+            let value = inverse[pixel];
+            (value > 0.0).then_some((i as f64, f64::from(value), pixel))
         }));
-        below_envelope(&line, &mut hollow);
+        let is_rim = |&(_, _, pixel): &Point| on_object[pixel];
+        if let (Some(first), Some(last)) =
+            (line.iter().position(is_rim), line.iter().rposition(is_rim))
+        {
+            below_envelope(&line[first..=last], |pixel| on_object[pixel], &mut hollow);
+        }
     }
     hollow
+}
+
+/// The rows, columns and diagonals of a picture, each as its pixels in order.
+pub(super) fn lines(
+    width: usize,
+    height: usize,
+) -> impl Iterator<Item = impl Iterator<Item = (usize, usize)> + Clone> {
+    let (w, h) = (width as isize, height as isize);
+    let rows = (0..h).map(move |y| (0, y, 1, 0));
+    let columns = (0..w).map(|x| (x, 0, 0, 1));
+    let falling = (1 - h..w).map(move |d| (d.max(0), (-d).max(0), 1, 1));
+    let rising = (0..w + h - 1).map(move |s| ((s - h + 1).max(0), s.min(h - 1), 1, -1));
+    let starts = rows.chain(columns).chain(falling).chain(rising);
+    starts.map(move |(x, y, dx, dy)| {
+        let steps = (0..).map(move |i| (x + i * dx, y + i * dy));
+        let inside = steps.take_while(move |&(x, y)| x >= 0 && y >= 0 && x < w && y < h);
+        inside.map(|(x, y)| (x as usize, y as usize))
+    })
 }
 
 /// 1 / depth of measured pixels, the median of 3 x 3 so that no single reading makes a rim; 0 elsewhere. In
@@ -54,11 +76,14 @@ fn inverse_depth(depth: &EnhancedDepth, object: &Mask) -> Grid<f32> {
     })
 }
 
-/// Raises `hollow` by how far the points of a line lie below its upper convex envelope (Andrew's monotone
-/// chain, 1979). Points are (position, 1 / depth, pixel) in the order of their positions.
-fn below_envelope(line: &[(f64, f64, (usize, usize))], hollow: &mut Grid<f32>) {
+/// A point of a line: position, 1 / depth, pixel.
+type Point = (f64, f64, (usize, usize));
+
+/// Raises `hollow` by how far the points of a line lie below the upper convex envelope of those that are rims
+/// (Andrew's monotone chain, 1979). Points are in the order of their positions; the first and the last are rims.
+fn below_envelope(line: &[Point], is_rim: impl Fn((usize, usize)) -> bool, hollow: &mut Grid<f32>) {
     let mut envelope: Vec<(f64, f64)> = Vec::new();
-    for &(t, value, _) in line {
+    for &(t, value, _) in line.iter().filter(|p| is_rim(p.2)) {
         while let [.., a, b] = envelope[..]
             && (b.1 - a.1) * (t - a.0) <= (value - a.1) * (b.0 - a.0)
         {
@@ -99,7 +124,7 @@ mod tests {
             .map(|(x, z)| (x as f64, 1.0 / z, (x, 0)))
             .collect();
         let mut hollow = Grid::filled(7, 1, 0.0);
-        below_envelope(&line, &mut hollow);
+        below_envelope(&line, |_| true, &mut hollow);
         assert!((hollow[(2, 0)] - 0.2).abs() < 1e-6);
         assert!((hollow[(1, 0)] - 0.05).abs() < 1e-6);
         for on in [0, 4, 6] {

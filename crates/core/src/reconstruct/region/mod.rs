@@ -5,12 +5,14 @@
 //! - `front` renders the hull's front surface (equations 3 and 4) and its first way out;
 //! - `bias` estimates what the depth camera's calibration left over;
 //! - `hollow` measures how far the measured surface itself lies behind its own rims;
+//! - `support` tells which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference.
 
 mod bias;
 mod front;
 mod hollow;
 mod segment;
+mod support;
 
 pub use bias::{Bias, BiasSource};
 pub use front::{Front, front_vertices};
@@ -141,12 +143,16 @@ pub fn find(
     if sigma_difference > 1e-3 * parameters.alpha_mm {
         let beyond = |k| beyond_noise(&regions, depth, k, parameters);
         let (hollow, behind) = rayon::join(
-            || hollow::depth_below_rims(depth, object),
+            || hollow::depth_below_rims(depth, object, &on_object(&regions, depth, parameters)),
             || behind_the_hull(&regions, depth, parameters),
         );
+        let supported = support::by_readings(depth, &hollow, 1e-3 * parameters.least_hollow_mm);
+        let both = |a: Grid<bool>| {
+            Grid::from_fn(a.width(), a.height(), |x, y| a[(x, y)] && supported[(x, y)])
+        };
         let evidence = segment::Evidence {
             significant: &beyond(parameters.significance),
-            belongs: &beyond(parameters.growing_significance),
+            belongs: &both(beyond(parameters.growing_significance)),
             behind: &behind,
             hollow: &hollow,
         };
@@ -202,6 +208,20 @@ fn beyond_noise(
         let behind_the_hull = regions.front.depth[(x, y)] + f > regions.front.exit[(x, y)];
         f > (significance * sigma).max(least) + remaining
             && !(behind_the_hull && regions.front.is_near_outline(x, y))
+    })
+}
+
+/// The readings that lie on the object: within the hull, before its far side by more than they may be off. What
+/// lies on the table beside the object, or behind it, is none of it.
+fn on_object(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters) -> Grid<bool> {
+    let (bias, remaining) = (regions.bias.metres as f32, regions.bias.remaining as f32);
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
+        let doubt = (parameters.significance * depth.sigma[(x, y)])
+            .max(1e-3 * parameters.least_difference_mm)
+            + remaining;
+        depth.kind[(x, y)] == DepthKind::Measured
+            && regions.front.depth[(x, y)].is_finite()
+            && depth.depth[(x, y)] - bias + doubt < regions.front.exit[(x, y)]
     })
 }
 
