@@ -150,7 +150,7 @@ fn depth_without_readings_and_a_rig_without_depth_are_told_apart() {
     let verdict = judged(&scene, &made);
     assert_eq!(
         (verdict.level, verdict.reasons[0].code),
-        (Level::Green, Code::NoDepthCamera)
+        (Level::Amber, Code::NoDepthCamera)
     );
     preview(&scene, &made, &verdict, "no depth camera");
 }

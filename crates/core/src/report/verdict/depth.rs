@@ -6,21 +6,13 @@ use crate::reconstruct::Method;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
-    let note = |code, words: &str| Reason {
-        level: Level::Green,
-        code,
-        cameras: Vec::new(),
-        words: words.to_owned(),
-    };
     if measured.depth_cameras == 0 {
-        let words =
-            "the rig has no depth camera: the model is the visual hull, its hollows are filled";
-        return into.push(note(Code::NoDepthCamera, words));
+        let why = "the rig has no depth camera";
+        return into.push(only_a_hull(Code::NoDepthCamera, why, measured, parameters));
     }
     if measured.method == Method::Hull {
-        let words =
-            "the model is the visual hull, as asked: no depth was used, its hollows are filled";
-        return into.push(note(Code::DepthNotUsed, words));
+        let why = "no depth was used, as asked";
+        return into.push(only_a_hull(Code::DepthNotUsed, why, measured, parameters));
     }
     let (blind, seeing): (Vec<_>, Vec<_>) =
         measured.depths.iter().partition(|d| d.facts.measured == 0);
@@ -28,11 +20,32 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         into.push(without_depth(&blind, seeing.is_empty()));
     }
     if !seeing.is_empty() && seeing.iter().all(|d| d.regions.is_none()) {
-        let words = "no concave region was found: the model is the visual hull";
-        into.push(note(Code::NoRegion, words));
+        into.push(Reason {
+            level: Level::Green,
+            code: Code::NoRegion,
+            cameras: Vec::new(),
+            words: "no concave region was found: the model is the visual hull".to_owned(),
+        });
     }
     about_bias(&seeing, parameters, into);
     about_regions(&seeing, parameters, into);
+}
+
+/// Silhouettes show no hollow: such a model is to be looked at, unless a hull is what is wanted.
+fn only_a_hull(code: Code, why: &str, measured: &Measurements, parameters: &Parameters) -> Reason {
+    Reason {
+        level: if parameters.hull_is_wanted {
+            Level::Green
+        } else {
+            Level::Amber
+        },
+        code,
+        cameras: Vec::new(),
+        words: format!(
+            "{why}: the model is the visual hull, its hollows are filled; any part of its {:.0} cubic centimetres may be hollow",
+            1e6 * measured.model.mesh.volume
+        ),
+    }
 }
 
 fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {

@@ -52,6 +52,9 @@ pub struct Parameters {
     pub background_age_h: Limits,
     /// Milliseconds between the first and the last colour camera. Default 10 and 100.
     pub skew_ms: Limits,
+    /// Whether a model of silhouettes alone is what is wanted: then a rig without a depth camera, or a method that
+    /// uses no depth, is a note. Default false: it is amber, for the model's hollows are filled.
+    pub hull_is_wanted: bool,
     /// Share of the concave regions' pixels without readings that count. Default 0.5.
     pub region_unread: Limits,
     /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
@@ -94,6 +97,7 @@ impl Default for Parameters {
             told_by_outline: Limits::amber(0.2),
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
+            hull_is_wanted: false,
             region_unread: Limits::amber(0.5),
             bridged: Limits::amber(0.1),
             region_share: Limits::amber(0.95),

@@ -72,8 +72,13 @@ fn capture() -> CaptureFacts {
     }
 }
 
+/// Of a rig of which no more than hulls is wanted, for that of [`measured`] has no depth camera.
 fn judged(measured: &Measurements, capture: &CaptureFacts) -> Verdict {
-    judge(measured, capture, &Parameters::default())
+    let parameters = Parameters {
+        hull_is_wanted: true,
+        ..Parameters::default()
+    };
+    judge(measured, capture, &parameters)
 }
 
 fn codes(verdict: &Verdict, level: Level) -> Vec<Code> {
@@ -82,10 +87,22 @@ fn codes(verdict: &Verdict, level: Level) -> Vec<Code> {
 }
 
 #[test]
-fn a_rig_without_a_depth_camera_is_green_and_says_so() {
-    let verdict = judged(&measured(), &capture());
-    assert_eq!(verdict.level, Level::Green);
-    assert_eq!(codes(&verdict, Level::Green), [Code::NoDepthCamera]);
+fn a_model_of_silhouettes_alone_is_to_be_looked_at_unless_it_is_wanted() {
+    let mut measured = measured();
+    measured.model.mesh.volume = 340e-6;
+    for code in [Code::NoDepthCamera, Code::DepthNotUsed] {
+        let verdict = judge(&measured, &capture(), &Parameters::default());
+        assert_eq!(codes(&verdict, Level::Amber), [code]);
+        let wanted = judged(&measured, &capture());
+        assert_eq!(wanted.level, Level::Green);
+        assert_eq!(codes(&wanted, Level::Green), [code]);
+        let words = &wanted.reasons[0].words;
+        assert!(
+            words.contains("340 cubic centimetres may be hollow"),
+            "{words}"
+        );
+        (measured.depth_cameras, measured.method) = (1, Method::Hull);
+    }
 }
 
 #[test]
