@@ -110,6 +110,16 @@ pub enum Error {
         /// What is possible.
         least: f64,
     },
+    /// A cell size that would leave nothing of the object's form, as one in millimetres would.
+    #[error(
+        "hull.cell_size is {found} m: expected {most:.2e} m or less for an object of this size, or 0"
+    )]
+    CellTooLarge {
+        /// What was asked.
+        found: f64,
+        /// What makes sense.
+        most: f64,
+    },
 }
 
 /// A solid's surface.
@@ -121,6 +131,10 @@ pub struct Extracted {
     /// Pieces that were dropped, but for specks.
     pub dropped_pieces: usize,
 }
+
+/// Cells along the diagonal of an object's bounds, as `hull.resolution` may have them.
+const FEWEST_ACROSS: f64 = 8.0;
+const MOST_ACROSS: f64 = 1000.0;
 
 /// Chooses the lattice for an object: over its bounds, with cells of the right size.
 ///
@@ -137,17 +151,22 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
     })?;
     let (low, high) = (low.sup(&min), high.inf(&max));
     let diagonal = (high - low).norm().max(Volume::SHORTEST_EDGE);
-    let least = diagonal / 1000.0;
+    let (least, most) = (diagonal / MOST_ACROSS, diagonal / FEWEST_ACROSS);
     let cell_size = if parameters.cell_size == 0.0 {
         let footprint = hull.pixel_footprint(nalgebra::center(&low, &high));
         (diagonal / parameters.resolution).max(parameters.smallest_cell_px * footprint)
-    } else if parameters.cell_size >= least {
-        parameters.cell_size
-    } else {
+    } else if parameters.cell_size < least {
         return Err(Error::CellTooSmall {
             found: parameters.cell_size,
             least,
         });
+    } else if parameters.cell_size > most {
+        return Err(Error::CellTooLarge {
+            found: parameters.cell_size,
+            most,
+        });
+    } else {
+        parameters.cell_size
     };
     Ok(Lattice::covering(low, high, cell_size))
 }

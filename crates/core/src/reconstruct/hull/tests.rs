@@ -177,3 +177,24 @@ fn the_volume_cuts_what_stands_on_the_table() {
     assert!(floor.clone().count() > 500);
     assert!(floor.clone().all(on_floor), "only the floor is the table");
 }
+
+#[test]
+fn a_cell_size_of_another_unit_is_refused_by_its_name() {
+    let cameras = ring(6, 200, 150);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.03)).collect();
+    let refused = |cell_size: f64| {
+        let pairs = cameras.iter().zip(&levels);
+        let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
+        let asked = Parameters {
+            cell_size,
+            ..Parameters::default()
+        };
+        let found = lattice(&Hull::new(cones, cube(0.05), 2), &asked);
+        found.err().map(|error| error.to_string())
+    };
+    assert_eq!(refused(1e-3), None);
+    for cell_size in [1.0, 1e-6] {
+        let words = refused(cell_size).unwrap();
+        assert!(words.starts_with("hull.cell_size is"), "{words}");
+    }
+}
