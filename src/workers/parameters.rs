@@ -12,7 +12,7 @@ pub struct Parameters {
     pub count: u32,
     /// Where models go: FOLDER/RECORDING/CAPTURE. Default `models` beside the folder of recordings.
     pub folder: PathBuf,
-    /// Memory that one may take, in megabytes, 64 to 1000000. Default 4000.
+    /// Memory that one may take, in megabytes, 64 to 1000000; also the largest file that it may write. Default 4000.
     #[serde(deserialize_with = "count::<_, _, 64, 1_000_000>")]
     pub memory_mb: u32,
     /// How long one may take, in seconds, 1 to 86400. Default 900.

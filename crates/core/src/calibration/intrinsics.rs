@@ -1,5 +1,5 @@
 //! A lens: from a direction to a pixel and back (Brown–Conrady and the rational model, as in the ROS
-//! `plumb_bob` and `rational_polynomial` conventions).
+//! `plumb_bob` and `rational_polynomial` conventions). `fit::lens` has the same formula with its derivatives.
 
 use super::Error;
 use nalgebra::{Matrix2, Point2, Vector2};

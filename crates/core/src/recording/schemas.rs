@@ -24,7 +24,8 @@ pub(super) fn json_schema(topic: &Topic) -> Schema<'static> {
         "scand.Volume" => VOLUME,
         "scand.Trigger" => TRIGGER,
         "scand.Capture" => CAPTURE,
-        _ => NOTE,
+        "scand.Note" => NOTE,
+        other => unreachable!("no schema is written down for {other}"),
     };
     Schema {
         // The writer gives it its number.

@@ -1,4 +1,5 @@
-//! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk.
+//! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk; and the reason of a
+//! press that is refused because there is none, such as a full disk's.
 
 use super::CaptureThread;
 use crate::daemon::rig::{Kind, State};
