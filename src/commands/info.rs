@@ -1,4 +1,4 @@
-//! `scand info`: what a recording holds, who took part in it, and what of it is damaged.
+//! `scand info`: lists the contents of a recording, its cameras and captures, and its damage.
 
 use super::{EXIT_LOST, refuse_to_replace};
 use crate::calibrate::of_recording;

@@ -1,4 +1,4 @@
-//! `scand make-model`, which only the daemon calls: `scand --replay` of one capture, in a process that may do nothing else.
+//! `scand make-model`, which only the daemon calls: `scand --replay` of one capture, in a confined process.
 
 use super::replay;
 use crate::workers::{Limits, confine, part_from, protocol};

@@ -1,5 +1,5 @@
-//! The command line: what each command is asked and what it answers. Commands join rooms and turn errors
-//! into words and exit codes; the work itself is done in the rooms.
+//! The command line: each command's arguments and output. Commands call the other rooms, which do the work, and turn
+//! errors into messages and exit codes.
 
 /// `println!` that ignores a reader that has gone away, as `head` does: a closed pipe is no error.
 macro_rules! outln {

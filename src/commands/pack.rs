@@ -1,4 +1,4 @@
-//! `scand pack`: complete recordings made smaller, without loss.
+//! `scand pack`: makes complete recordings smaller, without loss.
 
 use crate::recording::{Packed, pack};
 use std::path::PathBuf;

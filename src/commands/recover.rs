@@ -1,4 +1,4 @@
-//! `scand recover`: recordings that a crash or a power cut left unfinished become complete files.
+//! `scand recover`: completes recordings that a crash or a power cut left unfinished.
 
 use super::EXIT_LOST;
 use crate::recording::{Error, Recovered, finished_name, interrupted, recover, unfinished};

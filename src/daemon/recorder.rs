@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 pub(super) type Answer = Box<dyn FnOnce(Result<String, String>) + Send>;
 
 /// Why a piece of work is refused.
-pub(super) const QUEUE_FULL: &str = "the recorder's queue is full: the disk is behind";
+pub(super) const QUEUE_FULL: &str = "the recorder's queue is full";
 
 /// What is to be brought to the disk.
 pub(super) enum Work {

@@ -331,7 +331,7 @@ fn press_and_stray(service: &Service, name: &str, dice: &mut Dice) -> Reply {
         let hears = dice.below(6);
         for _ in 0..hears {
             let reply = client.reply().unwrap();
-            // Nothing was begun, as when the disk is behind: the same name may try again.
+            // Nothing was begun, as when the recorder's queue is full: the same name may try again.
             if matches!(reply, Reply::Busy | Reply::Refused { .. }) {
                 return None;
             }

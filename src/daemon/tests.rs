@@ -1,4 +1,4 @@
-//! The daemon's threads with cameras of the tests' own: presses, failures, a disk that is behind, backgrounds, sessions.
+//! The daemon's threads with cameras of the tests' own: presses, failures, a full queue, backgrounds, sessions.
 
 use super::capturing::Order;
 use super::packing::Packer;

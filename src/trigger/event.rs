@@ -66,7 +66,7 @@ pub enum Event {
     },
     /// Another capture is being taken; only in a reply.
     Busy,
-    /// A request was rejected and nothing was begun: for a press no memory, no room, a disk that is behind.
+    /// A request was rejected and nothing was begun: for a press no memory, no room, a full queue of the recorder.
     Refused {
         /// Why.
         reason: String,

@@ -1,6 +1,6 @@
-//! What a process that makes models may do: compute, read its recording, and write into its output. It has no network,
-//! starts no process, sends no signal, and has limits of memory. Files are guarded by Landlock, calls to the system by a
-//! seccomp filter; where a kernel lacks one of them, that is said. design/workers.md has the reasons.
+//! Confines a worker process: it may compute, read its recording and write into its output folder. It has no network,
+//! starts no process, sends no signal, and has a memory limit. Landlock guards the files and a seccomp filter the
+//! system calls; if a kernel lacks one of them, this is logged. design/workers.md has the reasons.
 
 use crate::process::{close_inherited, come_last};
 use landlock::{
@@ -44,8 +44,8 @@ pub enum ConfineError {
     Calls(#[from] seccompiler::BackendError),
 }
 
-/// Parts a process from the one that started it, which has the id `parent`: it ends with it, and holds none of its files
-/// but the standard ones. To be called before anything is opened.
+/// Parts a process from the one that started it, which has the id `parent`: it ends with it, and holds none of its
+/// files but the standard ones. To be called before anything is opened.
 ///
 /// # Errors
 /// If that one is gone already, or the system refuses.

@@ -1,5 +1,5 @@
-//! Where the capture of a job is now. Its recording gets another name when it is complete, another file when it was
-//! recovered, and any name that a person gives it; and another session may have been given the old one.
+//! Finds the recording that holds a job's capture now. A recording gets a new name when it is completed and becomes a
+//! new file when it is packed, people rename it, and another session may have taken its old name.
 
 use super::job::{Job, identity};
 use crate::frame::Timestamp;

@@ -1,4 +1,4 @@
-//! One job: which capture, in which recording. As it lies on the disk.
+//! One job, as it is stored on the disk: a capture and the recording that holds it.
 
 use crate::frame::CaptureId;
 use crate::recording::{Outcome, Recording, Topic};

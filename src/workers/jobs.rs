@@ -1,5 +1,5 @@
-//! The jobs that are to be done, a small file each in the folder `jobs` beside the recordings: durable when it is
-//! offered, gone when it is done. In memory is only what is being done, and how many wait.
+//! The queue of jobs: a small file for each in the folder `jobs` beside the recordings, durable once it is enqueued and
+//! removed when it is done. Memory holds only the jobs in progress and the number that wait.
 
 use super::job::{ENDING, Job};
 use crate::log;

@@ -1,6 +1,6 @@
-//! Models of what was captured, made beside the capturing: jobs that lie on the disk, and processes that do them one
-//! after the other, each on the path of `scand --replay`, behind limits. What a model is, is decided elsewhere; here is
-//! who makes it, when, and what becomes of one who fails.
+//! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk; worker
+//! processes do them one after the other, confined, in the way of `scand --replay`. `make_model` builds the models;
+//! nothing here does.
 
 #[cfg(feature = "live")]
 mod confine;

@@ -1,4 +1,4 @@
-//! What became of a job: the model that its process left, or in words why there is none.
+//! The outcome of a job: the model that its worker made, or the reason why it made none.
 
 use super::{Parameters, protocol};
 use crate::make_model::{Model, ReportFile};
@@ -28,7 +28,7 @@ pub(super) fn model(
         .ok_or_else(|| reason(status, words, parameters))
 }
 
-/// Why a process left no model.
+/// Why a worker made no model.
 fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
     let said: Vec<&str> = protocol::complaints(words).collect();
     let said: String = said.join("; ").chars().take(LONGEST_REASON).collect();
@@ -38,9 +38,9 @@ fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
         String::new()
     };
     match status.signal() {
-        Some(signal) if said.is_empty() => format!("its process died by signal {signal}"),
-        Some(signal) => format!("its process died by signal {signal}: {said}{memory}"),
-        None if said.is_empty() => format!("its process said nothing and gave {status}"),
+        Some(signal) if said.is_empty() => format!("the worker was killed by signal {signal}"),
+        Some(signal) => format!("the worker was killed by signal {signal}: {said}{memory}"),
+        None if said.is_empty() => format!("the worker exited with {status} and no output"),
         None => said + &memory,
     }
 }

@@ -1,4 +1,4 @@
-//! What can be configured about making models while the rig works.
+//! The configuration of the workers.
 
 use crate::number::count;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! The threads that take jobs, one after the other, and start a process for each.
+//! The threads that take jobs one after the other and start a worker process for each.
 
 use super::find::find;
 use super::jobs::{Error, Jobs, Taken};
@@ -156,7 +156,7 @@ impl Shared {
         if taken.job.begun >= MOST_BEGUN {
             let begun = taken.job.begun;
             let reason = format!(
-                "it was begun {begun} times, and each time the daemon died or its process was ended"
+                "it was started {begun} times, and each time the daemon or the worker ended first"
             );
             return Some(self.failed(&taken.job, &complete, reason, ""));
         }
@@ -171,7 +171,7 @@ impl Shared {
         let waited = child.and_then(|child| child.wait(limit, self.jobs.cancel()));
         let (model, words) = match waited {
             Err(error) => (
-                Err(format!("its process cannot be run: {error}")),
+                Err(format!("the worker cannot be started: {error}")),
                 "".into(),
             ),
             Ok((End::TimedOut, words)) => {

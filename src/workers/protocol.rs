@@ -1,5 +1,5 @@
-//! What the daemon and a process that makes a model for it say to each other: the command and its options, the lines on
-//! standard error, and the exit codes. `scand make-model` is the other end. No process is started here.
+//! The protocol between the daemon and a worker process: the command and its options, the lines on standard error, and
+//! the exit codes. `scand make-model` is the other end. Nothing here starts a process.
 
 use std::ffi::OsString;
 use std::path::Path;

@@ -192,7 +192,7 @@ fn one_that_crashes_fails_alone_with_a_report_and_its_words() {
     let crashed = heard.next().model.unwrap_err();
     assert_eq!(
         crashed,
-        "its process died by signal 11: a pointer to nowhere"
+        "the worker was killed by signal 11: a pointer to nowhere"
     );
     let report = place.report("s-2");
     assert_eq!(report["outcome"], "failed");
@@ -319,7 +319,7 @@ fn a_job_that_somebody_ends_again_and_again_comes_to_an_end() {
     let ended = heard.next();
     assert_eq!(ended.capture, "s-1");
     let reason = ended.model.unwrap_err();
-    assert!(reason.contains("process was ended"), "{reason}");
+    assert!(reason.contains("the worker ended first"), "{reason}");
     assert!(heard.next().model.is_ok());
 }
 

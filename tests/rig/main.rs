@@ -1,5 +1,5 @@
-//! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a depth
-//! camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
+//! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a
+//! depth camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
 
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 
@@ -125,8 +125,8 @@ fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
     );
 }
 
-/// What presses were answered and how long after the press, printed for who wants to know (`--nocapture`); a figure that
-/// depends on the machine is nothing to be held.
+/// What presses were answered and how long after the press, printed for who wants to know (`--nocapture`); a figure
+/// that depends on the machine is nothing to be held.
 fn tell_latencies(presses: &[Vec<(Reply, Duration)>]) {
     let name = |reply: &Reply| match reply {
         Reply::Accepted { .. } => "accepted",
@@ -332,8 +332,8 @@ fn a_full_disk_fails_a_capture_and_no_other() {
             "capture.retry=0",
             "recording.keep_free_mb=0",
         ];
-        // Room for many captures of 18 MB, also for those that fail until all cameras are well. Another program fills it
-        // while nobody looks.
+        // Room for many captures of 18 MB, also for those that fail until all cameras are well. Another program fills
+        // it while nobody looks.
         let stand = Stand::start_on_small_disk(&settings, 400);
         assert!(matches!(stand.press(), Reply::Durable { .. }));
         let reply = stand.fill_disk_while_capturing(9_000_000);
@@ -408,7 +408,7 @@ fn a_slow_disk_refuses_presses_and_disturbs_no_camera() {
                 match client.reply().unwrap() {
                     Reply::Captured { .. } => break pressed.push(client),
                     Reply::Refused { reason } => {
-                        assert!(reason.contains("the disk is behind"), "{reason}");
+                        assert!(reason.contains("the recorder's queue is full"), "{reason}");
                         refused += 1;
                         break std::thread::sleep(Duration::from_millis(50));
                     }

@@ -1,4 +1,4 @@
-//! `scand calibrate --check`: whether the rig still is as it was calibrated, in words or JSON.
+//! `scand calibrate --check`: reports whether the rig still matches its calibration, as text or JSON.
 
 use crate::calibrate::{Check, Detections};
 use crate::calibration::fit::Checked;

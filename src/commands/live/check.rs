@@ -1,4 +1,4 @@
-//! `scand check`: everything that can be known to be wrong before work begins, and a bundle of it for support.
+//! `scand check`: finds what is wrong with the rig before work begins, and packs a bundle for support.
 
 use super::config_args::ConfigArgs;
 use crate::check::{self, Bundle, Finding, Host, State};

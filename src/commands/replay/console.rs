@@ -1,5 +1,4 @@
-//! What the user sees of a replay: a bar on a terminal, lines on a pipe, nothing when asked to be quiet; and
-//! the summary.
+//! Shows the progress of a replay (a bar on a terminal, lines on a pipe, nothing with `--quiet`) and its summary.
 
 use super::outcome::{Ending, Outcome};
 use crate::job::Session;

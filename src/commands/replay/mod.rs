@@ -1,5 +1,5 @@
 //! `scand --replay`: recordings in, models out. This file has the arguments, the settings and the order of the
-//! files; a capture's way is in `make_model`, what the user sees meanwhile in `console`.
+//! files; `make_model` processes a capture, and `console` shows the progress.
 
 mod console;
 mod outcome;

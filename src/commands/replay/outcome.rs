@@ -1,4 +1,4 @@
-//! What became of a capture, as the summary of a replay tells it, and the exit code of them all.
+//! The outcome of each capture, for the summary of a replay, and the exit code for all of them.
 
 use crate::commands::EXIT_LOST;
 use crate::frame::CaptureId;

@@ -23,7 +23,7 @@ pub(super) struct Client<'a> {
     shared: &'a Shared,
 }
 
-/// Serves a client until it goes away, is silent for too long or says what is no request.
+/// Serves a client until it goes away, is silent for too long or sends an invalid request.
 pub(super) async fn serve(stream: UnixStream, shared: &Shared) {
     let (read, write) = stream.into_split();
     let mut read = BufReader::new(read);
@@ -67,7 +67,7 @@ impl Client<'_> {
         match parsed {
             Ok(request) => self.carry_out(request).await,
             Err(problem) => {
-                self.refuse(format!("no request: {problem}")).await?;
+                self.refuse(format!("invalid request: {problem}")).await?;
                 Err(ErrorKind::InvalidData.into())
             }
         }

@@ -1,6 +1,6 @@
-//! The file of a recording that is written: the `mcap` crate's writer over a file. Its errors become those of the system,
-//! and a file that was not finished gets no end: what broke off is left as it is for recovery. What the messages are, and
-//! when a chunk ends, is decided by the writer above.
+//! Writes a recording's file with the `mcap` crate's writer and turns its errors into those of the system. A file that
+//! was not finished gets no end, so that recovery finds it as the crash left it. `writer` decides what the messages are
+//! and when a chunk ends.
 
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{McapError, WriteOptions};

@@ -1,4 +1,4 @@
-//! What can be wrong with a recording: each error names the file and what finds the bad place in it.
+//! The errors of reading and writing recordings. Each names the file and locates the fault in it.
 
 use crate::{calibration, frame};
 use std::fmt;

@@ -1,6 +1,6 @@
-//! Recordings that were open when a daemon ended, by their names in a file, until what follows from them is on the disk
-//! too: the ends of their presses, and the jobs of their captures. Completing one changes its name, so that after
-//! another crash, or when a person completed it, nothing else would tell. Presses and jobs themselves live elsewhere.
+//! Lists the recordings that were open when a daemon ended, in a file, until the ends of their presses and the jobs of
+//! their captures are on the disk too. Recovery renames a recording, so after another crash, or after a person
+//! recovered it, nothing else would tell that it was interrupted. Presses and jobs themselves live elsewhere.
 
 use crate::storage::{self, write_atomically};
 use std::collections::BTreeSet;

@@ -1,5 +1,5 @@
-//! The messages that are JSON, as they are written and read. An unknown member is ignored; one that is
-//! missing and needed is an error that names it; times are strings of decimal nanoseconds.
+//! The JSON messages, written and read. A reader ignores an unknown member; a required member that is missing is an
+//! error that names it. Times are strings of decimal nanoseconds.
 
 use super::MessageError;
 use crate::calibration::{DepthResponse, Volume};

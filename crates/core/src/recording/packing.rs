@@ -1,5 +1,5 @@
-//! Complete recordings made smaller: the same records, with packed chunks. The packed copy is read again and compared
-//! before it takes the place of the original; until then the original is not touched.
+//! Makes complete recordings smaller: the same records, in compressed chunks. The packed copy is read again and
+//! compared before it replaces the original, which is not touched until then.
 
 use super::chunk;
 use super::index::{Chunk, Index, most_of};
@@ -103,8 +103,8 @@ impl Part {
     }
 }
 
-/// Hands out the parts of an undamaged recording, in their order, while `each` says that it wants more; whether it did to
-/// the end.
+/// Hands out the parts of an undamaged recording, in their order, while `each` says that it wants more; whether it did
+/// to the end.
 fn each_part(
     source: &Source,
     mut each: impl FnMut(Part) -> Result<bool, Error>,

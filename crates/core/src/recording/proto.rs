@@ -1,4 +1,4 @@
-//! The messages that are Foxglove's, from their Protobuf bytes and back.
+//! Foxglove's messages: encodes them as Protobuf and decodes them.
 
 use super::MessageError;
 use super::schemas::protobuf_schema;

@@ -1,6 +1,6 @@
-//! What a crash or a power cut left behind, made a complete recording: all that can be read of `NAME.mcap.part`, up to the
-//! first damage, is in `NAME.mcap` then, and what cannot be read in `NAME.mcap.tail`. It is done where the file is, so that
-//! there has to be room for the tail alone. Nothing is cut away before it is on the disk elsewhere.
+//! Makes a complete recording of what a crash or a power cut left: `NAME.mcap` gets everything readable in
+//! `NAME.mcap.part` up to the first damage, and `NAME.mcap.tail` gets the rest. The file is repaired in place, so only
+//! the tail needs space. Nothing is cut off before it is on the disk elsewhere.
 
 use super::Error;
 use super::repair::{Truncated, find_end};
@@ -44,8 +44,8 @@ pub fn unfinished(folder: &Path) -> Result<Vec<PathBuf>, Error> {
 
 /// Completes a recording that was cut off. What was whole is never written over, and the rest is cut away when it is on
 /// the disk under its own name: at any moment a power cut leaves a file of which nothing is lost, and which can be
-/// completed. Where a crash came between the recording's getting its name and the loss of its old one, the old one goes;
-/// another recording is never touched.
+/// completed. Where a crash came between the recording's getting its name and the loss of its old one, the old one
+/// goes; another recording is never touched.
 ///
 /// # Errors
 /// If the file is none that was cut off, is being written, is no recording, or another one has its name; or there is no
@@ -84,8 +84,8 @@ fn complete(found: &Truncated, file: &File, part: &Path, path: &Path) -> std::io
     rename_noreplace(part, path)
 }
 
-/// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept there
-/// stays.
+/// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept
+/// there stays.
 fn keep_tail(mut file: &File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
     let mut tail = with_ending(path, "tail");
     let mut number = 1;

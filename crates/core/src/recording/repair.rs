@@ -1,7 +1,7 @@
-//! Finds up to where a recording that was cut off or damaged is whole, and what has to follow there so that it is
-//! complete. It is read once, from front to back, up to its last whole record or the first damage. Nothing is written
-//! here before everything is known, and what was whole is never written over: only indexes that lie are, which say nothing
-//! that the chunk before them does not.
+//! Finds the point up to which a truncated or damaged recording is intact, and the records that must follow there to
+//! complete it. The file is read once, from front to back, up to its last intact record or the first damage. Nothing is
+//! written before everything is known, and intact data is never overwritten; only wrong indexes are, and these can be
+//! derived from the chunk before them.
 
 use super::Error;
 use super::chunk;

@@ -1,4 +1,4 @@
-//! What making a recording anew beside itself needs, whether after a crash or to pack it: names, locks, errors.
+//! Shared by recovery and packing, which both replace a recording: names, locks and errors.
 
 use super::Error;
 use std::fs::{File, Metadata, TryLockError};

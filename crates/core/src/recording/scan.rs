@@ -1,6 +1,6 @@
-//! Goes over the records of a file from front to back, for everything that reads, repairs or packs it. Each record is an
-//! event with its place, and so is each part of the file that is none; contents are not read here. Behind damage it goes
-//! on where the summary, if there is one, says that the next chunk begins.
+//! Scans the records of a file from front to back, for everything that reads, repairs or packs it. Each record, and
+//! each damaged part, is an event with its position; contents are not read here. After damage the scan continues at the
+//! next chunk, if the file has a summary that locates it.
 
 use super::records::{self, Malformed, RECORD_HEADER};
 use super::source::{Source, Window};

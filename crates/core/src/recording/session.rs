@@ -1,6 +1,6 @@
-//! A session at the rig: captures one after the other, in files of a bounded size that each stand alone. What a
-//! capture is made of comes from elsewhere; here it is made durable. The order is that of [`Writer`]: `.part`, chunks,
-//! flush, fdatasync, and only then is a capture said to be kept.
+//! Writes a session's captures one after the other into files of a bounded size, each of which can be read alone.
+//! Callers hand in finished captures; this file makes them durable. The order is that of [`Writer`]: `.part`, chunks,
+//! flush, fdatasync, and only then is a capture reported as durable.
 
 use super::{CaptureRecord, Compression, Error, Note, Writer};
 use crate::calibration::{Camera, DepthCamera, Volume};

@@ -1,4 +1,5 @@
-//! The file under a recording: opened once, read at places, never trusted about its length or its lengths.
+//! The file of a recording: opened once and read at given positions. Its size, and the lengths that it states, are not
+//! trusted.
 
 use super::Error;
 use super::rewriting::{PART, io, lock};

@@ -1,5 +1,5 @@
-//! What the end of a recording says of the rest: where its chunks, attachments and metadata are, and how many messages
-//! there are of each channel. All of it is known from the index.
+//! Writes the summary at the end of a recording: where its chunks, attachments and metadata are, and how many messages
+//! each channel has. It is derived from the index alone.
 
 use super::index::{Chunk, Index};
 use super::records::{Encoded, put, put_schema};

@@ -1,4 +1,4 @@
-//! A recording's messages as the types of other rooms.
+//! Reads a recording's messages as the types of `frame` and `calibration`.
 
 use super::{CaptureRecord, Error, MessageError, MessageRef, Note, Pose, Recording, Topic};
 use super::{json, proto};

@@ -1,5 +1,5 @@
-//! Writes recordings in their plainest form. A recording is written as `NAME.part` beside its place; it gets
-//! its name when it is complete and on the disk.
+//! Writes recordings. A recording is written as `NAME.part` in its folder and gets its final name when it is complete
+//! and on the disk.
 
 use super::container::{Compression, Container};
 use super::json::{self, CaptureRecord, Note};

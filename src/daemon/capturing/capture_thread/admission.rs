@@ -1,5 +1,5 @@
-//! Whether there is room for a capture: in memory, on the disk, and among those that wait for the disk; and the reason of a
-//! press that is refused because there is none, such as a full disk's.
+//! Checks that a capture has room: in memory, on the disk, and in the recorder's queue. If it has not, gives the reason
+//! with which the press is refused, such as a full disk's.
 
 use super::CaptureThread;
 use crate::daemon::rig::{Kind, State};
@@ -10,7 +10,7 @@ impl CaptureThread {
     pub(super) fn check_capacity(&self) -> Result<(), String> {
         if !self.recorder.has_room() {
             return Err(format!(
-                "the disk is behind: {} captures wait for it",
+                "the recorder's queue is full: {} captures wait for the disk",
                 self.recorder.waiting()
             ));
         }
