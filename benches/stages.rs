@@ -4,10 +4,10 @@
 
 use clap::Parser;
 use divan::Bencher;
+use scand::capture::{CaptureFacts, Session};
 use scand::commands::{self, Cli};
 use scand::config::Config;
 use scand::image::Mask;
-use scand::job::{CaptureFacts, Session};
 use scand::mesh::vertex_normals;
 use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};

@@ -5,10 +5,10 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{
     Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, RigCalibration, Volume,
 };
+use scand::capture::Session;
 use scand::config::Config;
 use scand::frame::CameraId;
 use scand::image::{Grid, RgbImage, grey_from_file, rgb_from_file};
-use scand::job::Session;
 use scand::mesh::check;
 use scand::reconstruct::{
     ColorView, DepthFrame, DepthView, Parameters, Scene, Silent, SilhouetteSource, reconstruct,

@@ -2,7 +2,7 @@
 //! recording that survives whatever happens next, and reconstructs the object by the method of Jang, Park
 //! and Lee, "Hybrid optical system for three-dimensional shape acquisition", Applied Optics 52(16), 2013.
 //!
-//! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `job` →
+//! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `capture` →
 //! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
@@ -12,8 +12,8 @@
 )]
 
 pub use scand_core::{
-    array, calibrate, calibration, evaluate, frame, image, job, level, make_model, mesh, number,
-    output, queue, reconstruct, recording, report, statistics, storage, sync,
+    array, calibrate, calibration, capture, evaluate, frame, image, level, make_model, mesh,
+    number, output, queue, reconstruct, recording, report, statistics, storage, sync,
 };
 
 #[cfg(feature = "live")]

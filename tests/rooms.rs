@@ -21,14 +21,21 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     (
         "calibrate",
-        &["calibration", "frame", "image", "job", "recording", "sync"],
+        &[
+            "calibration",
+            "frame",
+            "image",
+            "capture",
+            "recording",
+            "sync",
+        ],
     ),
     ("recording", &["frame", "calibration", "image", "storage"]),
     ("clock", &["frame"]),
     ("drivers", &["clock", "frame", "number"]),
     ("sync", &["frame", "number"]),
     (
-        "job",
+        "capture",
         &[
             "recording",
             "sync",
@@ -54,7 +61,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         "report",
         &[
             "reconstruct",
-            "job",
+            "capture",
             "calibration",
             "frame",
             "image",
@@ -92,7 +99,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         &[
             "calibration",
             "frame",
-            "job",
+            "capture",
             "level",
             "output",
             "reconstruct",
@@ -169,7 +176,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "evaluate",
             "frame",
             "image",
-            "job",
+            "capture",
             "level",
             "log",
             "make_model",
@@ -214,7 +221,7 @@ const SCENE: &[&str] = &[
 
 /// Names of another room that a room may use and no others, where it needs its types alone.
 const ONLY: &[(&str, &str, &[&str])] = &[
-    ("job", "reconstruct", SCENE),
+    ("capture", "reconstruct", SCENE),
     ("output", "reconstruct", &["Model", "Provenance", "Texture"]),
     ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),

@@ -3,8 +3,8 @@
 use super::{EXIT_LOST, refuse_to_replace};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
+use crate::capture::{CaptureSummary, LeftOut, RigAt, Session};
 use crate::frame::{CameraId, Timestamp};
-use crate::job::{CaptureSummary, LeftOut, RigAt, Session};
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
 use crate::storage::write_atomically;
 use crate::sync;
@@ -41,7 +41,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let calibration = of_recording(&recording)?;
         write_atomically(path, calibration.to_toml().as_bytes())?;
     }
-    let session = Session::lenient(recording, &sync::Parameters::default())?;
+    let session = Session::of_any(recording, &sync::Parameters::default())?;
     let info = Info::of(&session)?;
     let text = if args.json {
         serde_json::to_string_pretty(&info)? + "\n"

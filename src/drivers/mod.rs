@@ -1,4 +1,4 @@
-//! Live cameras, each SDK in its own folder, and what all of them share. `job` replays recordings.
+//! Live cameras, each SDK in its own folder, and what all of them share. `capture` replays recordings.
 
 pub mod aravis;
 pub mod link;

@@ -7,11 +7,11 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{
     Board, Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, RigCalibration, Volume,
 };
+use scand::capture::Session;
 use scand::frame::{
     CameraId, CameraSettings, CaptureId, Frame, Picture, Stream, Timestamp, Transfer, Trigger,
 };
 use scand::image::Grid;
-use scand::job::Session;
 use scand::mesh;
 use scand::reconstruct::{Parameters, Silent, reconstruct};
 use scand::recording::{

@@ -3,7 +3,7 @@
 
 use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;
-use scand::job::{Session, Silhouette};
+use scand::capture::{Session, Silhouette};
 use scand::reconstruct::{Scene, SilhouetteSource};
 use scand::sync;
 use serde_json::{Value, json};
@@ -26,7 +26,7 @@ fn shared(name: &str) -> Option<PathBuf> {
 }
 
 /// The only capture of a recording.
-fn load(name: &str) -> Option<(Scene, scand::job::CaptureFacts)> {
+fn load(name: &str) -> Option<(Scene, scand::capture::CaptureFacts)> {
     let session = Session::open(&shared(name)?, &sync::Parameters::default()).unwrap();
     assert_eq!(session.damage(), []);
     let captures = session.captures();

@@ -16,10 +16,10 @@
 pub mod array;
 pub mod calibrate;
 pub mod calibration;
+pub mod capture;
 pub mod evaluate;
 pub mod frame;
 pub mod image;
-pub mod job;
 pub mod level;
 pub mod make_model;
 pub mod mesh;

@@ -237,7 +237,7 @@ fn a_recording_gives_back_what_was_simulated() {
     let options: Options = serde_json::from_str(&told.1["simulation"]).unwrap();
     assert_eq!(&options, simulation.options());
     let parameters = scand_core::sync::Parameters::default();
-    let loader = scand_core::job::Session::of(recording, &parameters).unwrap();
+    let loader = scand_core::capture::Session::of(recording, &parameters).unwrap();
     assert_eq!(loader.captures().len(), 2);
     let id = scand_core::frame::CaptureId::new("mug-001").unwrap();
     let (scene, _) = loader.load(&id).unwrap();

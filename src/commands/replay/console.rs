@@ -1,7 +1,7 @@
 //! Shows the progress of a replay (a bar on a terminal, lines on a pipe, nothing with `--quiet`) and its summary.
 
 use super::outcome::{Ending, Outcome};
-use crate::job::Session;
+use crate::capture::Session;
 use crate::level::Level;
 use crate::reconstruct::Stage;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};

@@ -5,9 +5,9 @@ mod console;
 mod outcome;
 
 use crate::calibration::RigCalibration;
+use crate::capture::Session;
 use crate::config::Config;
 use crate::frame::CaptureId;
-use crate::job::Session;
 use crate::make_model::{ModelMaker, Settings};
 use crate::reconstruct::Method;
 use crate::{queue, recording, sync};

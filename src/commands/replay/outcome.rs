@@ -1,8 +1,8 @@
 //! The outcome of each capture, for the summary of a replay, and the exit code for all of them.
 
+use crate::capture::Session;
 use crate::commands::EXIT_LOST;
 use crate::frame::CaptureId;
-use crate::job::Session;
 use crate::level::Level;
 use crate::make_model::{self, Model};
 use std::path::{Path, PathBuf};

@@ -7,9 +7,9 @@ use crate::calibration::response::{
     DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,
 };
 use crate::calibration::{Board, DepthResponse};
+use crate::capture::Placements;
 use crate::frame::CameraId;
 use crate::image::Grid;
-use crate::job::Placements;
 use nalgebra::Isometry3;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -3,8 +3,8 @@
 use super::error::{Error, Rejected};
 use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corners};
 use crate::calibration::{Board, Intrinsics, RigCalibration};
+use crate::capture::{Placements, Shot};
 use crate::frame::CameraId;
-use crate::job::{Placements, Shot};
 use crate::sync;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};

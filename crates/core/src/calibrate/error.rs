@@ -3,7 +3,7 @@
 use crate::calibration::response::ResponseError;
 use crate::calibration::{FileError, fit};
 use crate::frame::CameraId;
-use crate::{calibration, job, recording};
+use crate::{calibration, capture, recording};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -28,7 +28,7 @@ pub struct Rejected {
 pub enum Error {
     /// A recording that is not a session of placements, or a picture of one that cannot be read.
     #[error(transparent)]
-    Session(#[from] job::Error),
+    Session(#[from] capture::Error),
     /// A recording that cannot be read.
     #[error(transparent)]
     Recording(#[from] recording::Error),

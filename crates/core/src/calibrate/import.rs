@@ -2,8 +2,8 @@
 
 use super::Error;
 use crate::calibration::RigCalibration;
+use crate::capture::RigAt;
 use crate::frame::Timestamp;
-use crate::job::RigAt;
 use crate::recording::{Recording, Topic};
 use std::path::Path;
 

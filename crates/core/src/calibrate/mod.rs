@@ -17,8 +17,8 @@ pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
 use crate::calibration::{DepthResponse, RigCalibration};
+use crate::capture::Placements;
 use crate::frame::CameraId;
-use crate::job::Placements;
 use std::collections::BTreeMap;
 
 /// How a session is calibrated.

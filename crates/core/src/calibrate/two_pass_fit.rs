@@ -3,7 +3,7 @@
 use super::Error;
 use super::detections::{Detections, placement_names};
 use crate::calibration::fit::{self, Corner, Fit, Parameters, crowded_views, matched_with_print};
-use crate::job::{Placements, Shot};
+use crate::capture::{Placements, Shot};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
 //! Why no model was made of a capture.
 
-use crate::{job, output, reconstruct, storage};
+use crate::{capture, output, reconstruct, storage};
 use std::path::PathBuf;
 
 /// Why no model was made of a capture.
@@ -8,10 +8,10 @@ use std::path::PathBuf;
 pub enum Error {
     /// The capture cannot be loaded.
     #[error(transparent)]
-    Capture(#[from] job::Error),
+    Capture(#[from] capture::Error),
     /// Another calibration does not fit it.
     #[error(transparent)]
-    Calibration(#[from] job::Misfit),
+    Calibration(#[from] capture::CalibrationMismatch),
     /// It cannot be reconstructed.
     #[error(transparent)]
     Reconstruction(#[from] reconstruct::Error),

@@ -12,8 +12,8 @@ pub use failure::{FailedJob, report_failure};
 pub use report_file::{Model, ReportFile};
 
 use crate::calibration::RigCalibration;
+use crate::capture::{self, CaptureFacts, Session};
 use crate::frame::CaptureId;
-use crate::job::{self, CaptureFacts, Session};
 use crate::output;
 use crate::reconstruct::{self, Reconstruction, Scene};
 use crate::report::{self, Measurements, Origin, Verdict};
@@ -115,9 +115,9 @@ impl ModelMaker<'_> {
         let timer = StageTimer::new(self.on_stage, id);
         let (mut scene, facts) = session.load(id)?;
         if let Some(calibration) = self.calibration {
-            job::replace_cameras(&mut scene, calibration)?;
+            capture::replace_cameras(&mut scene, calibration)?;
         }
-        let digest = job::digest(&scene, &self.settings.text);
+        let digest = capture::digest(&scene, &self.settings.text);
         let folder = self.folder.join(id.as_str());
         let damaged = !facts.damage.is_empty();
         if let Some(model) = self.unchanged(&folder, &digest)? {

@@ -2,8 +2,8 @@
 //! between two runs over the same input is under `timing`.
 
 use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Moved, Verdict};
+use crate::capture::CaptureFacts;
 use crate::frame::{CaptureId, Timestamp};
-use crate::job::CaptureFacts;
 use crate::reconstruct::Method;
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,8 @@
 //! says, and the sheet can be drawn.
 
 use nalgebra::Vector2;
+use scand_core::capture::CaptureFacts;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
-use scand_core::job::CaptureFacts;
 use scand_core::level::Level;
 use scand_core::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
 use scand_core::report::{

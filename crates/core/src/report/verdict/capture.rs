@@ -1,8 +1,8 @@
 //! Rules about how the capture came about: its moment, its cameras, its recording.
 
 use super::{Code, Level, Parameters, Reason, about_cameras};
+use crate::capture::{CaptureFacts, ColorFacts, Silhouette};
 use crate::frame::CameraId;
-use crate::job::{CaptureFacts, ColorFacts, Silhouette};
 
 const NS_PER_HOUR: f64 = 3.6e12;
 const NS_PER_MS: f64 = 1e6;

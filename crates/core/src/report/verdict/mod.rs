@@ -12,8 +12,8 @@ mod tests;
 pub use parameters::{Limits, Parameters};
 
 use super::Measurements;
+use crate::capture::CaptureFacts;
 use crate::frame::CameraId;
-use crate::job::CaptureFacts;
 use crate::level::Level;
 use serde::Serialize;
 

@@ -1,8 +1,8 @@
 //! The rules on figures made by hand; that the figures tell faults is shown on simulated rigs elsewhere.
 
 use super::*;
+use crate::capture::{ColorFacts, LeftOut, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
-use crate::job::{ColorFacts, LeftOut, Silhouette};
 use crate::mesh;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{ColorMeasures, Consistency, ModelMeasures, Moved, ProvenanceMeasures};

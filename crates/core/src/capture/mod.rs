@@ -1,5 +1,5 @@
-//! A job is a recording and a capture's id. This room joins the recording, its replay and the
-//! synchronisation into what a reconstruction is made from.
+//! Loads captures: replays a recording, lets `sync` assemble its captures, and makes one of them, named by its id, the
+//! scene that a reconstruction starts from.
 
 mod digest;
 mod error;
@@ -17,7 +17,7 @@ pub use error::Error;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
 pub use load::{CaptureSummary, Session};
 pub use placements::{Placements, Readings, Shot};
-pub use replacement::{Misfit, replace_cameras};
+pub use replacement::{CalibrationMismatch, replace_cameras};
 pub use rig::RigAt;
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::reconstruct::Scene;
 
 /// Why a calibration does not fit a scene.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum Misfit {
+pub enum CalibrationMismatch {
     /// A camera of the scene that the calibration lacks.
     #[error("the calibration has no camera {0}")]
     Missing(CameraId),
@@ -27,7 +27,10 @@ pub enum Misfit {
 ///
 /// # Errors
 /// If a camera is missing or made for pictures of another size.
-pub fn replace_cameras(scene: &mut Scene, calibration: &RigCalibration) -> Result<(), Misfit> {
+pub fn replace_cameras(
+    scene: &mut Scene,
+    calibration: &RigCalibration,
+) -> Result<(), CalibrationMismatch> {
     let cameras = scene.colors.iter_mut().map(|v| (&mut v.camera, None));
     let depths = scene
         .depths
@@ -37,11 +40,11 @@ pub fn replace_cameras(scene: &mut Scene, calibration: &RigCalibration) -> Resul
         let (other, other_response) = calibration
             .cameras
             .get(&camera.id)
-            .ok_or_else(|| Misfit::Missing(camera.id.clone()))?;
+            .ok_or_else(|| CalibrationMismatch::Missing(camera.id.clone()))?;
         let size = |c: &crate::calibration::Camera| [c.intrinsics.width, c.intrinsics.height];
         if size(camera) != size(other) {
             let (camera, found, expected) = (camera.id.clone(), size(camera), size(other));
-            return Err(Misfit::Size {
+            return Err(CalibrationMismatch::Size {
                 camera,
                 found,
                 expected,

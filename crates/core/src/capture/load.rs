@@ -4,7 +4,7 @@
 use super::error::Error;
 use super::facts::{CaptureFacts, LeftOut};
 use super::pictures::Backgrounds;
-use super::plan::{ColorPlan, DepthPlan, Plan, Shelf};
+use super::plan::{ColorPlan, DepthPlan, ImageBatch, Plan};
 use super::replay::{self, Event};
 use super::rig::RigAt;
 use crate::frame::{CameraId, CaptureId, Timestamp};
@@ -81,7 +81,7 @@ impl Session {
     /// # Errors
     /// If it cannot be read or has no capture.
     pub fn of(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
-        let mut session = Self::lenient(recording, parameters)?;
+        let mut session = Self::of_any(recording, parameters)?;
         if session.captures.is_empty() {
             let damage = session.recording.damage().iter().map(ToString::to_string);
             let reasons: Vec<String> = session.warnings.drain(..).chain(damage).take(5).collect();
@@ -97,7 +97,7 @@ impl Session {
     ///
     /// # Errors
     /// If it cannot be read, or has more cameras and triggers than any rig.
-    pub fn lenient(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
+    pub fn of_any(recording: Recording, parameters: &sync::Parameters) -> Result<Self, Error> {
         let (cameras, left_out) = cameras(&recording);
         check_counts(&recording, &cameras)?;
         let played = replay::events(&recording)?;
@@ -154,12 +154,12 @@ impl Session {
         let cameras = capture.colors.keys().chain(capture.depths.keys());
         let rig = RigAt::new(&self.recording, capture.trigger.time, cameras)?;
         let volume = rig.volume()?;
-        let mut shelf = Shelf::default();
+        let mut batch = ImageBatch::default();
         let mut plan = Plan {
             recording: &self.recording,
             rig: &rig,
             trigger: capture.trigger.time,
-            shelf: &mut shelf,
+            batch: &mut batch,
         };
         let colors = capture.colors.iter();
         let colors: Vec<ColorPlan> = colors
@@ -170,16 +170,16 @@ impl Session {
             .map(|(id, takes)| plan.depth(id, takes))
             .collect::<Result<_, _>>()?;
         let mut kept = self.backgrounds.lock();
-        shelf.check_size(&self.recording, capture.trigger.time)?;
-        shelf.fill(&self.recording, &kept)?;
+        batch.check_size(&self.recording, capture.trigger.time)?;
+        batch.fill(&self.recording, &kept)?;
         if self.captures.len() > 1 {
-            *kept = shelf.backgrounds();
+            *kept = batch.backgrounds();
         }
         drop(kept);
         let facts = self.facts(capture, &colors, &depths);
         let scene = Scene {
-            colors: colors.into_iter().map(|c| c.view(&mut shelf)).collect(),
-            depths: depths.into_iter().map(|d| d.view(&mut shelf)).collect(),
+            colors: colors.into_iter().map(|c| c.view(&mut batch)).collect(),
+            depths: depths.into_iter().map(|d| d.view(&mut batch)).collect(),
             volume,
         };
         Ok((scene, facts))

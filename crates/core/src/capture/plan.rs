@@ -13,15 +13,15 @@ use crate::sync::{DepthTake, Stamped};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// The pictures that are wanted, and then those that were read. A place on it is a number.
+/// The images that a capture needs, each read once; an index stands for each.
 #[derive(Default)]
-pub(super) struct Shelf {
+pub(super) struct ImageBatch {
     wanted: Vec<Wanted>,
     decoded: Vec<Option<Decoded>>,
     places: BTreeMap<(MessageRef, bool), usize>,
 }
 
-impl Shelf {
+impl ImageBatch {
     /// Asks for a picture; one that was asked for before has its place already.
     fn want(&mut self, wanted: Wanted) -> usize {
         let key = key(&wanted);
@@ -68,7 +68,7 @@ impl Shelf {
         Ok(())
     }
 
-    /// The backgrounds on the shelf.
+    /// The backgrounds in the batch.
     pub(super) fn backgrounds(&self) -> Backgrounds {
         let both = self.wanted.iter().zip(&self.decoded);
         both.filter_map(|(wanted, decoded)| match (&wanted.topic, decoded) {
@@ -118,7 +118,7 @@ pub(super) struct Plan<'a> {
     pub recording: &'a Recording,
     pub rig: &'a RigAt<'a>,
     pub trigger: Timestamp,
-    pub shelf: &'a mut Shelf,
+    pub batch: &'a mut ImageBatch,
 }
 
 /// A colour camera's part.
@@ -148,7 +148,7 @@ impl Plan<'_> {
         let linear = self.rig.settings(id)?.transfer == Transfer::Linear;
         let topic = |part| Topic::Color(id.clone(), part);
         let mut want = |part, message, kind| {
-            self.shelf.want(Wanted {
+            self.batch.want(Wanted {
                 topic: topic(part),
                 message,
                 kind,
@@ -200,7 +200,7 @@ impl Plan<'_> {
         let lens = &camera.camera.intrinsics;
         let size = (lens.width, lens.height);
         let mut want = |part, message, kind| {
-            self.shelf.want(Wanted {
+            self.batch.want(Wanted {
                 topic: Topic::Depth(id.clone(), part),
                 message,
                 kind,
@@ -240,14 +240,14 @@ impl ColorPlan {
         self.facts.clone()
     }
 
-    pub(super) fn view(self, shelf: &mut Shelf) -> ColorView {
+    pub(super) fn view(self, batch: &mut ImageBatch) -> ColorView {
         ColorView {
             camera: self.camera,
-            image: shelf.take_color(self.image),
+            image: batch.take_color(self.image),
             silhouette: match self.facts.silhouette {
-                Silhouette::Mask => SilhouetteSource::Mask(shelf.take_mask(self.silhouette)),
+                Silhouette::Mask => SilhouetteSource::Mask(batch.take_mask(self.silhouette)),
                 Silhouette::Background { .. } => {
-                    SilhouetteSource::Background(shelf.color(self.silhouette))
+                    SilhouetteSource::Background(batch.color(self.silhouette))
                 }
             },
         }
@@ -259,7 +259,7 @@ impl DepthPlan {
         self.facts.clone()
     }
 
-    pub(super) fn view(self, shelf: &mut Shelf) -> DepthView {
+    pub(super) fn view(self, batch: &mut ImageBatch) -> DepthView {
         let lens = &self.camera.camera.intrinsics;
         // Where no colour was recorded, a flat picture guides nothing and hinders nothing.
         let flat = Arc::new(if self.facts.color_frames == 0 {
@@ -268,8 +268,8 @@ impl DepthPlan {
             Grid::default()
         });
         let frame = |(readings, color): (usize, Option<usize>)| DepthFrame {
-            readings: shelf.take_readings(readings),
-            color: color.map_or_else(|| flat.clone(), |place| shelf.color(place)),
+            readings: batch.take_readings(readings),
+            color: color.map_or_else(|| flat.clone(), |place| batch.color(place)),
         };
         DepthView {
             frames: self.frames.into_iter().map(frame).collect(),
