@@ -201,8 +201,26 @@ fn faults_are_named_and_what_is_left_is_right() {
     let with_truth = ["--placements", "18", "--truth", truth.to_str().unwrap()];
     simulate(&[faults.as_slice(), &with_truth].concat(), &session);
     let (session, out) = (session.to_str().unwrap(), path("calibration.toml"));
-    let (code, json, errors) = calibrate(&[session, "--json", "--out", out.to_str().unwrap()]);
-    assert_eq!(code, Some(3), "a camera is missing: {errors}");
+    // A camera is missing: that is doubtful, and the file says so by its name.
+    let arguments = [session, "--json", "--out", out.to_str().unwrap()];
+    let (code, json, errors) = calibrate(&arguments);
+    assert_eq!(code, Some(3), "{errors}");
+    let aside = path("calibration.doubtful.toml");
+    assert!(
+        !out.exists() && errors.contains("calibration.doubtful.toml"),
+        "{errors}"
+    );
+    let written = scand::calibration::RigCalibration::load(&aside).unwrap();
+    let verdict = written.verdict.unwrap();
+    assert_eq!(verdict.level.name(), "doubtful");
+    assert!(
+        verdict.reasons.iter().any(|r| r.contains("c02")),
+        "{verdict:?}"
+    );
+    // Accepted, it has the name that was asked for, and the same verdict.
+    let (code, _, errors) = calibrate(&[&arguments[..], &["--accept-doubtful"]].concat());
+    assert_eq!(code, Some(0), "{errors}");
+    assert_eq!(std::fs::read(&out).unwrap(), std::fs::read(&aside).unwrap());
     let found: Value = serde_json::from_str(&json).unwrap();
     let left_out = found["left_out"].to_string();
     for named in [
@@ -293,6 +311,7 @@ fn blurred_placements_are_solved_or_named() {
         "--json",
         "--out",
         out.to_str().unwrap(),
+        "--accept-doubtful",
     ];
     let (code, json, errors) = calibrate(&command);
     // A camera that sees too little beside them is missing, and named.
@@ -499,8 +518,19 @@ fn limits_are_configured_and_exports_need_no_fit() {
         "--set",
         "calibration.limits.refused_px=0.6",
     ];
-    let told = alone.calibrated(&less);
+    let told = alone.calibrated(&[&less[..], &["--accept-doubtful"]].concat());
     assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+    // Doubtful, nothing is exported, and no file has the name that was asked for.
+    let unexported = path("unexported.yaml");
+    let asked = ["--kalibr", &unexported, "--out", &unwritten];
+    alone.refused(3, &[&less[..], &asked].concat());
+    assert!(!Path::new(&unexported).exists() && !Path::new(&unwritten).exists());
+    assert!(Path::new(&path("unwritten.doubtful.toml")).exists());
+    let errors = alone.refused(1, &[&less[..], &asked].concat());
+    assert!(
+        errors.contains("unwritten.doubtful.toml is there already"),
+        "{errors}"
+    );
     let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
     assert!(
         told["missing"].to_string().contains("99 are wanted"),
@@ -632,7 +662,14 @@ fn a_depth_camera_without_a_response_is_told() {
     );
     let response = |arguments: &[&str], expected: i32| {
         let all = [
-            &[session.as_str(), "--json", "--force", "--out", &out],
+            &[
+                session.as_str(),
+                "--json",
+                "--force",
+                "--accept-doubtful",
+                "--out",
+                &out,
+            ],
             arguments,
         ]
         .concat();
@@ -643,7 +680,7 @@ fn a_depth_camera_without_a_response_is_told() {
         let kinect = &written.cameras[&CameraId::new("kinect").unwrap()];
         (told, kinect.1)
     };
-    let (told, found) = response(&["--set", "calibration.plane.min_views=50"], 3);
+    let (told, found) = response(&["--set", "calibration.plane.min_views=50"], 0);
     assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
     for place in [&told["lost"], &told["verdict"]["reasons"]] {
         let words = place.to_string();

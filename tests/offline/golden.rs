@@ -207,6 +207,7 @@ fn calibration() -> RigCalibration {
     );
     RigCalibration {
         volume: Some(volume()),
+        verdict: None,
         cameras,
     }
 }

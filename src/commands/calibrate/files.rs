@@ -72,6 +72,7 @@ impl FileArgs {
             judgement: &outcome.judgement,
             limits,
             missing: &outcome.missing,
+            unread: detections.rejected.len(),
             lost: &lost,
             depths: &depths,
             depth_words: &depth.words,

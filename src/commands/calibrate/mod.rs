@@ -1,20 +1,22 @@
 //! `scand calibrate SESSION.mcap`: its arguments, its output and its exit code. `calibrate` does the work.
 
+mod acceptance;
 mod check;
 mod depth;
 mod export;
 mod files;
 mod summary;
 
-use super::{BadConfiguration, EXIT_LOST, refuse_to_replace};
+use super::{BadConfiguration, refuse_to_replace};
 use crate::calibrate::{self, Detections, Options, Outcome};
-use crate::calibration::fit::{Level, Model};
+use crate::calibration::fit::Model;
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::config::Config;
 use crate::frame::CameraId;
 use crate::storage::write_atomically;
 use crate::sync;
+use acceptance::{Acceptance, doubtful_name};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
@@ -31,7 +33,7 @@ pub struct Args {
     /// Fit nothing: write the calibration that this calibration file or recording has, with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
-        "report", "check", "json",
+        "report", "check", "json", "accept_doubtful",
     ])]
     from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
@@ -44,6 +46,10 @@ pub struct Args {
     /// Replace the files that are there, and write a calibration that is refused
     #[arg(long)]
     force: bool,
+    /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and the
+    /// exit code is 3
+    #[arg(long)]
+    accept_doubtful: bool,
     /// Lenses to keep, from a calibration file, a recording, ROS camera_info or a Kalibr camchain (YAML), or a folder of
     /// them; those of cameras that are not in it are fitted
     #[arg(long, value_name = "FILE")]
@@ -69,7 +75,7 @@ pub struct Args {
     /// The exit code is 1 if one moved
     #[arg(long, requires = "against", conflicts_with_all = [
         "out", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table", "report", "ros",
-        "kalibr",
+        "kalibr", "accept_doubtful",
     ])]
     check: bool,
     /// The calibration to check against: a calibration file, or a recording that has one
@@ -116,6 +122,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let (out, files) = (args.out.as_deref(), &args.files);
         return export::run(from, out, files, args.force, args.quiet);
     }
+    if let (Some(out), false) = (&args.out, args.accept_doubtful) {
+        refuse_to_replace("--out", Some(&doubtful_name(out)), args.force)?;
+    }
     let config = configuration(&args)?;
     let depth = args.depth.method(config.calibration.plane.clone())?;
     let lenses = Lenses::read(&args)?;
@@ -140,16 +149,17 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let outcome = calibrate::run(detections, &recordings, options)?;
     tell(&outcome.depth.lost, args.quiet);
     args.files.write_report(&args.sessions, &outcome, &limits)?;
-    let refused = outcome.judgement.level == Level::Refused && !args.force;
-    let out = args.out.as_deref().filter(|_| !refused);
-    if !refused {
+    let acceptance = Acceptance::of(outcome.judgement.level, args.force, args.accept_doubtful);
+    if acceptance == Acceptance::Whole {
         args.files.write_exports(&outcome.calibration)?;
-        if let Some(path) = out {
-            write_atomically(path, outcome.calibration.to_toml().as_bytes())?;
-        }
     }
-    print(&args, &outcome, out);
-    Ok(exit_code(&outcome, refused))
+    let out = acceptance.out(args.out.as_deref());
+    if let Some(path) = &out {
+        write_atomically(path, outcome.calibration.to_toml().as_bytes())?;
+    }
+    print(&args, &outcome, out.as_deref());
+    tell_what_is_not_written(&args, acceptance);
+    Ok(acceptance.exit_code(&outcome, args.accept_doubtful))
 }
 
 /// The configuration with what the arguments say over it, and values that can be meant.
@@ -246,17 +256,20 @@ fn print(args: &Args, outcome: &Outcome, written: Option<&Path>) {
     }
 }
 
-/// 0: all well. 1: refused. 3: calibrated, but something was lost.
-fn exit_code(outcome: &Outcome, refused: bool) -> ExitCode {
-    if refused {
-        let rms = outcome.fit.figures.rms_px;
-        eprintln!(
-            "scand: the calibration is refused (rms {rms:.3} px) and not written; --force writes it"
-        );
-        ExitCode::FAILURE
-    } else if outcome.has_lost() {
-        ExitCode::from(EXIT_LOST)
-    } else {
-        ExitCode::SUCCESS
+/// Says what was asked for and is not there, and how to have it.
+fn tell_what_is_not_written(args: &Args, acceptance: Acceptance) {
+    match (acceptance, &args.out) {
+        (Acceptance::Nothing, _) => {
+            eprintln!("scand: the calibration is refused and not written; --force writes it");
+        }
+        (Acceptance::Aside, Some(out)) => eprintln!(
+            "scand: the calibration is doubtful and written as {}, with no export; --accept-doubtful writes it as {}",
+            doubtful_name(out).display(),
+            out.display()
+        ),
+        (Acceptance::Aside, None) if args.files.exports() => eprintln!(
+            "scand: the calibration is doubtful and not exported; --accept-doubtful exports it"
+        ),
+        (Acceptance::Aside, None) | (Acceptance::Whole, _) => {}
     }
 }

@@ -2,7 +2,7 @@
 
 use super::depth;
 use crate::calibrate::Outcome;
-use crate::calibration::fit::{FittedCamera, FittedPlacement, Level};
+use crate::calibration::fit::{Fit, FittedCamera, FittedPlacement};
 use std::path::Path;
 
 /// All that there is to say of a calibration.
@@ -22,6 +22,15 @@ impl Summary<'_> {
             session.views.len(),
             session.cameras.len()
         )];
+        let share = fit.left_out_share();
+        if share.left_out > 0 {
+            lines.push(format!(
+                "left out: {} of {} views ({:.0} %)",
+                share.left_out,
+                share.read,
+                100.0 * share.part()
+            ));
+        }
         lines.push("camera        views  rms px  median    max  seen %  focal px         ±  place ± mm  turn ± °".into());
         for camera in &fit.cameras {
             let (figures, uncertainty) = (&camera.figures, &camera.uncertainty);
@@ -76,12 +85,7 @@ impl Summary<'_> {
     }
 
     fn verdict(&self) -> String {
-        let worth = match self.outcome.judgement.level {
-            Level::Good => "good",
-            Level::Accepted => "accepted",
-            Level::Doubtful => "doubtful",
-            Level::Refused => "refused",
-        };
+        let worth = self.outcome.judgement.level.name();
         let worst = |what: &str, worst: &Option<(String, f64)>| {
             worst
                 .as_ref()
@@ -111,7 +115,7 @@ impl Summary<'_> {
         let cameras: serde_json::Map<_, _> = fit
             .cameras
             .iter()
-            .map(|c| (c.camera.id.to_string(), camera(c)))
+            .map(|c| (c.camera.id.to_string(), camera(fit, c)))
             .collect();
         let placement = |p: &FittedPlacement| {
             let pose = &p.rig_from_board;
@@ -133,6 +137,7 @@ impl Summary<'_> {
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
             })),
             "left_out": fit.left_out,
+            "left_out_views": fit.left_out_share(),
             "rejected": detections.rejected,
             "lost": lost,
             "missing": self.outcome.missing,
@@ -141,7 +146,7 @@ impl Summary<'_> {
     }
 }
 
-fn camera(camera: &FittedCamera) -> serde_json::Value {
+fn camera(fit: &Fit, camera: &FittedCamera) -> serde_json::Value {
     let (lens, pose) = (&camera.camera.intrinsics, &camera.camera.rig_from_camera);
     let (model, coefficients) = lens.distortion.to_model();
     serde_json::json!({
@@ -157,5 +162,6 @@ fn camera(camera: &FittedCamera) -> serde_json::Value {
         "views": camera.views,
         "coverage": camera.coverage,
         "false_corners": camera.false_corners,
+        "left_out_views": fit.left_out_share_of(camera),
     })
 }

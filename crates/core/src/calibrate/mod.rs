@@ -16,7 +16,7 @@ pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
-use crate::calibration::{DepthResponse, RigCalibration};
+use crate::calibration::{DepthResponse, RigCalibration, Verdict};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use std::collections::BTreeMap;
@@ -56,10 +56,14 @@ pub struct Outcome {
 impl Outcome {
     /// Whether a picture, a reading, a view or a camera's depth response was lost on the way.
     pub fn has_lost(&self) -> bool {
-        !self.detections.lost.is_empty()
-            || !self.depth.lost.is_empty()
+        self.has_unread()
             || !self.depth.unfitted.is_empty()
             || self.fit.left_out.iter().any(|l| l.placement.is_none())
+    }
+
+    /// Whether a picture or a reading could not be read.
+    pub fn has_unread(&self) -> bool {
+        !self.detections.lost.is_empty() || !self.depth.lost.is_empty()
     }
 }
 
@@ -89,7 +93,7 @@ pub fn run(
     let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
     Ok(Outcome {
-        calibration: calibration(&fit, &responses),
+        calibration: calibration(&fit, &responses, &judgement),
         detections,
         fit,
         judgement,
@@ -99,7 +103,11 @@ pub fn run(
 }
 
 /// The fit as a calibration file holds it.
-fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigCalibration {
+fn calibration(
+    fit: &Fit,
+    responses: &BTreeMap<CameraId, DepthResponse>,
+    judgement: &Judgement,
+) -> RigCalibration {
     let entry = |c: &FittedCamera| {
         let id = c.camera.id.clone();
         let response = responses.get(&id).copied();
@@ -107,6 +115,10 @@ fn calibration(fit: &Fit, responses: &BTreeMap<CameraId, DepthResponse>) -> RigC
     };
     RigCalibration {
         volume: fit.volume,
+        verdict: Some(Verdict {
+            level: judgement.level,
+            reasons: judgement.reasons.clone(),
+        }),
         cameras: fit.cameras.iter().map(entry).collect(),
     }
 }

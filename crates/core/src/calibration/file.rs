@@ -1,6 +1,6 @@
 //! A rig's calibration as a TOML file: a section a camera.
 
-use super::{Camera, DepthResponse, Distortion, Intrinsics, Volume};
+use super::{Camera, DepthResponse, Distortion, Intrinsics, Level, Verdict, Volume};
 use crate::frame::CameraId;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -34,6 +34,8 @@ pub struct RigCalibration {
     pub cameras: BTreeMap<CameraId, (Camera, Option<DepthResponse>)>,
     /// The box that is reconstructed, where the file proposes one.
     pub volume: Option<Volume>,
+    /// What it is worth, where that is known.
+    pub verdict: Option<Verdict>,
 }
 
 /// The file's format.
@@ -42,6 +44,11 @@ pub struct RigCalibration {
 struct Contents {
     /// 1.
     format: u32,
+    /// `good`, `accepted`, `doubtful` or `refused`.
+    verdict: Option<Level>,
+    /// Why it is not good.
+    #[serde(default)]
+    reasons: Vec<String>,
     cameras: BTreeMap<String, CameraEntry>,
     volume: Option<VolumeEntry>,
 }
@@ -132,8 +139,10 @@ impl RigCalibration {
         let volume = contents
             .volume
             .map(|v| Volume::new(v.min.into(), v.max.into()).map_err(|e| parse(e.to_string())));
+        let reasons = contents.reasons;
         Ok(Self {
             volume: volume.transpose()?,
+            verdict: contents.verdict.map(|level| Verdict { level, reasons }),
             cameras: contents
                 .cameras
                 .into_iter()
@@ -147,6 +156,9 @@ impl RigCalibration {
     /// The text of a file that [`Self::load`] reads back.
     pub fn to_toml(&self) -> String {
         let mut text = "format = 1\n".to_owned();
+        if let Some(verdict) = &self.verdict {
+            text += &verdict_toml(verdict);
+        }
         for (id, (camera, response)) in &self.cameras {
             let lens = &camera.intrinsics;
             let (model, d) = lens.distortion.to_model();
@@ -176,6 +188,16 @@ impl RigCalibration {
         }
         text
     }
+}
+
+fn verdict_toml(verdict: &Verdict) -> String {
+    let reason = |words: &String| format!("    {},\n", toml::Value::from(words.as_str()));
+    let reasons: String = verdict.reasons.iter().map(reason).collect();
+    let open = if reasons.is_empty() { "" } else { "\n" };
+    format!(
+        "verdict = {:?}\nreasons = [{open}{reasons}]\n",
+        verdict.level.name()
+    )
 }
 
 fn response_toml(id: &CameraId, response: &DepthResponse) -> String {
@@ -273,7 +295,19 @@ mod tests {
         };
         assert_eq!(kinect.1, Some(response));
         assert_eq!(calibration.volume.unwrap().max.z, 0.2);
+        assert_eq!(calibration.verdict, None);
         assert_eq!(read(&calibration.to_toml()).unwrap(), calibration);
+        for reasons in [
+            vec![],
+            vec!["a \"quoted\"\nreason".to_owned(), "0.7°".to_owned()],
+        ] {
+            let level = Level::Doubtful;
+            let judged = RigCalibration {
+                verdict: Some(Verdict { level, reasons }),
+                ..calibration.clone()
+            };
+            assert_eq!(read(&judged.to_toml()).unwrap(), judged);
+        }
     }
 
     #[test]
@@ -282,6 +316,7 @@ mod tests {
             ("500.0", "nan", "camera c00: focal length"),
             ("c00", "C00", "C00"),
             ("format = 1", "format = 2", "format is 2"),
+            ("format = 1", "format = 1\nverdict = \"fine\"", "fine"),
             ("size", "sise", "sise"),
             ("plumb_bob", "fisheye", "fisheye"),
             ("0.0, 1.0]", "0.0, 2.0]", "rotation"),

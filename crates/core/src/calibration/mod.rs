@@ -9,12 +9,14 @@ mod file;
 pub mod fit;
 mod intrinsics;
 pub mod response;
+mod verdict;
 
 pub use board::{Board, BoardKind, Face, Markers, Rectangle};
 pub use camera::Camera;
 pub use depth_response::DepthResponse;
 pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};
+pub use verdict::{Level, Verdict};
 
 use nalgebra::{Point2, Point3};
 

@@ -116,6 +116,7 @@ impl BoardSession {
         let cameras = colors.chain(depths);
         RigCalibration {
             volume: None,
+            verdict: None,
             cameras: cameras.map(|c| (c.0.id.clone(), c)).collect(),
         }
     }

@@ -32,12 +32,13 @@ pub use drift::{CheckError, Checked, Motion, Watch, check};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
 pub use result::{
-    Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals,
+    Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, LeftOutShare, Uncertainty,
+    ViewResiduals,
 };
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;
 pub use template_refine::{crowded_views, matched_with_print};
-pub use verdict::{Judgement, Level, Limits, judge};
+pub use verdict::{Judgement, Limits, judge};
 
 use crate::frame::CameraId;
 use crate::number;

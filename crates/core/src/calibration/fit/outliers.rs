@@ -13,6 +13,8 @@ pub(super) enum Verdict {
     View(usize, String),
     /// A placement, by its index, and why.
     Placement(usize, String),
+    /// A placement, by its index, that says nothing new, and why.
+    Duplicate(usize, String),
 }
 
 /// A view's residual in the rig and by itself.
@@ -22,7 +24,7 @@ struct Judged {
 }
 
 /// The root mean square of a view's residuals as their median tells it, so that single false corners do not count.
-fn rms(bundle: &Bundle, view: &Observation) -> f64 {
+pub(super) fn rms(bundle: &Bundle, view: &Observation) -> f64 {
     let lengths = bundle.residuals(view).into_iter();
     rms_of_median(median(lengths.map(|r| r.map_or(1e3, |r| r.norm()))))
 }
@@ -59,7 +61,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// What residuals usually are, in pixels, where they are less: a fifth of a pixel and less is never worth a word.
-const LEAST_USUAL: f64 = 0.06;
+pub(super) const LEAST_USUAL: f64 = 0.06;
 
 /// What residuals usually are in the views of each camera: the median of its own, and of all where it has few.
 fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {

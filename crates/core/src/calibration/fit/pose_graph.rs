@@ -8,7 +8,7 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 /// Distance of two poses of the board, over its distance from the camera, up to which they agree.
-const AGREES: f64 = 0.03;
+pub(super) const AGREES: f64 = 0.03;
 /// Most placements of a pair of cameras that are tried as its hypothesis.
 const MOST_HYPOTHESES: usize = 40;
 
@@ -65,6 +65,16 @@ impl<'a> Comparison<'a> {
     /// The board's pose under another reading.
     fn turned(&self, pose: &Isometry3<f64>, quarters: usize) -> Isometry3<f64> {
         pose * board_from_turned(&self.session.board, quarters)
+    }
+
+    /// The board's pose under each of its readings.
+    pub(super) fn readings(
+        &self,
+        pose: &Isometry3<f64>,
+    ) -> impl Iterator<Item = Isometry3<f64>> + use<'a> {
+        let (pose, board) = (*pose, self.session.board);
+        let turns = self.turns.iter();
+        turns.map(move |&quarters| pose * board_from_turned(&board, quarters))
     }
 
     /// The turn under which a camera's own pose is nearest to the one predicted, and how near that is.

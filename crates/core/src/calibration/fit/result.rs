@@ -131,6 +131,56 @@ pub struct LeftOut {
     pub placement: Option<String>,
     /// Why.
     pub reason: String,
+    /// Cameras whose views of the board were read, and thrown out with it because they contradict the others; none where
+    /// the views only say nothing new.
+    #[serde(skip)]
+    pub views: Vec<CameraId>,
+}
+
+/// Views of the board that were read, and those of them that the fit threw out.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LeftOutShare {
+    /// Views that were read.
+    pub read: usize,
+    /// Views that were thrown out.
+    pub left_out: usize,
+}
+
+impl LeftOutShare {
+    /// The part that was thrown out, from 0 to 1.
+    pub fn part(&self) -> f64 {
+        self.left_out as f64 / self.read.max(1) as f64
+    }
+}
+
+impl Fit {
+    /// How many views of the board the fit threw out, of all cameras.
+    pub fn left_out_share(&self) -> LeftOutShare {
+        let left_out = self.left_out.iter().map(|l| l.views.len()).sum();
+        LeftOutShare {
+            read: self.residuals.len() + left_out,
+            left_out,
+        }
+    }
+
+    /// How many views of the board the fit threw out, of one camera.
+    pub fn left_out_share_of(&self, camera: &FittedCamera) -> LeftOutShare {
+        let id = &camera.camera.id;
+        let views = self.left_out.iter().flat_map(|l| &l.views);
+        let left_out = views.filter(|of| *of == id).count();
+        LeftOutShare {
+            read: camera.views + left_out,
+            left_out,
+        }
+    }
+}
+
+impl FittedCamera {
+    /// The part of its corners that were dropped, from 0 to 1.
+    pub fn dropped_part(&self) -> f64 {
+        let read = self.figures.corners + self.false_corners;
+        self.false_corners as f64 / read.max(1) as f64
+    }
 }
 
 impl LeftOut {

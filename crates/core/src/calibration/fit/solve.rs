@@ -76,6 +76,7 @@ fn usable(
             camera: Some(subject.id.clone()),
             placement: None,
             reason,
+            views: Vec::new(),
         });
     }
     if kept.is_empty() {
@@ -151,6 +152,7 @@ fn alone(
                 camera: Some(session.cameras[view.camera].id.clone()),
                 placement: Some(session.placements[view.placement].clone()),
                 reason: "no pose of the board explains its corners".into(),
+                views: vec![session.cameras[view.camera].id.clone()],
             });
         }
     }
@@ -264,7 +266,7 @@ impl<'a> Solver<'a> {
     /// Takes views and placements out, the worst first, until all that is left belongs together.
     fn leave_out_what_does_not_belong(&mut self, left_out: &mut Vec<LeftOut>) {
         for (placement, reason) in outliers::duplicates(&self.bundle, &self.session.placements) {
-            self.leave_out(&Verdict::Placement(placement, reason), left_out);
+            self.leave_out(&Verdict::Duplicate(placement, reason), left_out);
         }
         for _ in 0..self.session.views.len() {
             let Some(verdict) = outliers::worst(&self.bundle, self.parameters.outlier_ratio) else {
@@ -295,21 +297,33 @@ impl<'a> Solver<'a> {
     fn leave_out(&mut self, verdict: &Verdict, left_out: &mut Vec<LeftOut>) {
         let session = &mut self.session;
         let name = |placement: usize| Some(session.placements[placement].clone());
+        let id = |view: &View| session.cameras[view.camera].id.clone();
         left_out.push(match verdict {
             Verdict::View(index, reason) => LeftOut {
-                camera: Some(session.cameras[session.views[*index].camera].id.clone()),
+                camera: Some(id(&session.views[*index])),
                 placement: name(session.views[*index].placement),
                 reason: reason.clone(),
+                views: vec![id(&session.views[*index])],
             },
             Verdict::Placement(placement, reason) => LeftOut {
                 camera: None,
                 placement: name(*placement),
                 reason: reason.clone(),
+                views: (session.views.iter())
+                    .filter(|v| v.placement == *placement)
+                    .map(id)
+                    .collect(),
+            },
+            Verdict::Duplicate(placement, reason) => LeftOut {
+                camera: None,
+                placement: name(*placement),
+                reason: reason.clone(),
+                views: Vec::new(),
             },
         });
         let keep = |index: usize, placement: usize| match verdict {
             Verdict::View(out, _) => index != *out,
-            Verdict::Placement(out, _) => placement != *out,
+            Verdict::Placement(out, _) | Verdict::Duplicate(out, _) => placement != *out,
         };
         let mut index = 0;
         session.views.retain(|view| {
@@ -429,6 +443,7 @@ impl<'a> Solver<'a> {
                 camera: None,
                 placement: Some(name.clone()),
                 reason: "no camera saw enough of the board to say where it was".into(),
+                views: Vec::new(),
             })
             .collect()
     }
@@ -550,6 +565,7 @@ fn read_alike(
                 camera: Some(cameras[view.camera].id.clone()),
                 placement: Some(placements[view.placement].clone()),
                 reason: "it saw the board far from where the other cameras did".into(),
+                views: vec![cameras[view.camera].id.clone()],
             });
             return false;
         };

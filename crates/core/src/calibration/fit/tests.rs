@@ -2,7 +2,7 @@
 
 use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;
-use crate::calibration::{Board, Distortion, Intrinsics};
+use crate::calibration::{Board, Distortion, Intrinsics, Level};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use std::collections::BTreeMap;
 
@@ -242,6 +242,98 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
     assert_eq!(without.level, Level::Doubtful);
     let told = "depth camera kinect has no response: no boards";
     assert!(without.reasons.iter().any(|r| r == told), "{without:?}");
+}
+
+#[test]
+fn what_the_fit_threw_out_counts_in_the_verdict() {
+    let sound = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    let id = sound.cameras[3].camera.id.clone();
+    let used = sound.cameras[3].views;
+    let judged = |of_camera: usize, of_others: usize| {
+        let mut fit = sound.clone();
+        let other = sound.cameras[4].camera.id.clone();
+        let views = [vec![id.clone(); of_camera], vec![other; of_others]].concat();
+        fit.left_out.push(LeftOut {
+            camera: None,
+            placement: Some("p01".to_owned()),
+            reason: "it moved".to_owned(),
+            views,
+        });
+        judge(&fit, &BTreeMap::new(), &Limits::default())
+    };
+    assert!(judged(0, 0).level < Level::Doubtful, "{:?}", judged(0, 0));
+    // One view of a camera may be an accident; a share of them is not.
+    assert!(judged(1, 0).level < Level::Doubtful, "{:?}", judged(1, 0));
+    let quarter = judged(used / 3 + 1, 0);
+    assert_eq!(quarter.level, Level::Doubtful, "{quarter:?}");
+    let told = format!(
+        "camera {id}: {} of {} views",
+        used / 3 + 1,
+        used + used / 3 + 1
+    );
+    assert!(quarter.reasons[0].starts_with(&told), "{quarter:?}");
+    let half = judged(used, 0);
+    assert_eq!(half.level, Level::Refused, "{half:?}");
+    // Of all views, whosever they are.
+    let all = sound.residuals.len();
+    let whole = judged(0, all);
+    let told = format!("{all} of {} views (50 %) were left out", 2 * all);
+    assert!(whole.reasons[0].starts_with(&told), "{whole:?}");
+    let share = LeftOutShare {
+        read: 0,
+        left_out: 0,
+    };
+    assert_eq!(share.part(), 0.0);
+}
+
+#[test]
+fn dropped_corners_have_a_figure_of_their_own() {
+    let mut fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    fit.table_is_lowest = true;
+    fit.held_out = Some(HeldOut {
+        figures: fit.figures,
+        ratio: 1.0,
+        folds: 5,
+    });
+    let sound = judge(&fit, &BTreeMap::new(), &Limits::default());
+    assert_eq!(sound.level, Level::Good, "{sound:?}");
+    fit.cameras[2].false_corners = fit.cameras[2].figures.corners / 10;
+    let dropped = judge(&fit, &BTreeMap::new(), &Limits::default());
+    assert_eq!(dropped.level, Level::Accepted, "{dropped:?}");
+    let told = "camera c02: 9.1 % of its corners were dropped, expected at most 5 %";
+    assert_eq!(dropped.reasons, [told]);
+}
+
+#[test]
+fn two_cameras_at_one_place_are_refused_unless_that_is_meant() {
+    let mut fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    let first = fit.cameras[0].camera.rig_from_camera;
+    let mut second = fit.cameras[1].camera.clone();
+    let beside = |mm: f64, degrees: f64| {
+        let turn = Vector3::x() * f64::to_radians(degrees);
+        first * nalgebra::Isometry3::new(Vector3::x() * mm * 1e-3, turn)
+    };
+    for (mm, degrees, refused) in [(9.0, 9.0, true), (11.0, 0.0, false), (0.0, 11.0, false)] {
+        second.rig_from_camera = beside(mm, degrees);
+        fit.cameras[1].camera = crate::calibration::Camera::new(
+            second.id.clone(),
+            second.intrinsics,
+            second.rig_from_camera,
+        );
+        let found = judge(&fit, &BTreeMap::new(), &Limits::default());
+        assert_eq!(
+            found.level == Level::Refused,
+            refused,
+            "{mm} mm {degrees}°: {found:?}"
+        );
+        let named = |r: &String| r.contains("cameras c00 and c01 are at one place");
+        assert_eq!(found.reasons.iter().any(named), refused, "{found:?}");
+        let meant = Limits {
+            same_place: true,
+            ..Limits::default()
+        };
+        assert!(judge(&fit, &BTreeMap::new(), &meant).level < Level::Doubtful);
+    }
 }
 
 /// Whether what was left out names just this placement, and this camera if one is given.

@@ -1,8 +1,10 @@
 //! Judges a fit, in words. The limits are parameters; nothing is estimated here.
 
-use super::result::{Fit, FittedCamera, FittedPlacement};
+use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
+use crate::calibration::{Camera, Level};
 use crate::frame::CameraId;
 use crate::number;
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
 /// When a calibration is good.
@@ -34,7 +36,29 @@ pub struct Limits {
     /// Default 1, range 0 to 1000.
     #[serde(deserialize_with = "number::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
+    /// Part of the views, of a camera with two or more of them or of all cameras, beyond which a calibration that
+    /// threw them out is doubtful.
+    /// Default 0.2, range 0 to 1.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    pub left_out_doubtful: f64,
+    /// And beyond which it is refused.
+    /// Default 0.4, range 0 to 1.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    pub left_out_refused: f64,
+    /// Part of a camera's corners beyond which a calibration that dropped them is accepted at best.
+    /// Default 0.05, range 0 to 1.
+    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    pub dropped_corners: f64,
+    /// Whether two cameras may look from one place in one direction, as behind a beam splitter. Default no.
+    pub same_place: bool,
 }
+
+/// Distance in metres of two cameras' optical centres below which they are at one place.
+const SAME_CENTER: f64 = 0.01;
+/// Angle in degrees between their axes below which they look in one direction.
+const SAME_AXIS_DEGREES: f64 = 10.0;
+/// Views that a camera must have lost before its share of them counts: one may be an accident.
+const FEWEST_LEFT_OUT: usize = 2;
 
 impl Default for Limits {
     fn default() -> Self {
@@ -46,6 +70,10 @@ impl Default for Limits {
             coverage: 0.2,
             views: 6,
             depth_bias_mm: 1.0,
+            left_out_doubtful: 0.2,
+            left_out_refused: 0.4,
+            dropped_corners: 0.05,
+            same_place: false,
         }
     }
 }
@@ -56,27 +84,24 @@ impl Limits {
     /// # Errors
     /// If there is one: its field, what it is, and what was expected.
     pub fn checked(&self) -> Result<(), String> {
-        let not_below = |field: &str, found: f64, least: f64| match found >= least {
+        let not_below = |field: &str, found: f64, [least, most]: [f64; 2]| match found >= least {
             true => Ok(()),
-            false => Err(format!("{field} is {found}, expected {least} to 100")),
+            false => Err(format!("{field} is {found}, expected {least} to {most}")),
         };
-        not_below("accepted_px", self.accepted_px, self.good_px)?;
-        not_below("refused_px", self.refused_px, self.accepted_px)
+        not_below("accepted_px", self.accepted_px, [self.good_px, 100.0])?;
+        not_below("refused_px", self.refused_px, [self.accepted_px, 100.0])?;
+        let least = [self.left_out_doubtful, 1.0];
+        not_below("left_out_refused", self.left_out_refused, least)
     }
-}
 
-/// What a calibration is worth.
-#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[serde(rename_all = "lowercase")]
-pub enum Level {
-    /// Nothing is amiss.
-    Good,
-    /// Good enough to work with.
-    Accepted,
-    /// To be used if there is no other.
-    Doubtful,
-    /// Not to be used.
-    Refused,
+    fn by_rms(&self, rms: f64) -> Level {
+        match rms {
+            r if r <= self.good_px => Level::Good,
+            r if r <= self.accepted_px => Level::Accepted,
+            r if r <= self.refused_px => Level::Doubtful,
+            _ => Level::Refused,
+        }
+    }
 }
 
 /// A level with its reasons.
@@ -92,78 +117,29 @@ pub struct Judgement {
     pub worst_placement: Option<(String, f64)>,
 }
 
+/// A reason, and what a calibration is worth at best because of it.
+type Reason = (Level, String);
+
 /// Judges a fit, and of each depth camera the largest bias in metres that its response leaves, or why it has none.
 pub fn judge(
     fit: &Fit,
     depths: &BTreeMap<CameraId, Result<f64, String>>,
     limits: &Limits,
 ) -> Judgement {
-    let by_rms = |rms: f64| match rms {
-        r if r <= limits.good_px => Level::Good,
-        r if r <= limits.accepted_px => Level::Accepted,
-        r if r <= limits.refused_px => Level::Doubtful,
-        _ => Level::Refused,
-    };
-    let mut found: Vec<(Level, String)> = Vec::new();
+    let mut found = left_out(fit, limits);
+    if !limits.same_place {
+        found.extend(at_one_place(fit));
+    }
     let rms = fit.figures.rms_px;
     found.push((
-        by_rms(rms),
+        limits.by_rms(rms),
         format!("rms {rms:.3} px, expected at most {}", limits.good_px),
     ));
     for camera in &fit.cameras {
-        let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
-        // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
-        let level = by_rms(rms).min(Level::Doubtful);
-        found.push((
-            level,
-            format!(
-                "camera {id}: rms {rms:.3} px, expected at most {}",
-                limits.good_px
-            ),
-        ));
-        if camera.views < limits.views {
-            let words = format!(
-                "camera {id}: {} views, expected {} or more",
-                camera.views, limits.views
-            );
-            found.push((Level::Accepted, words));
-        }
-        if camera.coverage < limits.coverage {
-            let words = format!(
-                "camera {id}: the board was seen in {:.0} % of its picture, expected {:.0} % or more",
-                100.0 * camera.coverage,
-                100.0 * limits.coverage
-            );
-            found.push((Level::Accepted, words));
-        }
+        found.extend(of_camera(camera, limits));
     }
-    match &fit.held_out {
-        Some(held_out) if held_out.ratio > limits.held_out_ratio => found.push((
-            Level::Doubtful,
-            format!(
-                "placements that were held out are predicted {:.2} times worse than they are fitted, expected at \
-                 most {}",
-                held_out.ratio, limits.held_out_ratio
-            ),
-        )),
-        Some(_) => {}
-        None => found.push((Level::Accepted, "too few placements to hold any out".into())),
-    }
-    if let Some(camera) = fit
-        .left_out
-        .iter()
-        .find(|l| l.placement.is_none() && l.camera.is_some())
-    {
-        let id = camera
-            .camera
-            .as_ref()
-            .map(ToString::to_string)
-            .unwrap_or_default();
-        found.push((
-            Level::Doubtful,
-            format!("camera {id} is not calibrated: {}", camera.reason),
-        ));
-    }
+    found.extend(of_held_out(fit, limits));
+    found.extend(uncalibrated(fit));
     found.extend(
         depths
             .iter()
@@ -196,6 +172,126 @@ pub fn judge(
         worst_camera: cameras.max_by(|a, b| a.1.total_cmp(&b.1)),
         worst_placement: placements.max_by(|a, b| a.1.total_cmp(&b.1)),
     }
+}
+
+/// The shares of views that were thrown out: of all cameras, and of each.
+fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
+    let level = |part: f64| match part {
+        p if p > limits.left_out_refused => Level::Refused,
+        p if p > limits.left_out_doubtful => Level::Doubtful,
+        _ => Level::Good,
+    };
+    let reason = |whose: String, share: LeftOutShare| {
+        let words = format!(
+            "{whose}{} of {} views ({:.0} %) were left out, expected at most {:.0} %",
+            share.left_out,
+            share.read,
+            100.0 * share.part(),
+            100.0 * limits.left_out_doubtful,
+        );
+        (level(share.part()), words)
+    };
+    let of_all = reason(String::new(), fit.left_out_share());
+    let of_each = fit.cameras.iter().filter_map(|camera| {
+        let share = fit.left_out_share_of(camera);
+        let id = &camera.camera.id;
+        (share.left_out >= FEWEST_LEFT_OUT).then(|| reason(format!("camera {id}: "), share))
+    });
+    std::iter::once(of_all).chain(of_each).collect()
+}
+
+/// Pairs of cameras that would have to be inside each other: streams that were exchanged do this.
+fn at_one_place(fit: &Fit) -> Vec<Reason> {
+    let apart = |a: &Camera, b: &Camera| {
+        let axes = a.rig_from_camera * Vector3::z();
+        let angle = axes.angle(&(b.rig_from_camera * Vector3::z()));
+        ((a.center() - b.center()).norm(), angle.to_degrees())
+    };
+    let mut found = Vec::new();
+    for (index, first) in fit.cameras.iter().enumerate() {
+        for second in &fit.cameras[index + 1..] {
+            let (a, b) = (&first.camera, &second.camera);
+            let (distance, degrees) = apart(a, b);
+            if distance < SAME_CENTER && degrees < SAME_AXIS_DEGREES {
+                let words = format!(
+                    "cameras {} and {} are at one place: {:.1} mm and {degrees:.1}° apart, expected {:.0} mm or \
+                     {SAME_AXIS_DEGREES:.0}° and more (limits.same_place allows it)",
+                    a.id,
+                    b.id,
+                    1e3 * distance,
+                    1e3 * SAME_CENTER,
+                );
+                found.push((Level::Refused, words));
+            }
+        }
+    }
+    found
+}
+
+/// What is amiss with a camera's residuals, views, coverage and corners.
+fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
+    let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
+    // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
+    let mut found = vec![(
+        limits.by_rms(rms).min(Level::Doubtful),
+        format!(
+            "camera {id}: rms {rms:.3} px, expected at most {}",
+            limits.good_px
+        ),
+    )];
+    let dropped = camera.dropped_part();
+    if dropped > limits.dropped_corners {
+        let words = format!(
+            "camera {id}: {:.1} % of its corners were dropped, expected at most {:.0} %",
+            100.0 * dropped,
+            100.0 * limits.dropped_corners
+        );
+        found.push((Level::Accepted, words));
+    }
+    if camera.views < limits.views {
+        let words = format!(
+            "camera {id}: {} views, expected {} or more",
+            camera.views, limits.views
+        );
+        found.push((Level::Accepted, words));
+    }
+    if camera.coverage < limits.coverage {
+        let words = format!(
+            "camera {id}: the board was seen in {:.0} % of its picture, expected {:.0} % or more",
+            100.0 * camera.coverage,
+            100.0 * limits.coverage
+        );
+        found.push((Level::Accepted, words));
+    }
+    found
+}
+
+fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
+    match &fit.held_out {
+        Some(held_out) if held_out.ratio > limits.held_out_ratio => Some((
+            Level::Doubtful,
+            format!(
+                "placements that were held out are predicted {:.2} times worse than they are fitted, expected at \
+                 most {}",
+                held_out.ratio, limits.held_out_ratio
+            ),
+        )),
+        Some(_) => None,
+        None => Some((Level::Accepted, "too few placements to hold any out".into())),
+    }
+}
+
+/// The cameras that could not be calibrated.
+fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
+    let whole = fit.left_out.iter().filter(|l| l.placement.is_none());
+    whole.filter_map(|l| {
+        let words = format!(
+            "camera {} is not calibrated: {}",
+            l.camera.as_ref()?,
+            l.reason
+        );
+        Some((Level::Doubtful, words))
+    })
 }
 
 /// What is amiss with a depth camera's response, if anything is.

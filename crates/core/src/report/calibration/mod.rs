@@ -6,7 +6,8 @@ mod depth;
 mod html;
 mod rig;
 
-use crate::calibration::fit::{Fit, Judgement, Level, Limits};
+use crate::calibration::Level;
+use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
 use html::{escaped, style};
@@ -23,6 +24,8 @@ pub struct CalibrationPage<'a> {
     pub limits: &'a Limits,
     /// What the session lacks, in words.
     pub missing: &'a [String],
+    /// Pictures in which no board was found that could be used.
+    pub unread: usize,
     /// What could not be read.
     pub lost: &'a [String],
     /// What the depth cameras' readings mean.
@@ -41,29 +44,39 @@ pub fn calibration_page(page: &CalibrationPage<'_>) -> String {
         html,
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" \
          content=\"width=device-width\">\n<title>Calibration: {}</title>\n<style>{}</style></head><body>\n",
-        level(page.judgement.level).1,
+        page.judgement.level.name(),
         style(),
     );
     heading(&mut html, page);
     to_do(&mut html, page);
+    left_out(&mut html, page);
     cameras::table(&mut html, page);
     cameras::pictures(&mut html, fit);
     rig::top_view(&mut html, fit);
     rig::graph(&mut html, fit);
     placements(&mut html, page);
     depth::section(&mut html, page);
-    left_out(&mut html, page);
     html += "</body></html>\n";
     html
 }
 
-/// The style and the word of a level.
-fn level(level: Level) -> (&'static str, &'static str) {
+/// The style of a level.
+fn style_of(level: Level) -> &'static str {
     match level {
-        Level::Good => ("good", "good"),
-        Level::Accepted => ("fair", "accepted"),
-        Level::Doubtful => ("poor", "doubtful"),
-        Level::Refused => ("bad", "refused"),
+        Level::Good => "good",
+        Level::Accepted => "fair",
+        Level::Doubtful => "poor",
+        Level::Refused => "bad",
+    }
+}
+
+/// The style of a share of views that were left out.
+fn by_left_out(part: f64, limits: &Limits) -> &'static str {
+    match part {
+        p if p > limits.left_out_refused => "bad",
+        p if p > limits.left_out_doubtful => "poor",
+        p if p > 0.0 => "fair",
+        _ => "good",
     }
 }
 
@@ -79,7 +92,8 @@ fn by_rms(rms: f64, limits: &Limits) -> &'static str {
 
 fn heading(html: &mut String, page: &CalibrationPage<'_>) {
     let fit = page.fit;
-    let (class, word) = level(page.judgement.level);
+    let level = page.judgement.level;
+    let (class, word) = (style_of(level), level.name());
     let _ = write!(
         html,
         "<h1>Calibration: <span class=\"{class}\">{word}</span></h1>\n<p>{} cameras, {} placements of <code>{}</code>, \
@@ -96,6 +110,16 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
             "<span class=\"figure {class}\"><b>{value}</b> {what}</span> "
         );
     };
+    let share = fit.left_out_share();
+    figure(
+        by_left_out(share.part(), page.limits),
+        format!("{} of {}", share.left_out, share.read),
+        "views left out",
+    );
+    figure("", page.unread.to_string(), "pictures without a board");
+    let dropped: usize = fit.cameras.iter().map(|c| c.false_corners).sum();
+    let read = dropped + fit.figures.corners;
+    figure("", format!("{dropped} of {read}"), "corners dropped");
     let figures = &fit.figures;
     figure(
         by_rms(figures.rms_px, page.limits),
@@ -129,7 +153,7 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     }
     *html += "<h2>What to do</h2>\n<ul>";
     for reason in reasons {
-        let _ = write!(html, "<li>{} {}</li>", escaped(reason), advice(reason));
+        let _ = write!(html, "<li>{}. {}</li>", escaped(reason), advice(reason));
     }
     for missing in page.missing {
         let _ = write!(
@@ -148,6 +172,16 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
 fn advice(reason: &str) -> &'static str {
     // By the words of the judgement: they are for people, and so is this.
     let advice = [
+        (
+            "were left out",
+            "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures of \
+             another moment do this: mend it, and show the board again.",
+        ),
+        ("at one place", "Check the cameras' cables and names."),
+        (
+            "were dropped",
+            "Check that the board is flat and evenly lit, and its picture sharp.",
+        ),
         (
             "held out",
             "Add placements in other tilts and places; check that the board is flat and no lens moves.",

@@ -64,6 +64,7 @@ fn fit() -> Fit {
             camera: None,
             placement: Some("p7".to_owned()),
             reason: "it moved".to_owned(),
+            views: vec![CameraId::new("c00").unwrap()],
         }],
         views: Vec::new(),
         residuals: vec![view(0), view(1)],
@@ -81,6 +82,7 @@ fn a_page_is_whole_and_names_what_is_red() {
         judgement: &judgement,
         limits: &limits,
         missing: &["camera c00: the board has not been in these parts".to_owned()],
+        unread: 3,
         lost: &[],
         depths: &[],
         depth_words: &[],
@@ -95,6 +97,9 @@ fn a_page_is_whole_and_names_what_is_red() {
         "c00 and c01: 1",
         "on placements held out, 1.50 times",
         "Look at its arrows below",
+        "<b>1 of 3</b> views left out",
+        "1 of 3 views (33 %) were left out, expected at most 20 %. See what",
+        "<b>3</b> pictures without a board",
         "&lt;script&gt;",
     ] {
         assert!(html.contains(words), "{words}");

@@ -1,0 +1,89 @@
+//! What becomes of a calibration once it is judged: which files are written, and the exit code.
+
+use crate::calibrate::Outcome;
+use crate::calibration::Level;
+use crate::commands::EXIT_LOST;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// How much of a calibration is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Acceptance {
+    /// Everything that was asked for, under its name.
+    Whole,
+    /// The calibration alone, under a name that says that it is doubtful.
+    Aside,
+    /// Nothing.
+    Nothing,
+}
+
+impl Acceptance {
+    /// What is done with a calibration of this level. `forced` takes a refused one, `doubtful_too` a doubtful one.
+    pub(super) fn of(level: Level, forced: bool, doubtful_too: bool) -> Self {
+        match level {
+            Level::Good | Level::Accepted => Self::Whole,
+            Level::Doubtful if doubtful_too => Self::Whole,
+            Level::Doubtful => Self::Aside,
+            Level::Refused if forced => Self::Whole,
+            Level::Refused => Self::Nothing,
+        }
+    }
+
+    /// The file that the calibration goes to.
+    pub(super) fn out(self, asked: Option<&Path>) -> Option<PathBuf> {
+        match self {
+            Self::Whole => asked.map(Path::to_owned),
+            Self::Aside => asked.map(doubtful_name),
+            Self::Nothing => None,
+        }
+    }
+
+    /// 0: all well, or accepted as it is. 1: refused. 3: doubtful, or something was lost.
+    pub(super) fn exit_code(self, outcome: &Outcome, doubtful_too: bool) -> ExitCode {
+        let lost = match doubtful_too {
+            // Cameras and responses that are missing are part of what was accepted.
+            true => outcome.has_unread(),
+            false => outcome.has_lost(),
+        };
+        match self {
+            Self::Nothing => ExitCode::FAILURE,
+            Self::Aside => ExitCode::from(EXIT_LOST),
+            Self::Whole if lost => ExitCode::from(EXIT_LOST),
+            Self::Whole => ExitCode::SUCCESS,
+        }
+    }
+}
+
+/// `rig.doubtful.toml` for `rig.toml`.
+pub(super) fn doubtful_name(asked: &Path) -> PathBuf {
+    let extension = match asked.extension() {
+        Some(extension) => format!("doubtful.{}", extension.to_string_lossy()),
+        None => "doubtful".to_owned(),
+    };
+    asked.with_extension(extension)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_doubtful_calibration_never_gets_the_name_that_was_asked_for_unasked() {
+        let out = |level, forced, doubtful_too| {
+            Acceptance::of(level, forced, doubtful_too).out(Some(Path::new("a/rig.toml")))
+        };
+        let (whole, aside) = (
+            PathBuf::from("a/rig.toml"),
+            PathBuf::from("a/rig.doubtful.toml"),
+        );
+        for level in [Level::Good, Level::Accepted] {
+            assert_eq!(out(level, false, false), Some(whole.clone()));
+        }
+        assert_eq!(out(Level::Doubtful, false, false), Some(aside.clone()));
+        assert_eq!(out(Level::Doubtful, true, false), Some(aside));
+        assert_eq!(out(Level::Doubtful, false, true), Some(whole.clone()));
+        assert_eq!(out(Level::Refused, false, true), None);
+        assert_eq!(out(Level::Refused, true, false), Some(whole));
+        assert_eq!(doubtful_name(Path::new("rig")), Path::new("rig.doubtful"));
+    }
+}
