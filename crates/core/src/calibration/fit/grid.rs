@@ -153,7 +153,20 @@ pub(super) fn read(
         };
         [w, h] == expected && (contrast > 0.0) == (first_cell(size, *quarters).is_multiple_of(2))
     };
-    let Some(quarters) = (0..4).find(fits) else {
+    // With odd numbers of corners both ways a board is printed in two phases, each the other turned by a quarter. Which
+    // one is meant can be told from its columns and rows alone.
+    let is_of_two_phases = expected.iter().all(|corners| !corners.is_multiple_of(2));
+    let in_other_phase = |quarters: &usize| {
+        let [columns, rows] = expected;
+        let as_found = if quarters.is_multiple_of(2) {
+            [columns, rows]
+        } else {
+            [rows, columns]
+        };
+        is_of_two_phases && size == as_found
+    };
+    let quarters = (0..4).find(fits).or_else(|| (0..4).find(in_other_phase));
+    let Some(quarters) = quarters else {
         let found = [size[0].max(size[1]), size[0].min(size[1])];
         return Err(Rejection::Size { found, expected });
     };
@@ -303,6 +316,21 @@ mod tests {
             });
             let readings = super::super::session::turns(&board);
             prop_assert!(readings.iter().any(|&turn| right(turn)));
+        }
+    }
+
+    #[test]
+    fn a_board_of_two_phases_is_read_in_both_and_with_the_same_names() {
+        let board = Board::checkerboard(7, 5, 0.02).unwrap();
+        for quarters in 0..4 {
+            let printed = read(grid(&board, quarters, false), &board, bright).unwrap();
+            let other = read(grid(&board, quarters, false), &board, |p| 230.0 - bright(p)).unwrap();
+            assert_eq!(other.len(), 35);
+            for (a, b) in printed.iter().zip(&other) {
+                let same = (a.column, a.row) == (b.column, b.row);
+                let half_a_turn = (a.column, a.row) == (6 - b.column, 4 - b.row);
+                assert!(a.pixel == b.pixel && (same || half_a_turn), "{a:?} {b:?}");
+            }
         }
     }
 
