@@ -33,7 +33,8 @@ pub struct Args {
     /// Fit nothing: write the calibration that this calibration file or recording has, with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
-        "report", "check", "json", "accept_doubtful",
+        "report", "check", "json", "accept_doubtful", "from_placement",
+        "until_placement",
     ])]
     from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
@@ -64,6 +65,12 @@ pub struct Args {
     /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
     #[arg(long, value_name = "ID")]
     table_placement: Option<String>,
+    /// The first placement to use: of a session in which a camera was moved, those that are left are the sound part
+    #[arg(long, value_name = "ID")]
+    from_placement: Option<String>,
+    /// The last placement to use
+    #[arg(long, value_name = "ID")]
+    until_placement: Option<String>,
     #[command(flatten)]
     depth: depth::DepthArgs,
     #[command(flatten)]
@@ -133,7 +140,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         recordings.iter().flat_map(Placements::cameras).collect();
     args.files.refuse_to_replace(cameras.keys(), args.force)?;
     let board = calibrate::board(args.board, &recordings)?;
-    let detections = detect_boards(&recordings, &board, &lenses, args.quiet)?;
+    let mut detections = detect_boards(&recordings, &board, &lenses, args.quiet)?;
+    let range = [&args.from_placement, &args.until_placement].map(Option::as_deref);
+    detections.keep_placements(range[0], range[1])?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
         let check = calibrate::check(&detections, known, &config.calibration.watch)?;
         return Ok(check::print(&check, &detections, args.json, args.quiet));

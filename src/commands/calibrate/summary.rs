@@ -136,6 +136,7 @@ impl Summary<'_> {
             "volume": fit.volume.map(|v| serde_json::json!({
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
             })),
+            "findings": self.outcome.findings,
             "left_out": fit.left_out,
             "left_out_views": fit.left_out_share(),
             "rejected": detections.rejected,

@@ -271,6 +271,43 @@ impl Detections {
         }
     }
 
+    /// Keeps the placements from one to another, both of them included, in the order of the session.
+    ///
+    /// # Errors
+    /// If one is not there, or the last comes before the first.
+    pub fn keep_placements(
+        &mut self,
+        from: Option<&str>,
+        until: Option<&str>,
+    ) -> Result<(), Error> {
+        let names = &self.session.placements;
+        let index = |name: &str| {
+            let found = names.iter().position(|known| known == name);
+            found.ok_or_else(|| Error::NoSuchPlacement {
+                name: name.to_owned(),
+                known: names.join(", "),
+            })
+        };
+        let first = from.map_or(Ok(0), index)?;
+        let last = until.map_or(Ok(names.len().saturating_sub(1)), index)?;
+        if first > last {
+            return Err(Error::NoPlacements {
+                from: from.unwrap_or_default().to_owned(),
+                until: until.unwrap_or_default().to_owned(),
+            });
+        }
+        let kept = names.get(first..=last).unwrap_or_default().to_vec();
+        self.rejected.retain(|r| kept.contains(&r.placement));
+        self.session
+            .views
+            .retain(|v| (first..=last).contains(&v.placement));
+        for view in &mut self.session.views {
+            view.placement -= first;
+        }
+        self.session.placements = kept;
+        Ok(())
+    }
+
     /// Refuses a session whose boards mostly are of one other size than was said.
     fn check_size(&self) -> Result<(), Error> {
         let mut sizes: BTreeMap<[usize; 2], usize> = BTreeMap::new();

@@ -91,6 +91,24 @@ pub enum Error {
         /// How many views show these.
         views: usize,
     },
+    /// A placement to begin or end with that is not there.
+    #[error("no placement {name:?} in the recordings, expected one of {known}")]
+    NoSuchPlacement {
+        /// The name that was given.
+        name: String,
+        /// Those there are.
+        known: String,
+    },
+    /// A last placement before the first one.
+    #[error(
+        "the placement until which to calibrate, {until:?}, comes before the first one, {from:?}"
+    )]
+    NoPlacements {
+        /// The first one.
+        from: String,
+        /// The last one.
+        until: String,
+    },
     /// A depth table that cannot be read.
     #[error(transparent)]
     Table(ResponseError),
@@ -103,10 +121,12 @@ pub enum Error {
         cause: ResponseError,
     },
     /// Views that do not determine the rig.
-    #[error("{cause}{}", details(.missing, .reasons))]
+    #[error("{cause}{}", details(.causes, .missing, .reasons))]
     Unfitted {
         /// Why.
         cause: fit::Error,
+        /// What the views that contradict each other agree on.
+        causes: Vec<String>,
         /// What the session lacks.
         missing: Vec<String>,
         /// Why pictures show no board that can be used, and how many of each camera.
@@ -118,7 +138,12 @@ pub enum Error {
 }
 
 impl Error {
-    pub(super) fn unfitted(cause: fit::Error, missing: Vec<String>, rejected: &[Rejected]) -> Self {
+    pub(super) fn unfitted(
+        cause: fit::Error,
+        findings: Vec<fit::Finding>,
+        missing: Vec<String>,
+        rejected: &[Rejected],
+    ) -> Self {
         let mut counts: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
         for rejected in rejected {
             *counts
@@ -129,15 +154,17 @@ impl Error {
             |((camera, reason), count)| format!("camera {camera}: {reason} ({count} pictures)");
         Self::Unfitted {
             cause,
+            causes: findings.into_iter().map(|finding| finding.words).collect(),
             missing,
             reasons: counts.into_iter().take(MOST_REASONS).map(reason).collect(),
         }
     }
 }
 
-/// Lines below the reason: what the session lacks, and what was seen instead.
-fn details(missing: &[String], reasons: &[String]) -> String {
+/// Lines below the reason: what explains it, what the session lacks, and what was seen instead.
+fn details(causes: &[String], missing: &[String], reasons: &[String]) -> String {
+    let causes = causes.iter().map(|cause| format!("\n  {cause}"));
     let missing = missing.iter().map(|lack| format!("\n  missing: {lack}"));
     let reasons = reasons.iter().map(|reason| format!("\n  {reason}"));
-    missing.chain(reasons).collect()
+    causes.chain(missing).chain(reasons).collect()
 }

@@ -15,7 +15,9 @@ pub use detections::{Detections, board, detect_boards, open};
 pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
-use crate::calibration::fit::{self, Fit, FittedCamera, Judgement, Limits, Wanted, judge, missing};
+use crate::calibration::fit::{
+    self, Finding, Fit, FittedCamera, Judgement, Limits, Wanted, diagnose, judge, missing,
+};
 use crate::calibration::{DepthResponse, RigCalibration, Verdict};
 use crate::capture::Placements;
 use crate::frame::CameraId;
@@ -43,6 +45,8 @@ pub struct Outcome {
     pub detections: Detections,
     /// Lenses, poses and placements.
     pub fit: Fit,
+    /// What the views that were left out agree on.
+    pub findings: Vec<Finding>,
     /// What they are worth.
     pub judgement: Judgement,
     /// What the session lacks, in words.
@@ -85,10 +89,15 @@ pub fn run(
     );
     let fit = match fitted {
         Ok(fit) => fit,
-        Err(cause) => return Err(Error::unfitted(cause, missing, &detections.rejected)),
+        Err(cause) => {
+            let findings = diagnose(&detections.session, None, &options.fit);
+            let rejected = &detections.rejected;
+            return Err(Error::unfitted(cause, findings, missing, rejected));
+        }
     };
     let depth = depth::respond(options.depth, recordings, &fit, &detections.depth_cameras);
-    let judgement = judge(&fit, &depth.found(), &options.limits);
+    let findings = diagnose(&detections.session, Some(&fit), &options.fit);
+    let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
     let mut responses = options.responses;
     let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
@@ -96,6 +105,7 @@ pub fn run(
         calibration: calibration(&fit, &responses, &judgement),
         detections,
         fit,
+        findings,
         judgement,
         missing,
         depth,

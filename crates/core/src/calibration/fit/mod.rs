@@ -5,6 +5,7 @@ mod adjust;
 mod appearance;
 mod corners;
 mod coverage;
+mod diagnosis;
 mod drift;
 mod frame;
 mod gradient_refine;
@@ -28,6 +29,7 @@ mod volume;
 
 pub use corners::find_corners;
 pub use coverage::{Wanted, missing};
+pub use diagnosis::{Finding, diagnose};
 pub use drift::{CheckError, Checked, Motion, Watch, check};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
@@ -126,7 +128,7 @@ fn disjoint(groups: &[Vec<CameraId>], ambiguous: &[[CameraId; 2]]) -> String {
     };
     let listed: Vec<String> = groups.iter().map(|g| format!("[{}]", names(g))).collect();
     let mut words = format!(
-        "the cameras fall into {} groups that share no view of the board: {}; place the board three times or more \
+        "the cameras fall into {} groups that no view of the board joins: {}; place the board three times or more \
          where a camera of each of two groups sees it at once, in different tilts",
         groups.len(),
         listed.join(" and "),
@@ -138,8 +140,9 @@ fn disjoint(groups: &[Vec<CameraId>], ambiguous: &[[CameraId; 2]]) -> String {
             .map(|[a, b]| format!("{a} and {b}"))
             .collect();
         words += &format!(
-            " ({} share placements, but these do not agree on one relative pose: a board that looks the same turned \
-             by 180° needs two or more)",
+            " ({} share placements, but these do not agree on one relative pose: pictures of different moments, \
+             exchanged cables or a mirrored picture would do this, and so would a single placement of a board that \
+             looks the same turned by 180°)",
             pairs.join("; ")
         );
     }

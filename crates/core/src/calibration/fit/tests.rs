@@ -219,7 +219,7 @@ fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
         .collect();
     assert_eq!(named.len(), 1);
     assert_eq!(named[0].as_str(), "c04");
-    let judgement = judge(&fit, &BTreeMap::new(), &Limits::default());
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
     assert!(
         judgement.level >= Level::Doubtful && judgement.reasons.iter().any(|r| r.contains("c04"))
     );
@@ -230,7 +230,7 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
     let fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
     let judged = |found: Result<f64, String>| {
         let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found)]);
-        judge(&fit, &depths, &Limits::default())
+        judge(&fit, &[], &depths, &Limits::default())
     };
     let fine = judged(Ok(0.0009));
     assert!(fine.level < Level::Doubtful, "{fine:?}");
@@ -259,7 +259,7 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
             reason: "it moved".to_owned(),
             views,
         });
-        judge(&fit, &BTreeMap::new(), &Limits::default())
+        judge(&fit, &[], &BTreeMap::new(), &Limits::default())
     };
     assert!(judged(0, 0).level < Level::Doubtful, "{:?}", judged(0, 0));
     // One view of a camera may be an accident; a share of them is not.
@@ -295,10 +295,10 @@ fn dropped_corners_have_a_figure_of_their_own() {
         ratio: 1.0,
         folds: 5,
     });
-    let sound = judge(&fit, &BTreeMap::new(), &Limits::default());
+    let sound = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
     assert_eq!(sound.level, Level::Good, "{sound:?}");
     fit.cameras[2].false_corners = fit.cameras[2].figures.corners / 10;
-    let dropped = judge(&fit, &BTreeMap::new(), &Limits::default());
+    let dropped = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
     assert_eq!(dropped.level, Level::Accepted, "{dropped:?}");
     let told = "camera c02: 9.1 % of its corners were dropped, expected at most 5 %";
     assert_eq!(dropped.reasons, [told]);
@@ -320,7 +320,7 @@ fn two_cameras_at_one_place_are_refused_unless_that_is_meant() {
             second.intrinsics,
             second.rig_from_camera,
         );
-        let found = judge(&fit, &BTreeMap::new(), &Limits::default());
+        let found = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
         assert_eq!(
             found.level == Level::Refused,
             refused,
@@ -332,7 +332,7 @@ fn two_cameras_at_one_place_are_refused_unless_that_is_meant() {
             same_place: true,
             ..Limits::default()
         };
-        assert!(judge(&fit, &BTreeMap::new(), &meant).level < Level::Doubtful);
+        assert!(judge(&fit, &[], &BTreeMap::new(), &meant).level < Level::Doubtful);
     }
 }
 

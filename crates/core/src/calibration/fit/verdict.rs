@@ -1,5 +1,6 @@
 //! Judges a fit, in words. The limits are parameters; nothing is estimated here.
 
+use super::diagnosis::Finding;
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
 use crate::calibration::{Camera, Level};
 use crate::frame::CameraId;
@@ -120,13 +121,18 @@ pub struct Judgement {
 /// A reason, and what a calibration is worth at best because of it.
 type Reason = (Level, String);
 
-/// Judges a fit, and of each depth camera the largest bias in metres that its response leaves, or why it has none.
+/// Judges a fit with the causes that its left-out views agree on, and of each depth camera the largest bias in metres that its response leaves, or why it has none.
 pub fn judge(
     fit: &Fit,
+    findings: &[Finding],
     depths: &BTreeMap<CameraId, Result<f64, String>>,
     limits: &Limits,
 ) -> Judgement {
-    let mut found = left_out(fit, limits);
+    let causes = findings.iter();
+    let mut found: Vec<Reason> = causes
+        .map(|finding| (Level::Doubtful, finding.words.clone()))
+        .collect();
+    found.extend(left_out(fit, limits));
     if !limits.same_place {
         found.extend(at_one_place(fit));
     }

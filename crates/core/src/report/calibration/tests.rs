@@ -76,7 +76,7 @@ fn fit() -> Fit {
 fn a_page_is_whole_and_names_what_is_red() {
     let fit = fit();
     let limits = Limits::default();
-    let judgement = judge(&fit, &BTreeMap::new(), &limits);
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &limits);
     let page = CalibrationPage {
         fit: &fit,
         judgement: &judgement,

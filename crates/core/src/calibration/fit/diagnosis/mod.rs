@@ -1,0 +1,153 @@
+//! Asks the views that contradict a rig whether they agree with each other: on another pose of their camera, another
+//! lens, another camera's place, another moment, or a mirrored picture. It names causes; it changes no fit.
+
+mod moment;
+mod split;
+mod suspects;
+#[cfg(test)]
+mod tests;
+
+use super::Parameters;
+use super::result::Fit;
+use super::session::Session;
+use crate::frame::CameraId;
+use moment::Moment;
+use split::{Change, Split};
+use suspects::Reference;
+
+/// A cause on which views that were left out agree.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// The cameras that it concerns.
+    pub cameras: Vec<CameraId>,
+    /// The cause, between which placements, and what to do.
+    pub words: String,
+}
+
+/// What the views that `fit` left out, or could not join where there is no fit, have in common.
+pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Vec<Finding> {
+    let candidates = Reference::candidates(session, fit, parameters);
+    let told = candidates
+        .iter()
+        .map(|reference| of_reference(reference, parameters));
+    // The sound rig is the one that leaves the least to explain.
+    let explained = told.filter(|findings: &Vec<Finding>| !findings.is_empty());
+    explained.min_by_key(Vec::len).unwrap_or_default()
+}
+
+/// The causes on which the suspected cameras' views agree, held against this rig of the others.
+fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut splits = Vec::new();
+    for &camera in &reference.suspects {
+        match moment::of(reference, camera, parameters) {
+            Some(moment) => findings.push(of_moment(reference, camera, &moment)),
+            None => splits.extend(split::of(reference, camera, parameters)),
+        }
+    }
+    while let Some(split) = splits.pop() {
+        let partner = splits
+            .iter()
+            .position(|other| split.is_exchange_with(other));
+        let finding = match partner.map(|index| splits.remove(index)) {
+            Some(partner) => exchanged(reference, [partner.camera, split.camera], &split),
+            None if reference.is_relative && split.is_inverted(reference) => {
+                exchanged(reference, [reference.cameras[0], split.camera], &split)
+            }
+            None => changed(reference, &split),
+        };
+        findings.push(finding);
+    }
+    findings.sort_by(|a, b| a.cameras.cmp(&b.cameras));
+    findings
+}
+
+fn of_moment(reference: &Reference, camera: usize, moment: &Moment) -> Finding {
+    let id = reference.id(camera);
+    let words = match moment {
+        Moment::Mirrored => format!(
+            "camera {id}: its pictures are mirrored: mirrored back they agree with the other cameras'; switch its \
+             mirroring off and show the board again"
+        ),
+        Moment::Shifted { by, from } => {
+            let order = if *by < 0 { "late" } else { "early" };
+            let moment = if *by < 0 { "before" } else { "after" };
+            let from = match from {
+                Some(from) => format!(" from {} on", reference.session.placements[*from]),
+                None => String::new(),
+            };
+            format!(
+                "camera {id}: its pictures are one placement {order}{from}: each shows the board where it was one \
+                 placement {moment}; press the pedal with all cameras ready, and show the board again"
+            )
+        }
+    };
+    Finding {
+        cameras: vec![id.clone()],
+        words,
+    }
+}
+
+fn exchanged(reference: &Reference, cameras: [usize; 2], split: &Split) -> Finding {
+    let mut cameras = cameras.map(|c| reference.id(c).clone());
+    cameras.sort();
+    let [first, second] = &cameras;
+    let from = &reference.session.placements[split.first_late];
+    let words = format!(
+        "cameras {first} and {second} are exchanged from {from} on: check their cables and names; {}",
+        split.advice(reference)
+    );
+    Finding {
+        cameras: cameras.into(),
+        words,
+    }
+}
+
+fn changed(reference: &Reference, split: &Split) -> Finding {
+    let placements = &reference.session.placements;
+    let when = format!(
+        "between {} and {}",
+        placements[split.last_early], placements[split.first_late]
+    );
+    let id = reference.id(split.camera);
+    let (cameras, subject, verb) = match reference.is_relative {
+        true => {
+            let other = reference.id(reference.cameras[0]);
+            let words = format!("cameras {other} and {id}");
+            (
+                vec![other.clone(), id.clone()],
+                words,
+                "moved against each other",
+            )
+        }
+        false => (vec![id.clone()], format!("camera {id}"), "moved"),
+    };
+    let moved = |[degrees, metres]: [f64; 2]| match metres {
+        m if m >= 2e-3 => format!("{verb} by {degrees:.2}° and {:.0} mm {when}", 1e3 * m),
+        _ => format!("{verb} by {degrees:.2}° {when}"),
+    };
+    let zoomed = |part: f64| match reference.is_relative {
+        // Which of two was refocused cannot be told.
+        true => format!(
+            "the focal length of one of them changed by {:.2} % {when}",
+            100.0 * part.abs()
+        ),
+        false => format!(
+            "the focal length of camera {id} changed by {:+.2} % {when}",
+            100.0 * part
+        ),
+    };
+    let cause = match split.change {
+        Change::Moved(by) => format!("{subject} {}", moved(by)),
+        Change::Refocused(part) if reference.is_relative => format!("{subject}: {}", zoomed(part)),
+        Change::Refocused(part) => format!("{}: it was refocused or zoomed", zoomed(part)),
+        Change::Either(by, part) => {
+            format!("{subject} may have {}, or {}", moved(by), zoomed(part))
+        }
+        Change::Both(by, part) => format!("{subject} {}, and {}", moved(by), zoomed(part)),
+    };
+    Finding {
+        cameras,
+        words: format!("{cause}; {}", split.advice(reference)),
+    }
+}

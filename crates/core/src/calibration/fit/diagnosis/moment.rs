@@ -1,0 +1,161 @@
+//! Whether a camera's pictures are of another moment than their placement, or mirrored: by votes of its views for one
+//! place of the camera. What is told here is gross: another placement of the board lies a board's length away.
+
+use super::super::Parameters;
+use super::super::pose_graph::{AGREES, Comparison};
+use super::super::session::View;
+use super::suspects::{FEWEST_VIEWS, Reference, Solo};
+use nalgebra::Isometry3;
+
+/// What is wrong with the moment of a camera's pictures.
+pub(super) enum Moment {
+    /// They are of the placement so many before (less than 0) or after, all or from a placement on.
+    Shifted { by: isize, from: Option<usize> },
+    /// They are mirrored.
+    Mirrored,
+}
+
+/// Part of the views that must agree on a cause, and that may agree without it.
+const MOST_AGREE: f64 = 0.8;
+const FEW_AGREE: f64 = 0.5;
+
+/// What is wrong with the moment of a camera's pictures; `None` if nothing is, or it cannot be told.
+pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Option<Moment> {
+    let subject = &reference.session.cameras[camera];
+    let views = reference.views(camera);
+    let comparison = Comparison::new(reference.session);
+    let solo = Solo::of(reference, subject, &views, parameters)?;
+    let plain = vote(reference, &comparison, &solo, 0);
+    if plain
+        .as_ref()
+        .is_some_and(|plain| plain.part() >= MOST_AGREE)
+    {
+        return None;
+    }
+    let is_unlikely = plain.as_ref().is_none_or(|plain| plain.part() <= FEW_AGREE);
+    let agrees = |vote: Option<Vote>| {
+        vote.is_some_and(|v| v.part() >= MOST_AGREE && v.agreeing.len() >= FEWEST_VIEWS)
+    };
+    for by in [-1, 1] {
+        if is_unlikely && agrees(vote(reference, &comparison, &solo, by)) {
+            return Some(Moment::Shifted { by, from: None });
+        }
+        let late = plain
+            .as_ref()
+            .and_then(|plain| shifted_part(reference, &comparison, &solo, plain, by));
+        if let Some(from) = late {
+            return Some(Moment::Shifted {
+                by,
+                from: Some(from),
+            });
+        }
+    }
+    let mirrored: Vec<View> = views.iter().map(|v| mirrored(reference, v)).collect();
+    let solo = Solo::of(reference, subject, &mirrored, parameters)?;
+    let is_mirrored = is_unlikely && agrees(vote(reference, &comparison, &solo, 0));
+    is_mirrored.then_some(Moment::Mirrored)
+}
+
+/// The views that agree on one place of their camera.
+struct Vote {
+    camera_from_rig: Isometry3<f64>,
+    /// Indices of the views that agree.
+    agreeing: Vec<usize>,
+    /// Views that could.
+    of: usize,
+}
+
+impl Vote {
+    fn part(&self) -> f64 {
+        self.agreeing.len() as f64 / self.of.max(1) as f64
+    }
+}
+
+/// The board `by` placements after that of a view, where the others saw it.
+fn shifted(reference: &Reference, view: &View, by: isize) -> Option<Isometry3<f64>> {
+    let placement = view.placement.checked_add_signed(by)?;
+    reference.rig_from_board.get(placement).copied().flatten()
+}
+
+/// Views of `solo` that agree with a camera at `camera_from_rig`.
+fn agreeing(
+    reference: &Reference,
+    comparison: &Comparison,
+    solo: &Solo,
+    camera_from_rig: &Isometry3<f64>,
+    by: isize,
+) -> Vec<usize> {
+    let agrees = |(view, own): &(View, Isometry3<f64>)| {
+        shifted(reference, view, by).is_some_and(|rig_from_board| {
+            comparison
+                .nearest_turn(own, &(camera_from_rig * rig_from_board))
+                .1
+                < AGREES
+        })
+    };
+    let all = solo.views.iter().enumerate();
+    all.filter(|(_, v)| agrees(v))
+        .map(|(index, _)| index)
+        .collect()
+}
+
+/// The place on which most views agree if each is of the placement `by` after its own.
+fn vote(reference: &Reference, comparison: &Comparison, solo: &Solo, by: isize) -> Option<Vote> {
+    let seen = solo.views.iter();
+    let pairs: Vec<_> = seen
+        .filter_map(|(view, own)| Some((*own, shifted(reference, view, by)?)))
+        .collect();
+    let candidates = pairs.iter().flat_map(|(own, rig_from_board)| {
+        comparison
+            .readings(own)
+            .map(move |own| own * rig_from_board.inverse())
+    });
+    let votes = candidates.map(|camera_from_rig| Vote {
+        agreeing: agreeing(reference, comparison, solo, &camera_from_rig, by),
+        camera_from_rig,
+        of: pairs.len(),
+    });
+    votes.reduce(
+        |best, vote| match vote.agreeing.len() > best.agreeing.len() {
+            true => vote,
+            false => best,
+        },
+    )
+}
+
+/// The placement from which on the views that do not agree do so when they are shifted.
+fn shifted_part(
+    reference: &Reference,
+    comparison: &Comparison,
+    solo: &Solo,
+    plain: &Vote,
+    by: isize,
+) -> Option<usize> {
+    let shifted = agreeing(reference, comparison, solo, &plain.camera_from_rig, by);
+    let first = *shifted
+        .iter()
+        .find(|index| !plain.agreeing.contains(index))?;
+    let rest = first..solo.views.len();
+    let count = |of: &[usize]| of.iter().filter(|index| rest.contains(index)).count();
+    let enough = plain.agreeing.len() >= FEWEST_VIEWS
+        && count(&shifted) >= 3
+        && count(&shifted) as f64 >= MOST_AGREE * rest.len() as f64
+        && count(&plain.agreeing) * 2 < rest.len();
+    enough.then(|| solo.views[first].0.placement)
+}
+
+/// What the camera would have seen without the mirror.
+fn mirrored(reference: &Reference, view: &View) -> View {
+    let board = &reference.session.board;
+    let width = reference.session.cameras[view.camera].size[0] as f64 - 1.0;
+    let mut mirrored = view.clone();
+    for corner in &mut mirrored.corners {
+        corner.pixel.x = width - corner.pixel.x;
+        // The order that keeps the first square black.
+        match board.rows.is_multiple_of(2) {
+            true => corner.row = board.rows - 1 - corner.row,
+            false => corner.column = board.columns - 1 - corner.column,
+        }
+    }
+    mirrored
+}

@@ -1,0 +1,355 @@
+//! Whether a camera's views agree once they are split in two, before and after a placement: with another pose from
+//! there on, another lens, or both. The placements are held by the cameras of the reference and free within what these saw.
+
+use super::super::Parameters;
+use super::super::adjust::{Bundle, CameraState, Observation, PlacementState};
+use super::super::lens::{Lens, PARAMETERS};
+use super::super::outliers::rms;
+use super::super::pose_graph::{AGREES, Comparison};
+use super::super::session::View;
+use super::super::single_camera::{free_parameters, priors};
+use super::suspects::{FEWEST_VIEWS, Reference, Solo};
+use crate::calibration::Face;
+use crate::statistics::upper_median;
+use nalgebra::Isometry3;
+
+/// Fewest views on either side of a split.
+const FEWEST: usize = 2;
+/// Fewest views from which pose and lens are told at once.
+const FEWEST_FOR_BOTH: usize = 3;
+/// Part of the views after a split that must agree on it.
+const MOST_AGREE: f64 = 0.75;
+/// How many times better one explanation must be than another that would do as well.
+const CLEARLY: f64 = 1.5;
+/// Turn in degrees and shift in metres below which a camera that was refocused has not moved.
+const STILL: [f64; 2] = [0.05, 2e-3];
+
+/// What changed: turn in degrees and shift in metres, part of the focal length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Change {
+    Moved([f64; 2]),
+    Refocused(f64),
+    Either([f64; 2], f64),
+    Both([f64; 2], f64),
+}
+
+/// A camera's views before and after a change.
+#[derive(Clone, Debug)]
+pub(super) struct Split {
+    pub camera: usize,
+    /// The last placement before the change and the first after it, of those that the camera saw.
+    pub last_early: usize,
+    pub first_late: usize,
+    pub change: Change,
+    /// Where the camera was before and after, from the rig's frame.
+    poses: [Isometry3<f64>; 2],
+    /// Whether most of its views are before the change.
+    is_mostly_early: bool,
+}
+
+impl Split {
+    /// Whether each camera of the two is, after the change, where the other was before it.
+    pub(super) fn is_exchange_with(&self, other: &Self) -> bool {
+        let overlap = self.last_early < other.first_late && other.last_early < self.first_late;
+        overlap
+            && is_near(&self.poses[0], &other.poses[1], self.distance())
+            && is_near(&self.poses[1], &other.poses[0], self.distance())
+    }
+
+    /// Whether, seen from the one camera of the reference, the change turns the pair round: both were exchanged.
+    pub(super) fn is_inverted(&self, reference: &Reference) -> bool {
+        let rig_from_other = reference.fit.cameras[0].camera.rig_from_camera;
+        let [early, late] = self.poses.map(|pose| pose * rig_from_other);
+        is_near(&early.inverse(), &late, self.distance())
+    }
+
+    fn distance(&self) -> f64 {
+        change_of(&self.poses)[1]
+    }
+
+    pub(super) fn advice(&self, reference: &Reference) -> String {
+        let from = &reference.session.placements[self.first_late];
+        match self.is_mostly_early {
+            true => format!(
+                "show the board again, or calibrate from {from} on (--from-placement {from})"
+            ),
+            false => format!(
+                "most views are of the rig since {from}: calibrate from there on (--from-placement {from})"
+            ),
+        }
+    }
+}
+
+/// Turn in degrees and shift of the centre in metres between two poses of a camera.
+fn change_of([early, late]: &[Isometry3<f64>; 2]) -> [f64; 2] {
+    let [before, after] = [early, late].map(|pose| pose.inverse());
+    let shift = before.translation.vector - after.translation.vector;
+    [
+        before.rotation.angle_to(&after.rotation).to_degrees(),
+        shift.norm(),
+    ]
+}
+
+/// Whether two poses are the same, to a tenth of how far their camera went.
+fn is_near(a: &Isometry3<f64>, b: &Isometry3<f64>, went: f64) -> bool {
+    let [degrees, metres] = change_of(&[*a, *b]);
+    went > 0.02 && metres < 0.1 * went && degrees < 3.0
+}
+
+/// The split after which a camera's views agree; `None` where they agree without one, or with none.
+pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Option<Split> {
+    let subject = &reference.session.cameras[camera];
+    let all = reference.views(camera);
+    let solo = Solo::of(reference, subject, &all, parameters)?;
+    let seen = |view: &View| reference.rig_from_board[view.placement].is_some();
+    let views: Vec<_> = solo
+        .views
+        .iter()
+        .filter(|(view, _)| seen(view))
+        .cloned()
+        .collect();
+    if views.len() < FEWEST_VIEWS {
+        return None;
+    }
+    let lens = match &subject.known {
+        Some(known) => Lens::from_intrinsics(known),
+        None => solo.lens,
+    };
+    let resection = Resection {
+        reference,
+        lens,
+        lens_free: match subject.known {
+            Some(_) => [false; PARAMETERS],
+            None => free_parameters(parameters.model),
+        },
+        most_px: parameters.outlier_ratio * solo.usual_px,
+        views,
+    };
+    let at = resection.best_split()?;
+    resection.explained(camera, at)
+}
+
+/// The views of one camera against boards whose places are known.
+struct Resection<'a> {
+    reference: &'a Reference<'a>,
+    lens: Lens,
+    lens_free: [bool; PARAMETERS],
+    /// Residual up to which a view agrees.
+    most_px: f64,
+    /// In the order of the placements, with the board's pose by the camera alone.
+    views: Vec<(View, Isometry3<f64>)>,
+}
+
+/// What of a camera is free.
+#[derive(Clone, Copy, PartialEq)]
+enum Free {
+    Nothing,
+    Pose,
+    Lens,
+    Both,
+}
+
+impl Resection<'_> {
+    /// The split that makes the views' residuals least likely to be chance, with the placements as they are.
+    fn best_split(&self) -> Option<usize> {
+        let n = self.views.len();
+        let surprise = |part: &[(View, Isometry3<f64>)]| -> f64 {
+            let Some(start) = self.start(part) else {
+                return f64::MAX;
+            };
+            let (_, residuals) = self.fitted(part, &start, Free::Both, false);
+            residuals
+                .iter()
+                .map(|r| (r / self.most_px).powi(2).ln_1p())
+                .sum()
+        };
+        let splits = (FEWEST..=n.saturating_sub(FEWEST)).map(|at| {
+            let (early, late) = self.views.split_at(at);
+            (surprise(early) + surprise(late), at)
+        });
+        splits.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at)
+    }
+
+    /// The lens and, by vote, the place on which most of these views agree.
+    fn start(&self, part: &[(View, Isometry3<f64>)]) -> Option<CameraState> {
+        let comparison = Comparison::new(self.reference.session);
+        let candidates = part.iter().filter_map(|(view, own)| {
+            let rig_from_board = self.reference.rig_from_board[view.placement]?;
+            Some(
+                comparison
+                    .readings(own)
+                    .map(move |own| own * rig_from_board.inverse()),
+            )
+        });
+        let votes = candidates.flatten().map(|camera_from_rig| {
+            let apart = |(view, own): &(View, Isometry3<f64>)| {
+                let rig_from_board = self.reference.rig_from_board[view.placement];
+                let predicted = camera_from_rig * rig_from_board.unwrap_or_default();
+                comparison.nearest_turn(own, &predicted).1.min(AGREES)
+            };
+            (part.iter().map(apart).sum::<f64>(), camera_from_rig)
+        });
+        let (_, camera_from_rig) = votes.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(CameraState {
+            lens: self.lens,
+            free: [false; PARAMETERS],
+            camera_from_rig,
+            pose_free: false,
+            prior: priors(&self.lens),
+        })
+    }
+
+    /// The camera adjusted to some of its views, and their residuals. `jointly` lets the placements move within what the
+    /// reference's cameras saw of them.
+    fn fitted(
+        &self,
+        part: &[(View, Isometry3<f64>)],
+        start: &CameraState,
+        free: Free,
+        jointly: bool,
+    ) -> (CameraState, Vec<f64>) {
+        let comparison = Comparison::new(self.reference.session);
+        let board = &self.reference.session.board;
+        let fit = &self.reference.fit;
+        let state = |c: &super::super::result::FittedCamera| CameraState {
+            lens: Lens::from_intrinsics(&c.camera.intrinsics),
+            free: [false; PARAMETERS],
+            camera_from_rig: c.camera.rig_from_camera.inverse(),
+            pose_free: false,
+            prior: [None; PARAMETERS],
+        };
+        let mut cameras: Vec<CameraState> = fit.cameras.iter().map(state).collect();
+        let own = cameras.len();
+        cameras.push(CameraState {
+            free: match free {
+                Free::Nothing | Free::Pose => [false; PARAMETERS],
+                // Its centre would pass for a turn of the camera.
+                Free::Lens => std::array::from_fn(|i| i < 2 && self.lens_free[i]),
+                Free::Both => self.lens_free,
+            },
+            pose_free: matches!(free, Free::Pose | Free::Both),
+            ..start.clone()
+        });
+        let mut placements = Vec::new();
+        let mut views = Vec::new();
+        for (view, own_pose) in part {
+            let rig_from_board = self.reference.rig_from_board[view.placement].unwrap_or_default();
+            let predicted = start.camera_from_rig * rig_from_board;
+            let mut view = view.clone();
+            view.turn(board, comparison.nearest_turn(own_pose, &predicted).0);
+            views.push(observation(&view, own, placements.len(), board));
+            let name = &self.reference.session.placements[view.placement];
+            let of_fit = fit.placements.iter().position(|p| p.name == *name);
+            if jointly {
+                let others = fit.views.iter().filter(|v| Some(v.placement) == of_fit);
+                views.extend(others.map(|v| observation(v, v.camera, placements.len(), board)));
+            }
+            placements.push(PlacementState {
+                rig_from_board,
+                free: jointly,
+            });
+        }
+        let mut bundle = Bundle {
+            cameras,
+            placements,
+            board_from_back: fit.front_from_back,
+            back_free: false,
+            views,
+        };
+        bundle.adjust_robustly(2);
+        let of_own = bundle.views.iter().filter(|v| v.camera == own);
+        let residuals = of_own.map(|v| rms(&bundle, v)).collect();
+        (bundle.cameras[own].clone(), residuals)
+    }
+
+    /// Whether most of these residuals are no larger than usual.
+    fn agree(&self, residuals: &[f64]) -> bool {
+        let agreeing = residuals.iter().filter(|r| **r <= self.most_px).count();
+        agreeing >= FEWEST && agreeing as f64 >= MOST_AGREE * residuals.len() as f64
+    }
+
+    /// What explains the shorter part of the views by a change from the longer one; `None` if nothing needs to, or does.
+    fn explained(&self, camera: usize, at: usize) -> Option<Split> {
+        let (early, late) = self.views.split_at(at);
+        let is_mostly_early = early.len() >= late.len();
+        let (longer, shorter) = match is_mostly_early {
+            true => (early, late),
+            false => (late, early),
+        };
+        let (held, residuals) = self.fitted(longer, &self.start(longer)?, Free::Both, true);
+        if !self.agree(&residuals) {
+            return None;
+        }
+        let tried = |start: &CameraState, free: Free| {
+            let (state, mut residuals) = self.fitted(shorter, start, free, true);
+            let agrees = self.agree(&residuals);
+            let median = upper_median(&mut residuals).unwrap_or(f64::MAX);
+            (state, agrees, median)
+        };
+        if tried(&held, Free::Nothing).1 {
+            return None;
+        }
+        let elsewhere = CameraState {
+            camera_from_rig: self.start(shorter)?.camera_from_rig,
+            ..held.clone()
+        };
+        let moved = tried(&elsewhere, Free::Pose);
+        let refocused = tried(&held, Free::Lens);
+        let both = tried(&elsewhere, Free::Both);
+        let poses = |state: &CameraState| match is_mostly_early {
+            true => [held.camera_from_rig, state.camera_from_rig],
+            false => [state.camera_from_rig, held.camera_from_rig],
+        };
+        let zoom = |state: &CameraState| {
+            let part = state.lens.focal_px() / held.lens.focal_px();
+            if is_mostly_early {
+                part - 1.0
+            } else {
+                1.0 / part - 1.0
+            }
+        };
+        let motion = change_of(&poses(&moved.0));
+        let (change, state) = if moved.1 || refocused.1 {
+            let (better, worse) = (moved.2.min(refocused.2), moved.2.max(refocused.2));
+            if moved.1 && refocused.1 && worse < CLEARLY * better && !is_still(motion) {
+                (Change::Either(motion, zoom(&refocused.0)), moved.0)
+            } else if moved.2 < refocused.2 {
+                (Change::Moved(motion), moved.0)
+            } else {
+                (Change::Refocused(zoom(&refocused.0)), refocused.0)
+            }
+        } else if both.1 && shorter.len() >= FEWEST_FOR_BOTH {
+            let motion = change_of(&poses(&both.0));
+            (Change::Both(motion, zoom(&both.0)), both.0)
+        } else {
+            return None;
+        };
+        Some(Split {
+            camera,
+            last_early: early.last()?.0.placement,
+            first_late: late.first()?.0.placement,
+            change,
+            poses: poses(&state),
+            is_mostly_early,
+        })
+    }
+}
+
+fn is_still([degrees, metres]: [f64; 2]) -> bool {
+    degrees < STILL[0] && metres < STILL[1]
+}
+
+fn observation(
+    view: &View,
+    camera: usize,
+    placement: usize,
+    board: &crate::calibration::Board,
+) -> Observation {
+    Observation {
+        camera,
+        placement,
+        back: view.face == Face::Back,
+        weight: 1.0,
+        points: view.pairs(board),
+    }
+}

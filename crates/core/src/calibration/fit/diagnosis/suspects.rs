@@ -1,0 +1,187 @@
+//! Which cameras contradict the rig, and what the others say of the placements without them.
+
+use super::super::outliers::LEAST_USUAL;
+use super::super::planar::PlanePose;
+use super::super::result::Fit;
+use super::super::session::{Session, SessionCamera, View};
+use super::super::{Parameters, single_camera, solve};
+use crate::calibration::Face;
+use crate::frame::CameraId;
+use crate::statistics::upper_median;
+use nalgebra::Isometry3;
+
+/// Views that a camera must have lost before it is asked why.
+const FEWEST_LEFT_OUT: usize = 2;
+/// Most cameras that are tried as the one that is sound.
+const MOST_CANDIDATES: usize = 4;
+/// Fewest views from which something is said of a camera.
+pub(super) const FEWEST_VIEWS: usize = 4;
+
+/// A rig of the cameras that are not suspected.
+pub(super) struct Reference<'a> {
+    pub session: &'a Session,
+    /// Indices of its cameras in the session.
+    pub cameras: Vec<usize>,
+    /// Indices of those that are suspected.
+    pub suspects: Vec<usize>,
+    pub fit: Fit,
+    /// The board at each of the session's placements that its cameras saw.
+    pub rig_from_board: Vec<Option<Isometry3<f64>>>,
+    /// Whether it is one camera that is suspected as much as the other: what is found is relative.
+    pub is_relative: bool,
+}
+
+impl<'a> Reference<'a> {
+    /// Rigs without the cameras that contradict it: one, or, where all contradict each other, one for each of the least
+    /// suspected cameras.
+    pub(super) fn candidates(
+        session: &'a Session,
+        fit: Option<&Fit>,
+        parameters: &Parameters,
+    ) -> Vec<Self> {
+        let mut suspects = suspects(session, fit, parameters);
+        let views = |c: usize| session.views.iter().filter(|v| v.camera == c).count();
+        suspects.retain(|&c| views(c) >= FEWEST_VIEWS);
+        let count = session.cameras.len();
+        let without = |suspects: Vec<usize>| Self::without(session, suspects, parameters);
+        if suspects.len() < count && (count != 2 || suspects.is_empty()) {
+            return without(suspects).into_iter().collect();
+        }
+        if count == 2 {
+            return without(vec![1]).into_iter().collect();
+        }
+        let least_suspected = suspects.iter().rev().take(MOST_CANDIDATES);
+        let others = |&held: &usize| suspects.iter().copied().filter(|&c| c != held).collect();
+        least_suspected
+            .filter_map(|held| without(others(held)))
+            .collect()
+    }
+
+    /// Fits the rig without these cameras, or, where nothing can be fitted without them all, without the first of them.
+    fn without(
+        session: &'a Session,
+        mut suspects: Vec<usize>,
+        parameters: &Parameters,
+    ) -> Option<Self> {
+        let quick = Parameters {
+            folds: 0,
+            table_placement: None,
+            ..parameters.clone()
+        };
+        while !suspects.is_empty() {
+            let cameras: Vec<usize> = (0..session.cameras.len())
+                .filter(|c| !suspects.contains(c))
+                .collect();
+            if let Ok(fit) = solve::fit(&part(session, &cameras), &quick) {
+                let pose = |name: &String| {
+                    let found = fit.placements.iter().find(|p| p.name == *name);
+                    found.map(|p| p.rig_from_board)
+                };
+                return Some(Self {
+                    rig_from_board: session.placements.iter().map(pose).collect(),
+                    is_relative: session.cameras.len() == 2,
+                    session,
+                    cameras,
+                    suspects,
+                    fit,
+                });
+            }
+            suspects.pop();
+        }
+        None
+    }
+
+    pub(super) fn id(&self, camera: usize) -> &CameraId {
+        &self.session.cameras[camera].id
+    }
+
+    /// A camera's views, in the order of the placements.
+    pub(super) fn views(&self, camera: usize) -> Vec<View> {
+        let own = self.session.views.iter().filter(|v| v.camera == camera);
+        let mut views: Vec<View> = own.cloned().collect();
+        views.sort_by_key(|v| v.placement);
+        views
+    }
+}
+
+/// A camera by itself: what no other camera can spoil.
+pub(super) struct Solo {
+    pub lens: super::super::lens::Lens,
+    /// The views that a pose explains, with the board's (the front's) pose in each.
+    pub views: Vec<(View, Isometry3<f64>)>,
+    /// What its residuals usually are.
+    pub usual_px: f64,
+}
+
+impl Solo {
+    pub(super) fn of(
+        reference: &Reference,
+        subject: &SessionCamera,
+        views: &[View],
+        parameters: &Parameters,
+    ) -> Option<Self> {
+        let board = &reference.session.board;
+        let all: Vec<&View> = views.iter().collect();
+        let alone = single_camera::calibrate(subject, &all, board, parameters.model)?;
+        let back_from_front = reference.fit.front_from_back.inverse();
+        let front = |view: &View, pose: &PlanePose| match view.face {
+            Face::Front => pose.camera_from_plane,
+            Face::Back => pose.camera_from_plane * back_from_front,
+        };
+        let mut rms: Vec<f64> = alone.poses.iter().flatten().map(|p| p.rms_px).collect();
+        let posed = views.iter().zip(&alone.poses);
+        Some(Self {
+            usual_px: upper_median(&mut rms)?.max(LEAST_USUAL),
+            lens: alone.lens,
+            views: posed
+                .filter_map(|(view, pose)| Some((view.clone(), front(view, pose.as_ref()?))))
+                .collect(),
+        })
+    }
+}
+
+/// The cameras that contradict the others, the worst first.
+fn suspects(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Vec<usize> {
+    let Some(fit) = fit else {
+        let mut all: Vec<usize> = (0..session.cameras.len()).collect();
+        let views = |c: usize| session.views.iter().filter(|v| v.camera == c).count();
+        all.sort_by_key(|&c| views(c));
+        return all;
+    };
+    let mut medians: Vec<f64> = fit.cameras.iter().map(|c| c.figures.median_px).collect();
+    let usual = upper_median(&mut medians).unwrap_or(0.0).max(LEAST_USUAL);
+    let suspicion = |camera: usize| {
+        let id = &session.cameras[camera].id;
+        let Some(fitted) = fit.cameras.iter().find(|c| c.camera.id == *id) else {
+            return Some(f64::INFINITY);
+        };
+        let share = fit.left_out_share_of(fitted);
+        let is_off = fitted.figures.rms_px > parameters.outlier_ratio * usual;
+        let suspected = share.left_out >= FEWEST_LEFT_OUT || is_off;
+        suspected.then(|| share.part() + if is_off { 1.0 } else { 0.0 })
+    };
+    let all = (0..session.cameras.len()).filter_map(|c| Some((suspicion(c)?, c)));
+    let mut all: Vec<(f64, usize)> = all.collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    all.into_iter().map(|(_, camera)| camera).collect()
+}
+
+/// A session of some of its cameras.
+fn part(session: &Session, cameras: &[usize]) -> Session {
+    let renumbered = |v: &View| {
+        let camera = cameras.iter().position(|&c| c == v.camera)?;
+        Some(View {
+            camera,
+            ..v.clone()
+        })
+    };
+    Session {
+        board: session.board,
+        cameras: cameras
+            .iter()
+            .map(|&c| session.cameras[c].clone())
+            .collect(),
+        placements: session.placements.clone(),
+        views: session.views.iter().filter_map(renumbered).collect(),
+    }
+}
