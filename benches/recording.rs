@@ -1,8 +1,8 @@
-//! What recording costs beside plain `write(2)` of the same bytes: captures of eleven 2560x1920 Bayer frames and a burst of 30
-//! depth and colour frames, 100 MB, each brought to the disk (fdatasync), one after the other into an open session and into
-//! an open file. The two take turns in one process, so that load from elsewhere hits them alike; what counts is the ratio
-//! of the medians. The peak of memory is that of a process of its own for each. `SCAND_BENCH_FOLDER` names the disk (the
-//! folder for temporary files unless given).
+//! What recording costs beside plain `write(2)` of the same bytes: captures of eleven 2560x1920 Bayer frames and a
+//! burst of 30 depth and colour frames, 100 MB, each brought to the disk (fdatasync), one after the other into an open
+//! session and into an open file. The two take turns in one process, so that load from elsewhere hits them alike; what
+//! counts is the ratio of the medians. The peak of memory is that of a process of its own for each.
+//! `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
 
 use bytes::Bytes;
 use rustix::time::{ClockId, clock_gettime};

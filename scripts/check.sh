@@ -30,6 +30,14 @@ lint() {
 	part "clippy, ${features:-default}" "$cargo" clippy --locked --workspace "$@" ${features:+--features "$features"} -- -D warnings
 }
 
+# rustfmt leaves comments as they are.
+narrow_comments() {
+	local wide
+	wide=$(find src tests benches fuzz build.rs crates -name '*.rs' -not -path '*/target/*' -exec grep -Hn '^ *//' {} + 2>/dev/null |
+		LC_ALL=C.UTF-8 sed -nE '/^[^:]*:[0-9]*:.{121}/p' || true)
+	[ -z "$wide" ] || { printf 'check: comments are wrapped at 120 columns:\n%s\n' "$wide" >&2 && return 1; }
+}
+
 # Typos' own package on PyPI holds the program, which is there in two seconds.
 spelling() {
 	local folder=target/tools/typos
@@ -55,6 +63,7 @@ licences() {
 }
 
 part "format" "$cargo" fmt --all -- --check
+narrow_comments
 spelling
 licences
 

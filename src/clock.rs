@@ -13,8 +13,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 pub struct Clock {
     begin: Instant,
     begin_utc_ns: u64,
-    /// By how many nanoseconds a test has advanced its clock; `None` for one that runs by itself. Leaked, so that clocks
-    /// are copied like the numbers that they are elsewhere.
+    /// By how many nanoseconds a test has advanced its clock; `None` for one that runs by itself. Leaked, so that
+    /// clocks are copied like the numbers that they are elsewhere.
     #[cfg(test)]
     advanced_ns: Option<&'static AtomicU64>,
 }

@@ -159,8 +159,8 @@ fn of(frames: &[Frame], stream: Stream) -> Vec<&Frame> {
     frames.iter().filter(|f| f.stream == stream).collect()
 }
 
-/// Frames that the statistics say never came, and asserts that they say nothing else: OpenNI keeps the newest frame of a
-/// stream alone, so on a busy machine some are missed. They are counted.
+/// Frames that the statistics say never came, and asserts that they say nothing else: OpenNI keeps the newest frame of
+/// a stream alone, so on a busy machine some are missed. They are counted.
 fn missed(stats: &ShotStats, of: &str) -> usize {
     let count = |line: &String| {
         assert!(line.ends_with("did not arrive"), "{stats:?}");

@@ -321,8 +321,8 @@ enum Argument<'a> {
     At(&'a [i32; 2]),
 }
 
-/// What a process does to another one of its user without sending a signal by itself: it lets files send them, and moves
-/// the other to other processors.
+/// What a process does to another one of its user without sending a signal by itself: it lets files send them, and
+/// moves the other to other processors.
 fn reach_for(process: Pid) -> Vec<(&'static str, bool)> {
     use Argument::{At, Number};
     const F_SETOWN: u32 = 8;
@@ -498,8 +498,8 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
     }
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).unwrap();
     let threads = format!("/proc/{}/task", process.id());
-    // What was set is the thread's that confined itself. A thread that ended meanwhile, as the one of the trial does, has
-    // no file any more.
+    // What was set is the thread's that confined itself. A thread that ended meanwhile, as the one of the trial does,
+    // has no file any more.
     let of_threads: Vec<String> = std::fs::read_dir(threads)
         .unwrap()
         .filter_map(|thread| std::fs::read_to_string(thread.ok()?.path().join("stat")).ok())

@@ -39,7 +39,8 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
     findings
 }
 
-/// A remark of a camera is advice, except about its PTP clock: that is in order if it follows a master, and wrong if not.
+/// A remark of a camera is advice, except about its PTP clock: that is in order if it follows a master, and wrong if
+/// not.
 fn judge_remark(subject: &str, remark: &str) -> Finding {
     let Some(state) = remark.strip_prefix("PTP: ") else {
         let remedy = "docs/cameras.md";

@@ -1,5 +1,5 @@
-//! What comments say of settings, held against what is read: defaults and ranges in config/replay.toml, and the same lines in
-//! the rooms' own parameters.
+//! What comments say of settings, held against what is read: defaults and ranges in config/replay.toml, and the same
+//! lines in the rooms' own parameters.
 
 use super::Config;
 use std::path::Path;

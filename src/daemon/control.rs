@@ -1,5 +1,5 @@
-//! The daemon's socket: lines of JSON become orders for the capturing thread, what it says becomes lines again. A client
-//! can waste its own connection and nothing else.
+//! The daemon's socket: lines of JSON become orders for the capturing thread, what it says becomes lines again. A
+//! client can waste its own connection and nothing else.
 
 mod client;
 mod connection_limit;
@@ -68,8 +68,8 @@ impl Clients {
     }
 }
 
-/// Serves the socket that was handed over, or else makes one at the path of `socket`, until SIGTERM or SIGINT; a second one ends the
-/// process at once. `service` lives beside it.
+/// Serves the socket that was handed over, or else makes one at the path of `socket`, until SIGTERM or SIGINT; a second
+/// one ends the process at once. `service` lives beside it.
 ///
 /// # Errors
 /// If the socket cannot be made.

@@ -28,8 +28,8 @@ pub(super) fn free(folder: &Path, time: Timestamp) -> String {
     names.find(|name| !taken(name)).unwrap_or(name)
 }
 
-/// Year, month and day of a number of days since 1 January 1970. Years are counted from 1 March, so that the leap day is
-/// a year's last day; the calendar repeats every 400 years.
+/// Year, month and day of a number of days since 1 January 1970. Years are counted from 1 March, so that the leap day
+/// is a year's last day; the calendar repeats every 400 years.
 fn date(days: i64) -> [i64; 3] {
     let days = days + 719_468;
     let era = days.div_euclid(146_097);

@@ -25,8 +25,8 @@ pub struct Packing {
 }
 
 impl Packing {
-    /// Starts the thread; `None` if packing is not configured. `keep_free` is how many bytes of the disk must stay free; it
-    /// may change at any time.
+    /// Starts the thread; `None` if packing is not configured. `keep_free` is how many bytes of the disk must stay
+    /// free; it may change at any time.
     ///
     /// # Errors
     /// If the system cannot start a thread.

@@ -7,8 +7,8 @@ use crate::drivers::live::Backoff;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// Opens all cameras, waits at most `patience` until every one is ready, and closes them. Returns each camera's state by
-/// its id.
+/// Opens all cameras, waits at most `patience` until every one is ready, and closes them. Returns each camera's state
+/// by its id.
 ///
 /// # Errors
 /// If the system cannot start a thread.

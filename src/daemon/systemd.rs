@@ -1,6 +1,6 @@
 //! Talks to systemd: takes over the listening socket, reports that the daemon is ready or stopping, a status line, and
-//! that its threads still work. The watchdog has no timer of its own: it is fed only when every working thread has shown
-//! a sign of life, so that one thread that hangs starves it.
+//! that its threads still work. The watchdog has no timer of its own: it is fed only when every working thread has
+//! shown a sign of life, so that one thread that hangs starves it.
 
 use crate::clock::Clock;
 use crate::log;
@@ -122,7 +122,8 @@ impl Watchdog {
         }
     }
 
-    /// A heartbeat for a thread that must live from now on. One that is dropped, because its thread panicked, is silent.
+    /// A heartbeat for a thread that must live from now on. One that is dropped, because its thread panicked, is
+    /// silent.
     pub fn heartbeat(&self, thread: &'static str) -> Heartbeat {
         let mut beats = self.beats.lock();
         beats.threads.push((thread, false));

@@ -1,7 +1,7 @@
 //! The foot switch's client of the daemon: sends presses and watches whether the daemon runs. A press whose connection
 //! breaks is sent again under the same name, so that it stays one press. A press that cannot start at once is given up,
-//! because hands come back into the picture. A successful connect proves nothing: with socket activation systemd accepts
-//! connections before the daemon runs.
+//! because hands come back into the picture. A successful connect proves nothing: with socket activation systemd
+//! accepts connections before the daemon runs.
 
 use crate::clock::Clock;
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
@@ -146,8 +146,9 @@ impl Daemon {
         Ok(Some((capture, client.reply()?)))
     }
 
-    /// Follows the daemon's events for as long as `go_on` returns true; reconnects when the daemon is away. A daemon that
-    /// was told to stop is not contacted until its socket changes or a press was answered: a connect would start it.
+    /// Follows the daemon's events for as long as `go_on` returns true; reconnects when the daemon is away. A daemon
+    /// that was told to stop is not contacted until its socket changes or a press was answered: a connect would start
+    /// it.
     pub fn watch(&self, mut go_on: impl FnMut(Watch) -> bool) {
         let longest = Duration::from_secs(5);
         let mut pause = PAUSE;

@@ -1,5 +1,5 @@
-//! Debounces keys and maps them to actions. Contacts bounce when they close and when they open, so a press counts only if
-//! its key was quiet before.
+//! Debounces keys and maps them to actions. Contacts bounce when they close and when they open, so a press counts only
+//! if its key was quiet before.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
@@ -53,8 +53,8 @@ impl Switch {
         }
     }
 
-    /// Handles a key that went up (0) or down (1), or repeats (2), at a time of the device's clock. No press is lost when
-    /// that clock is set back.
+    /// Handles a key that went up (0) or down (1), or repeats (2), at a time of the device's clock. No press is lost
+    /// when that clock is set back.
     pub fn edge(&mut self, code: u16, value: i32, time: SystemTime) -> Option<Action> {
         let action = self.keys.action(code)?;
         if value != 0 && value != 1 {

@@ -1,5 +1,5 @@
-//! A process that does something for this one: started, listened to, waited for, and killed with all that it started when
-//! its time is over or nobody wants its work any more.
+//! A process that does something for this one: started, listened to, waited for, and killed with all that it started
+//! when its time is over or nobody wants its work any more.
 
 use super::cancel::Cancel;
 use super::inherited;
@@ -39,8 +39,8 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts it, in a group of its own: an interrupt from the keyboard is this process's to hear. Standard error is kept,
-    /// standard input and output are closed to it, and it does not see what systemd told this process.
+    /// Starts it, in a group of its own: an interrupt from the keyboard is this process's to hear. Standard error is
+    /// kept, standard input and output are closed to it, and it does not see what systemd told this process.
     ///
     /// # Errors
     /// If it cannot be started.

@@ -2,8 +2,8 @@
 
 use super::system;
 
-/// Lets everybody else come before this process: at the processors, at the disk, and when memory runs out; what cannot be
-/// had, and why.
+/// Lets everybody else come before this process: at the processors, at the disk, and when memory runs out; what cannot
+/// be had, and why.
 pub fn come_last(nice: u32) -> Vec<String> {
     let mut missing = thread_comes_last(nice);
     if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {

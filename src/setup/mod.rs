@@ -1,5 +1,5 @@
-//! Prepares a rig: reads its configuration and calibration and makes a driver for each camera. Also decides which settings
-//! may change while the daemon runs. Nothing here opens a camera, or knows arguments, a console or exit codes.
+//! Prepares a rig: reads its configuration and calibration and makes a driver for each camera. Also decides which
+//! settings may change while the daemon runs. Nothing here opens a camera, or knows arguments, a console or exit codes.
 
 mod duplicate_devices;
 mod line_trigger;

@@ -1,5 +1,5 @@
-//! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key, and
-//! taken whole or not at all, so that a recording's copy of it is always true.
+//! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key,
+//! and taken whole or not at all, so that a recording's copy of it is always true.
 
 use super::prepare::ConfigSource;
 use crate::clock::Clock;
@@ -12,8 +12,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use toml::{Table, Value};
 
-/// Keys and sections that may change while the daemon runs, and the calibration's contents. All others belong to cameras
-/// and workers that were started with them.
+/// Keys and sections that may change while the daemon runs, and the calibration's contents. All others belong to
+/// cameras and workers that were started with them.
 const MAY_CHANGE: &[&str] = &[
     "capture.largest_skew_ms",
     "capture.patience_ms",

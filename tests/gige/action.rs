@@ -1,5 +1,5 @@
-//! Scheduled action commands: a small camera of the tests' own stands before the simulator's, passes its control protocol
-//! on, and does what the simulator cannot.
+//! Scheduled action commands: a small camera of the tests' own stands before the simulator's, passes its control
+//! protocol on, and does what the simulator cannot.
 
 use crate::description::{self, LISTENING, PTP_ENABLE, PTP_STATUS, SLAVE};
 use crate::network::alone_without_raw_sockets;

@@ -1,5 +1,5 @@
-//! Recordings that others wrote must load, and their models be as good as was promised. They are not part of scand: these
-//! tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped where they are not.
+//! Recordings that others wrote must load, and their models be as good as was promised. They are not part of scand:
+//! these tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped where they are not.
 
 use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;

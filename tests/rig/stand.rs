@@ -80,8 +80,8 @@ impl Stand {
         Self::start_in(tempfile::tempdir().unwrap(), settings, Some(longer))
     }
 
-    /// The same with recordings on a disk of so many megabytes. Needs a mount namespace, in which a test in a network of
-    /// its own is root.
+    /// The same with recordings on a disk of so many megabytes. Needs a mount namespace, in which a test in a network
+    /// of its own is root.
     pub fn start_on_small_disk(settings: &[&str], megabytes: u32) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let disk = folder.path().join("recordings");

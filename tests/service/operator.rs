@@ -1,5 +1,5 @@
-//! What an operator types, against a daemon in a process of its own. Its cameras are never there: a press fails, and says
-//! so everywhere.
+//! What an operator types, against a daemon in a process of its own. Its cameras are never there: a press fails, and
+//! says so everywhere.
 
 use crate::support::program::scand;
 use scand::recording::{Outcome, Recording, Topic};

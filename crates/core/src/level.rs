@@ -1,5 +1,5 @@
-//! How far a model can be trusted: the three words that a report's verdict, the daemon's events, its hooks and the command
-//! line share.
+//! How far a model can be trusted: the three words that a report's verdict, the daemon's events, its hooks and the
+//! command line share.
 
 use serde::{Deserialize, Serialize};
 

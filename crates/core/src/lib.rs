@@ -3,8 +3,8 @@
 //! system for three-dimensional shape acquisition", Applied Optics 52(16), 2013, judges the model, writes it, and
 //! measures it against a truth.
 //!
-//! No camera, no command line, no system library, no `unsafe`. ARCHITECTURE.md has the table of the rooms that each room
-//! may use.
+//! No camera, no command line, no system library, no `unsafe`. ARCHITECTURE.md has the table of the rooms that each
+//! room may use.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]

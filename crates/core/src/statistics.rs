@@ -1,5 +1,5 @@
-//! Medians and quantiles, each with its convention in its name: which of two middle values counts, and whether what lies
-//! between two values is interpolated. Models' bytes depend on it. Values are ordered as by `total_cmp`.
+//! Medians and quantiles, each with its convention in its name: which of two middle values counts, and whether what
+//! lies between two values is interpolated. Models' bytes depend on it. Values are ordered as by `total_cmp`.
 
 use std::cmp::Ordering;
 
@@ -33,15 +33,15 @@ pub fn lower_median<T: Number>(values: &mut [T]) -> Option<T> {
     ranked(values, values.len().checked_sub(1)? / 2)
 }
 
-/// The value whose rank is nearest to that below which a `share` of the values lies, 0 to 1; of two ranks that are as near
-/// the upper one. `None` of none. Puts the values in another order.
+/// The value whose rank is nearest to that below which a `share` of the values lies, 0 to 1; of two ranks that are as
+/// near the upper one. `None` of none. Puts the values in another order.
 pub fn nearest_rank_quantile<T: Number>(values: &mut [T], share: f64) -> Option<T> {
     let last = values.len().checked_sub(1)?;
     ranked(values, (share * last as f64).round() as usize)
 }
 
-/// The value below which a `share` of the values lies, 0 to 1, interpolated linearly between neighbours; `None` of none.
-/// The values are in ascending order.
+/// The value below which a `share` of the values lies, 0 to 1, interpolated linearly between neighbours; `None` of
+/// none. The values are in ascending order.
 pub fn interpolated_quantile(ascending: &[f64], share: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;
     let at = share.clamp(0.0, 1.0) * last as f64;

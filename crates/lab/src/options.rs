@@ -80,8 +80,8 @@ impl Options {
 }
 
 impl Options {
-    /// A rig to which calibration boards are shown: the depth camera is far enough away to see them at 0.7 to 1.3 m, and
-    /// gives ten frames with two colour pictures to each placement.
+    /// A rig to which calibration boards are shown: the depth camera is far enough away to see them at 0.7 to 1.3 m,
+    /// and gives ten frames with two colour pictures to each placement.
     pub fn for_boards() -> Self {
         Self {
             depth_distance: 1.3,

@@ -17,7 +17,8 @@ pub(super) struct DepthArgs {
         default_value_if("depth_table", ArgPredicate::IsPresent, "paper")
     )]
     depth_response: Method,
-    /// Table, which asks for --depth-response paper: lines of distance (m), reading and, if you like, the width of a target
+    /// Table, which asks for --depth-response paper: lines of distance (m), reading and, if you like, the width of a
+    /// target
     #[arg(long, value_name = "FILE", required_if_eq("depth_response", "paper"))]
     depth_table: Option<PathBuf>,
 }

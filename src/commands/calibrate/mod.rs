@@ -47,12 +47,12 @@ pub struct Args {
     /// Replace the files that are there, and write a calibration that is refused
     #[arg(long)]
     force: bool,
-    /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and the
-    /// exit code is 3
+    /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and
+    /// the exit code is 3
     #[arg(long)]
     accept_doubtful: bool,
-    /// Lenses to keep, from a calibration file, a recording, ROS camera_info or a Kalibr camchain (YAML), or a folder of
-    /// them; those of cameras that are not in it are fitted
+    /// Lenses to keep, from a calibration file, a recording, ROS camera_info or a Kalibr camchain (YAML), or a folder
+    /// of them; those of cameras that are not in it are fitted
     #[arg(long, value_name = "FILE")]
     fix_intrinsics: Option<PathBuf>,
     /// Lenses to start from, in the same formats

@@ -7,9 +7,9 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Cameras as devices")]
 pub(super) struct ServeArgs {
-    /// Play this recording's colour cameras as GigE Vision cameras on loopback addresses, one picture a software trigger,
-    /// capture after capture. Commands on the standard input: background, captures [N], stop ID, start ID, loss ID
-    /// RATIO, delay ID MS, freeze ID, thaw ID, quit.
+    /// Play this recording's colour cameras as GigE Vision cameras on loopback addresses, one picture a software
+    /// trigger, capture after capture. Commands on the standard input: background, captures [N], stop ID, start ID,
+    /// loss ID RATIO, delay ID MS, freeze ID, thaw ID, quit.
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["out", "preset", "shape"])]
     pub serve: Option<PathBuf>,
     /// The first camera's address; the others follow.

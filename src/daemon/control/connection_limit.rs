@@ -1,5 +1,5 @@
-//! Limits concurrent clients, in total and per user, so that one user cannot lock out the foot switch, which runs as its
-//! own user.
+//! Limits concurrent clients, in total and per user, so that one user cannot lock out the foot switch, which runs as
+//! its own user.
 
 use parking_lot::Mutex;
 use std::collections::BTreeMap;

@@ -1,5 +1,6 @@
 //! Limits what clients may use: a rate of requests shared by all of them, served in order of arrival, and a number of
-//! lines in the daemon's log. The number of clients is in `connection_limit`, the longest line in `trigger::LONGEST_LINE`.
+//! lines in the daemon's log. The number of clients is in `connection_limit`, the longest line in
+//! `trigger::LONGEST_LINE`.
 
 use crate::log;
 use parking_lot::Mutex;

@@ -17,7 +17,8 @@ pub(in crate::daemon) struct Recorded {
     pub end: Result<(u64, PathBuf), String>,
 }
 
-/// The captures of recordings, named as if they were complete, in their order; what cannot be read is said and left out.
+/// The captures of recordings, named as if they were complete, in their order; what cannot be read is said and left
+/// out.
 pub(in crate::daemon) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
     let mut found = Vec::new();
     for file in files {

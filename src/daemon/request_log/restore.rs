@@ -48,7 +48,8 @@ impl RequestLog {
         }
     }
 
-    /// A power cut may take the journal's last lines: a capture that is newer than the last one that they name is added.
+    /// A power cut may take the journal's last lines: a capture that is newer than the last one that they name is
+    /// added.
     fn restore_from_recording(&mut self, capture: &Recorded, recorded: &[Recorded]) {
         let id = capture.press_id.as_deref();
         let Some(id) = id.filter(|id| check_id(id).is_ok()) else {

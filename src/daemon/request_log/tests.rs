@@ -1,5 +1,5 @@
-//! Any order of inputs: each press has one last answer, at most one capture and its retries, and hears of nothing before
-//! it has happened; also over a restart at any moment.
+//! Any order of inputs: each press has one last answer, at most one capture and its retries, and hears of nothing
+//! before it has happened; also over a restart at any moment.
 
 use super::recorded::Recorded;
 use super::table::MOST_PRESSES;

@@ -297,8 +297,8 @@ impl Device for Held {
 }
 
 impl Drop for Held {
-    /// The library says good-bye to a camera three times and waits for its answer; one that is lost is buried on a thread
-    /// of its own, so that the camera can be looked for meanwhile.
+    /// The library says good-bye to a camera three times and waits for its answer; one that is lost is buried on a
+    /// thread of its own, so that the camera can be looked for meanwhile.
     fn drop(&mut self) {
         if let Some(camera) = self.0.take().filter(OpenCamera::is_lost) {
             let thread = std::thread::Builder::new().name("lost camera".into());

@@ -180,8 +180,8 @@ impl CameraClock {
         u64::try_from(ns).ok()
     }
 
-    /// The host's time of a frame's stamp. `not_before` is what is known otherwise, such as when it was triggered. Where
-    /// the stamp contradicts what is known of the clock, that may be what is wrong: it is read anew.
+    /// The host's time of a frame's stamp. `not_before` is what is known otherwise, such as when it was triggered.
+    /// Where the stamp contradicts what is known of the clock, that may be what is wrong: it is read anew.
     ///
     /// # Errors
     /// In words, if the stamp contradicts that too: the clock stands still, ran back or jumped.

@@ -1,5 +1,5 @@
-//! Finds a camera: by its address in a few milliseconds, or by serial number or name through a search of about a second,
-//! whose result all cameras share. Nothing is configured here.
+//! Finds a camera: by its address in a few milliseconds, or by serial number or name through a search of about a
+//! second, whose result all cameras share. Nothing is configured here.
 
 use super::gvcp::{Identity, identify};
 use super::parameters::Parameters;

@@ -1,5 +1,5 @@
-//! Configures a camera in the order in which settings depend on each other: trigger off, format, region, light, packets,
-//! trigger on. Each setting is read back.
+//! Configures a camera in the order in which settings depend on each other: trigger off, format, region, light,
+//! packets, trigger on. Each setting is read back.
 
 use super::features::{Features, fault};
 use super::parameters::{self, Activation, Parameters, Region, TriggerMode};

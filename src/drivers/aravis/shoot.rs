@@ -1,5 +1,6 @@
-//! Takes a shot with an open camera: by command, line or action, or from the frames of a free-running one; decides which
-//! frames belong to the shot, and which are old, damaged or wrongly stamped. `camera` opens and closes the camera.
+//! Takes a shot with an open camera: by command, line or action, or from the frames of a free-running one; decides
+//! which frames belong to the shot, and which are old, damaged or wrongly stamped. `camera` opens and closes the
+//! camera.
 
 use super::action::{ActionCommand, send_action};
 use super::camera::OpenCamera;

@@ -18,8 +18,8 @@ pub struct Reading {
 ///
 /// Each reading bounds the offset from both sides (a clock that is latched between two of the host's times) or from one
 /// (a frame that was exposed before it came). The narrowest bounds count, made wider by what the clocks may have
-/// drifted apart since. Newer readings win: an older one that contradicts them was delayed by a busy host, or precedes a
-/// change of the clock, and is dropped.
+/// drifted apart since. Newer readings win: an older one that contradicts them was delayed by a busy host, or precedes
+/// a change of the clock, and is dropped.
 #[derive(Debug, Clone, Default)]
 pub struct DeviceClock {
     readings: VecDeque<Reading>,
@@ -60,8 +60,8 @@ impl DeviceClock {
         self.readings.len() > 1 && apart > CONTRADICTION
     }
 
-    /// The host's time at a moment of the camera's clock, and its uncertainty in nanoseconds (`None` if only arrivals are
-    /// known). `None` before the first reading.
+    /// The host's time at a moment of the camera's clock, and its uncertainty in nanoseconds (`None` if only arrivals
+    /// are known). `None` before the first reading.
     pub fn host_time(&self, device_ns: u64) -> Option<(Timestamp, Option<u64>)> {
         let (low, high) = self.bounds(device_ns);
         let high = high?;

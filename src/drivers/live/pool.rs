@@ -1,5 +1,5 @@
-//! Bounded memory for frames: a buffer is taken when a frame arrives, and returns to the pool when the last clone of the
-//! frame is dropped.
+//! Bounded memory for frames: a buffer is taken when a frame arrives, and returns to the pool when the last clone of
+//! the frame is dropped.
 
 use bytes::Bytes;
 use parking_lot::Mutex;

@@ -1,5 +1,5 @@
-//! The thread of one live camera: opens it, takes its shots, polls it while idle, and reopens it with growing pauses when
-//! it is away. Only its own camera can block this thread: when the queue is full, frames are dropped and counted.
+//! The thread of one live camera: opens it, takes its shots, polls it while idle, and reopens it with growing pauses
+//! when it is away. Only its own camera can block this thread: when the queue is full, frames are dropped and counted.
 
 use super::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Stream, Timestamp};

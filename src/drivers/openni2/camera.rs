@@ -1,4 +1,5 @@
-//! An open depth camera: found, configured, started and stopped. `settings.rs` configures it, `shoot.rs` takes its shots.
+//! An open depth camera: found, configured, started and stopped. `settings.rs` configures it, `shoot.rs` takes its
+//! shots.
 
 use super::clock::{SETTLING, StreamClock};
 use super::device::{Device, is_open};

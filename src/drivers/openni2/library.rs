@@ -96,9 +96,9 @@ impl Library {
         Ok(Self(()))
     }
 
-    /// Starts OpenNI anew, where that can bring back a camera: the Kinect's driver looks for cameras only when it starts,
-    /// and forgets one that was closed. Done only while a Kinect is plugged in, no camera is open, and it was not just
-    /// done: whether it was.
+    /// Starts OpenNI anew, where that can bring back a camera: the Kinect's driver looks for cameras only when it
+    /// starts, and forgets one that was closed. Done only while a Kinect is plugged in, no camera is open, and it was
+    /// not just done: whether it was.
     ///
     /// # Errors
     /// If it finds no driver any more.

@@ -43,8 +43,8 @@ pub struct Parameters {
     pub trigger: Option<TriggerMode>,
     /// How its colours are encoded, which it cannot tell. Default `srgb`.
     pub transfer: Option<Transfer>,
-    /// Time from the end of an exposure to the frame's last line, in seconds; for cameras that stamp the end of a frame.
-    /// Default: the time between two frames, or 0 where that is not known.
+    /// Time from the end of an exposure to the frame's last line, in seconds; for cameras that stamp the end of a
+    /// frame. Default: the time between two frames, or 0 where that is not known.
     #[serde(deserialize_with = "number::optional_seconds")]
     pub readout: Option<f64>,
     /// Frames that the kernel has memory for, 4 to 32. Default 6.

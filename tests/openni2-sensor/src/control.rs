@@ -1,4 +1,5 @@
-//! What a sensor is told while it runs: a text file with a line for each thing, the sensor's serial number or `*` first.
+//! What a sensor is told while it runs: a text file with a line for each thing, the sensor's serial number or `*`
+//! first.
 //! `capture N` plays the file's capture N; `silent` gives no frames; `gone` unplugs it; `damaged N` cuts off each Nth
 //! frame; `frozen` lets its clock stand still; `unregistered` lets it forget registration; `unsynchronised` lets it
 //! refuse to synchronise. What no line says is not so.

@@ -4,7 +4,8 @@
 //! | --- | --- |
 //! | 8 | `SCANDDP1` |
 //! | 32 | serial number, filled up with zeros |
-//! | 4 each | width, height, frames in a second, OpenNI's number of the depth format (100: 1 mm, 101: 100 µm), captures |
+//! | 4 each | width, height, frames in a second, OpenNI's number of the depth format (100: 1 mm, 101: 100 µm), captures
+//! |
 //! | 4 each, for each capture | depth frames, colour frames |
 //! | for each capture | its depth frames (2 bytes a pixel), then its colour frames (3 bytes a pixel, R G B) |
 //!

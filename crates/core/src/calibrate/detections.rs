@@ -75,8 +75,8 @@ struct Detection<'a> {
     found: Result<View, Rejection>,
 }
 
-/// Looks for the board in all pictures, on all cores; `on_picture` is called after each. `lenses` are those to keep, and those to
-/// start from. A picture that cannot be read is lost, not an error.
+/// Looks for the board in all pictures, on all cores; `on_picture` is called after each. `lenses` are those to keep,
+/// and those to start from. A picture that cannot be read is lost, not an error.
 ///
 /// # Errors
 /// If a lens belongs to pictures of another size, or most pictures show a board of another size.

@@ -1,5 +1,5 @@
-//! Calibrating a rig, from recordings of a board to a calibration and what it is worth, or to the cameras that moved since
-//! an older one. The steps and their order stand here; what they compute is in `calibration::fit` and
+//! Calibrating a rig, from recordings of a board to a calibration and what it is worth, or to the cameras that moved
+//! since an older one. The steps and their order stand here; what they compute is in `calibration::fit` and
 //! `calibration::response`. Nothing here knows arguments, a console or exit codes, or writes a file.
 
 mod check;

@@ -17,8 +17,8 @@ pub struct FailedJob<'a> {
     pub capture: FailedCapture<'a>,
 }
 
-/// Writes why there is no model in the place where it would be, with the `log` of the process that should have made it. A model
-/// that is there stays, unless `force` says otherwise.
+/// Writes why there is no model in the place where it would be, with the `log` of the process that should have made it.
+/// A model that is there stays, unless `force` says otherwise.
 ///
 /// # Errors
 /// If it cannot be written.

@@ -1,6 +1,6 @@
-//! Making the model of a capture: from an open recording to the files in the capture's folder, or to the report of why there
-//! are none. A replay and the daemon's process of `scand make-model` both go this way. Nothing here knows arguments, a
-//! console or exit codes.
+//! Making the model of a capture: from an open recording to the files in the capture's folder, or to the report of why
+//! there are none. A replay and the daemon's process of `scand make-model` both go this way. Nothing here knows
+//! arguments, a console or exit codes.
 
 mod error;
 mod failure;

@@ -1,4 +1,5 @@
-//! Calibration boards as sheets to print: the pattern true to scale, rulers to check that with, and the board's own text.
+//! Calibration boards as sheets to print: the pattern true to scale, rulers to check that with, and the board's own
+//! text.
 
 use super::pdf::{Page, pdf};
 use crate::calibration::{Board, Face};

@@ -1,5 +1,5 @@
-//! What a recording holds and where: its definitions, chunks and messages, without the messages themselves. It is filled
-//! from the records of a file, whether they are read, repaired or packed.
+//! What a recording holds and where: its definitions, chunks and messages, without the messages themselves. It is
+//! filled from the records of a file, whether they are read, repaired or packed.
 
 use super::records::{self, CHUNK_HEAD_AT_MOST, MESSAGE_HEADER, Malformed, Parsed, RECORD_HEADER};
 use super::scan::{Event, LARGEST_RECORD, Scan, Span};

@@ -1,6 +1,6 @@
-//! The bytes of MCAP records. What a record holds is the `mcap` crate's struct; its parser takes the memory that a length
-//! in the file asks for, so records are parsed here, by a cursor that never reads past its end, and encoded by the crate.
-//! Nothing here reads a file or takes memory that the bytes at hand do not justify.
+//! The bytes of MCAP records. What a record holds is the `mcap` crate's struct; its parser takes the memory that a
+//! length in the file asks for, so records are parsed here, by a cursor that never reads past its end, and encoded by
+//! the crate. Nothing here reads a file or takes memory that the bytes at hand do not justify.
 
 use binrw::{BinWrite, Endian};
 use mcap::Schema;
@@ -124,8 +124,8 @@ pub(super) fn message(body: &[u8]) -> Parsed<MessageHeader> {
     })
 }
 
-/// What opens a chunk's body, whose whole length is `length`; its data follow. `head` may be cut after the compression's
-/// name.
+/// What opens a chunk's body, whose whole length is `length`; its data follow. `head` may be cut after the
+/// compression's name.
 pub(super) fn chunk(head: &[u8], length: u64) -> Parsed<ChunkHeader> {
     let mut cursor = Cursor(head);
     let chunk = ChunkHeader {

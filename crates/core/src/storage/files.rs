@@ -1,5 +1,5 @@
-//! Files that are written beside their place under a temporary name, made durable and then renamed, so that one that has
-//! its final name is complete, whenever the power goes.
+//! Files that are written beside their place under a temporary name, made durable and then renamed, so that one that
+//! has its final name is complete, whenever the power goes.
 
 use super::Error;
 use std::fs::{self, File, OpenOptions};

@@ -1,5 +1,5 @@
-//! What every room that writes to a disk needs: files and folders that have their final name only when they are complete
-//! and durable, names that replace nothing, and the space that is left. Knows nothing of what the files hold.
+//! What every room that writes to a disk needs: files and folders that have their final name only when they are
+//! complete and durable, names that replace nothing, and the space that is left. Knows nothing of what the files hold.
 
 mod files;
 mod space;

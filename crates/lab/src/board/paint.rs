@@ -1,5 +1,5 @@
-//! Paints a board into a camera's picture. Every pixel gets the exact part of its square that is black, so that edges and
-//! corners stand where they are to a thousandth of a pixel; the lens' blur comes after that.
+//! Paints a board into a camera's picture. Every pixel gets the exact part of its square that is black, so that edges
+//! and corners stand where they are to a thousandth of a pixel; the lens' blur comes after that.
 
 use super::super::render::{Light3, Rendered};
 use super::plate::{Plate, corners, outline};

@@ -40,9 +40,9 @@ impl Default for ColorOptions {
 
 /// The colour cameras of a recording, served. They end when this is dropped.
 ///
-/// Each software trigger is answered with one picture: those of the recording's complete captures, in their order. Bayer,
-/// grey and RGB pictures are sent as they are, all others as RGB. A camera's clock runs from when it is switched on, and
-/// can be latched.
+/// Each software trigger is answered with one picture: those of the recording's complete captures, in their order.
+/// Bayer, grey and RGB pictures are sent as they are, all others as RGB. A camera's clock runs from when it is switched
+/// on, and can be latched.
 pub struct ColorRig {
     stations: BTreeMap<CameraId, Station>,
     players: Players,
@@ -70,8 +70,8 @@ impl ColorRig {
     /// Switches all colour cameras of a recording on.
     ///
     /// # Errors
-    /// If the recording has no complete capture or a picture cannot be read, or an address is not one of this machine or
-    /// taken.
+    /// If the recording has no complete capture or a picture cannot be read, or an address is not one of this machine
+    /// or taken.
     pub fn start(recording: Arc<Recording>, options: ColorOptions) -> Result<Self, Error> {
         let captures = Captures::list(&recording)?;
         let mut stations = BTreeMap::new();

@@ -171,8 +171,8 @@ impl Player {
         let context = Box::new(Context {
             clock: clock.clone(),
         });
-        // SAFETY: the callback's signature is the library's; the context lives as long as the simulator, whose thread is
-        // joined when it is dropped, before the context is.
+        // SAFETY: the callback's signature is the library's; the context lives as long as the simulator, whose thread
+        // is joined when it is dropped, before the context is.
         unsafe {
             aravis_sys::arv_fake_camera_set_fill_pattern(
                 registers.to_glib_none().0,
@@ -264,8 +264,8 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// Gives a pulse; whether it took a picture. The simulator has no lines, so the pulse is a software trigger that the
-    /// client knows nothing of.
+    /// Gives a pulse; whether it took a picture. The simulator has no lines, so the pulse is a software trigger that
+    /// the client knows nothing of.
     pub fn pulse(&self) -> bool {
         let read = |register| self.registers.read_register(register).unwrap_or(0);
         let source = read(register::TRIGGER_SOURCE);

@@ -45,7 +45,8 @@ impl Board {
         rectangles
     }
 
-    /// The black rectangles of a face by the squares that they lie in, these in the order of reading: `columns + 1` to a row.
+    /// The black rectangles of a face by the squares that they lie in, these in the order of reading: `columns + 1` to
+    /// a row.
     pub fn black_by_square(&self, face: Face) -> Vec<Vec<Rectangle>> {
         let columns = self.columns + 1;
         let mut squares = vec![Vec::new(); columns * (self.rows + 1)];

@@ -9,8 +9,9 @@ use nalgebra::{
 };
 use std::fmt::Write;
 
-/// A rig's cameras as a camchain. Its `radtan` lens has k1, k2, p1 and p2 alone: a lens with more terms is fitted by the nearest
-/// one that has no more, and a comment says how far that is off. What a depth camera's readings mean becomes a comment.
+/// A rig's cameras as a camchain. Its `radtan` lens has k1, k2, p1 and p2 alone: a lens with more terms is fitted by
+/// the nearest one that has no more, and a comment says how far that is off. What a depth camera's readings mean
+/// becomes a comment.
 pub fn to_kalibr(calibration: &RigCalibration) -> String {
     let mut text = String::new();
     let mut before: Option<&Camera> = None;

@@ -1,5 +1,5 @@
-//! Calibrations in the files of others: ROS `camera_info` and Kalibr's camchain, both YAML. What they cannot hold is said
-//! in a comment or refused, never dropped.
+//! Calibrations in the files of others: ROS `camera_info` and Kalibr's camchain, both YAML. What they cannot hold is
+//! said in a comment or refused, never dropped.
 
 mod kalibr;
 mod ros;

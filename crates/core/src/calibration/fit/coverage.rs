@@ -64,8 +64,9 @@ const PARTS: [[&str; 3]; 3] = [
     ["bottom left", "bottom", "bottom right"],
 ];
 
-/// What a session lacks: of each camera, parts of its picture (where a fit knows the table, those above it) and views; of pairs of cameras, shared views; and of the
-/// depth cameras named, distances and tilts, which need a fit to be known.
+/// What a session lacks: of each camera, parts of its picture (where a fit knows the table, those above it) and views;
+/// of pairs of cameras, shared views; and of the depth cameras named, distances and tilts, which need a fit to be
+/// known.
 pub fn missing(
     session: &Session,
     fit: Option<&Fit>,
@@ -127,8 +128,8 @@ fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wante
     found
 }
 
-/// The parts of a camera's picture that look through the table before they come as far as the board has been: nobody can
-/// show it there.
+/// The parts of a camera's picture that look through the table before they come as far as the board has been: nobody
+/// can show it there.
 fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
         return Default::default();
@@ -157,7 +158,8 @@ fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     })
 }
 
-/// Whether nearly all that a part of the picture shows at a distance is below z = 0: a sliver above is no place for a board.
+/// Whether nearly all that a part of the picture shows at a distance is below z = 0: a sliver above is no place for a
+/// board.
 fn part_is_below(camera: &Camera, distance: f64, part: [usize; 2]) -> bool {
     const SAMPLES: usize = 5;
     let size = [camera.intrinsics.width, camera.intrinsics.height];

@@ -10,8 +10,8 @@ const STEPS: usize = 30;
 /// Step, in pixels, that counts as none.
 const STILL: f64 = 1e-3;
 
-/// Moves a corner to where the gradients within `half` pixels say that it is, those that `counts` keeps of them by their
-/// offset from the corner; `None` if they say nothing or lead more than `half` pixels away.
+/// Moves a corner to where the gradients within `half` pixels say that it is, those that `counts` keeps of them by
+/// their offset from the corner; `None` if they say nothing or lead more than `half` pixels away.
 pub(super) fn refined(
     picture: &Grid<u8>,
     start: Point2<f64>,

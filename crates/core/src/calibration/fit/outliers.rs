@@ -236,8 +236,8 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
     found
 }
 
-/// Mean distance of some of a view's corners from the other's nearest; of whatever name, for a board that looks the same
-/// turned may have been read the other way round.
+/// Mean distance of some of a view's corners from the other's nearest; of whatever name, for a board that looks the
+/// same turned may have been read the other way round.
 fn mean_distance(a: &Observation, b: &Observation) -> Option<f64> {
     const SOME: usize = 12;
     let nearest = |pixel: &Point2<f64>| {

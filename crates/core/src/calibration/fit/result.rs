@@ -131,8 +131,8 @@ pub struct LeftOut {
     pub placement: Option<String>,
     /// Why.
     pub reason: String,
-    /// Cameras whose views of the board were read, and thrown out with it because they contradict the others; none where
-    /// the views only say nothing new.
+    /// Cameras whose views of the board were read, and thrown out with it because they contradict the others; none
+    /// where the views only say nothing new.
     #[serde(skip)]
     pub views: Vec<CameraId>,
 }

@@ -14,8 +14,8 @@ const WINDOW_PART: f64 = 0.25;
 const SMALLEST_WINDOW: usize = 4;
 /// A picture's side over the largest half of a window's: 19 pixels at 5 MP, as blur and squares grow with pictures.
 const SIDE_PER_WINDOW: usize = 128;
-/// Pixels by which a marker's blurred rim, and the gradients that know of it, reach beyond it; and the narrowest half of
-/// a stripe beside it that is worth looking at.
+/// Pixels by which a marker's blurred rim, and the gradients that know of it, reach beyond it; and the narrowest half
+/// of a stripe beside it that is worth looking at.
 const MARKER_REACH: f64 = 2.0;
 const NARROWEST: f64 = 2.0;
 
@@ -72,8 +72,8 @@ fn windows(size: [usize; 2], corners: &[Corner], board: &Board) -> Vec<Option<Wi
     corners.iter().map(window).collect()
 }
 
-/// What lies along the two edges that cross in a corner, with nothing of a marker in it. All that tells where the corner
-/// is lies there.
+/// What lies along the two edges that cross in a corner, with nothing of a marker in it. All that tells where the
+/// corner is lies there.
 struct Stripes {
     squares_from_pixels: Matrix2<f64>,
     /// Half a stripe's width in squares.

@@ -40,9 +40,9 @@ pub fn crowded_views(session: &Session) -> Vec<usize> {
         .collect()
 }
 
-/// The corners of a view where the print says that they are; those around which something else is seen are left out, but
-/// where that is most of them all stay where they were found. `None` for a view whose camera or placement the first fit
-/// does not know.
+/// The corners of a view where the print says that they are; those around which something else is seen are left out,
+/// but where that is most of them all stay where they were found. `None` for a view whose camera or placement the first
+/// fit does not know.
 pub fn matched_with_print(
     session: &Session,
     fit: &Fit,

@@ -121,7 +121,8 @@ pub struct Judgement {
 /// A reason, and what a calibration is worth at best because of it.
 type Reason = (Level, String);
 
-/// Judges a fit with the causes that its left-out views agree on, and of each depth camera the largest bias in metres that its response leaves, or why it has none.
+/// Judges a fit with the causes that its left-out views agree on, and of each depth camera the largest bias in metres
+/// that its response leaves, or why it has none.
 pub fn judge(
     fit: &Fit,
     findings: &[Finding],

@@ -16,8 +16,8 @@ const EXPECTED: f64 = 0.002;
 /// A smooth correction, and what it would do to views that it was not fitted to.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct Correction {
-    /// Coefficients of 1, u, v, u², uv, v², u³, u²v, uv², v³ with u and v from -1 to 1 over the picture: metres by which
-    /// depth is too large at 1 m; it grows with z².
+    /// Coefficients of 1, u, v, u², uv, v², u³, u²v, uv², v³ with u and v from -1 to 1 over the picture: metres by
+    /// which depth is too large at 1 m; it grows with z².
     pub coefficients: [f64; TERMS],
     /// Root mean square of the blocks' errors of views held out, at 1 m, in metres, without it.
     pub held_out: f64,

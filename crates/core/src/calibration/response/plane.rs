@@ -1,5 +1,5 @@
-//! The response from boards: where the colour picture says that the board's plane is, each depth pixel on it has a known
-//! depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
+//! The response from boards: where the colour picture says that the board's plane is, each depth pixel on it has a
+//! known depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
 
 use super::correction::Correction;
 use super::jackknife::{self, Normals};
@@ -127,7 +127,8 @@ const BEYOND: f64 = 0.25;
 const VIEW_DEVIATIONS: f64 = 6.0;
 const VIEW_OFF: f64 = 0.004;
 
-/// Least error that is taken for usual, in units of what is expected; and the least uncertainty, in metres, that is stated.
+/// Least error that is taken for usual, in units of what is expected; and the least uncertainty, in metres, that is
+/// stated.
 const LEAST_USUAL: f64 = 0.3;
 const LEAST_DOUBT: f64 = 1e-4;
 
@@ -337,8 +338,8 @@ fn window(
     fits.then_some(ranges)
 }
 
-/// Mean of a burst's raw readings at each pixel that has them in half of the frames or more, 0 at others; `None` without
-/// frames of one size.
+/// Mean of a burst's raw readings at each pixel that has them in half of the frames or more, 0 at others; `None`
+/// without frames of one size.
 pub fn mean_readings(frames: &[Grid<u16>]) -> Option<Grid<f32>> {
     let first = frames.first()?;
     let is_same = frames.iter().all(|f| f.same_size(first));
@@ -433,7 +434,8 @@ fn distances(planes: &[Plane<'_>]) -> [f64; 2] {
     })
 }
 
-/// What is expected before any reading, as normal equations about `values`. With boards at one distance the slope stays.
+/// What is expected before any reading, as normal equations about `values`. With boards at one distance the slope
+/// stays.
 fn prior(
     values: &Values,
     parameters: &PlaneParameters,

@@ -4,8 +4,8 @@
 //!
 //! The crates `gltf` and `tobj` do not promise as much. The validation of `gltf` 1.4 panics where POSITION names no
 //! accessor; it computes with the header's length and an accessor's stride and count unchecked, reads an accessor as
-//! whatever type it is asked for, and refuses positions without bounds. Each would have to be checked here before. `tobj`
-//! 4.0 does not say in which line an error is.
+//! whatever type it is asked for, and refuses positions without bounds. Each would have to be checked here before.
+//! `tobj` 4.0 does not say in which line an error is.
 
 mod glb;
 mod obj;

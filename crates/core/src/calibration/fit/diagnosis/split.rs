@@ -1,5 +1,6 @@
 //! Whether a camera's views agree once they are split in two, before and after a placement: with another pose from
-//! there on, another lens, or both. The placements are held by the cameras of the reference and free within what these saw.
+//! there on, another lens, or both. The placements are held by the cameras of the reference and free within what these
+//! saw.
 
 use super::super::Parameters;
 use super::super::adjust::{Bundle, CameraState, Observation, PlacementState};
@@ -199,8 +200,8 @@ impl Resection<'_> {
         })
     }
 
-    /// The camera adjusted to some of its views, and their residuals. `jointly` lets the placements move within what the
-    /// reference's cameras saw of them.
+    /// The camera adjusted to some of its views, and their residuals. `jointly` lets the placements move within what
+    /// the reference's cameras saw of them.
     fn fitted(
         &self,
         part: &[(View, Isometry3<f64>)],
@@ -268,7 +269,8 @@ impl Resection<'_> {
         agreeing >= FEWEST && agreeing as f64 >= MOST_AGREE * residuals.len() as f64
     }
 
-    /// What explains the shorter part of the views by a change from the longer one; `None` if nothing needs to, or does.
+    /// What explains the shorter part of the views by a change from the longer one; `None` if nothing needs to, or
+    /// does.
     fn explained(&self, camera: usize, at: usize) -> Option<Split> {
         let (early, late) = self.views.split_at(at);
         let is_mostly_early = early.len() >= late.len();
