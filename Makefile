@@ -21,8 +21,8 @@ deps: ## install what the tests need beyond Rust and a C compiler (as root on De
 check: ## what needs neither root nor a camera library: format, clippy, documentation, licences, spelling, the default's tests
 	@CARGO=$(CARGO) scripts/check.sh
 
-test: deps check ## the gate: install what the tests need, then `check`, then every test with the whole rig
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --workspace --features rig
+test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked
