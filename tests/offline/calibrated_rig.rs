@@ -67,6 +67,7 @@ impl Calibrated {
         #[rustfmt::skip]
         let told = scand(&[
             "calibrate", &recording, "--json", "--out", &out, "--report", &report, "--ros", &ros, "--kalibr", &kalibr,
+            "--accept-doubtful",
         ]);
         let found = RigCalibration::load(Path::new(&out)).unwrap();
         assert_eq!(found.cameras.len(), cameras, "{told}");
@@ -383,6 +384,7 @@ fn writes_what_it_is_asked_for(all: &Calibrated) {
     #[rustfmt::skip]
     scand(&[
         "calibrate", &all.text("session.mcap"), "--fix-intrinsics", &all.text("ros"), "--out", &again,
+        "--accept-doubtful",
     ]);
     let again = RigCalibration::load(Path::new(&again)).unwrap();
     for (id, (camera, _)) in &again.cameras {
