@@ -123,7 +123,11 @@ fn from_start(
 
 /// The parameters that a model has.
 pub(super) fn free_parameters(model: Model) -> [bool; PARAMETERS] {
-    std::array::from_fn(|i| i < 9 || model == Model::Rational)
+    let terms = match model {
+        Model::PlumbBob => 9,
+        Model::Rational => PARAMETERS,
+    };
+    std::array::from_fn(|i| i < terms)
 }
 
 /// What any lens is believed to be like; so weak that a few good views overrule it, and enough to keep in bounds what
