@@ -306,7 +306,7 @@ fn who_is_asked_to_end_is_done_again_and_who_takes_the_daemon_along_is_not() {
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert!(heard.next().model.is_ok());
     let reason = heard.next().model.unwrap_err();
-    assert!(reason.contains("begun 3 times"), "{reason}");
+    assert!(reason.contains("started 3 times"), "{reason}");
     assert_eq!(place.report("s-2")["outcome"], "failed");
 }
 
