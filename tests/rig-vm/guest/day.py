@@ -190,7 +190,7 @@ def hooks():
     led = next(Path("/sys/class/leds").glob("*::scrolllock")) / "brightness"
     for opened in (False, True):
         if opened:
-            scand.drop_in(section_of("installing.md", "opens what a hook may"))
+            scand.drop_in(section_of("installing.md", "### Hooks"))
         since, speaker = scand.now(), tones()
         run("systemctl", "restart", "scand")
         until("the daemon is active", lambda: scand.active() == "active")
