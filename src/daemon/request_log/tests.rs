@@ -505,7 +505,7 @@ fn what_was_cut_short_has_failed_and_stays_so() {
 }
 
 #[test]
-fn a_model_that_is_made_after_a_restart_is_the_presss_once() {
+fn a_model_that_is_made_after_a_restart_answers_its_press_once() {
     let lines = [accepted("a-0001"), durable("a-0001")].map(|e| ("p-1".to_owned(), e));
     let (mut log, _) = RequestLog::restore(Instant::now(), lines, &[]);
     for replies in [1, 0] {
