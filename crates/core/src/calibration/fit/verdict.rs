@@ -39,11 +39,11 @@ pub struct Limits {
     pub depth_bias_mm: f64,
     /// Part of the views, of a camera with two or more of them or of all cameras, beyond which a calibration that
     /// threw them out is doubtful.
-    /// Default 0.2, range 0 to 1.
+    /// Default 0.2, from 0 to `left_out_refused`.
     #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
     pub left_out_doubtful: f64,
     /// And beyond which it is refused.
-    /// Default 0.4, range 0 to 1.
+    /// Default 0.4, from `left_out_doubtful` to 1.
     #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
     pub left_out_refused: f64,
     /// Part of a camera's corners beyond which a calibration that dropped them is accepted at best.
