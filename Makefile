@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo rig-demo deps check test bench deb deb-test rig-vm torture kinect-driver
+.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -23,6 +23,9 @@ check: ## what needs neither root nor a camera library: format, clippy, document
 
 test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
 	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig
+
+calibration-trial: ## calibrate rendered sessions with a fault each, and sound ones: what is said of each (SCAND_TRIAL=full for 5 megapixels)
+	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked

@@ -1,5 +1,5 @@
-//! Tells the program what it was built from: the commit that is checked out, `unknown` where there is no git, and its
-//! features. Only `scand --version` says so: a model and its digest are the same whatever the commit.
+//! Passes what the program is built from to the compiler: the commit that is checked out (`unknown` without git)
+//! and the features. Only `scand --version` prints them: a model and its digest are the same whatever the commit.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,8 +1,8 @@
-//! What recording costs beside plain `write(2)` of the same bytes: captures of eleven 2560x1920 Bayer frames and a
-//! burst of 30 depth and colour frames, 100 MB, each brought to the disk (fdatasync), one after the other into an open
-//! session and into an open file. The two take turns in one process, so that load from elsewhere hits them alike; what
-//! counts is the ratio of the medians. The peak of memory is that of a process of its own for each.
-//! `SCAND_BENCH_FOLDER` names the disk (the folder for temporary files unless given).
+//! Measures what recording costs compared with plain `write(2)` of the same bytes: captures of eleven 2560x1920
+//! Bayer frames and a burst of 30 depth and colour frames, 100 MB, each synced to the disk (fdatasync), one after
+//! the other into an open session and into an open file. The two take turns in one process, so that other load
+//! affects them alike; the result is the ratio of the medians. A separate process for each measures the peak of its
+//! memory. `SCAND_BENCH_FOLDER` names the disk (by default that of the folder for temporary files).
 
 use bytes::Bytes;
 use rustix::time::{ClockId, clock_gettime};

@@ -1,5 +1,5 @@
-//! Silhouettes of a bowl with fruit in simulated pictures of 2560x1920 pixels, each against its background
-//! plate: one camera alone, and four on all threads as a reconstruction has them.
+//! Times the silhouettes of a bowl with fruit in simulated pictures of 2560x1920 pixels, each compared with its
+//! background: of one camera alone, and of four on all threads, as in a reconstruction.
 
 use divan::Bencher;
 use rayon::prelude::*;

@@ -1,12 +1,13 @@
-//! Each stage of a replay by itself, and the whole of it from a file to files on disk, on the first capture of a
-//! recording: `recordings/bowl_with_fruit.mcap`, or what `SCAND_BENCH_RECORDING` names. The file is in the page
-//! cache; all threads work.
+//! Times each stage of a replay by itself, and the whole replay from a file to files on disk, on the first capture
+//! of a recording: `recordings/bowl_with_fruit.mcap`, or the one that `SCAND_BENCH_RECORDING` names. The file is in
+//! the page cache; all threads work.
 
 use clap::Parser;
 use divan::Bencher;
-use scand::capture::{CaptureFacts, Session};
+use scand::capture::{CaptureFacts, CaptureSession};
 use scand::commands::{self, Cli};
 use scand::config::Config;
+use scand::description::Description;
 use scand::image::Mask;
 use scand::mesh::vertex_normals;
 use scand::output;
@@ -42,7 +43,7 @@ fn recording() -> PathBuf {
 }
 
 fn load() -> (Scene, CaptureFacts) {
-    let session = Session::open(&recording(), &CONFIG.sync).expect("a recording");
+    let session = CaptureSession::open(&recording(), &CONFIG.sync).expect("a recording");
     let first = &session.captures()[0].id;
     session.load(first).expect("a sound capture")
 }
@@ -162,6 +163,14 @@ fn g_texture(bencher: Bencher) {
     bencher.bench_local(|| texture::paint(&made.model, &LOADED.0, &masks, &CONFIG.texture));
 }
 
+/// What a model says of its capture.
+fn described(facts: &CaptureFacts) -> Description {
+    Description {
+        capture: facts.id.to_string(),
+        ..Description::default()
+    }
+}
+
 /// Measuring, judging and the preview's pixels.
 #[divan::bench]
 fn h_report(bencher: Bencher) {
@@ -170,7 +179,7 @@ fn h_report(bencher: Bencher) {
     bencher.bench_local(|| {
         let measured = report::measure(scene, &MADE, CONFIG.method);
         let verdict = report::judge(&measured, facts, &CONFIG.verdict);
-        report::preview(scene, &MADE, &verdict, facts.id.as_str())
+        report::preview(scene, &MADE, &verdict, &described(facts))
     });
 }
 
@@ -180,13 +189,13 @@ fn i_files(bencher: Bencher) {
     let (scene, facts) = &*LOADED;
     let measured = report::measure(scene, &MADE, CONFIG.method);
     let verdict = report::judge(&measured, facts, &CONFIG.verdict);
-    let id = facts.id.as_str();
-    let sheet = report::preview(scene, &MADE, &verdict, id);
+    let (id, about) = (facts.id.as_str(), described(facts));
+    let sheet = report::preview(scene, &MADE, &verdict, &about);
     let folder = tempfile::tempdir().expect("a folder");
     bencher.bench_local(|| {
         let preview = || output::encode_png(&sheet).expect("a picture");
-        let glb = || output::glb::encode(&MADE.model, id, &CONFIG.glb).expect("a model");
-        let ply = || output::ply::encode(&MADE.model, id).expect("a model");
+        let glb = || output::glb::encode(&MADE.model, &about, &CONFIG.glb).expect("a model");
+        let ply = || output::ply::encode(&MADE.model, &about).expect("a model");
         let (preview, (glb, ply)) = rayon::join(preview, || rayon::join(glb, ply));
         let staged = StagedFolder::create(&folder.path().join(id)).expect("a folder");
         for (name, bytes) in [

@@ -1,11 +1,11 @@
-//! What any bytes are given to, and what must hold whatever they are: nothing panics, and what is read back is what was
-//! read. Shared by the fuzzer's targets and by `tests/offline/fuzzing.rs`, which runs the same on stable Rust.
+//! The bodies of the fuzzer's targets: each takes arbitrary bytes, must not panic, and must read back what it read.
+//! Shared by the fuzzer's targets and by `tests/offline/fuzzing.rs`, which runs the same on stable Rust.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{
     Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, RigCalibration, Volume,
 };
-use scand::capture::Session;
+use scand::capture::CaptureSession;
 use scand::config::Config;
 use scand::frame::CameraId;
 use scand::image::{Grid, RgbImage, grey_from_file, rgb_from_file};
@@ -91,14 +91,14 @@ pub fn recording(bytes: &[u8]) {
         min_depth_frames: 1,
         ..sync::Parameters::default()
     };
-    if let Ok(session) = Session::of(recording, &parameters) {
+    if let Ok(session) = CaptureSession::of(recording, &parameters) {
         for capture in session.captures().into_iter().take(4) {
             let _scene = session.load(&capture.id);
         }
     }
 }
 
-/// As a line that a client sends, and as one that it hears. What is understood is said again as it was.
+/// As a line that a client sends, and as one that it receives. What is understood is written again as it was.
 pub fn socket(bytes: &[u8]) {
     let line = &bytes[..bytes.len().min(LONGEST_LINE)];
     if let Ok(request) = serde_json::from_slice::<Request>(line) {

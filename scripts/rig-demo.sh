@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A rig without hardware: eleven GigE Vision cameras and a depth camera play a recording to the daemon, which takes the
-# plates of the empty rig and one capture and makes a model of it; a replay of the recording makes another. No root: it
+# backgrounds of the empty rig and one capture and makes a model of it; a replay of the recording makes another. No root: it
 # runs in a network namespace of its own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it
 # takes N captures, one after the other, and prints how long each took from the command to the disk; only the first
 # becomes a model, by the replay. UNTIL=captured or UNTIL=done times them up to there; with done all become models.
@@ -17,7 +17,7 @@ scand=$PWD/${SCAND:-target/release/scand}
 recording=$PWD/${1:-recordings/cup.mcap}
 out=$PWD/${OUT:-out/rig-demo}
 if [ -e "$out" ]; then
-	echo "rig-demo: $out is there already; remove it first" >&2
+	echo "rig-demo: $out already exists; remove it first" >&2
 	exit 1
 fi
 mkdir -p "$out"

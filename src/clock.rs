@@ -1,5 +1,6 @@
-//! The time. Whoever waits, judges an age or stamps what happens is handed a [`Clock`], so that a test can hand in one
-//! that stands still until it is advanced. Clocks of cameras, which run on their own, are `drivers::live`'s.
+//! The time. Code that waits, judges an age or stamps an event gets a [`Clock`] from its caller, so that a test can
+//! pass one that stands still until the test advances it. The clocks of cameras, which run on their own, are in
+//! `drivers::live`.
 
 use crate::frame::Timestamp;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
@@ -100,6 +101,16 @@ impl Clock {
             return std::thread::sleep(LOOK);
         }
         std::thread::sleep(duration);
+    }
+
+    /// How long a thread may wait that the system wakes: all that is `left`, or, on a clock by hand, until it looks
+    /// again whether that was advanced.
+    pub fn wait_at_most(&self, left: Duration) -> Duration {
+        #[cfg(test)]
+        if self.advanced_ns.is_some() {
+            return left.min(LOOK);
+        }
+        left
     }
 
     /// Waits for a message, at most for so long.

@@ -5,6 +5,7 @@
 //! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `capture` →
 //! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.
 
+#![cfg_attr(not(test), warn(unreachable_pub))]
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 #![cfg_attr(
     test,
@@ -12,8 +13,9 @@
 )]
 
 pub use scand_core::{
-    array, calibrate, calibration, capture, evaluate, frame, image, level, make_model, mesh,
-    number, output, queue, reconstruct, recording, report, statistics, storage, sync,
+    array, bag, calibrate, calibration, capture, description, evaluate, frame, image, level,
+    make_model, mesh, notes, output, queue, range, reconstruct, recording, report, statistics,
+    storage, sync,
 };
 
 #[cfg(feature = "live")]
@@ -39,6 +41,8 @@ mod support {
     pub mod dice;
     pub mod skipped;
     pub mod torture;
+    pub mod wait;
 }
 pub mod trigger;
+pub mod words;
 pub mod workers;

@@ -1,5 +1,5 @@
-//! The daemon's log: one line a message on standard error, with a level, in journald's format if standard error goes to
-//! the journal. What a command prints for the person who runs it does not go through here.
+//! The daemon's log: one line for each message on standard error, with a level, in journald's format if standard
+//! error goes to the journal. What a command prints for its user does not go through here.
 
 use std::fmt::{Arguments, Write as _};
 use std::io::Write as _;
@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 /// How much a message matters; the numbers are syslog's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
+pub enum Priority {
     /// Data was lost, a capture failed, or something will not work until a person fixes it.
     Error = 3,
     /// It works, but something is not as it should be.
@@ -20,24 +20,24 @@ pub enum Level {
 
 /// Logs an error, in the form of `format!`.
 macro_rules! error {
-    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Error, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Error, format_args!($($words)*)) };
 }
 /// Logs a warning, in the form of `format!`.
 macro_rules! warning {
-    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Warning, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Warning, format_args!($($words)*)) };
 }
 /// Logs a notice, in the form of `format!`.
 macro_rules! notice {
-    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Notice, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Notice, format_args!($($words)*)) };
 }
 /// Logs something worth a line, in the form of `format!`.
 macro_rules! info {
-    ($($words:tt)*) => { $crate::log::write($crate::log::Level::Info, format_args!($($words)*)) };
+    ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Info, format_args!($($words)*)) };
 }
 pub(crate) use {error, info, notice, warning};
 
 /// Writes a message. The daemon goes on if the log cannot be written.
-pub fn write(level: Level, words: Arguments<'_>) {
+pub fn write(level: Priority, words: Arguments<'_>) {
     static JOURNAL: LazyLock<bool> = LazyLock::new(goes_to_journal);
     let text = text(level, &words.to_string(), *JOURNAL);
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
@@ -51,12 +51,12 @@ fn goes_to_journal() -> bool {
 }
 
 /// A message as it is written. The journal takes each line as a separate message, so each line has the level.
-fn text(level: Level, words: &str, journal: bool) -> String {
+fn text(level: Priority, words: &str, journal: bool) -> String {
     if !journal {
         let name = match level {
-            Level::Error => "error: ",
-            Level::Warning => "warning: ",
-            Level::Notice | Level::Info => "",
+            Priority::Error => "error: ",
+            Priority::Warning => "warning: ",
+            Priority::Notice | Priority::Info => "",
         };
         return format!("scand: {name}{words}\n");
     }
@@ -72,11 +72,11 @@ mod tests {
 
     #[test]
     fn the_journal_hears_levels_and_a_terminal_words() {
-        let told = text(Level::Error, "a frame is lost\nand another", true);
+        let told = text(Priority::Error, "a frame is lost\nand another", true);
         assert_eq!(told, "<3>a frame is lost\n<3>and another\n");
-        let told = text(Level::Error, "a frame is lost", false);
+        let told = text(Priority::Error, "a frame is lost", false);
         assert_eq!(told, "scand: error: a frame is lost\n");
-        assert_eq!(text(Level::Info, "listening", true), "<6>listening\n");
-        assert_eq!(text(Level::Notice, "ready", false), "scand: ready\n");
+        assert_eq!(text(Priority::Info, "listening", true), "<6>listening\n");
+        assert_eq!(text(Priority::Notice, "ready", false), "scand: ready\n");
     }
 }

@@ -2,12 +2,11 @@
 
 #![warn(clippy::unwrap_used)]
 
-use clap::Parser;
-use scand::commands::{Cli, exit_code, run};
+use scand::commands::{exit_code, parse, run};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match run(Cli::parse()) {
+    match run(parse()) {
         Ok(code) => code,
         Err(error) => {
             eprintln!("scand: {error:#}");

@@ -1,5 +1,5 @@
-//! What the program writes from the same input stays the same, byte by byte: models of the project's own recordings,
-//! and the messages of a session. A change of the code that is to change nothing shows here that it did not.
+//! The program writes the same bytes for the same input as before: models of the project's own recordings, and the
+//! messages of a session. This shows that a change of the code which must not alter anything did not.
 
 #[path = "digests/held.rs"]
 mod held;
@@ -97,6 +97,7 @@ fn preamble() -> SessionHeader {
             response,
         }],
         volume: Volume::new(Point3::from([-0.1; 3]), Point3::from([0.1; 3])).ok(),
+        calibration: None,
         settings: BTreeMap::from([(id("c0"), settings.clone()), (id("c1"), settings)]),
         backgrounds: BTreeMap::from([(id("c0"), background(1)), (id("c1"), background(2))]),
         configuration: "[rig]\n".into(),
@@ -167,6 +168,7 @@ fn write_session(folder: &Path) {
         capture: "amphora-0001".into(),
         kind: "text".into(),
         text: "handle turned left – ähnlich".into(),
+        author: None,
     };
     session.note(&note, at(200)).unwrap();
     let mut later = preamble();

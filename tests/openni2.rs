@@ -1,5 +1,5 @@
-//! The depth camera's driver on Debian's libOpenNI2 and a sensor of the tests' own: each test runs in a process that
-//! was started with the library's folder in its environment.
+//! The depth camera's driver on Debian's libOpenNI2 and a simulated sensor: each test runs in a process that was
+//! started with the library's folder in its environment.
 
 #[path = "openni2-sensor/stage.rs"]
 mod stage;

@@ -1,4 +1,4 @@
-//! Which of our packages is built into which program, as cargo resolves it.
+//! Checks which of our packages are built into which program, as cargo resolves them.
 
 use std::collections::BTreeSet;
 use std::process::Command;

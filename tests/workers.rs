@@ -1,5 +1,5 @@
-//! Processes that make models beside a rig: the real program on a small recording, what becomes of it when it may not
-//! have the memory it wants or its daemon is killed, and what it may not do at all.
+//! Worker processes beside a rig: the real program on a small recording, what happens when it exceeds its memory or
+//! its daemon is killed, and what its confinement denies.
 
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 
@@ -9,7 +9,7 @@ mod support;
 use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
-use scand::workers::{Ended, Job, Jobs, Limits, Parameters, Plan, Workers, confine};
+use scand::workers::{Ended, Job, Jobs, Limits, Parameters, WorkerPlan, Workers, confine};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::os::fd::AsRawFd;
@@ -19,9 +19,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use support::program::scand;
 use support::torture::times;
+use support::wait::until;
 
 /// Says to a test's own process that it is to play another part, in this folder.
 const PART: &str = "SCAND_TEST_WORKERS_PART";
@@ -64,15 +65,16 @@ fn settings() -> String {
     toml::to_string(&config.of_replay()).unwrap()
 }
 
-fn plan(folder: &Path, change: impl FnOnce(&mut Parameters)) -> Plan {
+fn plan(folder: &Path, change: impl FnOnce(&mut Parameters)) -> WorkerPlan {
     let mut parameters = Parameters {
         folder: folder.join("models"),
         ..Parameters::default()
     };
     change(&mut parameters);
-    Plan {
+    WorkerPlan {
         parameters,
         settings: settings(),
+        clock: scand::clock::Clock::system(),
         method: Default::default(),
         keep_free: Arc::default(),
         command: vec![env!("CARGO_BIN_EXE_scand").into(), "make-model".into()],
@@ -83,7 +85,7 @@ fn jobs(folder: &Path) -> Arc<Jobs> {
     Arc::new(Jobs::open(&folder.join("recordings")).unwrap())
 }
 
-fn start(jobs: &Arc<Jobs>, plan: Plan) -> (Workers, Receiver<Ended>) {
+fn start(jobs: &Arc<Jobs>, plan: WorkerPlan) -> (Workers, Receiver<Ended>) {
     let (ended, heard) = channel();
     let workers = Workers::start(jobs, plan, move |e| drop(ended.send(e)));
     (workers.unwrap(), heard)
@@ -91,14 +93,6 @@ fn start(jobs: &Arc<Jobs>, plan: Plan) -> (Workers, Receiver<Ended>) {
 
 fn next(heard: &Receiver<Ended>) -> Ended {
     heard.recv_timeout(Duration::from_secs(120)).unwrap()
-}
-
-fn until(what: &str, reached: impl Fn() -> bool) {
-    let end = Instant::now() + Duration::from_secs(60);
-    while !reached() {
-        assert!(Instant::now() < end, "{what}");
-        std::thread::sleep(Duration::from_millis(2));
-    }
 }
 
 /// A report without what may differ between two runs.
@@ -476,7 +470,7 @@ fn one_that_is_confined_reads_its_recording_writes_its_output_and_no_more() {
     let port = listener.local_addr().unwrap().port();
     std::fs::write(home.path().join("port"), port.to_string()).unwrap();
     let _socket = UnixListener::bind(home.path().join("socket")).unwrap();
-    // All of it may be done by who is not confined.
+    // An unconfined process may do all of it.
     assert!(TcpStream::connect(("127.0.0.1", port)).is_ok());
     assert!(UnixStream::connect(home.path().join("socket")).is_ok());
     for (what, may) in reach_for(rustix::process::getpid()) {

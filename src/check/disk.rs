@@ -11,7 +11,7 @@ const SAMPLE: usize = 64 << 20;
 const LONGEST_SECONDS: f64 = 3.0;
 
 /// Checks that a file can be created in a folder; returns the finding, and whether the folder's speed can be measured.
-/// While the daemon answers, the user who runs this check need not be allowed to write there.
+/// While the daemon answers, this check's own user need not have the right to write there.
 pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
     let subject = "recordings' folder";
     let trial = path.join(format!(".scand-check-{}", std::process::id()));
@@ -75,7 +75,8 @@ pub fn speed(path: &Path, capture_bytes: u64) -> Finding {
                 State::Wrong,
                 subject,
                 found,
-                "captures cannot be recorded until this folder takes data: check the disk and the folder's owner",
+                "captures cannot be recorded until this folder can be written: check the disk and \
+                the folder's owner",
             )
         }
     }

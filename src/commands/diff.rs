@@ -1,55 +1,42 @@
 //! `scand diff A B`: whether two models of one object are the same, and if not, where they differ.
 
-use super::evaluate::parse_samples;
-use super::refuse_to_replace;
+use super::comparison::{ComparisonArgs, model_file};
 use crate::evaluate::load::load;
 use crate::evaluate::picture::{self, Row};
 use crate::evaluate::{Difference, DifferenceParameters, Side, difference, table};
+use crate::image::RgbImage;
 use crate::mesh::Mesh;
-use crate::output::encode_png;
-use crate::storage::write_atomically;
-use std::path::{Path, PathBuf};
+use crate::range;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Exit code where the comparison itself failed: as with `diff`, 1 is an answer.
 const EXIT_TROUBLE: u8 = 2;
 
-/// Compare two models of one object, neither of which is the truth. Ends with 0 where they are the same
-/// within the tolerance, 1 where they differ, 2 where they cannot be compared.
+/// Compare two models of one object if neither is the truth. The exit code is 0 if they are the same within the
+/// tolerance, 1 if they differ, and 2 if they cannot be compared.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The first model: .ply, .glb or .obj.
+    /// The first model: .ply or .glb.
     a: PathBuf,
     /// The second model.
     b: PathBuf,
-    /// Answer with JSON.
-    #[arg(long)]
-    json: bool,
-    /// Draw the distances, from five sides, into this PNG file.
-    #[arg(long, value_name = "FILE")]
-    picture: Option<PathBuf>,
-    /// Replace the file that is there
-    #[arg(long, requires = "picture")]
-    force: bool,
-    /// Surfaces nowhere farther apart than this are the same, 0 to 1000; round-off is never a difference.
-    #[arg(long, value_name = "MM", default_value_t = DifferenceParameters::default().tolerance_mm,
+    #[command(flatten)]
+    comparison: ComparisonArgs,
+    /// The models are the same if their surfaces are nowhere farther apart than this, 0 to 1000. Rounding never
+    /// counts as a difference.
+    #[arg(long, value_name = "LENGTH", default_value_t = DifferenceParameters::default().tolerance_mm,
         value_parser = parse_tolerance, allow_negative_numbers = true)]
     tolerance_mm: f64,
-    /// Points on each surface.
-    #[arg(long, default_value_t = DifferenceParameters::default().samples, value_parser = parse_samples)]
-    samples: usize,
 }
 
-/// A tolerance within reason, in millimetres.
-fn parse_tolerance(text: &str) -> Result<f64, String> {
-    const MOST_MM: f64 = 1000.0;
-    let tolerance: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    // Not a number is in no range.
-    if (0.0..=MOST_MM).contains(&tolerance) {
-        Ok(tolerance)
-    } else {
-        Err(format!("not in 0 to {MOST_MM}"))
-    }
+/// A tolerance in millimetres.
+fn parse_tolerance(text: &str) -> anyhow::Result<f64> {
+    Ok(range::check(
+        range::millimetres(text).map_err(anyhow::Error::msg)?,
+        [0.0, 1000.0],
+        "",
+    )?)
 }
 
 /// Compares, prints, and draws if asked to.
@@ -67,26 +54,20 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn compare(args: &Args) -> anyhow::Result<Difference> {
-    refuse_to_replace("--picture", args.picture.as_deref(), args.force)?;
+    args.comparison.check()?;
     let parameters = DifferenceParameters {
-        samples: args.samples,
+        samples: args.comparison.samples,
         tolerance_mm: args.tolerance_mm,
         ..DifferenceParameters::default()
     };
-    let (a, b) = (load(&args.a)?, load(&args.b)?);
+    let (a, b) = (load(&model_file(&args.a))?, load(&model_file(&args.b))?);
     let found = difference(&a, &b, &parameters)?;
-    if let Some(path) = &args.picture {
-        draw(path, &found, &a.mesh, &b.mesh)?;
-    }
-    if args.json {
-        outln!("{}", serde_json::to_string_pretty(&found)?);
-    } else {
-        outln!("{}", words(&found));
-    }
+    let draw = || draw(&found, &a.mesh, &b.mesh);
+    args.comparison.tell(&found, || words(&found), draw)?;
     Ok(found)
 }
 
-fn draw(path: &Path, found: &Difference, a: &Mesh, b: &Mesh) -> anyhow::Result<()> {
+fn draw(found: &Difference, a: &Mesh, b: &Mesh) -> RgbImage {
     let (of_a, of_b) = (
         picture::vertex_distances(a, b),
         picture::vertex_distances(b, a),
@@ -102,9 +83,7 @@ fn draw(path: &Path, found: &Difference, a: &Mesh, b: &Mesh) -> anyhow::Result<(
         found.b_to_a.mean_mm,
         found.a_to_b.max_mm.max(found.b_to_a.max_mm)
     );
-    let picture = picture::draw(&headline, &[row("a", a, &of_a), row("b", b, &of_b)]);
-    write_atomically(path, &encode_png(&picture)?)?;
-    Ok(())
+    picture::draw(&headline, &[row("a", a, &of_a), row("b", b, &of_b)])
 }
 
 fn words(found: &Difference) -> String {
@@ -115,7 +94,7 @@ fn words(found: &Difference) -> String {
     table::summary_head(&mut out);
     table::summary(&mut out, "a to b", Some(found.a_to_b));
     table::summary(&mut out, "b to a", Some(found.b_to_a));
-    out += &format!("\nb is larger by {:+.4} mm in the mean\n", found.growth_mm);
+    out += &format!("\nb is larger by {:+.4} mm on average\n", found.growth_mm);
     if !found.places.is_empty() {
         out += "farthest apart, in mm of the rig's frame:\n";
     }

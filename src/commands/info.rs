@@ -1,47 +1,58 @@
 //! `scand info`: lists the contents of a recording, its cameras and captures, and its damage.
 
-use super::{EXIT_LOST, refuse_to_replace};
+use super::{EXIT_LOST, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
-use crate::capture::{CaptureSummary, LeftOut, RigAt, Session};
+use crate::capture::{CaptureSession, CaptureSummary, LeftOut, RigAt};
 use crate::frame::{CameraId, Timestamp};
+use crate::recording::noted_recording;
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
 use crate::storage::write_atomically;
 use crate::sync;
+use crate::words::count;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Tells what a recording holds: channels, captures, cameras, calibration, damage
+/// List what a recording has: channels, captures, cameras, calibration, damage
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The recording
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
-    /// Answer in JSON
+    /// The recordings; of several, a line for each
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
-    /// Write the calibration at the first trigger into a file that --replay --calibration and scand run take
+    /// Write the calibration at the first trigger into a file that --replay --calibration and scand run read
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
-    /// Replace the file that is there
-    #[arg(long, requires = "calibration")]
+    /// Replace an existing file
+    #[arg(short, long, requires = "calibration")]
     force: bool,
 }
 
 /// Reads all of a recording and tells what is in it. The exit code is 3 when parts of it are damaged.
 ///
 /// # Errors
-/// If it cannot be read at all, or the calibration's file is there already.
+/// If it cannot be read at all, or the calibration's file already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--calibration", args.calibration.as_deref(), args.force)?;
-    let recording = Recording::open(&args.file)?;
+    let [file] = &args.files[..] else {
+        if args.calibration.is_some() {
+            return Err(wrong_usage(
+                "--calibration takes the calibration of one recording: name one",
+            ));
+        }
+        return Ok(lines(&args));
+    };
+    let recording = open(file)?;
     if let Some(path) = &args.calibration {
         let calibration = of_recording(&recording)?;
         write_atomically(path, calibration.to_toml().as_bytes())?;
+        eprintln!("scand: the calibration is in {} (TOML)", path.display());
     }
-    let session = Session::of_any(recording, &sync::Parameters::default())?;
+    let session = CaptureSession::of_any(recording, &sync::Parameters::default())?;
     let info = Info::of(&session)?;
     let text = if args.json {
         serde_json::to_string_pretty(&info)? + "\n"
@@ -56,11 +67,52 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     })
 }
 
+/// Opens a recording; a file of notes leads to the recording that it is about.
+fn open(file: &Path) -> anyhow::Result<Recording> {
+    match noted_recording(file) {
+        Some(recording) if recording.exists() => Ok(Recording::open(&recording)?),
+        Some(recording) => anyhow::bail!(
+            "{}: its recording {} is not there, so that these notes belong to nothing",
+            file.display(),
+            recording.display()
+        ),
+        None => Ok(Recording::open(file)?),
+    }
+}
+
+/// Tells a line of each recording. The exit code is 3 if one is damaged or cannot be read.
+fn lines(args: &Args) -> ExitCode {
+    let mut code = ExitCode::SUCCESS;
+    for file in &args.files {
+        let info = open(file).and_then(|recording| {
+            let session = CaptureSession::of_any(recording, &sync::Parameters::default())?;
+            Info::of(&session)
+        });
+        match info {
+            Ok(info) => {
+                if !info.damage.is_empty() {
+                    code = ExitCode::from(EXIT_LOST);
+                }
+                match args.json {
+                    true => outln!("{}", serde_json::to_string(&info).unwrap_or_default()),
+                    false => outln!("{}", printable(&info.line())),
+                }
+            }
+            Err(error) => {
+                code = ExitCode::from(EXIT_LOST);
+                eprintln!("scand: {error:#}");
+            }
+        }
+    }
+    code
+}
+
 /// Everything that is told of a recording.
 #[derive(Serialize)]
 struct Info {
     file: PathBuf,
     bytes: u64,
+    cut_off: bool,
     profile: String,
     library: String,
     metadata: Vec<(String, BTreeMap<String, String>)>,
@@ -111,7 +163,7 @@ struct ResponseInfo {
 }
 
 impl Info {
-    fn of(session: &Session) -> anyhow::Result<Self> {
+    fn of(session: &CaptureSession) -> anyhow::Result<Self> {
         let recording = session.recording();
         let (profile, library) = recording.written_by();
         let ids: BTreeSet<&CameraId> = recording.topics().filter_map(camera_of).collect();
@@ -126,9 +178,11 @@ impl Info {
         };
         let mut warnings = session.warnings().to_vec();
         warnings.extend(rig.err().map(|e| e.to_string()));
+        warnings.extend(session.notes().problems().iter().cloned());
         Ok(Self {
             file: recording.path().into(),
             bytes: recording.file_length(),
+            cut_off: recording.is_cut_off()?,
             profile: profile.into(),
             library: library.into(),
             metadata: recording.metadata().to_vec(),
@@ -236,6 +290,58 @@ fn printable(text: &str) -> String {
 }
 
 impl Info {
+    /// The recording in a line.
+    fn line(&self) -> String {
+        let failed = self
+            .captures
+            .iter()
+            .filter(|capture| capture.failure.is_some())
+            .count();
+        let rejected = self
+            .captures
+            .iter()
+            .filter(|capture| capture.notes.is_rejected())
+            .count();
+        let first = self
+            .captures
+            .first()
+            .map(|capture| format!(", from {}", capture.time.iso_8601()));
+        let counted = [(failed, "failed"), (rejected, "rejected")].into_iter();
+        let counted = counted.filter(|(number, _)| *number > 0);
+        let counted: String = counted
+            .map(|(number, what)| format!(", {number} {what}"))
+            .collect();
+        let state = match (self.cut_off, self.damage.len()) {
+            (true, _) => ", CUT OFF".to_owned(),
+            (false, 0) => String::new(),
+            (false, places) => format!(", DAMAGED in {}", count(places, "place")),
+        };
+        format!(
+            "{}: {}{}{counted}, {}, {} bytes{state}",
+            self.file.display(),
+            count(self.captures.len(), "capture"),
+            first.unwrap_or_default(),
+            count(self.cameras.len(), "camera"),
+            self.bytes
+        )
+    }
+
+    /// What is missing, and what to do about it.
+    fn first_aid(&self) -> Option<String> {
+        if self.cut_off {
+            return Some(cut_off_words(&self.file));
+        }
+        let bytes: u64 = self.damage.iter().map(|damage| damage.length).sum();
+        (!self.damage.is_empty()).then(|| {
+            format!(
+                "{}: damaged in {} ({bytes} of {} bytes). Copy it again from its source; what is intact can be replayed",
+                self.file.display(),
+                count(self.damage.len(), "place"),
+                self.bytes
+            )
+        })
+    }
+
     fn in_words(&self) -> String {
         let title = printable(&format!(
             "{}: {} bytes, profile {:?}, written by {:?}",
@@ -244,7 +350,11 @@ impl Info {
             self.profile,
             self.library
         ));
-        let mut words = Words(title + "\n");
+        let first_aid = self
+            .first_aid()
+            .map(|aid| printable(&aid) + "\n\n")
+            .unwrap_or_default();
+        let mut words = Words(first_aid + &title + "\n");
         words.section("Metadata", self.metadata.iter().map(metadata_line));
         words.section(
             "Attachments",
@@ -291,6 +401,8 @@ fn capture_line(capture: &CaptureSummary) -> String {
         id,
         time,
         source,
+        subject,
+        notes,
         failure,
         skew_ns,
         color_frames,
@@ -301,10 +413,19 @@ fn capture_line(capture: &CaptureSummary) -> String {
         Some(reason) => format!("failed: {reason}"),
     };
     let skew_ms = *skew_ns as f64 / 1e6;
+    let object = subject
+        .as_ref()
+        .map_or_else(String::new, |number| format!(" of object {number}"));
+    let said: String = notes
+        .lines()
+        .iter()
+        .map(|line| format!("; {line}"))
+        .collect();
     format!(
-        "{id} at {} ns by {source}: {color_frames} colour and {depth_frames} depth frames, skew {skew_ms} \
-         ms, {outcome}",
-        time.0
+        "{id}{object} at {} by {source}: {} and {}, skew {skew_ms} ms, {outcome}{said}",
+        time.iso_8601(),
+        count(*color_frames, "colour frame"),
+        count(*depth_frames, "depth frame"),
     )
 }
 
@@ -324,9 +445,13 @@ impl CameraInfo {
         };
         let plates = match (backgrounds, masks) {
             (0, 0) => String::new(),
-            _ => format!(", {backgrounds} backgrounds, {masks} masks"),
+            _ => format!(
+                ", {}, {}",
+                count(*backgrounds, "background"),
+                count(*masks, "mask")
+            ),
         };
-        format!("{id} ({kind}, {images} images{plates}): {lens}")
+        format!("{id} ({kind}, {}{plates}): {lens}", count(*images, "image"))
     }
 }
 
@@ -348,4 +473,13 @@ impl CalibrationInfo {
             self.width, self.height, self.focal_px[0], self.focal_px[1]
         )
     }
+}
+
+/// Says that a recording is cut off, and what to do.
+pub(super) fn cut_off_words(file: &Path) -> String {
+    let file = file.display();
+    format!(
+        "{file}: cut off: its end is missing, and nobody knows how much that is. Copy it again from its source, or complete \
+         a copy of what is there with `scand recover {file}`"
+    )
 }

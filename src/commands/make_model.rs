@@ -1,20 +1,21 @@
-//! `scand make-model`, which only the daemon calls: `scand --replay` of one capture, in a confined process.
+//! `scand make-model`, which only the daemon calls: it does what `scand --replay` does for one capture, in a
+//! confined process.
 
 use super::replay;
 use crate::workers::{Limits, confine, part_from, protocol};
 use std::process::ExitCode;
 
-/// Make a model of a capture, confined. For the daemon.
+/// Make a model of a capture in a confined process. Only the daemon calls this.
 #[derive(Debug, clap::Args)]
 #[group(id = "make_model")]
 pub struct Args {
-    /// The process that started this one, which ends with it.
+    /// The process that started this one. When it ends, this one ends too.
     #[arg(long = protocol::PARENT, value_name = "PID")]
     parent: u32,
-    /// Memory that may be taken, in megabytes.
+    /// Largest memory, in megabytes.
     #[arg(long = protocol::MEMORY_MB, value_name = "N")]
     memory_mb: u32,
-    /// How much others come first, 0 to 19.
+    /// Niceness, 0 to 19.
     #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
     nice: u32,
     #[command(flatten)]
@@ -55,7 +56,7 @@ mod tests {
 
     #[test]
     fn what_the_daemon_asks_for_is_what_this_command_understands() {
-        let request = protocol::Request {
+        let request = protocol::ModelRequest {
             parent: 7,
             memory_mb: 640,
             nice: 19,

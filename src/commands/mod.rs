@@ -8,10 +8,14 @@ macro_rules! outln {
     };
 }
 
+pub mod archive;
 pub mod board;
 pub mod calibrate;
+mod comparison;
+pub mod demo;
 pub mod diff;
 pub mod evaluate;
+pub mod generate;
 pub mod info;
 pub mod live;
 #[cfg(feature = "live")]
@@ -19,19 +23,29 @@ pub mod make_model;
 #[cfg(not(feature = "lab"))]
 pub mod no_simulator;
 pub mod pack;
+mod parse;
 pub mod recover;
 pub mod replay;
 #[cfg(feature = "lab")]
 pub mod simulate;
+pub mod verify;
 
 use clap::{Parser, Subcommand};
+pub use parse::parse;
 use std::path::Path;
 use std::process::ExitCode;
 
+use crate::trigger;
 pub use crate::workers::protocol::EXIT_LOST;
 
 /// Exit code of a call with arguments that cannot be met, as clap has it.
 pub const EXIT_USAGE: u8 = 2;
+
+/// Exit code of a client whose daemon does not answer (EX_UNAVAILABLE of sysexits.h).
+pub const EXIT_AWAY: u8 = 69;
+
+/// Exit code of a client whose daemon is busy or ending, and which may ask again (EX_TEMPFAIL of sysexits.h).
+pub const EXIT_BUSY: u8 = 75;
 
 /// Exit code of a run whose configuration is bad (EX_CONFIG of sysexits.h).
 pub const EXIT_CONFIGURATION: u8 = 78;
@@ -50,7 +64,7 @@ fn write_out(text: &str) {
 fn refuse_to_replace(option: &str, file: Option<&Path>, force: bool) -> anyhow::Result<()> {
     match file.filter(|path| !force && path.symlink_metadata().is_ok()) {
         Some(path) => anyhow::bail!(
-            "{} is there already: give --force to replace it, or another {option}",
+            "{} already exists: give --force to replace it, or another {option}",
             path.display()
         ),
         None => Ok(()),
@@ -72,12 +86,20 @@ fn wrong_usage(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> an
     WrongUsage(cause.into()).into()
 }
 
+/// Whether nobody listens on the daemon's socket. One that this user may not open has somebody who does.
+fn is_away(error: &anyhow::Error) -> bool {
+    let denied = std::io::ErrorKind::PermissionDenied;
+    matches!(error.downcast_ref(), Some(trigger::Error::Away { cause, .. }) if cause.kind() != denied)
+}
+
 /// The exit code of an error.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     if error.is::<BadConfiguration>() {
         ExitCode::from(EXIT_CONFIGURATION)
     } else if error.is::<WrongUsage>() {
         ExitCode::from(EXIT_USAGE)
+    } else if is_away(error) {
+        ExitCode::from(EXIT_AWAY)
     } else {
         ExitCode::FAILURE
     }
@@ -93,9 +115,64 @@ const VERSION: &str = concat!(
     ")"
 );
 
-/// Scans objects with colour cameras and a depth camera.
+/// The help of the program: its commands in groups. A test holds that each command has its place.
+const HELP: &str = "\
+{about}
+
+Usage: {usage}
+
+Reconstruct:
+  replay      Reconstruct every capture of recordings
+  demo        Reconstruct a simulated cup, to see what comes out
+  simulate    Render a rig around an object of known shape into a recording
+
+Run a rig:
+  check       Look for problems before work
+  run         Run the rig: open the cameras, take captures, make models
+  trigger     Take a capture and wait until it is on the disk
+  background  Take background pictures of the empty rig
+  session     Start, annotate or complete a session
+  note        Accept or reject a capture, take that back, or note something about it
+  status      Show cameras, captures and disk
+  events      Show what happens
+  pedal       Turn the keys of a foot switch into presses
+
+Calibrate:
+  board       Make a calibration board to print
+  calibrate   Calibrate a rig, or check its calibration
+
+Look and measure:
+  info        List what recordings have: captures, cameras, notes, damage
+  evaluate    Measure how far a model is from the truth
+  diff        Compare two models
+
+Keep and repair:
+  recover     Complete recordings that were interrupted
+  pack        Compress complete recordings without loss
+  archive     Make a package for an archive
+  verify      Check a package for an archive
+
+Options (those of replay serve without a command after --replay):
+  -h, --help     Print help; scand COMMAND --help has options and examples
+  -V, --version  Print version, commit and features
+
+Examples:
+  scand replay recordings/cup.mcap
+  scand info --json cup.mcap
+  scand trigger --subject 1884.3 --until done
+";
+
+/// Scan objects with colour cameras and a depth camera.
 #[derive(Debug, Parser)]
-#[command(version = VERSION, about, long_about = None, args_conflicts_with_subcommands = true)]
+#[command(
+    version = VERSION,
+    about,
+    long_about = None,
+    args_conflicts_with_subcommands = true,
+    arg_required_else_help = true,
+    override_usage = "scand <COMMAND> [OPTIONS]\n       scand --replay <FILE|FOLDER>... [OPTIONS]",
+    help_template = HELP,
+)]
 pub struct Cli {
     #[command(flatten)]
     replay: replay::Args,
@@ -105,14 +182,21 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Archive(Box<archive::Args>),
     Background(live::client::BackgroundArgs),
     Board(board::Args),
     Calibrate(Box<calibrate::Args>),
     #[cfg(feature = "live")]
     Check(live::check::Args),
+    #[cfg(not(feature = "live"))]
+    #[command(hide = true)]
+    Check(live::absent::Args),
+    Demo(demo::Args),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Events(live::client::EventsArgs),
+    #[command(hide = true)]
+    Generate(generate::Args),
     Info(info::Args),
     #[cfg(feature = "live")]
     #[command(hide = true, name = crate::workers::protocol::COMMAND)]
@@ -121,9 +205,16 @@ enum Command {
     Pack(pack::Args),
     #[cfg(feature = "pedal")]
     Pedal(live::pedal::Args),
+    #[cfg(not(feature = "pedal"))]
+    #[command(hide = true)]
+    Pedal(live::absent::Args),
     Recover(recover::Args),
+    Replay(Box<replay::CommandArgs>),
     #[cfg(feature = "live")]
     Run(live::run::Args),
+    #[cfg(not(feature = "live"))]
+    #[command(hide = true)]
+    Run(live::absent::Args),
     Session(live::client::SessionArgs),
     #[cfg(feature = "lab")]
     Simulate(Box<simulate::Args>),
@@ -131,6 +222,7 @@ enum Command {
     Simulate(no_simulator::Args),
     Status(live::client::StatusArgs),
     Trigger(live::client::TriggerArgs),
+    Verify(verify::Args),
 }
 
 /// Runs what was asked.
@@ -139,14 +231,19 @@ enum Command {
 /// What went wrong, in words for the terminal; [`exit_code`] has its exit code.
 pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
     match cli.command {
+        Some(Command::Archive(args)) => archive::run(*args),
         Some(Command::Background(args)) => live::client::background(args),
         Some(Command::Board(args)) => board::run(args),
         Some(Command::Calibrate(args)) => calibrate::run(*args),
         #[cfg(feature = "live")]
         Some(Command::Check(args)) => live::check::run(args),
+        #[cfg(not(feature = "live"))]
+        Some(Command::Check(_)) => live::absent::run("check"),
+        Some(Command::Demo(args)) => demo::run(args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::client::events(args),
+        Some(Command::Generate(args)) => generate::run(args),
         Some(Command::Info(args)) => info::run(args),
         #[cfg(feature = "live")]
         Some(Command::MakeModel(args)) => make_model::run(*args),
@@ -154,9 +251,14 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "pedal")]
         Some(Command::Pedal(args)) => live::pedal::run(args),
+        #[cfg(not(feature = "pedal"))]
+        Some(Command::Pedal(_)) => live::absent::run("pedal"),
         Some(Command::Recover(args)) => recover::run(args),
+        Some(Command::Replay(args)) => replay::run((*args).into()),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
+        #[cfg(not(feature = "live"))]
+        Some(Command::Run(_)) => live::absent::run("run"),
         Some(Command::Session(args)) => live::client::session(args),
         #[cfg(feature = "lab")]
         Some(Command::Simulate(args)) => simulate::run(*args),
@@ -164,6 +266,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Simulate(_)) => no_simulator::run(),
         Some(Command::Status(args)) => live::client::status(args),
         Some(Command::Trigger(args)) => live::client::trigger(args),
+        Some(Command::Verify(args)) => verify::run(args),
         None => replay::run(cli.replay),
     }
 }
@@ -171,6 +274,37 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+
+    /// Each command that is not hidden stands in the help, in one of its groups, and nothing else does.
+    #[test]
+    fn the_help_has_every_command_in_a_group() {
+        let lines = super::HELP
+            .lines()
+            .filter_map(|line| line.strip_prefix("  "));
+        let commands = lines.filter(|line| line.starts_with(|c: char| c.is_ascii_lowercase()));
+        let shown: Vec<&str> = commands
+            .filter(|line| !line.starts_with("scand "))
+            .collect();
+        let shown: Vec<&str> = shown
+            .iter()
+            .filter_map(|line| line.split(' ').next())
+            .collect();
+        let cli = super::Cli::command();
+        let known: Vec<&str> = cli.get_subcommands().map(clap::Command::get_name).collect();
+        for name in &shown {
+            assert!(known.contains(name), "{name}");
+        }
+        for command in cli
+            .get_subcommands()
+            .filter(|command| !command.is_hide_set())
+        {
+            assert!(
+                shown.contains(&command.get_name()),
+                "{}",
+                command.get_name()
+            );
+        }
+    }
 
     #[test]
     fn the_command_line_is_sound() {

@@ -3,12 +3,12 @@
 use super::wrong_usage;
 use std::process::ExitCode;
 
-/// Render a rig of cameras around a known object into a recording. This build has no simulator: it is in scand built
-/// from its source.
+/// Render a rig of cameras around a known object into a recording. This build has no simulator; a build from the
+/// source has it.
 #[derive(Debug, clap::Args)]
 #[command(disable_help_flag = true)]
 pub struct Args {
-    /// Whatever the simulator would be asked.
+    /// The arguments for the simulator.
     #[arg(hide = true, trailing_var_arg = true, allow_hyphen_values = true)]
     _asked: Vec<std::ffi::OsString>,
 }

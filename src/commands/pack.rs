@@ -1,13 +1,14 @@
 //! `scand pack`: makes complete recordings smaller, without loss.
 
-use crate::recording::{Packed, pack};
+use crate::recording::{Packed, Recording, pack};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Make complete recordings smaller, in place (zstd): the same messages, compared before the original goes.
+/// Compress complete recordings in place (zstd). The messages stay the same; they are compared before the original is
+/// replaced.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings.
+    /// The recordings to pack.
     #[arg(required = true, value_name = "FILE.mcap")]
     paths: Vec<PathBuf>,
 }
@@ -23,15 +24,31 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         match pack(path, || true) {
             Ok(Packed::Smaller(before, after)) => {
                 let share = 100.0 * after as f64 / before.max(1) as f64;
-                outln!("{path_words}: {before} bytes are {after} now ({share:.0} %)");
+                outln!("{path_words}: packed from {before} to {after} bytes ({share:.0} %)");
             }
-            Ok(Packed::Already) => outln!("{path_words}: is packed already"),
+            Ok(Packed::Already) => match Recording::open(path).and_then(|packed| packed.verify()) {
+                Ok(damage) if damage.is_empty() => outln!("{path_words}: is already packed"),
+                Ok(damage) => {
+                    code = ExitCode::FAILURE;
+                    eprintln!(
+                        "scand: {path_words}: it is damaged and stays as it is: copy it again from its source"
+                    );
+                    damage
+                        .iter()
+                        .take(5)
+                        .for_each(|damage| eprintln!("  {damage}"));
+                }
+                Err(error) => {
+                    code = ExitCode::FAILURE;
+                    eprintln!("scand: {error}; {path_words} stays as it is");
+                }
+            },
             Ok(Packed::NotWorthwhile | Packed::GivenUp) => {
-                outln!("{path_words}: would hardly be smaller, and stays as it is");
+                outln!("{path_words}: would hardly become smaller and was left unchanged");
             }
             Err(error) => {
                 code = ExitCode::FAILURE;
-                eprintln!("scand: {error}; {path_words} stays as it is");
+                eprintln!("scand: {error}; {path_words} was left unchanged");
             }
         }
     }

@@ -1,16 +1,19 @@
 //! `scand recover`: completes recordings that a crash or a power cut left unfinished.
 
 use super::EXIT_LOST;
-use crate::recording::{Error, Recovered, finished_name, interrupted, recover, unfinished};
+use crate::recording::{
+    Error, Recovered, finished_name, interrupted, recover, recover_copy, unfinished,
+};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Complete recordings that were cut off (NAME.mcap.part becomes NAME.mcap). What cannot be read is kept in
-/// NAME.mcap.tail.
+/// Complete recordings that were interrupted (NAME.mcap.part becomes NAME.mcap). Bytes that cannot be read are kept
+/// in NAME.mcap.tail.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings that were not completed, or folders that hold some.
-    #[arg(required = true, value_name = "FILE.part|FOLDER")]
+    /// Interrupted recordings, copies that were cut off (NAME.mcap, of which NAME.recovered.mcap is made), or folders
+    /// with interrupted recordings.
+    #[arg(required = true, value_name = "FILE|FOLDER")]
     paths: Vec<PathBuf>,
 }
 
@@ -29,14 +32,20 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let (mut failed, mut lost) = (false, false);
     for part in &parts {
-        match complete(part) {
+        let is_cut_copy = part.extension().is_some_and(|ending| ending == "mcap");
+        let recovered = if is_cut_copy {
+            recover_copy(part)
+        } else {
+            complete(part)
+        };
+        match recovered {
             Ok(recovered) => {
                 lost |= recovered.tail.is_some();
                 outln!("{}", words(&recovered));
             }
             Err(error) => {
                 failed = true;
-                eprintln!("scand: {error}; {} stays as it is", part.display());
+                eprintln!("scand: {error}; {} was left unchanged", part.display());
             }
         }
     }

@@ -1,6 +1,7 @@
-//! The section of `scand calibrate`: how it fits, and when it is content. Each part is its room's own parameters.
+//! The section of the configuration for `scand calibrate`: how it fits, and the limits of its verdict. Each part is
+//! the `Parameters` of a room.
 
-use crate::calibration::fit::{self, Limits, Wanted, Watch};
+use crate::calibration::fit::{self, Limits, Wanted, Watch, Witnesses};
 use crate::calibration::response::PlaneParameters;
 
 /// How a rig is calibrated.
@@ -15,6 +16,8 @@ pub struct Calibration {
     pub wanted: Wanted,
     /// When `--check` takes a camera for one that moved.
     pub watch: Watch,
+    /// What witnesses of the scale are expected to know.
+    pub witness: Witnesses,
     /// How depth cameras' responses are fitted to boards.
     pub plane: PlaneParameters,
 }

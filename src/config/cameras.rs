@@ -1,5 +1,5 @@
-//! A driver's cameras in the configuration: what they share, and over it what each has of its own. A camera that is set
-//! wrongly is named before anything is opened.
+//! The sections of a driver's cameras: the defaults that they share, and what each camera sets over them. A camera
+//! with a wrong setting is named before any camera is opened.
 
 use super::of_table;
 use serde::Serialize;

@@ -1,5 +1,5 @@
-//! What comments say of settings, held against what is read: defaults and ranges in config/replay.toml, and the same
-//! lines in the rooms' own parameters.
+//! Compares the comments on settings with the settings themselves: defaults and ranges in config/replay.toml, and
+//! the same lines in the rooms' own parameters.
 
 use super::Config;
 use std::path::Path;
@@ -21,7 +21,7 @@ const SECTIONS: [(&str, &str); 8] = [
 ];
 
 /// The same of a calibration, with the name of its parameters.
-const CALIBRATION: [(&str, &str, &str); 5] = [
+const CALIBRATION: [(&str, &str, &str); 6] = [
     (
         "fit",
         "crates/core/src/calibration/fit/mod.rs",
@@ -41,6 +41,11 @@ const CALIBRATION: [(&str, &str, &str); 5] = [
         "watch",
         "crates/core/src/calibration/fit/drift.rs",
         "pub struct Watch",
+    ),
+    (
+        "witness",
+        "crates/core/src/calibration/fit/scale.rs",
+        "pub struct Witnesses",
     ),
     (
         "plane",

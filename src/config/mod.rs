@@ -15,7 +15,7 @@ use crate::daemon::{
 };
 use crate::drivers::link::Link;
 use crate::drivers::{aravis, openni2, v4l2};
-use crate::{output, reconstruct, report, sync, workers};
+use crate::{output, range, reconstruct, report, sync, words, workers};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -114,11 +114,13 @@ impl Config {
             None => Table::new(),
         };
         let mut config = Self::default();
+        let defaults = Table::try_from(&config).map_err(|e| setting("", e))?;
         if file.is_some() {
             config = of_table(&table).map_err(|e| setting("", e))?;
         }
         for text in settings {
             set(&mut table, text)?;
+            in_metres(&mut table, &defaults);
             // Checked one by one, so that the message names the one that is wrong.
             config = of_table(&table).map_err(|e| setting(text, e))?;
         }
@@ -170,14 +172,62 @@ impl Config {
 fn setting(text: &str, error: impl std::fmt::Display) -> Error {
     Error::Setting {
         setting: text.into(),
-        message: error.to_string().trim_end().into(),
+        message: plain(error.to_string().trim_end()),
     }
+}
+
+/// An error's words without the names that Rust has for numbers, and with the known key that is closest to a wrong one.
+fn plain(message: &str) -> String {
+    let message = message
+        .replace("expected f64", "expected a number")
+        .replace("floating point", "the number");
+    let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    match quoted[..] {
+        [found, ref known @ ..] if message.starts_with("unknown field") => {
+            match words::closest(found, known.iter().copied()) {
+                Some(closest) => {
+                    format!("there is no {found:?}: did you mean {closest:?}? {message}")
+                }
+                None => message,
+            }
+        }
+        _ => message,
+    }
+}
+
+/// Turns lengths with units, such as `2mm`, into numbers where the default is a number: of millimetres if the key says
+/// so, otherwise of metres.
+fn in_metres(table: &mut Table, defaults: &Table) {
+    for (key, value) in table.iter_mut() {
+        match (value, defaults.get(key)) {
+            (Value::Table(section), Some(Value::Table(defaults))) => in_metres(section, defaults),
+            (value @ Value::String(_), Some(Value::Float(_)) | None) => {
+                let Some(metres) = value
+                    .as_str()
+                    .filter(|text| has_unit(text))
+                    .and_then(range::metres)
+                else {
+                    continue;
+                };
+                let scale = if key.ends_with("_mm") { 1e3 } else { 1.0 };
+                *value = Value::Float(scale * metres);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Whether a text begins as a number and ends as a unit.
+fn has_unit(text: &str) -> bool {
+    let text = text.trim();
+    text.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-'))
+        && text.ends_with(|c: char| c.is_ascii_alphabetic())
 }
 
 /// What a table says. By way of its text, so that what reads a configuration is compiled for texts alone.
 fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
     let text = toml::to_string(table).map_err(|e| e.to_string())?;
-    // Its place in that text would say nothing to who wrote another.
+    // The position in that text would mean nothing to the author of another file.
     let read = toml::from_str(&text).map_err(|e| e.message().to_owned())?;
     match nan::first(&text) {
         Some((field, _)) => Err(format!("{field} is nan, expected a number")),
@@ -271,9 +321,24 @@ mod tests {
     }
 
     #[test]
+    fn lengths_may_have_their_units() {
+        for text in [
+            "hull.cell_size=2mm",
+            "hull.cell_size=0.2cm",
+            "hull.cell_size=0.002",
+        ] {
+            assert_eq!(settings(&[text]).unwrap().hull.cell_size, 0.002, "{text}");
+        }
+        let inch = settings(&["verdict.unstated_uncertainty_mm=1in"]).unwrap();
+        assert!((inch.verdict.unstated_uncertainty_mm - 25.4).abs() < 1e-9);
+        assert!(settings(&["hull.resolution=many"]).is_err());
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         for (text, named) in [
             ("hull.resolutoin=1", "resolutoin"),
+            ("hull.resolutoin=1", "did you mean \"resolution\"?"),
             ("nonsense", "section.key=value"),
             ("hull.resolution=many", "many"),
             ("method.x=1", "method"),
@@ -284,9 +349,9 @@ mod tests {
                 "rig.volume={min=[0.0,-nan,0.0],max=[1.0,1.0,1.0]}",
                 "rig.volume.min is nan",
             ),
-            ("sync.window_ms=-1.0", "milliseconds from 0"),
-            ("capture.largest_skew_ms=inf", "milliseconds from 0"),
-            ("service.patience_s=1e9", "seconds from 0"),
+            ("sync.window_ms=-1.0", "0 to 3600000 milliseconds"),
+            ("capture.largest_skew_ms=inf", "0 to 3600000 milliseconds"),
+            ("service.patience_s=1e9", "0 to 86400 seconds"),
             ("capture.patience_ms=30001", "30001, expected 0 to 30000"),
             ("capture.patience_ms=-1", "-1, expected 0 to 30000"),
             ("capture.retry=11", "11, expected 0 to 10"),

@@ -1,5 +1,5 @@
-//! Settings that are not a number, which TOML lets one write and nothing has a use for: every comparison with one is
-//! false, so that what it should have limited would have no limit.
+//! Refuses settings that are NaN, which TOML allows. Every comparison with NaN is false, so a limit that is NaN
+//! would limit nothing.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};

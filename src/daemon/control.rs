@@ -1,5 +1,5 @@
-//! The daemon's socket: lines of JSON become orders for the capturing thread, what it says becomes lines again. A
-//! client can waste its own connection and nothing else.
+//! The daemon's socket: turns lines of JSON into orders for the capturing thread, and its answers into lines. A
+//! client can waste only its own connection.
 
 mod client;
 mod connection_limit;
@@ -30,7 +30,7 @@ pub enum ControlError {
         /// The socket.
         path: PathBuf,
     },
-    /// The socket cannot be made, or signals cannot be had.
+    /// The socket cannot be created, or signals cannot be received.
     #[error("{}: {cause}", path.display())]
     Io {
         /// The socket.
@@ -68,7 +68,7 @@ impl Clients {
     }
 }
 
-/// Serves the socket that was handed over, or else makes one at the path of `socket`, until SIGTERM or SIGINT; a second
+/// Serves the socket that systemd passed, or else makes one at the path of `socket`, until SIGTERM or SIGINT; a second
 /// one ends the process at once. `service` lives beside it.
 ///
 /// # Errors
@@ -114,7 +114,7 @@ pub fn serve(
         Ok(())
     })?;
     service.ending();
-    // One that systemd made stays, so that who presses meanwhile waits for the next daemon.
+    // A socket that systemd made stays, so that a client that presses meanwhile waits for the next daemon.
     if own {
         let _ = std::fs::remove_file(path);
     }
@@ -134,7 +134,7 @@ fn second_signal_exits(runtime: tokio::runtime::Runtime) {
                     _ = ends.recv() => {}
                     _ = interrupts.recv() => {}
                 }
-                log::error!("ended at once by a second signal");
+                log::error!("a second signal ended the daemon at once");
                 std::process::exit(1);
             }
         });
@@ -165,7 +165,7 @@ pub(super) fn listen(path: &Path) -> Result<UnixListener, ControlError> {
             // What is no socket refuses connections as well.
             let found = path.symlink_metadata().map_err(io)?;
             if !found.file_type().is_socket() {
-                return Err(io(std::io::Error::other("is there and is no socket")));
+                return Err(io(std::io::Error::other("it exists and is not a socket")));
             }
             std::fs::remove_file(path).map_err(io)?;
         }
@@ -182,7 +182,7 @@ async fn accept(listener: &UnixListener, shared: &Arc<Shared>) {
         shared.rate.acquire().await;
         match listener.accept().await {
             Ok((stream, _)) => {
-                // The kernel knows who it is, or the connection has no other end.
+                // The kernel knows the client, unless the connection has no other end.
                 let Ok(who) = stream.peer_cred() else {
                     continue;
                 };

@@ -1,5 +1,5 @@
-//! What the capturing thread records of a fixed script of presses, by a clock that stands still between them, has the
-//! same messages as ever: topics, times and payloads.
+//! For a fixed script of presses, with a clock that stands still between them, the capturing thread always records
+//! the same messages: topics, times and payloads.
 
 use super::capturing::Order;
 use super::recorder::Answer;
@@ -60,6 +60,7 @@ fn play(folder: tempfile::TempDir) -> tempfile::TempDir {
         capture: "amphora-0001".into(),
         kind: "reject".into(),
         text: "a hand".into(),
+        author: None,
     };
     script.ask(|answer| Order::Note(note.clone(), answer));
     script.ask(Order::Background);

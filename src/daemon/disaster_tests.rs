@@ -1,6 +1,6 @@
-//! Disasters at any moment: the daemon is killed, the power is cut, the disk refuses a write. What a client was told is
-//! on the disk is there after the next start, once and whole, and the start mends the rest by itself. `make torture`
-//! asks for more of each.
+//! Disasters at any moment: the daemon is killed, the power is cut, the disk refuses a write. What a client was
+//! told is on the disk is there after the next start, once and complete, and the start repairs the rest by itself.
+//! `make torture` asks for more of each.
 
 use super::scripted::{Behaviour, captures, recordings};
 use super::service_tests::{
@@ -77,7 +77,7 @@ fn end(mut process: Child) {
     process.wait().unwrap();
 }
 
-/// What was said to be durable is in the recordings, once and complete; all of them are whole, and none is left
+/// What was acknowledged as durable is in the recordings, once and complete; all of them are complete, and none is left
 /// unfinished.
 fn check_recordings(folder: &Path, told: &Told) {
     assert_eq!(unfinished(folder).unwrap(), Vec::<PathBuf>::new());

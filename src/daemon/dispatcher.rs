@@ -1,6 +1,6 @@
-//! Carries out what `request_log` decides: answers clients, writes the journal, tells everybody and enqueues jobs. Each
-//! input is decided under a lock, and its effects are carried out by the thread that brought it, without the lock, so
-//! that nobody who asks waits for a disk.
+//! Carries out what `request_log` decides: answers clients, writes the journal, publishes events and enqueues jobs.
+//! Each input is decided under a lock. The thread that brought it carries the effects out after the lock is
+//! released, so that no client waits for a disk.
 
 use super::events::Events;
 use super::request_log::journal::{self, Journal};
@@ -155,7 +155,7 @@ fn log_event(event: &Event) {
             log::info!("capture {capture}: durable in {}", recording.display());
         }
         Event::Failed { capture, reason } => log::error!("capture {capture} failed: {reason}"),
-        Event::Refused { reason } => log::warning!("refused: {reason}"),
+        Event::Refused { reason } => log::warning!("a press was refused: {reason}"),
         _ => {}
     }
 }

@@ -1,5 +1,5 @@
-//! What happens in the daemon, told to everybody who listens. To tell never waits: a listener that is slow loses the
-//! oldest of what it has not heard, as whole events, and hears how many.
+//! Publishes the daemon's events to all listeners. Publishing never waits: a listener that is slow loses the oldest
+//! events that it has not read, and is told how many.
 
 use tokio::sync::broadcast::{self, error::RecvError};
 
@@ -23,7 +23,7 @@ impl Default for Events {
 }
 
 impl Events {
-    /// Tells an event to all who listen now. Never waits for one of them.
+    /// Publishes an event to all present listeners. Never waits for one of them.
     pub fn publish(&self, event: Event) {
         // Nobody may be listening.
         let _ = self.listeners.send(event);

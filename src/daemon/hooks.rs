@@ -4,6 +4,7 @@
 
 use super::HooksParameters;
 use super::events::{Event, Events, Subscription};
+use crate::clock::Clock;
 use crate::log;
 use crate::process::{Cancel, Child, End};
 use std::process::Command;
@@ -23,16 +24,21 @@ pub struct Hooks {
 }
 
 impl Hooks {
-    /// Starts the thread; `None` if no command is configured.
+    /// Starts the thread; `None` if no command is configured. Commands have their time of `clock`.
     ///
     /// # Errors
     /// If the system has no thread left.
-    pub fn start(parameters: &HooksParameters, events: &Events) -> std::io::Result<Option<Self>> {
+    pub fn start(
+        parameters: &HooksParameters,
+        events: &Events,
+        clock: Clock,
+    ) -> std::io::Result<Option<Self>> {
         if parameters.each().all(|(_, command)| command.is_empty()) {
             return Ok(None);
         }
         let mut running = Running {
             parameters: parameters.clone(),
+            clock,
             hooks: JoinSet::new(),
             cancel: Cancel::new()?,
         };
@@ -55,6 +61,7 @@ impl Hooks {
 
 struct Running {
     parameters: HooksParameters,
+    clock: Clock,
     /// A thread waits for each command.
     hooks: JoinSet<()>,
     cancel: Cancel,
@@ -90,11 +97,11 @@ impl Running {
         match Child::start(&mut command) {
             Ok(child) => {
                 let limit = Duration::from_millis(self.parameters.timeout_ms);
-                let cancel = self.cancel.clone();
+                let (clock, cancel) = (self.clock, self.cancel.clone());
                 self.hooks
-                    .spawn_blocking(move || tell(name, child.wait(limit, &cancel)));
+                    .spawn_blocking(move || tell(name, child.wait(limit, clock, &cancel)));
             }
-            Err(error) => log::warning!("hooks.{name}: {program}: {error}"),
+            Err(error) => log::warning!("hooks.{name}: cannot run {program}: {error}"),
         }
     }
 }
@@ -109,7 +116,10 @@ fn tell(name: &str, ended: std::io::Result<(End, String)>) {
             let last: String = words.chars().skip(before).collect();
             log::warning!("hooks.{name}: {status}: {last}");
         }
-        Ok((End::TimedOut, _)) => log::warning!("hooks.{name}: killed when its time was over"),
+        Ok((End::TimedOut, _)) => log::warning!(
+            "hooks.{name}: the command was killed, because it \
+            took longer than hooks.timeout_ms"
+        ),
         Ok((End::Cancelled, _)) => {}
         Err(error) => log::warning!("hooks.{name}: {error}"),
     }
@@ -156,12 +166,17 @@ fn environment(event: &Event) -> Vec<(String, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Timestamp;
     use crate::level::Level;
+    use crate::support::wait::until;
     use std::path::Path;
-    use std::time::Instant;
 
     fn shell(script: &str) -> Vec<String> {
         ["sh", "-c", script].map(Into::into).into()
+    }
+
+    fn start(parameters: &HooksParameters, events: &Events, clock: Clock) -> Hooks {
+        Hooks::start(parameters, events, clock).unwrap().unwrap()
     }
 
     fn accepted(capture: &str) -> Event {
@@ -180,14 +195,6 @@ mod tests {
             verdict,
             reasons: vec!["few views".into(), "thin".into()],
             model: "/m/a-0001".into(),
-        }
-    }
-
-    fn until(what: &str, reached: impl Fn() -> bool) {
-        let end = Instant::now() + Duration::from_secs(20);
-        while !reached() {
-            assert!(Instant::now() < end, "{what}");
-            std::thread::sleep(Duration::from_millis(5));
         }
     }
 
@@ -219,7 +226,7 @@ mod tests {
             ..HooksParameters::default()
         };
         let events = Events::default();
-        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
+        let hooks = start(&parameters, &events, Clock::system());
         events.publish(done(Level::Green));
         events.publish(accepted("a-0001"));
         events.publish(done(Level::Amber));
@@ -258,8 +265,9 @@ mod tests {
             ..HooksParameters::default()
         };
         let events = Events::default();
-        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
-        let begin = Instant::now();
+        let clock = Clock::by_hand(Timestamp(0));
+        let begin = clock.now();
+        let hooks = start(&parameters, &events, clock);
         for i in 0..4 {
             events.publish(accepted(&format!("a-{i}")));
         }
@@ -267,9 +275,14 @@ mod tests {
             capture: "a-3".into(),
             recording: "/r".into(),
         });
-        until("the beep", || text(&beeps) == "beep\n");
+        until("two run", || text(&pids).lines().count() == 2);
+        assert_eq!(text(&beeps), "");
+        until("the beep", || {
+            clock.advance(Duration::from_millis(100));
+            text(&beeps) == "beep\n"
+        });
         // Never more than two at a time: two times two had their time before.
-        assert!(begin.elapsed() >= Duration::from_millis(2000));
+        assert!(clock.elapsed(begin) >= Duration::from_millis(2000));
         assert_eq!(text(&pids).lines().count(), 4);
         until("children are killed", || {
             !text(&pids).lines().any(is_running)
@@ -287,7 +300,7 @@ mod tests {
             ..HooksParameters::default()
         };
         let events = Events::default();
-        let hooks = Hooks::start(&parameters, &events).unwrap().unwrap();
+        let hooks = start(&parameters, &events, Clock::system());
         events.publish(Event::Durable {
             capture: "a".into(),
             recording: "/r".into(),
@@ -296,7 +309,7 @@ mod tests {
         until("it runs", || text(&pids).ends_with('\n'));
         hooks.stop();
         until("it is killed", || !is_running(&text(&pids)));
-        let none = Hooks::start(&HooksParameters::default(), &events).unwrap();
+        let none = Hooks::start(&HooksParameters::default(), &events, Clock::system()).unwrap();
         assert!(none.is_none());
     }
 }

@@ -9,8 +9,8 @@ const LONGEST: usize = 48;
 /// A name from the time in UTC, such as `20260131-235959`.
 pub(super) fn of_time(time: Timestamp) -> String {
     let seconds = time.0 / 1_000_000_000;
-    let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
-    let [year, month, day] = date(days);
+    let rest = seconds % 86_400;
+    let [year, month, day] = time.date();
     let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
 }
@@ -26,24 +26,6 @@ pub(super) fn free(folder: &Path, time: Timestamp) -> String {
     let numbered = (2..100).map(|n| format!("{name}-{n}"));
     let mut names = std::iter::once(name.clone()).chain(numbered);
     names.find(|name| !taken(name)).unwrap_or(name)
-}
-
-/// Year, month and day of a number of days since 1 January 1970. Years are counted from 1 March, so that the leap day
-/// is a year's last day; the calendar repeats every 400 years.
-fn date(days: i64) -> [i64; 3] {
-    let days = days + 719_468;
-    let era = days.div_euclid(146_097);
-    let of_era = days.rem_euclid(146_097);
-    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 {
-        shifted + 3
-    } else {
-        shifted - 9
-    };
-    [year_of_era + era * 400 + i64::from(month <= 2), month, day]
 }
 
 /// Checks that no models of an earlier session lie where those of a new one go: captures of both have the same names if
@@ -68,6 +50,27 @@ pub(super) fn check_models(models: &Path, recordings: &Path, name: &str) -> Resu
         )),
         None => Ok(()),
     }
+}
+
+/// Whether a name is that of a session, or of one of the captures that it has so far, or of a retry of one.
+pub(super) fn has_capture(session: &str, captures: u32, name: &str) -> bool {
+    let number = |rest: &str| {
+        let rest = rest.strip_prefix('-')?;
+        let digits = rest.split_once(".r").map_or(rest, |(digits, _)| digits);
+        let is_number = digits.len() >= 4 && digits.bytes().all(|b| b.is_ascii_digit());
+        digits.parse::<u32>().ok().filter(|_| is_number)
+    };
+    let rest = name.strip_prefix(session);
+    let is_of = |rest: &str| number(rest).is_some_and(|number| (1..=captures).contains(&number));
+    rest.is_some_and(|rest| rest.is_empty() || is_of(rest))
+}
+
+/// The session that a capture's id names, as far as it is of the form `SESSION-0001` or `SESSION-0001.r1`.
+pub(super) fn session_of(capture: &str) -> &str {
+    let first = capture.split_once(".r").map_or(capture, |(first, _)| first);
+    first
+        .rsplit_once('-')
+        .map_or(capture, |(session, _)| session)
 }
 
 /// Whether a recording of this stem could be a session's: `NAME`, `NAME-002` and so on.
@@ -105,6 +108,25 @@ mod tests {
             (4_107_542_400, "21000301-000000"),
         ] {
             assert_eq!(of_time(Timestamp(seconds * 1_000_000_000)), name);
+        }
+    }
+
+    #[test]
+    fn a_session_has_its_captures_and_no_others() {
+        for (name, has) in [
+            ("a", true),
+            ("a-0001", true),
+            ("a-0003.r1", true),
+            ("a-0004", false),
+            ("a-0000", false),
+            ("a-1", false),
+            ("a-0001-0001", false),
+            ("b-0001", false),
+        ] {
+            assert_eq!(has_capture("a", 3, name), has, "{name}");
+        }
+        for (capture, session) in [("a-b-0001", "a-b"), ("a-b-0001.r2", "a-b"), ("cup", "cup")] {
+            assert_eq!(session_of(capture), session);
         }
     }
 

@@ -155,7 +155,10 @@ impl Packer {
                 after / 1_000_000
             ),
             Ok(Packed::Already | Packed::NotWorthwhile) => {}
-            Err(error) => log::warning!("cannot pack a recording, which stays as it is: {error}"),
+            Err(error) => log::warning!(
+                "cannot pack a recording, which was left unchanged: \
+                {error}"
+            ),
         }
         self.done.insert(path);
     }

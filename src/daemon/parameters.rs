@@ -1,6 +1,6 @@
-//! What can be configured about capturing and recording.
+//! The configuration of capturing and recording.
 
-use crate::number::{count, milliseconds};
+use crate::range::{count, milliseconds};
 use std::path::PathBuf;
 
 /// How captures are taken.
@@ -93,7 +93,7 @@ pub struct ServiceParameters {
     /// Cameras that may be missing once all were waited for. Default 0: not ready before all have answered.
     pub missing_cameras: usize,
     /// How long all cameras are waited for before fewer are enough, in seconds. Default 60.
-    #[serde(deserialize_with = "crate::number::seconds_of_a_day")]
+    #[serde(deserialize_with = "crate::range::seconds_of_a_day")]
     pub patience_s: f64,
 }
 
@@ -204,9 +204,7 @@ impl HooksParameters {
                 return Err(format!("hooks.{name}: the program's name is empty"));
             }
             if command.iter().any(|word| word.contains('\0')) {
-                return Err(format!(
-                    "hooks.{name}: a zero byte, which no command can have"
-                ));
+                return Err(format!("hooks.{name}: expected no zero byte"));
             }
         }
         Ok(())

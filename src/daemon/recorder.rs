@@ -1,6 +1,7 @@
-//! The thread that brings captures to the disk, one after the other, and says of each when it is safe.
+//! The thread that writes captures to the disk, one after the other, and reports each when it is durable.
 
 use super::dispatcher::ReplyGuard;
+use super::notes;
 use super::request_log::Input;
 use super::systemd::Heartbeat;
 use crate::frame::Timestamp;
@@ -18,6 +19,14 @@ pub(super) type Answer = Box<dyn FnOnce(Result<String, String>) + Send>;
 /// Why a piece of work is refused.
 pub(super) const QUEUE_FULL: &str = "the recorder's queue is full";
 
+/// Where a note goes.
+pub(super) enum NotePlace {
+    /// Into the recording in progress, which has the capture.
+    Session,
+    /// Beside the complete recording in this folder that has the capture.
+    Beside(PathBuf),
+}
+
 /// What is to be brought to the disk.
 pub(super) enum Work {
     /// A session begins; the one before is completed.
@@ -26,19 +35,19 @@ pub(super) enum Work {
     Change(Box<SessionHeader>, u64, Timestamp),
     /// A capture, and what holds its press.
     Keep(Box<FinishedCapture>, ReplyGuard),
-    /// What a person said.
-    Note(Note, Timestamp, Answer),
+    /// What a person said, and where it goes.
+    Note(Note, Timestamp, NotePlace, Answer),
     /// The session is completed.
     Close(Answer),
 }
 
 impl Work {
-    /// Lets the one who waits for it hear that it is not done.
+    /// Tells the client that waits that the work was not done.
     pub(super) fn refuse(self) {
         match self {
             Self::Change(..) => {}
             Self::Keep(kept, press) => written(press, &kept.record.id, Err(QUEUE_FULL.into())),
-            Self::Begin(_, answer) | Self::Note(_, _, answer) | Self::Close(answer) => {
+            Self::Begin(_, answer) | Self::Note(_, _, _, answer) | Self::Close(answer) => {
                 answer(Err(QUEUE_FULL.into()));
             }
         }
@@ -134,7 +143,7 @@ impl Writing {
     fn carry_out(&mut self, work: Work) {
         match work {
             Work::Begin(session, answer) => {
-                // What became of the session before is no answer to who begins this one.
+                // The outcome of the previous session is not an answer to the client that begins this one.
                 if let Err(error) = self.close() {
                     log::error!("{error}");
                 }
@@ -163,9 +172,12 @@ impl Writing {
                 self.waiting.fetch_sub(1, Ordering::AcqRel);
                 written(press, &capture, result);
             }
-            Work::Note(note, time, answer) => {
+            Work::Note(note, time, NotePlace::Session, answer) => {
                 let noted = self.with(|session| session.note(&note, time));
                 answer(noted.map(|()| "done".into()));
+            }
+            Work::Note(note, time, NotePlace::Beside(folder), answer) => {
+                notes::write_beside(folder, note, time, answer);
             }
             Work::Close(answer) => answer(self.close().map(|()| "done".into())),
         }
@@ -175,7 +187,7 @@ impl Writing {
         &mut self,
         write: impl FnOnce(&mut RecordingSession) -> Result<T, Error>,
     ) -> Result<T, String> {
-        let words = "there is no session: a note goes into the recording in progress";
+        let words = "no recording is in progress to take the note";
         let session = self.session.as_mut().ok_or(words)?;
         write(session).map_err(|error| error.to_string())
     }

@@ -1,5 +1,5 @@
-//! All cameras' threads: sends a shot to each of them, collects their answers, and tracks their state between shots. No
-//! camera is waited for longer than a shot may take.
+//! All cameras' threads: sends a shot to each of them, collects their answers, and tracks their state between
+//! shots. It never waits for a camera longer than a shot may take.
 
 use super::systemd::Heartbeat;
 use crate::clock::Clock;

@@ -1,4 +1,4 @@
-//! Cameras of the tests' own, and a daemon that takes captures with them.
+//! Scripted cameras for tests, and a daemon that takes captures with them.
 
 use super::capturing::Order;
 use super::recorder::Answer;
@@ -180,8 +180,8 @@ pub(super) struct Stand {
     presses: AtomicU32,
 }
 
-pub(super) fn plan(folder: &Path, pool: &Pool) -> Plan {
-    Plan {
+pub(super) fn plan(folder: &Path, pool: &Pool) -> CapturePlan {
+    CapturePlan {
         sync: sync::Parameters {
             window_ms: 400.0,
             depth_frames: 12,
@@ -220,7 +220,7 @@ pub(super) const CAMERAS: [(&str, Kind); 4] = [
 pub(super) fn start_in(
     folder: tempfile::TempDir,
     memory: usize,
-    change: impl FnOnce(&mut Plan),
+    change: impl FnOnce(&mut CapturePlan),
 ) -> Stand {
     start_on(Clock::system(), 0, &CAMERAS, folder, memory, change)
 }
@@ -231,7 +231,7 @@ pub(super) fn start_at(
     cameras: &[(&str, Kind)],
     folder: tempfile::TempDir,
     memory: usize,
-    change: impl FnOnce(&mut Plan),
+    change: impl FnOnce(&mut CapturePlan),
 ) -> Stand {
     start_on(clock, 1_000_000, cameras, folder, memory, change)
 }
@@ -242,7 +242,7 @@ fn start_on(
     cameras: &[(&str, Kind)],
     folder: tempfile::TempDir,
     memory: usize,
-    change: impl FnOnce(&mut Plan),
+    change: impl FnOnce(&mut CapturePlan),
 ) -> Stand {
     let pool = Pool::new(memory);
     let mut behaviours = BTreeMap::new();
@@ -297,7 +297,7 @@ fn start_on(
     stand
 }
 
-pub(super) fn start(change: impl FnOnce(&mut Plan)) -> Stand {
+pub(super) fn start(change: impl FnOnce(&mut CapturePlan)) -> Stand {
     start_in(tempfile::tempdir().unwrap(), 4_000_000, change)
 }
 
@@ -350,6 +350,7 @@ impl Stand {
             capture: "a".into(),
             kind: "text".into(),
             text: String::new(),
+            author: None,
         };
         let answer = Box::new(move |_| {
             let _ = heard.send(());

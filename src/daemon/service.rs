@@ -1,5 +1,5 @@
-//! The daemon as a service among others: says when it is ready and how it goes, shows that its socket is served, and
-//! reads its parameters again when it is asked to. It runs beside the socket, on the same thread.
+//! The daemon as a service: reports when it is ready and what its state is, shows that its socket is served, and
+//! reloads its configuration on request. It runs beside the socket, on the same thread.
 
 use super::capturing::{Capturing, Order, ReloadedSettings};
 use super::parameters::ServiceParameters;
@@ -13,7 +13,8 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 
 /// Reads the parameters again, as far as they may change; else says what is in the way.
-pub type ReloadSettings = Box<dyn Fn() -> Result<(ReloadedSettings, ServiceParameters), String>>;
+pub(super) type ReloadSettings =
+    Box<dyn Fn() -> Result<(ReloadedSettings, ServiceParameters), String>>;
 
 /// What the daemon is to systemd.
 pub struct Service {
@@ -53,7 +54,7 @@ impl Service {
     pub(super) async fn attend(&mut self, capturing: &Capturing) {
         let mut ticks = tokio::time::interval(Heartbeat::INTERVAL);
         let Ok(mut hangups) = signal(SignalKind::hangup()) else {
-            log::error!("SIGHUP cannot be had");
+            log::error!("the daemon cannot receive SIGHUP: restart it to change its configuration");
             return std::future::pending().await;
         };
         loop {
@@ -93,7 +94,10 @@ impl Service {
         };
         match end {
             Ok(words) => log::notice!("{words}"),
-            Err(reason) => log::error!("not read again, all stays as it was: {reason}"),
+            Err(reason) => log::error!(
+                "the configuration was not reloaded, and nothing changed: \
+                {reason}"
+            ),
         }
         if self.ready {
             self.notifier.tell("READY=1");

@@ -1,4 +1,4 @@
-//! The socket as clients see it, with cameras of the tests' own: presses and their names, kills, disconnects.
+//! The socket as clients see it, with scripted cameras: presses and their ids, kills, disconnects.
 
 use super::scripted::{Behaviour, Stand, captures, recordings, start_in};
 use super::*;
@@ -23,14 +23,14 @@ pub(super) struct Service {
     pub(super) socket: PathBuf,
 }
 
-pub(super) fn service(change: impl FnOnce(&mut Plan)) -> Service {
+pub(super) fn service(change: impl FnOnce(&mut CapturePlan)) -> Service {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().to_owned();
     service_at(start_in(folder, 4_000_000, change), &path)
 }
 
 /// A daemon over recordings that outlive it.
-pub(super) fn service_over(folder: &Path, change: impl FnOnce(&mut Plan)) -> Service {
+pub(super) fn service_over(folder: &Path, change: impl FnOnce(&mut CapturePlan)) -> Service {
     let stand = start_in(tempfile::tempdir().unwrap(), 4_000_000, |plan| {
         plan.recording.folder = folder.join("recordings");
         change(plan);
@@ -284,7 +284,7 @@ fn a_kill_between_accepted_and_durable_leaves_one_capture_with_one_end() {
         ends.insert(failed);
         assert_eq!(service.press(Some("p-1")), after);
         service.stand.stop();
-        // What is said to be durable is in the recording, and nothing else.
+        // What was acknowledged as durable is in the recording, and nothing else.
         let found = recordings(&folder.path().join("recordings"));
         let found: Vec<_> = found.iter().flat_map(captures).collect();
         let complete = found.iter().filter(|c| c.1 == Outcome::Complete);
@@ -396,7 +396,7 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
     );
 }
 
-/// Printed for who wants to know (`--nocapture`); figures that depend on the machine are nothing to be held.
+/// Printed for information (`--nocapture`); figures that depend on the machine are not required.
 #[test]
 fn what_a_press_waits_for_comes_in_its_order() {
     let service = service(|_| ());

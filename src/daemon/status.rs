@@ -1,4 +1,4 @@
-//! The daemon's status, as clients see it. No logic beyond gathering it.
+//! The daemon's status, as clients see it. This file only gathers it.
 
 use super::request_log::Percentiles;
 use super::rig::{Kind, Rig, State};

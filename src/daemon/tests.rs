@@ -1,4 +1,4 @@
-//! The daemon's threads with cameras of the tests' own: presses, failures, a full queue, backgrounds, sessions.
+//! The daemon's threads with scripted cameras: presses, failures, a full queue, backgrounds, sessions.
 
 use super::capturing::Order;
 use super::packing::Packer;
@@ -122,7 +122,7 @@ fn a_file_that_is_no_socket_is_not_removed() {
     std::fs::write(&path, "a recording").unwrap();
     let refused = control::listen(&path).unwrap_err().to_string();
     assert!(
-        refused.contains("a.mcap") && refused.contains("no socket"),
+        refused.contains("a.mcap") && refused.contains("not a socket"),
         "{refused}"
     );
     assert!(path.exists());
@@ -414,7 +414,7 @@ fn backgrounds_are_kept_known_after_a_restart_and_in_every_recording() {
     let stand = start(|_| ());
     assert_eq!(stand.capturing.status().plates_age_h, None);
     let words = stand.ask(Order::Background).unwrap();
-    assert!(words.contains("3 plates"), "{words}");
+    assert!(words.contains("3 backgrounds"), "{words}");
     stand.behaviour("c00", Behaviour::Loses);
     let refused = stand.ask(Order::Background).unwrap_err();
     assert!(refused.contains("c00"), "{refused}");
@@ -486,6 +486,7 @@ fn sessions_begin_are_noted_and_close() {
         capture: capture.clone(),
         kind: "reject".into(),
         text: "a hand".into(),
+        author: None,
     };
     stand
         .ask(|answer| Order::Note(note.clone(), answer))

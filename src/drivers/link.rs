@@ -1,5 +1,5 @@
-//! How long a capture takes on each network link, and when each camera of a link may send: the cameras of one link send
-//! one after the other, so that no switch has to hold their frames. Arithmetic alone.
+//! Computes how long a capture takes on each network link, and when each camera of a link may send: the cameras of
+//! one link send one after the other, so that no switch has to hold their frames. Pure arithmetic.
 
 use crate::frame::CameraId;
 use std::collections::{BTreeMap, BTreeSet};
@@ -62,7 +62,7 @@ pub struct Budget {
 ///
 /// # Errors
 /// With the arithmetic in words, if a capture takes longer on a link than `at_most`; or a link has no speed, names a
-/// camera that is none of these, or one that another link names too.
+/// camera that is not one of these, or one that another link names too.
 pub fn budget(
     links: &BTreeMap<String, Link>,
     cameras: &BTreeMap<CameraId, Transmission>,
@@ -72,7 +72,7 @@ pub fn budget(
     let mut named = BTreeSet::new();
     for (name, link) in links {
         if link.speed_mbit == 0 {
-            return Err(format!("links.{name}: speed_mbit is 0, expected more"));
+            return Err(format!("links.{name}: speed_mbit is 0, expected 1 or more"));
         }
         let mut begin = Duration::ZERO;
         let mut arithmetic = Vec::new();
@@ -80,11 +80,11 @@ pub fn budget(
             let found = cameras.iter().find(|(id, _)| id.as_str() == camera);
             let Some((id, transmission)) = found else {
                 return Err(format!(
-                    "links.{name}: {camera:?} is no GigE Vision camera of this rig"
+                    "links.{name}: {camera:?} is not a GigE Vision camera of this rig"
                 ));
             };
             if !named.insert(id) {
-                return Err(format!("links.{name}: {camera} is on a link already"));
+                return Err(format!("links.{name}: {camera} is on another link already"));
             }
             let takes = transmission.duration(link.speed_mbit);
             budget
@@ -190,7 +190,7 @@ mod tests {
         let mut links = one_link(1000, names);
         links.insert("eth2".into(), links["eth1"].clone());
         let twice = budget(&links, &cameras, Duration::from_secs(3)).unwrap_err();
-        assert!(twice.contains("c00 is on a link already"), "{twice}");
+        assert!(twice.contains("c00 is on another link already"), "{twice}");
         let unknown = one_link(1000, vec!["k0".into()]);
         let unknown = budget(&unknown, &cameras, Duration::from_secs(3)).unwrap_err();
         assert!(unknown.contains("\"k0\""), "{unknown}");

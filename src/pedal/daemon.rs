@@ -140,6 +140,7 @@ impl Daemon {
             capture: capture.clone(),
             kind: "reject".into(),
             text: "foot switch".into(),
+            author: None,
         };
         let mut client = Client::connect(&self.socket, Some(PATIENCE))?;
         client.send(&request)?;

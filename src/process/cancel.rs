@@ -1,4 +1,4 @@
-//! Says that nobody wants the work of some processes any more. It wakes whoever waits for one of them.
+//! Tells child processes that their work is no longer needed, and wakes the threads that wait for them.
 
 use rustix::event::{EventfdFlags, eventfd};
 use std::io;

@@ -1,8 +1,9 @@
-//! A process that does something for this one: started, listened to, waited for, and killed with all that it started
-//! when its time is over or nobody wants its work any more.
+//! A child process: starts it, reads its output, waits for it, and kills it with all its own children when it
+//! exceeds its time or its work is no longer needed.
 
 use super::cancel::Cancel;
 use super::inherited;
+use crate::clock::Clock;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process_group, pidfd_open};
@@ -10,7 +11,7 @@ use std::io::{self, Read};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::process::{ChildStderr, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// How much of what a process says is kept: the last of it, in bytes.
 const MOST_WORDS: usize = 16 << 10;
@@ -70,13 +71,18 @@ impl Child {
         }
     }
 
-    /// Waits for its end, which comes after `limit` at the latest; also the last of what it said. What it started and
-    /// left in its group ends with it.
+    /// Waits for its end, which comes after `limit` of `clock` at the latest; also the last of what it said. What it
+    /// started and left in its group ends with it.
     ///
     /// # Errors
     /// If the system cannot tell.
-    pub fn wait(mut self, limit: Duration, cancel: &Cancel) -> io::Result<(End, String)> {
-        let woken = self.listen(Instant::now() + limit, cancel);
+    pub fn wait(
+        mut self,
+        limit: Duration,
+        clock: Clock,
+        cancel: &Cancel,
+    ) -> io::Result<(End, String)> {
+        let woken = self.listen(limit, clock, cancel);
         // The number is still its own and its group's, as nobody has waited for it.
         let _ = pid(&self.process).map(|pid| kill_process_group(pid, Signal::KILL));
         if !matches!(woken, Ok(Woken::Ended)) {
@@ -93,9 +99,10 @@ impl Child {
     }
 
     /// Reads what it says until something ends it.
-    fn listen(&mut self, deadline: Instant, cancel: &Cancel) -> io::Result<Woken> {
+    fn listen(&mut self, limit: Duration, clock: Clock, cancel: &Cancel) -> io::Result<Woken> {
+        let deadline = clock.now() + limit;
         loop {
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = clock.until(deadline);
             if left.is_zero() {
                 return Ok(Woken::TimedOut);
             }
@@ -105,7 +112,7 @@ impl Child {
             ];
             let pipe = self.words.pipe.as_ref();
             files.extend(pipe.map(|pipe| PollFd::new(pipe, PollFlags::IN)));
-            match poll(&mut files, Some(&timespec(left))) {
+            match poll(&mut files, Some(&timespec(clock.wait_at_most(left)))) {
                 Ok(_) | Err(rustix::io::Errno::INTR) => {}
                 Err(error) => return Err(error.into()),
             }
@@ -182,6 +189,7 @@ impl Words {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Timestamp;
 
     const LONG: Duration = Duration::from_secs(60);
 
@@ -193,7 +201,8 @@ mod tests {
 
     fn run(command: &mut Command, limit: Duration) -> (End, String) {
         let child = Child::start(command).unwrap();
-        child.wait(limit, &Cancel::new().unwrap()).unwrap()
+        let cancel = Cancel::new().unwrap();
+        child.wait(limit, Clock::system(), &cancel).unwrap()
     }
 
     #[test]
@@ -207,22 +216,27 @@ mod tests {
 
     #[test]
     fn one_that_hangs_and_one_that_nobody_wants_are_killed() {
-        let mut hangs = shell("echo begun >&2; exec sleep 1000");
-        let (end, _) = run(&mut hangs, Duration::from_millis(300));
-        assert!(matches!(end, End::TimedOut));
+        let cancel = Cancel::new().unwrap();
+        let clock = Clock::by_hand(Timestamp(0));
+        let hangs = Child::start(&mut shell("exec sleep 1000")).unwrap();
+        let thread = std::thread::spawn(move || hangs.wait(LONG, clock, &cancel).unwrap().0);
+        // It takes no time from the clock that the thread reads first, whenever that is.
+        while !thread.is_finished() {
+            clock.advance(LONG);
+            std::thread::yield_now();
+        }
+        assert!(matches!(thread.join().unwrap(), End::TimedOut));
         let cancel = Cancel::new().unwrap();
         let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
         let others = cancel.clone();
         let thread = std::thread::spawn(move || others.cancel());
-        let (end, _) = child.wait(LONG, &cancel).unwrap();
+        let (end, _) = child.wait(LONG, Clock::system(), &cancel).unwrap();
         assert!(matches!(end, End::Cancelled));
         thread.join().unwrap();
         // Once said, it stays said.
         let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
-        assert!(matches!(
-            child.wait(LONG, &cancel).unwrap().0,
-            End::Cancelled
-        ));
+        let (end, _) = child.wait(LONG, Clock::system(), &cancel).unwrap();
+        assert!(matches!(end, End::Cancelled));
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! What systemd tells a service in its environment, which none of its children may believe is said to them.
+//! The environment variables in which systemd talks to a service. Children must not inherit them, because they
+//! would take them as meant for themselves.
 
 use std::process::Command;
 

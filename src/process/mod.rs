@@ -1,5 +1,5 @@
-//! Processes of the operating system: one that is started, listened to and ended at its time, and how much this one
-//! takes of what all share. Knows nothing of what a process is for.
+//! Processes of the operating system: starts a child, reads its output and ends it at its time limit; lowers this
+//! process's own priority. Knows nothing of what a process is for.
 
 mod cancel;
 mod child;

@@ -1,4 +1,4 @@
-//! How this process, or one of its threads, makes way for all others.
+//! Lowers the priority of this process, or of one of its threads, below that of all others.
 
 use super::system;
 

@@ -30,7 +30,8 @@ pub(super) fn check_unique_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(
         };
         if let Some((other, theirs)) = taken.insert(leads_to.clone(), (id, device)) {
             return Err(format!(
-                "v4l2.cameras.{id}: device {device:?} is that of {other} already: it and {theirs:?} are {}",
+                "v4l2.cameras.{id}: device {device:?} is already used by {other}: it and \
+                {theirs:?} are {}",
                 leads_to.display()
             ));
         }
@@ -58,7 +59,7 @@ fn check_unique<'a, P, V: Ord + Debug>(
         };
         if let Some(other) = taken.get(&value) {
             return Err(format!(
-                "{driver}.cameras.{id}: {field} {value:?} is that of {other} already"
+                "{driver}.cameras.{id}: {field} {value:?} is already used by {other}"
             ));
         }
         taken.insert(value, id);
@@ -94,7 +95,7 @@ mod tests {
             );
             assert_eq!(
                 check_unique_gige(&cameras(&text)).unwrap_err(),
-                format!("aravis.cameras.c: {field} {shown} is that of a already")
+                format!("aravis.cameras.c: {field} {shown} is already used by a")
             );
         }
     }
@@ -120,18 +121,12 @@ mod tests {
         assert_eq!(
             of(["none-0", "none-0"]).unwrap_err(),
             format!(
-                "v4l2.cameras.b: device {:?} is that of a already",
+                "v4l2.cameras.b: device {:?} is already used by a",
                 path("none-0")
             )
         );
         let words = of(["id-0", "path-0"]).unwrap_err();
-        for named in [
-            "cameras.b: device",
-            "path-0",
-            "of a already",
-            "id-0",
-            "video0",
-        ] {
+        for named in ["cameras.b: device", "path-0", "used by a", "id-0", "video0"] {
             assert!(words.contains(named), "{named}: {words}");
         }
     }
@@ -145,11 +140,11 @@ mod tests {
         for (text, named) in [
             (
                 "a = {}\nb = { device = 'any' }",
-                "device \"any\" is that of a",
+                "device \"any\" is already used by a",
             ),
             (
                 "a = { device = 'x1' }\nb = { device = 'x1' }",
-                "device \"x1\" is that of a",
+                "device \"x1\" is already used by a",
             ),
         ] {
             let words = check_unique_openni2(&cameras(text)).unwrap_err();

@@ -1,8 +1,10 @@
-//! From the configuration's file to everything that a daemon needs before it touches a camera.
+//! Reads the configuration's file and prepares everything that a daemon needs before it opens a camera.
 
 use super::line_trigger::allow_for_lines;
 use super::rig_cameras::rig_cameras;
-use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
+use crate::calibration::{
+    CalibrationRecord, Camera, DepthCamera, DepthResponse, RigCalibration, Volume,
+};
 use crate::clock::Clock;
 use crate::config::{self, Config};
 use crate::daemon::{Kind, RigCamera};
@@ -91,8 +93,14 @@ impl ConfigSource {
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
         let rig_cameras = rig_cameras(&config, &calibration, clock, &pool).map_err(named)?;
         let mut preamble = preamble(&config, &calibration, &rig_cameras, text).map_err(named)?;
+        let sha256 = digest(&file)?;
         let about = &mut preamble.about;
-        about.insert("calibration_sha256".into(), digest(&file)?);
+        about.insert("calibration_sha256".into(), sha256.clone());
+        // Of a file that does not say what it is worth, nothing is said.
+        preamble.calibration = calibration.verdict.map(|verdict| CalibrationRecord {
+            verdict,
+            file_sha256: Some(sha256),
+        });
         Ok(Prepared {
             config,
             rig_cameras,
@@ -153,6 +161,7 @@ fn preamble(
         colors: of(true).map(|(camera, _)| camera.clone()).collect(),
         depths: of(false).map(depth).collect(),
         volume,
+        calibration: None,
         settings: BTreeMap::new(),
         backgrounds: BTreeMap::<CameraId, _>::new(),
         configuration,

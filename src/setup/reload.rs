@@ -1,5 +1,5 @@
-//! What a running daemon reads again at SIGHUP: the configuration is compared with the one it runs with, key by key,
-//! and taken whole or not at all, so that a recording's copy of it is always true.
+//! Reloads the configuration at SIGHUP: compares it key by key with the one in use, and applies all of it or
+//! nothing, so that the copy in a recording is always true.
 
 use super::prepare::ConfigSource;
 use crate::clock::Clock;
@@ -60,7 +60,7 @@ impl Running {
         fixed.retain(|key| !may_change(key));
         if !fixed.is_empty() {
             let keys = fixed.into_iter().collect::<Vec<_>>().join(", ");
-            return Err(format!("{keys}: needs a restart"));
+            return Err(format!("{keys}: a change needs a restart"));
         }
         same_sizes(&self.preamble, &now.preamble)?;
         if let Some(jobs) = &self.jobs {

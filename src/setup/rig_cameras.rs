@@ -87,7 +87,7 @@ pub(super) fn rig_cameras(
         .keys()
         .filter(|id| !rig_cameras.contains_key(id))
     {
-        log::warning!("camera {id} is calibrated and not configured: it is left out");
+        log::warning!("camera {id} is calibrated but not configured, and is ignored");
     }
     Ok(rig_cameras.into_values().collect())
 }

@@ -1,4 +1,4 @@
-//! Asks a running daemon.
+//! A client of a running daemon: sends a request and reads the replies.
 
 use super::{Event, Reply, Request};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -13,7 +13,7 @@ const LONGEST_REPLY: u64 = 4 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Nobody listens.
-    #[error("{}: {cause}: is the daemon running (scand run)?", path.display())]
+    #[error("{}: {cause}: is the daemon running? Start it with `systemctl start scand` on an installed rig, otherwise with `scand run`", path.display())]
     Away {
         /// The socket.
         path: PathBuf,

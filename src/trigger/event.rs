@@ -1,5 +1,5 @@
-//! The one type of what the daemon says. The stream of events and the hooks get it whole; replies to a client and the
-//! journal of presses are a view of it, [`Event::to_reply`].
+//! The one type for everything that the daemon reports. The stream of events and the hooks get it whole; the
+//! replies to a client and the journal of presses are a view of it, [`Event::to_reply`].
 
 use crate::level::Level;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,5 @@
-//! What is said over the daemon's socket: lines of JSON, requests one way, replies and events the other, and a client
-//! that speaks them. Nothing of cameras or recordings lives here.
+//! The messages on the daemon's socket, as lines of JSON (requests one way, replies and events the other), and a
+//! client. Nothing of cameras or recordings lives here.
 
 mod client;
 mod event;
@@ -53,11 +53,14 @@ pub enum Request {
     Note {
         /// The capture.
         capture: String,
-        /// `accept`, `reject` or `text`.
+        /// `accept`, `reject`, `clear` (which takes either back) or `text`.
         kind: String,
         /// In words.
         #[serde(default)]
         text: String,
+        /// Who says it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        author: Option<String>,
     },
     /// Complete the session.
     Close {},

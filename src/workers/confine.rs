@@ -29,7 +29,7 @@ pub struct Limits {
 #[derive(Debug, thiserror::Error)]
 pub enum ConfineError {
     /// Who started it is gone.
-    #[error("the process that started this one is gone")]
+    #[error("the process that started this one has ended")]
     Orphan,
     /// A limit cannot be set.
     #[error("cannot set {what}: {cause}")]
@@ -75,7 +75,7 @@ pub fn confine(
 ) -> Result<Vec<String>, ConfineError> {
     let missing = come_last(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("a worker cannot have {what}"))
+        .map(|what| format!("this system does not give a worker {what}"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;
@@ -87,12 +87,16 @@ pub fn confine(
         Err(error) => Some(error.to_string()),
     };
     missing.extend(unguarded.map(|why| {
-        format!("no Landlock ({why}): a worker could read and write other files than its own")
+        format!(
+            "Landlock cannot be used ({why}): a worker could read and write other files than \
+            its own"
+        )
     }));
     for filter in [unknown_calls()?, denied_calls()?] {
         if let Err(error) = seccompiler::apply_filter(&filter) {
             missing.push(format!(
-                "no filter of system calls ({error}): a worker could use the network and send signals"
+                "system calls cannot be filtered ({error}): a worker could use the network and \
+                send signals"
             ));
         }
     }

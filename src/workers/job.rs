@@ -1,7 +1,7 @@
 //! One job, as it is stored on the disk: a capture and the recording that holds it.
 
 use crate::frame::CaptureId;
-use crate::recording::{Outcome, Recording, Topic};
+use crate::recording::{Notes, Outcome, Recording, Topic};
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
@@ -41,13 +41,15 @@ impl Job {
         }
     }
 
-    /// The jobs of all complete captures of a recording, which is at `path` when it is complete.
+    /// The jobs of all complete captures of a recording that are not rejected, which is at `path` when it is complete.
     pub(super) fn of_recording(recording: &Recording, path: &Path) -> Vec<Self> {
         let records = recording.messages(&Topic::Capture).iter();
+        let notes = Notes::of(recording);
         let complete: Vec<String> = records
             .filter_map(|m| recording.capture_record(m).ok())
             .filter(|record| record.outcome == Outcome::Complete)
             .map(|record| record.id)
+            .filter(|id| !notes.on(id).is_rejected())
             .collect();
         let triggers = recording.messages(&Topic::Trigger).iter();
         triggers
@@ -103,7 +105,7 @@ mod tests {
         };
         assert_eq!(Job::parse(released).unwrap(), offered);
         assert_eq!(offered.file_name(), "01760000000000000000-a-0001.job");
-        // One of a later version is none of ours, and is set aside rather than begun.
+        // A job of a later version cannot be read, and is set aside rather than begun.
         let later = br#"{"recording":"a.mcap","file":"","capture":"a","trigger_ns":1,"source":"x","priority":3}"#;
         assert!(Job::parse(later).unwrap_err().contains("priority"));
     }

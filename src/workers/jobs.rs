@@ -27,7 +27,7 @@ pub enum Error {
     Storage(#[from] storage::Error),
 }
 
-/// All jobs, shared by who offers them and who does them.
+/// All jobs, shared by the threads that enqueue them and those that do them.
 pub struct Jobs {
     recordings: PathBuf,
     folder: PathBuf,
@@ -123,7 +123,7 @@ impl Jobs {
     /// If it cannot be written.
     pub fn enqueue(&self, job: &Job) -> Result<(), Error> {
         let path = self.folder.join(job.file_name());
-        if path.exists() {
+        if path.exists() || path.with_extension(REJECTED).exists() {
             return Ok(());
         }
         write_atomically(&path, &as_bytes(job))?;
@@ -153,7 +153,7 @@ impl Jobs {
     }
 
     /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
-    /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is said.
+    /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is logged.
     pub fn enqueue_missing(&self, recordings: &[PathBuf], models: &Path) {
         for path in recordings {
             let recovered = path.exists();
@@ -165,7 +165,7 @@ impl Jobs {
             let jobs = match Recording::open(&found) {
                 Ok(recording) => Job::of_recording(&recording, path),
                 Err(error) => {
-                    log::warning!("{error}: no models are made of it");
+                    log::warning!("{error}; no models will be made from it");
                     continue;
                 }
             };
@@ -176,6 +176,65 @@ impl Jobs {
                 }
             }
         }
+    }
+
+    /// Takes back a capture's job that nobody does yet, until [`Self::offer_again`]: the recording, if there was one.
+    pub fn withdraw(&self, capture: &str) -> Option<PathBuf> {
+        let mut state = self.state.lock();
+        let is_idle = |name: &String| !state.running.contains_key(name);
+        let name = self.named(capture, ENDING).into_iter().find(is_idle)?;
+        let path = self.folder.join(&name);
+        let job = std::fs::read(&path)
+            .ok()
+            .and_then(|bytes| Job::parse(&bytes).ok())?;
+        let renamed = storage::rename_durably(&path, &path.with_extension(REJECTED));
+        if let Err(error) = renamed {
+            log::error!("{}: {error}", path.display());
+            return None;
+        }
+        state.waiting = state.waiting.saturating_sub(1);
+        Some(self.recordings.join(job.recording))
+    }
+
+    /// Lets a job wait again that was taken back.
+    pub fn offer_again(&self, capture: &str) {
+        let mut state = self.state.lock();
+        for name in self.named(capture, REJECTED) {
+            let path = self.folder.join(name);
+            let renamed = storage::rename_durably(&path, &path.with_extension(ENDING));
+            match renamed {
+                Ok(()) => state.waiting += 1,
+                Err(error) => log::error!("{}: {error}", path.display()),
+            }
+        }
+        self.changed.notify_all();
+    }
+
+    /// Whether the model of a capture is being made.
+    pub fn is_running(&self, capture: &str) -> bool {
+        let state = self.state.lock();
+        state
+            .running
+            .values()
+            .any(|(job, _)| job.capture == capture)
+    }
+
+    /// The names of a capture's files of this ending.
+    fn named(&self, capture: &str, ending: &str) -> Vec<String> {
+        let end = format!("-{capture}.{ending}");
+        let files = std::fs::read_dir(&self.folder)
+            .into_iter()
+            .flatten()
+            .flatten();
+        let names = files.filter_map(|file| file.file_name().into_string().ok());
+        // A name begins with the trigger's time, in digits alone.
+        let is_of = |name: &String| {
+            let time = name.strip_suffix(&end);
+            time.is_some_and(|time| time.len() == 20 && time.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let mut names: Vec<String> = names.filter(is_of).collect();
+        names.sort();
+        names
     }
 
     /// What is to be done yet.
@@ -249,15 +308,18 @@ impl Jobs {
         None
     }
 
-    /// Reads a job; one that is none is set aside.
+    /// Reads a job; a file that is not a job is set aside.
     fn read(&self, name: &str) -> Option<Job> {
         let path = self.folder.join(name);
         let read = std::fs::read(&path).map_err(|e| e.to_string());
         match read.and_then(|bytes| Job::parse(&bytes)) {
             Ok(job) => Some(job),
             Err(problem) => {
-                log::error!("{} is no job: {problem}; it is set aside", path.display());
-                if std::fs::rename(&path, path.with_extension("bad")).is_err() {
+                log::error!(
+                    "{} is not a job: {problem}; it was set aside",
+                    path.display()
+                );
+                if storage::rename_durably(&path, &path.with_extension("bad")).is_err() {
                     let _ = std::fs::remove_file(&path);
                 }
                 None
@@ -325,6 +387,9 @@ impl Jobs {
         self.cancel.cancel();
     }
 }
+
+/// What the names of jobs end with that were taken back because their captures were rejected.
+const REJECTED: &str = "rejected";
 
 fn as_bytes(job: &Job) -> Vec<u8> {
     serde_json::to_vec(job).unwrap_or_default()

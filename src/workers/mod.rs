@@ -1,30 +1,26 @@
-//! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk; worker
-//! processes do them one after the other, confined, in the way of `scand --replay`. `make_model` builds the models;
+//! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk. Confined
+//! worker processes do them one after the other, with the code of `scand --replay`. `make_model` builds the models;
 //! nothing here does.
 
-#[cfg(feature = "live")]
-mod confine;
-#[cfg(feature = "live")]
-mod find;
-#[cfg(feature = "live")]
-mod job;
-#[cfg(feature = "live")]
-mod jobs;
-#[cfg(feature = "live")]
-mod outcome;
 mod parameters;
-#[cfg(feature = "live")]
-mod pool;
 pub mod protocol;
-#[cfg(all(test, feature = "live"))]
-mod tests;
 
-#[cfg(feature = "live")]
-pub use confine::{ConfineError, Limits, confine, part_from};
-#[cfg(feature = "live")]
-pub use job::Job;
-#[cfg(feature = "live")]
-pub use jobs::{Backlog, Error, Jobs, Running};
 pub use parameters::Parameters;
-#[cfg(feature = "live")]
-pub use pool::{Ended, Plan, Workers};
+
+cfg_if::cfg_if! {
+    if #[cfg(feature = "live")] {
+        mod confine;
+        mod find;
+        mod job;
+        mod jobs;
+        mod outcome;
+        mod pool;
+        #[cfg(test)]
+        mod tests;
+
+        pub use confine::{ConfineError, Limits, confine, part_from};
+        pub use job::Job;
+        pub use jobs::{Backlog, Error, Jobs, Running};
+        pub use pool::{Ended, WorkerPlan, Workers};
+    }
+}

@@ -12,7 +12,7 @@ const LONGEST_REASON: usize = 1000;
 /// The model in a folder, for a process that ended with this status, having said these words.
 ///
 /// # Errors
-/// In words, if there is none.
+/// The reason, if there is no model.
 pub(super) fn model(
     folder: &Path,
     status: ExitStatus,

@@ -1,6 +1,6 @@
 //! The configuration of the workers.
 
-use crate::number::count;
+use crate::range::count;
 use std::path::PathBuf;
 
 /// How models are made of captures as they come. With which settings is what the other sections say.

@@ -4,6 +4,7 @@ use super::find::find;
 use super::jobs::{Error, Jobs, Taken};
 use super::outcome;
 use super::{Job, Parameters, protocol};
+use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp};
 use crate::make_model::{FailedJob, Model, report_failure};
 use crate::process::{Child, End};
@@ -26,16 +27,18 @@ use std::time::Duration;
 const MOST_BEGUN: u32 = 3;
 
 /// What the threads work with.
-pub struct Plan {
+pub struct WorkerPlan {
     /// How many, how long, and where models go.
     pub parameters: Parameters,
     /// The configuration of the reconstruction, as TOML.
     pub settings: String,
+    /// The clock that a job has its time of.
+    pub clock: Clock,
     /// Which model is made; for the reports of failures.
     pub method: Method,
     /// Bytes of the models' disk that are left to others: no job is begun when there is less. May change at any time.
     pub keep_free: Arc<AtomicU64>,
-    /// The program that does a job and the first of its arguments; those of a [`protocol::Request`] follow.
+    /// The program that does a job and the first of its arguments; those of a [`protocol::ModelRequest`] follow.
     pub command: Vec<OsString>,
 }
 
@@ -63,7 +66,7 @@ impl Workers {
     /// If the folders cannot be made, or the system has no thread left.
     pub fn start(
         jobs: &Arc<Jobs>,
-        plan: Plan,
+        plan: WorkerPlan,
         ended: impl Fn(Ended) + Send + Sync + 'static,
     ) -> Result<Self, Error> {
         let io = |path: &Path| {
@@ -113,8 +116,8 @@ impl Drop for Workers {
 /// What all threads share.
 struct Shared {
     jobs: Arc<Jobs>,
-    plan: Plan,
-    /// What was said already of what the system cannot do.
+    plan: WorkerPlan,
+    /// Warnings about the system that were already logged.
     told: Mutex<BTreeSet<String>>,
     ended: Box<dyn Fn(Ended) + Send + Sync>,
 }
@@ -134,7 +137,10 @@ impl Shared {
                     model.folder.display()
                 ),
                 Err(reason) => {
-                    log::error!("capture {}: there is no model: {reason}", ended.capture);
+                    log::error!(
+                        "capture {}: its model could not be made: {reason}",
+                        ended.capture
+                    );
                 }
             }
             let done = ended.model.is_ok();
@@ -148,7 +154,10 @@ impl Shared {
     fn carry_out(&self, taken: &mut Taken) -> Option<Ended> {
         let folder = self.jobs.recordings();
         let Some(path) = find(folder, &taken.job) else {
-            let reason = format!("no recording in {} has it any more", folder.display());
+            let reason = format!(
+                "no recording in {} has this capture any more",
+                folder.display()
+            );
             let complete = folder.join(&taken.job.recording);
             return Some(self.failed(&taken.job, &complete, reason, ""));
         };
@@ -168,7 +177,7 @@ impl Shared {
         self.jobs.note(taken);
         let child = Child::start(&mut self.command(&path, &taken.job));
         let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
-        let waited = child.and_then(|child| child.wait(limit, self.jobs.cancel()));
+        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
         let (model, words) = match waited {
             Err(error) => (
                 Err(format!("the worker cannot be started: {error}")),
@@ -176,7 +185,7 @@ impl Shared {
             ),
             Ok((End::TimedOut, words)) => {
                 let reason = format!(
-                    "it was not done within {} s (workers.time_limit_s)",
+                    "it did not finish within {} s (workers.time_limit_s)",
                     limit.as_secs()
                 );
                 (Err(reason), words)
@@ -188,7 +197,7 @@ impl Shared {
                 (model, words)
             }
             Ok(_) => {
-                // Otherwise it counts: who ends it again and again must not keep all others from being done.
+                // Otherwise it counts: a job whose process is ended again and again must not block all others.
                 if self.jobs.is_stopped() || !path.exists() {
                     taken.job.begun -= 1;
                     self.jobs.note(taken);
@@ -229,7 +238,7 @@ impl Shared {
     fn command(&self, path: &Path, job: &Job) -> Command {
         let parameters = &self.plan.parameters;
         let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
-        let request = protocol::Request {
+        let request = protocol::ModelRequest {
             parent: std::process::id(),
             memory_mb: parameters.memory_mb,
             nice: parameters.nice,
@@ -279,7 +288,7 @@ impl Shared {
     fn failed(&self, job: &Job, recording: &Path, reason: String, words: &str) -> Ended {
         if let Err(problem) = self.report(job, recording, &reason, words) {
             log::error!(
-                "capture {}: no report of its failure: {problem}",
+                "capture {}: cannot write the report of its failure: {problem}",
                 job.capture
             );
         }

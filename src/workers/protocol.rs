@@ -24,7 +24,7 @@ const WARNING: &str = "scand: warning: ";
 
 /// One model that a process is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Request<'a> {
+pub struct ModelRequest<'a> {
     /// Id of the process that asks.
     pub parent: u32,
     /// Memory that may be taken, in megabytes.
@@ -41,7 +41,7 @@ pub struct Request<'a> {
     pub config: &'a Path,
 }
 
-impl Request<'_> {
+impl ModelRequest<'_> {
     /// The arguments that follow [`COMMAND`].
     pub fn arguments(&self) -> Vec<OsString> {
         let option = |name: &str| OsString::from(format!("--{name}"));

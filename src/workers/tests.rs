@@ -1,16 +1,18 @@
-//! Jobs on the disk and the processes that do them. The processes are shell scripts here, which do what a test wants;
+//! Jobs on the disk and the processes that do them. These processes are shell scripts that do what a test needs;
 //! tests/workers.rs has the real ones.
 
 use super::find::find;
 use super::*;
+use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::level::Level;
 use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unfinished_name};
+use crate::support::wait::until;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A time so many milliseconds after the sessions began.
 fn at(milliseconds: u64) -> Timestamp {
@@ -92,13 +94,14 @@ impl Place {
         }
     }
 
-    fn start(&self, jobs: &Arc<Jobs>, change: impl FnOnce(&mut Plan)) -> (Workers, Heard) {
-        let mut plan = Plan {
+    fn start(&self, jobs: &Arc<Jobs>, change: impl FnOnce(&mut WorkerPlan)) -> (Workers, Heard) {
+        let mut plan = WorkerPlan {
             parameters: Parameters {
                 folder: self.models(),
                 ..Parameters::default()
             },
             settings: "# settings".into(),
+            clock: Clock::system(),
             method: crate::reconstruct::Method::default(),
             keep_free: Arc::default(),
             command: vec!["/bin/sh".into(), self.path().join("worker.sh").into()],
@@ -136,14 +139,6 @@ impl Heard {
     fn nothing(&self) {
         let heard = self.0.recv_timeout(Duration::from_millis(100));
         assert!(heard.is_err(), "{heard:?}");
-    }
-}
-
-fn until(what: &str, reached: impl Fn() -> bool) {
-    let end = Instant::now() + Duration::from_secs(60);
-    while !reached() {
-        assert!(Instant::now() < end, "{what}");
-        std::thread::sleep(Duration::from_millis(5));
     }
 }
 

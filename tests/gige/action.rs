@@ -1,5 +1,5 @@
-//! Scheduled action commands: a small camera of the tests' own stands before the simulator's, passes its control
-//! protocol on, and does what the simulator cannot.
+//! Scheduled action commands: a small camera of the test's own stands in front of the simulator's, forwards its
+//! control protocol, and does what the simulator cannot do.
 
 use crate::description::{self, LISTENING, PTP_ENABLE, PTP_STATUS, SLAVE};
 use crate::network::alone_without_raw_sockets;

@@ -1,5 +1,5 @@
-//! A GenICam description with what real cameras have and the simulator has not: the simulator's own, with features
-//! added in memory that it does not use.
+//! A GenICam description with features that real cameras have and the simulator does not: the simulator's own, with
+//! features added in memory that it does not use.
 
 use aravis::FakeCamera;
 use std::path::PathBuf;

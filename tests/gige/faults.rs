@@ -1,4 +1,4 @@
-//! What goes wrong with cameras and networks, and that it is told and never looks right.
+//! Faults of cameras and networks: the driver reports each of them, and none gives a wrong picture.
 
 use crate::network::alone;
 use crate::stand::{CAPTURES, Stand, id, milliseconds_after};

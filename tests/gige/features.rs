@@ -1,4 +1,4 @@
-//! Settings: taken, or refused with the camera's own answer.
+//! Settings: the camera takes them, or they are refused with the camera's own answer.
 
 use crate::description;
 use crate::network::alone;

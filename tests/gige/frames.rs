@@ -1,4 +1,4 @@
-//! What is served is what is received, whatever starts an exposure.
+//! The driver receives exactly what the camera sends, whatever starts an exposure.
 
 use crate::network::alone;
 use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};

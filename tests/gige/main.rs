@@ -1,5 +1,5 @@
-//! The GigE Vision driver against cameras that the library's own simulator plays over the real protocol. Each test has
-//! a network of its own.
+//! The GigE Vision driver against cameras that the library's own simulator plays over the real protocol. Each test
+//! has its own network.
 
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 

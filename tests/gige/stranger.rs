@@ -1,4 +1,4 @@
-//! A camera that is not ours: the library's own stand-alone simulator, which has no clock that can be read.
+//! A camera that scand does not play: the library's own stand-alone simulator, which has no clock that can be read.
 
 use crate::network::alone;
 use scand::clock::Clock;

@@ -1,4 +1,4 @@
-//! Calibration by the command, from recordings: other people's pictures with published results.
+//! Calibration by the command, from recordings of other people's pictures with published results.
 
 use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;
@@ -150,7 +150,7 @@ fn opencvs_stereo_pairs_give_the_published_lenses_and_baseline() {
     // What is there is not replaced.
     let again = scand(&command).arg(&out).output().unwrap();
     assert_eq!(again.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&again.stderr).contains("is there already"));
+    assert!(String::from_utf8_lossy(&again.stderr).contains("already exists"));
 }
 
 /// A small rig's calibration session.
@@ -528,12 +528,12 @@ fn limits_are_configured_and_exports_need_no_fit() {
     assert!(Path::new(&path("unwritten.doubtful.toml")).exists());
     let errors = alone.refused(1, &[&less[..], &asked].concat());
     assert!(
-        errors.contains("unwritten.doubtful.toml is there already"),
+        errors.contains("unwritten.doubtful.toml already exists"),
         "{errors}"
     );
     let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
     assert!(
-        told["missing"].to_string().contains("99 are wanted"),
+        told["missing"].to_string().contains("expected 99 or more"),
         "{told:#}"
     );
     let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
@@ -603,7 +603,7 @@ fn limits_are_configured_and_exports_need_no_fit() {
         let output = scand(arguments).output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr);
         assert!(
-            output.status.code() == Some(1) && errors.contains("is there already: give --force"),
+            output.status.code() == Some(1) && errors.contains("already exists: give --force"),
             "{arguments:?}: {errors}"
         );
     }

@@ -1,6 +1,6 @@
-//! A simulated rig, calibrated by the command from a recording: what is found against what is true, whether the stated
-//! uncertainties cover the errors, the depth cameras' response, the report, and files for others. With
-//! `SCAND_CALIBRATED_RIG=full` in the environment the rig has its eleven cameras of 5 megapixels.
+//! A simulated rig, calibrated by the command from a recording and compared with the truth: the calibration,
+//! whether the stated uncertainties cover the errors, the depth cameras' response, the report, and exported files.
+//! With `SCAND_CALIBRATED_RIG=full` in the environment the rig has its eleven cameras of 5 megapixels.
 
 use assert_cmd::Command;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};

@@ -1,6 +1,6 @@
-//! Disasters of who makes models and of who mends recordings, through the real program: killed at random moments, or
-//! refused by the disk. What has its final name is complete, and a second run makes what the first would have made.
-//! `make torture` asks for more of each.
+//! Disasters of the real program while it makes models or recovers recordings: it is killed at random moments, or
+//! the disk refuses calls. A file under its final name is complete, and a second run makes what the first would
+//! have made. `make torture` asks for more of each.
 
 use crate::support::dice::Dice;
 use crate::support::program::scand;

@@ -1,6 +1,7 @@
-//! `scand evaluate` and `scand diff` as a user calls them: files in, words or JSON and an exit code out.
+//! `scand evaluate` and `scand diff` as a user calls them: files, the output as text or JSON, and the exit code.
 
 use assert_cmd::Command;
+use scand::description::Description;
 use scand::evaluate::load::load;
 use scand::image::RgbImage;
 use scand::mesh::{Mesh, vertex_normals};
@@ -63,7 +64,7 @@ fn evaluate_answers_in_json_and_draws() {
             .args([&picture, &model, &truth]);
         let refused = again.output().unwrap();
         let words = String::from_utf8_lossy(&refused.stderr);
-        assert!(words.contains("distances.png is there already"), "{words}");
+        assert!(words.contains("distances.png already exists"), "{words}");
         let replaced = again.arg("--force").output().unwrap();
         assert!(replaced.stderr.is_empty(), "{replaced:?}");
     }
@@ -124,10 +125,14 @@ fn diff_ends_with_what_it_found() {
     diff([&slanted, &slanted], &["--tolerance-mm", "0"])
         .assert()
         .code(0);
-    for wrong in ["-1", "nan", "1e4"] {
+    for (wrong, reason) in [
+        ("-1", "expected 0 to 1000"),
+        ("nan", "expected a length"),
+        ("1e4", "expected 0 to 1000"),
+    ] {
         let refused = diff([&a, &a], &["--tolerance-mm", wrong]).assert().code(2);
         let words = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
-        assert!(words.contains("not in 0 to 1000"), "{words}");
+        assert!(words.contains(reason), "{words}");
     }
     diff([&a, &b], &["--tolerance-mm", "4"]).assert().code(0);
     let output = diff([&a, &b], &["--json"]).assert().code(1);
@@ -176,10 +181,14 @@ fn what_is_written_is_read_back_the_same() {
         .mesh;
     let model = textured(mesh);
     let paths = ["model.ply", "model.glb"].map(|name| folder.path().join(name));
-    std::fs::write(&paths[0], ply::encode(&model, "a").unwrap()).unwrap();
+    std::fs::write(
+        &paths[0],
+        ply::encode(&model, &Description::default()).unwrap(),
+    )
+    .unwrap();
     std::fs::write(
         &paths[1],
-        glb::encode(&model, "a", &glb::Parameters::default()).unwrap(),
+        glb::encode(&model, &Description::default(), &glb::Parameters::default()).unwrap(),
     )
     .unwrap();
     for path in paths {

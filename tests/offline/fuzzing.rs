@@ -1,5 +1,5 @@
-//! The fuzzer's targets on stable Rust, with bytes that come from sound files by small damage, and with every input
-//! that a fuzzer ever found. `make torture` asks for more of them; CONTRIBUTING.md tells how the fuzzer itself is run.
+//! The fuzzer's targets on stable Rust, with intact files that are damaged slightly, and with every input that a
+//! fuzzer ever found. `make torture` asks for more of them; CONTRIBUTING.md tells how to run the fuzzer itself.
 
 #[path = "../../fuzz/bodies.rs"]
 #[allow(dead_code, reason = "targets are called by their names in the list")]

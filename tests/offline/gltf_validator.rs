@@ -1,8 +1,9 @@
-//! The Khronos validator over the files that we write. It needs node and the npm package `gltf-validator`
-//! (`npm install` in `tests/gltf`), which `tests/deps.sh` installs where npm is.
+//! Runs the Khronos validator over the files that scand writes. It needs node and the npm package `gltf-validator`
+//! (`npm install` in `tests/gltf`), which `tests/deps.sh` installs if npm is installed.
 
 use crate::support::skipped::{Needed, skip};
 use nalgebra::{Point3, Vector3};
+use scand::description::Description;
 use scand::image::RgbImage;
 use scand::mesh::Mesh;
 use scand::output::glb;
@@ -83,10 +84,25 @@ fn the_khronos_validator_finds_nothing() {
         ("empty-atlas", empty_atlas),
         ("empty", Model::default()),
     ];
+    // All that a model can say of its object.
+    let about = |name: &str| Description {
+        capture: name.into(),
+        subject: Some("1884.3".into()),
+        title: Some("Krater \"with\" handles".into()),
+        operator: Some("Ann".into()),
+        project: Some("day".into()),
+        rights: Some("CC0".into()),
+        session: Some("amphora".into()),
+        rig: Some("north".into()),
+        time: "2026-01-31T23:59:59.123Z".into(),
+        input_sha256: "ab".repeat(32),
+        calibration_sha256: "cd".repeat(32),
+        program: "scand 0.1.0".into(),
+    };
     let home = tempfile::tempdir().unwrap();
     let files = models.map(|(name, model)| {
         let path = home.path().join(name).with_extension("glb");
-        let bytes = glb::encode(&model, name, &glb::Parameters::default()).unwrap();
+        let bytes = glb::encode(&model, &about(name), &glb::Parameters::default()).unwrap();
         std::fs::write(&path, bytes).unwrap();
         path
     });

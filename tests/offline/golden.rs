@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{
     Board, Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, RigCalibration, Volume,
 };
-use scand::capture::Session;
+use scand::capture::CaptureSession;
 use scand::frame::{
     CameraId, CameraSettings, CaptureId, Frame, Picture, Stream, Timestamp, Transfer, Trigger,
 };
@@ -104,6 +104,7 @@ fn note() -> Note {
         capture: "ball-0001".into(),
         kind: "text".into(),
         text: "handle turned left – ähnlich".into(),
+        author: None,
     }
 }
 
@@ -209,6 +210,7 @@ fn calibration() -> RigCalibration {
     RigCalibration {
         volume: Some(volume()),
         verdict: None,
+        at_object_mm: None,
         cameras,
     }
 }
@@ -327,7 +329,7 @@ fn a_recording_of_a_released_version_becomes_a_model() {
         min_depth_frames: 1,
         ..sync::Parameters::default()
     };
-    let session = Session::of(
+    let session = CaptureSession::of(
         Recording::open(&golden("packed.mcap")).unwrap(),
         &parameters,
     )
@@ -378,7 +380,7 @@ fn what_a_later_version_wrote_is_refused_by_name() {
     let said = String::from_utf8_lossy(&ended.stderr);
     assert_eq!(ended.status.code(), Some(1), "{said}");
     assert!(
-        said.contains("later.mcap") && said.contains("format \"2\" is not known"),
+        said.contains("later.mcap") && said.contains("unknown format \"2\""),
         "{said}"
     );
     assert_eq!(std::fs::read(&path).unwrap(), before);

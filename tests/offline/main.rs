@@ -1,14 +1,19 @@
-//! The library and the program without cameras: recordings in, models out. Needs no feature and no system library. One
-//! program, for each one links all of scand.
+//! The library and the program without cameras, from recordings to models. It needs no feature and no system
+//! library. It is one program, because each program links all of scand.
 
+mod archive;
+mod board_shape;
 mod calibrate;
 mod calibrated_rig;
+mod calibration_trial;
 mod disasters;
 mod evaluate;
 mod fuzzing;
 mod gltf_validator;
 mod golden;
 mod hostile;
+mod notes;
+mod picture_files;
 mod reconstruction;
 mod recordings;
 mod replay;
@@ -16,4 +21,5 @@ mod shared_recordings;
 mod socket_page;
 #[path = "../support/mod.rs"]
 mod support;
+mod transcripts;
 mod usage;

@@ -1,7 +1,8 @@
-//! The whole reconstruction on the simulated rig, where the truth is known. Accuracy is a number here: how
-//! much of either surface lies within a millimetre of the other, as an F-score over vertices and face centres.
+//! The whole reconstruction on the simulated rig, where the truth is known. Accuracy is the share of either surface
+//! that lies within a millimetre of the other, as an F-score over vertices and face centres.
 
 use nalgebra::Point3;
+use scand::description::Description;
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
 use scand::reconstruct::{
@@ -251,8 +252,9 @@ fn the_same_bytes_whatever_the_number_of_threads() {
             .build()
             .unwrap();
         let model = pool.install(|| run(&scene, Method::Hybrid)).model;
-        let glb = glb::encode(&model, "x", &glb::Parameters::default()).unwrap();
-        (glb, ply::encode(&model, "x").unwrap())
+        let glb =
+            glb::encode(&model, &Description::default(), &glb::Parameters::default()).unwrap();
+        (glb, ply::encode(&model, &Description::default()).unwrap())
     };
     let one = bytes(1);
     for threads in [2, 3, 8] {

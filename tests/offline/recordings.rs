@@ -1,6 +1,6 @@
-//! The project's own recordings are what the simulated rig makes of the options that they carry: were the rig
-//! to change, they would have to be made again. Bit for bit: pictures and readings are whole numbers, and the
-//! last bit of a sine, in which mathematical libraries may differ, turns one of them in some 10^10.
+//! The simulated rig still makes the project's own recordings from the options that they carry; if the rig changes,
+//! they have to be made again. They are compared bit for bit: pictures and readings are whole numbers, and the last
+//! bit of a sine, in which mathematical libraries may differ, changes one of them in about 10^10.
 
 use scand::frame::{Frame, Picture, Stream};
 use scand::recording::{ColorPart, DepthPart, Recording, Topic};

@@ -1,4 +1,4 @@
-//! What `scand --replay` says, and where it writes.
+//! What `scand --replay` prints, and where it writes.
 
 use assert_cmd::Command;
 use serde_json::Value;
@@ -41,13 +41,14 @@ impl Ball {
         command
     }
 
-    /// The exit code, and what was told as JSON.
+    /// The exit code, and what was told of each capture as JSON.
     fn told(&self, arguments: &[&str]) -> (Option<i32>, Value) {
         let mut command = self.replay(&["--json", "--quiet"]);
         let command = command.args(arguments).arg("--out").arg(self.path("out"));
         let output = command.output().unwrap();
-        let told = serde_json::from_slice(&output.stdout);
-        (output.status.code(), told.unwrap())
+        let told = String::from_utf8(output.stdout).unwrap();
+        let lines = told.lines().map(|line| serde_json::from_str(line).unwrap());
+        (output.status.code(), Value::Array(lines.collect()))
     }
 }
 
@@ -58,7 +59,7 @@ fn a_red_verdict_is_one_the_second_time_as_well() {
     assert_eq!(code, Some(1), "{first:#}");
     let (code, second) = ball.told(&["--strict"]);
     assert_eq!(code, Some(1), "{second:#}");
-    for (before, after) in [0, 1].map(|k| (&first["captures"][k], &second["captures"][k])) {
+    for (before, after) in [0, 1].map(|k| (&first[k], &second[k])) {
         assert_eq!(before["result"], "done");
         assert_eq!(after["result"], "unchanged");
         assert_eq!(after["verdict"], "red");
@@ -77,9 +78,74 @@ fn a_capture_that_is_named_twice_is_made_once() {
     let arguments: Vec<&str> = arguments.chain(["--jobs", "3"]).collect();
     let (code, told) = ball.told(&arguments);
     assert_eq!(code, Some(0), "{told:#}");
-    let made = told["captures"].as_array().unwrap().iter();
+    let made = told.as_array().unwrap().iter();
     let made: Vec<&Value> = made.map(|c| &c["capture"]).collect();
     assert_eq!(made, ["ball-001", "ball-000"]);
+}
+
+#[test]
+fn a_model_of_a_doubtful_calibration_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let simulate = |name: &str, more: &[&str]| {
+        let mut command = scand();
+        #[rustfmt::skip]
+        command.args([
+            "simulate", "--shape", "ball", "--cameras", "4", "--size", "96x72", "--masks", "--depth-cameras", "0",
+        ]);
+        command.args(more).arg("--out").arg(path(name));
+        command.assert().success();
+    };
+    let reason = "camera c02 moved by 0.70°";
+    simulate("sound.mcap", &[]);
+    simulate("doubtful.mcap", &["--doubtful-calibration", reason]);
+    let model = |name: &str, more: &[&str]| -> (Option<String>, String) {
+        let out = tempfile::tempdir().unwrap();
+        let mut command = scand();
+        command
+            .arg("--replay")
+            .arg(path(name))
+            .arg("--out")
+            .arg(out.path());
+        command.args(["--quiet", "--set", "hull.resolution=20"]);
+        command.args(["--set", "verdict.hull_is_wanted=true"]);
+        command.args(more).assert().success();
+        let folder = out.path().join(Path::new(name).file_stem().unwrap());
+        let report = std::fs::read(folder.join("ball-000/report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let reasons = report["verdict"]["reasons"].as_array().unwrap();
+        let mut told = reasons
+            .iter()
+            .filter(|r| r["code"] == "calibration_doubtful");
+        let told = told
+            .next()
+            .map(|r| format!("{} {}", r["level"], r["words"]));
+        (told, report["digest"].to_string())
+    };
+    let (said, digest) = model("sound.mcap", &[]);
+    assert_eq!(said, None);
+    let (said, doubted) = model("doubtful.mcap", &[]);
+    let words = format!("\"amber\" \"the calibration is doubtful: {reason}\"");
+    assert_eq!(said, Some(words));
+    assert_ne!(digest, doubted, "the verdict is part of the digest");
+    // The calibration of the same cameras that does not say what it is worth takes the doubt away; exported, it stays.
+    let export = |name: &str, file: &str| {
+        let mut command = scand();
+        command
+            .args(["calibrate", "--quiet", "--from"])
+            .arg(path(name));
+        command.arg("--out").arg(path(file)).assert().success();
+        path(file).to_str().unwrap().to_owned()
+    };
+    let unknown = export("sound.mcap", "unknown.toml");
+    let known = export("doubtful.mcap", "known.toml");
+    assert_eq!(
+        model("doubtful.mcap", &["--calibration", &unknown]),
+        (None, digest)
+    );
+    let (said, again) = model("sound.mcap", &["--calibration", &known]);
+    assert!(said.unwrap().contains(reason));
+    assert_eq!(again, doubted);
 }
 
 /// Refuses a text that tells the system's reason more than once.
@@ -178,7 +244,7 @@ fn two_recordings_of_one_name_are_refused_before_anything_is_made() {
     let words = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success());
     assert!(
-        words.contains("other/ball.mcap") && words.contains("stem"),
+        words.contains("other/ball.mcap") && words.contains("the same name"),
         "{words}"
     );
     assert!(!ball.path("out").exists());

@@ -1,9 +1,10 @@
-//! Recordings that others wrote must load, and their models be as good as was promised. They are not part of scand:
-//! these tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped where they are not.
+//! Recordings that other programs wrote must load, and their models must be as good as promised. They are not part
+//! of scand: these tests find them through SCAND_SHARED_RECORDINGS, or beside the repository, and are skipped
+//! without them.
 
 use crate::support::skipped::{Needed, skip};
 use assert_cmd::Command;
-use scand::capture::{Session, Silhouette};
+use scand::capture::{CaptureSession, Silhouette};
 use scand::reconstruct::{Scene, SilhouetteSource};
 use scand::sync;
 use serde_json::{Value, json};
@@ -27,7 +28,7 @@ fn shared(name: &str) -> Option<PathBuf> {
 
 /// The only capture of a recording.
 fn load(name: &str) -> Option<(Scene, scand::capture::CaptureFacts)> {
-    let session = Session::open(&shared(name)?, &sync::Parameters::default()).unwrap();
+    let session = CaptureSession::open(&shared(name)?, &sync::Parameters::default()).unwrap();
     assert_eq!(session.damage(), []);
     let captures = session.captures();
     assert_eq!(captures.len(), 1);

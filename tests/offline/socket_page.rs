@@ -1,4 +1,5 @@
-//! docs/socket.md against the program: every message of the page is one, and every message that there is stands on it.
+//! Compares docs/socket.md with the program: every message on the page exists, and every message that exists is on
+//! the page.
 
 use scand::trigger::{Event, Request};
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! Arguments that cannot be met: exit code 2, and words about what was found and what was expected.
+//! Arguments that cannot be satisfied: exit code 2, and a message about what was found and what was expected.
 
 use assert_cmd::Command;
 

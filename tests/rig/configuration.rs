@@ -1,4 +1,4 @@
-//! Configurations that are refused before anything is touched: exit code 78, and what is wrong by its name.
+//! Configurations that are refused before a camera is opened: exit code 78, and a message that names what is wrong.
 
 use super::stand::{scand, served};
 use std::path::Path;
@@ -42,17 +42,17 @@ fn what_is_wrong_is_named_and_nothing_touched() {
         (format!("{sound}{CAMERAS}"), "duplicate key"),
         (
             sound.replace("127.0.1.2", "127.0.1.1"),
-            "aravis.cameras.c01: address 127.0.1.1 is that of c00 already",
+            "aravis.cameras.c01: address 127.0.1.1 is already used by c00",
         ),
         (
             sound
                 .replace("\"127.0.1.1\"", "\"127.0.1.1\"\nserial = \"A7\"")
                 .replace("\"127.0.1.2\"", "\"127.0.1.2\"\nserial = \"A7\""),
-            "aravis.cameras.c01: serial \"A7\" is that of c00 already",
+            "aravis.cameras.c01: serial \"A7\" is already used by c00",
         ),
         (
             format!("{sound}[openni2.cameras.kinect]\n[openni2.cameras.xtion]\n"),
-            "openni2.cameras.xtion: device \"any\" is that of kinect already",
+            "openni2.cameras.xtion: device \"any\" is already used by kinect",
         ),
         (
             format!("{sound}[capture]\npatience_ms = 60000\n"),

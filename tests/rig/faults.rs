@@ -1,4 +1,4 @@
-//! What hours and bad networks do to a rig: nothing grows, and no picture is wrong.
+//! A rig over hours and on bad networks: nothing grows, and no picture is wrong.
 
 use super::stand::{Stand, served};
 use super::{color, network, pixels, recordings};
@@ -127,7 +127,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Removes what is complete, as who copies it away does.
+/// Removes complete recordings, like a person who moves them away.
 fn clear(folder: &Path) {
     for file in recordings(folder) {
         std::fs::remove_file(file).unwrap();

@@ -1,5 +1,5 @@
-//! The whole rig on loopback: the daemon as a process of its own, GigE Vision cameras over the real protocol, and a
-//! depth camera through Debian's OpenNI2, all of which play a simulated recording. Each test has a network of its own.
+//! The whole rig on loopback: the daemon as a separate process, GigE Vision cameras over the real protocol, and a
+//! depth camera through Debian's OpenNI2, all of which play a simulated recording. Each test has its own network.
 
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 
@@ -125,7 +125,7 @@ fn what_is_served_is_what_is_recorded_and_becomes_the_same_model() {
     );
 }
 
-/// What presses were answered and how long after the press, printed for who wants to know (`--nocapture`); a figure
+/// What presses were answered and how long after the press, printed for information (`--nocapture`); a figure
 /// that depends on the machine is nothing to be held.
 fn tell_latencies(presses: &[Vec<(Reply, Duration)>]) {
     let name = |reply: &Reply| match reply {

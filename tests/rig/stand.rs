@@ -1,7 +1,8 @@
-//! The processes of a rig: the cameras, the daemon, and what a test says to them.
+//! The processes of a rig: the cameras and the daemon, and the requests that a test sends to them.
 
 use super::stage;
 pub use crate::support::program::scand;
+use crate::support::wait::until_or;
 use scand::trigger::{Client, Reply, Request, Until};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -155,11 +156,7 @@ impl Stand {
     }
 
     fn until(&self, what: &str, reached: impl Fn() -> bool) {
-        let end = Instant::now() + Duration::from_secs(60);
-        while !reached() {
-            assert!(Instant::now() < end, "{what}: {}", self.log());
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until_or(what, || self.log(), reached);
     }
 
     fn until_ready(&self) {

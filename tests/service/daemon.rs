@@ -1,8 +1,9 @@
-//! The daemon as a service: what systemd hands it and hears of it, who may speak to it, how it reads its configuration
-//! again and ends. Its cameras are never there; what it does with cameras is tested elsewhere.
+//! The daemon as a service: what it exchanges with systemd, who may use its socket, how it reloads its
+//! configuration, and how it ends. Its cameras never answer; other tests check what it does with cameras.
 
 use crate::support::program::scand;
 use crate::support::skipped::{Needed, skip};
+use crate::support::wait::until_or;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
@@ -80,11 +81,7 @@ impl Stand {
     }
 
     fn until_logged(&self, words: &str) {
-        let deadline = Instant::now() + Duration::from_secs(30);
-        while !self.log().contains(words) {
-            assert!(Instant::now() < deadline, "{words}: {}", self.log());
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        until_or(words, || self.log(), || self.log().contains(words));
     }
 
     fn signal(&self, name: &str) {
@@ -233,7 +230,7 @@ fn its_own_socket_is_for_its_group_alone_and_removed_at_the_end() {
     assert!(!socket.exists());
 }
 
-/// Nobody else may press. Needs root, who alone can become another user.
+/// Other users may not press. The test needs root to become another user.
 fn refused_to_nobody(stand: &Stand, socket: &Path) {
     let open = |path: &Path, mode| {
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
@@ -270,13 +267,13 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.until_logged("listening");
     stand.configure("[capture]\nretry = 3\nwaiting = 5\n[v4l2.cameras.c01.controls]\nfocus = 3\n");
     stand.signal("-HUP");
-    stand.until_logged("capture.waiting, v4l2.cameras.c01.controls: needs a restart");
+    stand.until_logged("capture.waiting, v4l2.cameras.c01.controls: a change needs a restart");
     stand.configure("[capture]\nretyr = 3\n");
     stand.signal("-HUP");
     stand.until_logged("retyr");
     stand.configure("[capture]\nretry = 3\npatience_ms = 700\n[hull]\nresolution = 123\n");
     stand.signal("-HUP");
-    stand.until_logged("was read again");
+    stand.until_logged("were read again");
     // Models from now on are made with it.
     let settings = std::fs::read_to_string(stand.path("recordings/jobs/settings.toml")).unwrap();
     assert!(settings.contains("resolution = 123"), "{settings}");
@@ -446,7 +443,7 @@ fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
     assert_eq!(code, Some(1), "{words}");
     for expected in [
         "ok     configuration: rig.toml, 2 cameras",
-        "none runs",
+        "no daemon runs",
         "WRONG  camera c00: ",
         "/dev/none-1",
         "ok     recordings' folder",
@@ -468,7 +465,7 @@ fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
     let twice = ["--set", "v4l2.cameras.c01.device=/dev/none-0"];
     let (code, words) = check(&stand, &twice);
     assert_eq!(code, Some(78), "{words}");
-    let named = "v4l2.cameras.c01: device \"/dev/none-0\" is that of c00 already";
+    let named = "v4l2.cameras.c01: device \"/dev/none-0\" is already used by c00";
     assert!(words.contains(named), "{words}");
     stand.start(run());
     stand.until_logged("listening");

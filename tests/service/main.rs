@@ -1,4 +1,4 @@
-//! The daemon as a program of its own, without cameras: as a service of systemd's, and as its operator sees it.
+//! The daemon as a separate program, without cameras: as a service of systemd, and as its operator sees it.
 
 mod daemon;
 mod operator;

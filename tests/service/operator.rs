@@ -1,13 +1,13 @@
-//! What an operator types, against a daemon in a process of its own. Its cameras are never there: a press fails, and
-//! says so everywhere.
+//! The commands that an operator types, against a daemon in a separate process. Its cameras never answer: a press
+//! fails, and every command says so.
 
 use crate::support::program::scand;
+use crate::support::wait::until_or;
 use scand::recording::{Outcome, Recording, Topic};
 use scand::trigger::Event;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
 const CONFIGURATION: &str = r#"
 [rig]
@@ -82,12 +82,8 @@ impl Stand {
     }
 
     fn until(&self, what: &str, reached: impl Fn() -> bool) {
-        let end = Instant::now() + Duration::from_secs(30);
-        while !reached() {
-            let log = std::fs::read_to_string(self.path("log")).unwrap_or_default();
-            assert!(Instant::now() < end, "{what}: {log}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let log = || std::fs::read_to_string(self.path("log")).unwrap_or_default();
+        until_or(what, log, reached);
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
@@ -140,7 +136,7 @@ fn a_day_at_a_rig_whose_cameras_are_away() {
     );
     let (refused, code) = stand.ask(&["trigger", "--until", "done"]);
     assert!(
-        code == Some(1) && refused.contains("no models are made"),
+        code == Some(1) && refused.contains("this daemon makes no models"),
         "{refused}"
     );
     stand.done(&["note", "amphora-0001", "reject"]);
@@ -210,7 +206,7 @@ fn a_daemon_that_is_away_is_said_to_be() {
             .output()
             .unwrap();
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(output.status.code(), Some(69));
         assert!(words.contains("is the daemon running"), "{words}");
     }
 }

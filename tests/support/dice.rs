@@ -1,4 +1,4 @@
-//! Numbers that look random and are the same in each run.
+//! Random numbers that are the same in each run.
 
 /// A linear congruential generator, with Knuth's factor for MMIX; its upper bits are taken.
 pub struct Dice(pub u64);

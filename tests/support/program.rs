@@ -1,4 +1,4 @@
-//! The program as it was built for the tests.
+//! Finds the program as it was built for the tests.
 
 use std::process::Command;
 

@@ -1,6 +1,6 @@
-//! What a machine may lack for a test: the one list, and the one way to skip. A test that cannot run here prints a line
-//! that begins with `skipped:` and passes. Under `SCAND_REQUIRE_ALL=1` it fails, unless the list names where else the
-//! same is shown.
+//! The one list of what a machine may lack for a test, and the one way to skip a test. A test that cannot run
+//! prints a line that begins with `skipped:` and passes. Under `SCAND_REQUIRE_ALL=1` it fails, unless the list
+//! names another place where the same is tested.
 
 use std::fmt::Display;
 use std::io::Write;

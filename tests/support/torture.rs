@@ -1,4 +1,5 @@
-//! How much of something a test takes: little in the gate, and more under `make torture`, which sets `SCAND_TORTURE`.
+//! How often a test repeats something: a few times in `make test`, and more often under `make torture`, which sets
+//! `SCAND_TORTURE`.
 
 /// The number in `SCAND_TORTURE`; `None` in the gate.
 pub fn asked() -> Option<u64> {

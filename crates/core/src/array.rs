@@ -1,5 +1,5 @@
-//! Short arrays for inner loops. What the standard library has for them (`map`, `from_fn`) is a call for each
-//! array unless a program is optimised as a whole, which a build has no time for; these are what they do.
+//! Functions on short arrays for inner loops. The standard library's (`map`, `from_fn`) become a call for each
+//! array unless the program is optimised as a whole, for which a build has no time.
 
 /// The values of `f` for a triangle's corners, a pixel's channels or a point's coordinates.
 #[inline(always)]

@@ -1,5 +1,5 @@
-//! What the rig hands over: cameras' names and settings, timestamps, frames and triggers. Data, no behaviour beyond
-//! checking itself; nothing here decodes, stores or reconstructs.
+//! The data that a rig delivers: cameras' names and settings, timestamps, frames and triggers. They have no
+//! behaviour beyond checking themselves; nothing here decodes, stores or reconstructs.
 
 mod settings;
 
@@ -121,7 +121,47 @@ fn shortened(name: &str) -> String {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(pub u64);
 
+/// As it is written: a string of decimal nanoseconds.
+impl<'de> serde::Deserialize<'de> for Timestamp {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(from)?;
+        text.parse().map(Self).map_err(|_| {
+            let found = shortened(&text);
+            serde::de::Error::custom(format!("{found:?} is not a string of decimal nanoseconds"))
+        })
+    }
+}
+
 impl Timestamp {
+    /// As ISO 8601 in UTC, to the millisecond (cut, not rounded): `2026-01-31T23:59:59.123Z`.
+    pub fn iso_8601(self) -> String {
+        let [year, month, day] = self.date();
+        let ms = self.0 / 1_000_000;
+        let seconds = ms / 1000 % 86_400;
+        let (hour, minute, second) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+        format!(
+            "{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{:03}Z",
+            ms % 1000
+        )
+    }
+
+    /// Year, month and day in UTC. Years are counted from 1 March, so that the leap day is a year's last day; the
+    /// calendar repeats every 400 years.
+    pub fn date(self) -> [u64; 3] {
+        let days = self.0 / 86_400_000_000_000 + 719_468;
+        let (era, of_era) = (days / 146_097, days % 146_097);
+        let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+        let shifted = (5 * of_year + 2) / 153;
+        let day = of_year - (153 * shifted + 2) / 5 + 1;
+        let month = if shifted < 10 {
+            shifted + 3
+        } else {
+            shifted - 9
+        };
+        [year_of_era + era * 400 + u64::from(month <= 2), month, day]
+    }
+
     /// Nanoseconds from `earlier` to `self`; negative where `self` is the earlier one.
     pub fn nanoseconds_since(self, earlier: Self) -> i128 {
         i128::from(self.0) - i128::from(earlier.0)

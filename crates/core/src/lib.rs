@@ -1,12 +1,13 @@
-//! scand without its cameras: recordings and what is made of them. It opens a recording, puts its frames together into
-//! captures, fits and reads calibrations, reconstructs an object by the method of Jang, Park and Lee, "Hybrid optical
-//! system for three-dimensional shape acquisition", Applied Optics 52(16), 2013, judges the model, writes it, and
-//! measures it against a truth.
+//! scand without its cameras: recordings, and what is made of them. It opens a recording, assembles its captures,
+//! fits and reads calibrations, reconstructs an object by the method of Jang, Park and Lee, "Hybrid optical system
+//! for three-dimensional shape acquisition", Applied Optics 52(16), 2013, decides the model's verdict, writes the
+//! model, and compares it with a truth.
 //!
 //! No camera, no command line, no system library, no `unsafe`. ARCHITECTURE.md has the table of the rooms that each
 //! room may use.
 
 #![forbid(unsafe_code)]
+#![cfg_attr(not(test), warn(unreachable_pub))]
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 #![cfg_attr(
     test,
@@ -14,18 +15,21 @@
 )]
 
 pub mod array;
+pub mod bag;
 pub mod calibrate;
 pub mod calibration;
 pub mod capture;
+pub mod description;
 pub mod evaluate;
 pub mod frame;
 pub mod image;
 pub mod level;
 pub mod make_model;
 pub mod mesh;
-pub mod number;
+pub mod notes;
 pub mod output;
 pub mod queue;
+pub mod range;
 pub mod reconstruct;
 pub mod recording;
 pub mod report;

@@ -1,5 +1,5 @@
-//! Bounded work: a number of jobs by a number of workers, each job isolated from the others' panics. Knows
-//! nothing of scanning.
+//! Runs a number of jobs on a number of threads, each job isolated from the others' panics. Knows nothing of
+//! scanning.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,5 +1,5 @@
-//! Medians and quantiles, each with its convention in its name: which of two middle values counts, and whether what
-//! lies between two values is interpolated. Models' bytes depend on it. Values are ordered as by `total_cmp`.
+//! Medians and quantiles, each with its convention in its name: which of two middle values is taken, and whether
+//! values are interpolated. The bytes of models depend on it. Values are ordered as by `total_cmp`.
 
 use std::cmp::Ordering;
 

@@ -1,5 +1,5 @@
-//! A depth camera's burst: depth frames of one scene, with their colour pictures. What the scene is, an object or a
-//! board, is for those who ask.
+//! A depth camera's burst: depth frames of one scene, with their colour pictures. The caller decides whether the
+//! scene is an object or a board.
 
 use super::color::expose;
 use super::depth::{DepthScene, picture};

@@ -1,5 +1,5 @@
-//! A colour camera's sensor: photons and read noise behind a Bayer mosaic, the sRGB curve, and the encodings
-//! in which a camera hands its pictures over.
+//! A colour camera's sensor: photons and read noise behind a Bayer mosaic, the sRGB curve, and the encodings in
+//! which a camera delivers its pictures.
 
 use super::options::{ColorSensor, Encoding};
 use super::random::Random;
@@ -21,38 +21,26 @@ pub(super) fn expose(
     key: [u64; 4],
 ) -> Picture {
     let (width, height) = rendered.size();
+    let raw = |encoding: &str, bytes_per_pixel: usize, data: Vec<u8>| Picture::Raw {
+        width: width as u32,
+        height: height as u32,
+        encoding: encoding.to_owned(),
+        step: (width * bytes_per_pixel) as u32,
+        data: data.into(),
+    };
+    let grey = |light: Grid<f32>| light.pixels().iter().map(|&l| srgb(l)).collect();
     match sensor.encoding {
-        Encoding::Bayer => Picture::Raw {
-            width: width as u32,
-            height: height as u32,
-            encoding: "bayer_rggb8".to_owned(),
-            step: width as u32,
-            data: mosaic(rendered, sensor, gains, key)
-                .pixels()
-                .iter()
-                .map(|&l| srgb(l))
-                .collect(),
-        },
-        Encoding::Mono => Picture::Raw {
-            width: width as u32,
-            height: height as u32,
-            encoding: "mono8".to_owned(),
-            step: width as u32,
-            data: sensed(rendered, sensor, key, |light, _, _| {
+        Encoding::Bayer => {
+            let light = mosaic(rendered, sensor, gains, key);
+            raw("bayer_rggb8", 1, grey(light))
+        }
+        Encoding::Mono => {
+            let light = sensed(rendered, sensor, key, |light, _, _| {
                 (light[0] * gains[0] + 2.0 * light[1] * gains[1] + light[2] * gains[2]) * 0.25
-            })
-            .pixels()
-            .iter()
-            .map(|&l| srgb(l))
-            .collect(),
-        },
-        Encoding::Rgb => Picture::Raw {
-            width: width as u32,
-            height: height as u32,
-            encoding: "rgb8".to_owned(),
-            step: width as u32 * 3,
-            data: developed(rendered, sensor, gains, key).into(),
-        },
+            });
+            raw("mono8", 1, grey(light))
+        }
+        Encoding::Rgb => raw("rgb8", 3, developed(rendered, sensor, gains, key)),
         Encoding::Jpeg => {
             let rgb = developed(rendered, sensor, gains, key);
             let mut data = Vec::new();

@@ -1,6 +1,6 @@
-//! A depth camera's sensor after the Kinect of 2010, which projects dots and reads the disparity of what it
-//! sees of them: quantised, noisy from frame to frame, with a pattern of its own, blind at grazing angles and
-//! where the projector does not reach, and mixed up at rims.
+//! A depth camera's sensor after the Kinect of 2010, which projects dots and reads their disparity. Its readings
+//! are quantised, noisy from frame to frame, and have a fixed pattern; it is blind at grazing angles and where the
+//! projector does not reach, and mixes depths at rims.
 
 use super::coverage::Layer;
 use super::noise::field;

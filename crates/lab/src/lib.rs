@@ -1,6 +1,7 @@
-//! The simulated rig: objects whose form is known, rendered into the pictures and depth readings that real
-//! cameras would give of them, with their noise and their faults, so that accuracy is a number.
+//! The simulated rig: objects of known shape, rendered into the pictures and depth readings that real cameras would
+//! deliver, with their noise and their faults, so that accuracy can be measured.
 
+#![cfg_attr(not(test), warn(unreachable_pub))]
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 #![cfg_attr(
     test,
@@ -36,6 +37,7 @@ pub use session::{Capture, Simulation};
 pub use shape::Shape;
 
 use scand_core::frame::BadName;
+use scand_core::range::{self, NotWithin};
 use scand_core::{calibration, recording};
 
 /// Why nothing is simulated.
@@ -49,12 +51,12 @@ pub enum Error {
         /// What was asked.
         found: String,
         /// What would do.
-        expected: &'static str,
+        expected: String,
     },
     /// A camera that cannot be.
     #[error(transparent)]
     Calibration(#[from] calibration::Error),
-    /// A camera's id that is none.
+    /// A camera's id is invalid.
     #[error(transparent)]
     Name(#[from] BadName),
     /// What cannot be played as a live rig, in words.
@@ -65,12 +67,19 @@ pub enum Error {
     Recording(#[from] recording::Error),
 }
 
-fn invalid(what: &'static str, found: impl ToString, expected: &'static str) -> Error {
+fn invalid(what: &'static str, found: impl ToString, expected: impl Into<String>) -> Error {
     Error::BadOption {
         what,
         found: found.to_string(),
-        expected,
+        expected: expected.into(),
     }
+}
+
+/// Refuses a number that is not within its range.
+fn within_range(what: &'static str, found: f64, range: [f64; 2], unit: &str) -> Result<(), Error> {
+    let checked = range::check(found, range, unit);
+    let refused = |e: NotWithin| invalid(what, e.found, e.expected);
+    checked.map(drop).map_err(refused)
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
-//! Light on the object and on the table: a key and a fill light of some size, a sky, and what table and
-//! object throw back. Baked once a scene, a value a vertex, because lights do not move.
+//! Light on the object and on the table: a key and a fill light of some size, a sky, and what table and object
+//! reflect. It is computed once for each scene, a value for each vertex, because lights do not move.
 
 use super::rig::Bounds;
 use nalgebra::{Point3, Vector3};

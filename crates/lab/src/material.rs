@@ -1,4 +1,4 @@
-//! What the objects are made of: linear reflectance at each point. Nothing is as blue as the backdrop.
+//! The objects' materials: linear reflectance at each point. Nothing is as blue as the backdrop.
 
 use super::Shape;
 use super::noise::field;

@@ -1,4 +1,4 @@
-//! Smooth random fields: patterns on objects, unevenness of cloth, what a sensor has of its own.
+//! Smooth random fields: patterns on objects, unevenness of cloth, fixed patterns of sensors.
 
 /// A smooth field in [0, 1] over space with features of about one unit (value noise, cubic blending).
 pub(super) fn field(seed: u64, p: [f64; 3]) -> f64 {

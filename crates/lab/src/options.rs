@@ -1,4 +1,4 @@
-//! What a simulated recording is asked to be. Numbers only: how they come about is in the rooms' own files.
+//! Options of a simulated recording, as plain parameters; each module implements its own.
 
 use super::Shape;
 use serde::{Deserialize, Serialize};
@@ -129,7 +129,7 @@ pub struct ColorSensor {
     pub read_noise: f64,
     /// Standard deviation of the point spread in pixels: lens, focus and sensor together. Default 0.7.
     pub blur_px: f64,
-    /// Standard deviation of the exposure's drift from the background plate to a picture, as a part of it;
+    /// Standard deviation of the exposure's drift from the background to a picture, as a part of it;
     /// each colour drifts by a third of that on its own. Default 0.01.
     pub exposure_drift: f64,
     /// How strongly the object darkens the table around it, 0 to 1. Default 1.
@@ -263,6 +263,9 @@ pub struct Faults {
     pub empty_table: bool,
     /// Depth frames without a single reading.
     pub no_depth: bool,
+    /// The recording says that its calibration was judged doubtful, for this reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub doubtful_calibration: Option<String>,
 }
 
 impl Faults {

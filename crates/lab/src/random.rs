@@ -1,17 +1,17 @@
-//! Random numbers that depend on nothing but a key: a frame's noise is the same whatever thread makes it.
+//! Random numbers that depend only on a key: a frame's noise is the same whichever thread makes it.
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 /// A stream of random numbers (SplitMix64, Steele, Lea and Flood 2014).
 #[derive(Clone, Debug)]
-pub struct Random {
+pub(crate) struct Random {
     state: u64,
 }
 
 impl Random {
     /// The stream of a key: what it is for, which camera, which frame, which row.
-    pub fn new(key: &[u64]) -> Self {
+    pub(crate) fn new(key: &[u64]) -> Self {
         let mut state = 0x5ca2_d000_0000_0001;
         for &part in key {
             state = mixed(state ^ part.wrapping_mul(0xd6e8_feb8_6659_fd93));
@@ -21,31 +21,31 @@ impl Random {
 
     /// 64 random bits.
     #[inline]
-    pub fn bits(&mut self) -> u64 {
+    pub(crate) fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         mixed(self.state)
     }
 
     /// Uniform in [0, 1).
     #[inline]
-    pub fn uniform(&mut self) -> f64 {
+    pub(crate) fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
     /// Uniform in [low, high).
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
     /// Normal with mean 0 and standard deviation 1 (Box and Muller 1958).
-    pub fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (TAU * self.uniform()).cos()
     }
 
     /// Fills `values` with standard normal numbers from a table of 4096: ten times faster than
     /// [`Self::normal`], without the last hundredth of a per cent of the tails; enough for pixels.
-    pub fn fill_normal(&mut self, values: &mut [f32]) {
+    pub(crate) fn fill_normal(&mut self, values: &mut [f32]) {
         let table: &[f32; QUANTILES] = &QUANTILE;
         for five in values.chunks_mut(5) {
             let mut bits = self.bits();

@@ -1,6 +1,7 @@
-//! A simulated session as a recording, and its truth as a PLY file.
+//! Writes a simulated session as a recording, and its truth as a PLY file.
 
 use super::{Capture, Error, Simulation};
+use scand_core::calibration::{CalibrationRecord, Level, Verdict};
 use scand_core::frame::Stream;
 use scand_core::mesh::Mesh;
 use scand_core::recording::{Compression, Writer};
@@ -18,6 +19,15 @@ pub fn write(simulation: &Simulation, path: &Path, compression: Compression) -> 
     let options = serde_json::to_string(simulation.options()).unwrap_or_default();
     let session = BTreeMap::from([("simulation".to_owned(), options)]);
     writer.metadata("session", &session)?;
+    if let Some(reason) = &simulation.options().faults.doubtful_calibration {
+        writer.calibration_record(&CalibrationRecord {
+            verdict: Verdict {
+                level: Level::Doubtful,
+                reasons: vec![reason.clone()],
+            },
+            file_sha256: None,
+        })?;
+    }
     write_rig(simulation, &mut writer)?;
     for index in 0..simulation.options().captures {
         write_capture(simulation, &simulation.capture(index)?, &mut writer)?;

@@ -1,5 +1,5 @@
-//! From object, light and camera to linear light on the sensor, before the sensor adds its own: what falls
-//! on each pixel, the object's edges blended by coverage and the lens' blur applied.
+//! Renders object and light into linear light on a camera's sensor, before the sensor adds its noise. The object's
+//! edges are blended by coverage, and the lens' blur is applied.
 
 use super::coverage::Layer;
 use super::light::{BACKDROP, Light};

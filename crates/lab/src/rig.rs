@@ -1,4 +1,4 @@
-//! Where the simulated cameras stand, what their lenses are, and what the calibration says of it.
+//! The simulated rig: where its cameras stand, their lenses, and the calibration that the recording gets.
 
 use super::options::{Faults, Options, Response};
 use super::random::Random;

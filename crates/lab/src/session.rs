@@ -1,4 +1,4 @@
-//! A session in front of the simulated rig: what its cameras hand over, when, and with which faults.
+//! A session in front of the simulated rig: the frames that its cameras deliver, when, and with which faults.
 
 use super::burst::{Burst, DEPTH_PERIOD};
 use super::color::expose;
@@ -9,7 +9,7 @@ use super::material::Material;
 use super::options::{ColorSensor, Encoding, Faults};
 use super::random::Random;
 use super::render::{Rendered, Subject};
-use super::{ColorStation, DepthStation, Error, Options, Rig, invalid};
+use super::{ColorStation, DepthStation, Error, Options, Rig, invalid, within_range};
 use rayon::prelude::*;
 use scand_core::calibration::Camera;
 use scand_core::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
@@ -21,7 +21,7 @@ use std::sync::{Arc, OnceLock};
 
 /// When sessions begin, in UTC nanoseconds.
 pub(super) const BEGIN: u64 = 1_767_225_600_000_000_000;
-/// Nanoseconds from the session's begin to the background plates, to the first trigger, between triggers.
+/// Nanoseconds from the session's begin to the backgrounds, to the first trigger, between triggers.
 const TO_BACKGROUND: u64 = 1_000_000_000;
 const TO_TRIGGER: u64 = 5_000_000_000;
 const BETWEEN_TRIGGERS: u64 = 10_000_000_000;
@@ -127,7 +127,7 @@ impl Simulation {
         Timestamp(BEGIN)
     }
 
-    /// The background plates, one a colour camera that has one.
+    /// The backgrounds, one a colour camera that has one.
     pub fn backgrounds(&self) -> Vec<Frame> {
         self.backgrounds_with(&self.options.color)
     }
@@ -157,7 +157,7 @@ impl Simulation {
     /// Capture `index` of the session.
     ///
     /// # Errors
-    /// If the capture's name is none, which no index causes.
+    /// Never fails for a valid index.
     pub fn capture(&self, index: usize) -> Result<Capture, Error> {
         let shape = clap::ValueEnum::to_possible_value(&self.options.shape);
         let name = shape.map_or_else(String::new, |s| s.get_name().to_owned());
@@ -344,62 +344,39 @@ impl Simulation {
 /// Refuses numbers that make no session.
 pub(super) fn check(options: &Options) -> Result<(), Error> {
     let (color, depth) = (&options.color, &options.depth);
-    let within: [(&'static str, f64, f64, f64, &'static str); 14] = [
-        ("spacing", options.spacing_mm, 0.1, 50.0, "0.1 to 50 mm"),
+    let within = [
+        ("spacing", options.spacing_mm, [0.1, 50.0], " mm"),
         (
             "depth slant",
             options.depth_slant_deg,
-            0.0,
-            50.0,
-            "0 to 50 degrees",
+            [0.0, 50.0],
+            " degrees",
         ),
-        (
-            "depth distance",
-            options.depth_distance,
-            0.4,
-            3.0,
-            "0.4 to 3 m",
-        ),
-        (
-            "JPEG quality",
-            color.jpeg_quality.into(),
-            1.0,
-            100.0,
-            "1 to 100",
-        ),
+        ("depth distance", options.depth_distance, [0.4, 3.0], " m"),
+        ("JPEG quality", color.jpeg_quality.into(), [1.0, 100.0], ""),
         (
             "JPEG quality of the depth camera's colour",
             depth.color_jpeg_quality.into(),
-            0.0,
-            100.0,
-            "1 to 100, or 0 for rgb8",
+            [0.0, 100.0],
+            " (0 is rgb8)",
         ),
-        ("full well", color.full_well, 0.0, 1e9, "0 to 1e9 electrons"),
-        (
-            "read noise",
-            color.read_noise,
-            0.0,
-            1e6,
-            "0 to 1e6 electrons",
-        ),
-        ("blur", color.blur_px, 0.0, 4.0, "0 to 4 px"),
-        ("exposure drift", color.exposure_drift, 0.0, 0.3, "0 to 0.3"),
-        ("shadows", color.shadows, 0.0, 1.0, "0 to 1"),
-        ("spill", color.spill, 0.0, 1.0, "0 to 1"),
-        ("depth smear", depth.smear_px, 0.0, 9.0, "0 to 9 px"),
-        ("depth bias", depth.bias_mm, -200.0, 200.0, "-200 to 200 mm"),
+        ("full well", color.full_well, [0.0, 1e9], " electrons"),
+        ("read noise", color.read_noise, [0.0, 1e6], " electrons"),
+        ("blur", color.blur_px, [0.0, 4.0], " px"),
+        ("exposure drift", color.exposure_drift, [0.0, 0.3], ""),
+        ("shadows", color.shadows, [0.0, 1.0], ""),
+        ("spill", color.spill, [0.0, 1.0], ""),
+        ("depth smear", depth.smear_px, [0.0, 9.0], " px"),
+        ("depth bias", depth.bias_mm, [-200.0, 200.0], " mm"),
         (
             "misregistration",
             depth.misregistration_px,
-            -50.0,
-            50.0,
-            "-50 to 50 px",
+            [-50.0, 50.0],
+            " px",
         ),
     ];
-    for (what, found, low, high, expected) in within {
-        if !(low..=high).contains(&found) {
-            return Err(invalid(what, found, expected));
-        }
+    for (what, found, range, unit) in within {
+        within_range(what, found, range, unit)?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Faults appear as they are told to, and presets are sessions.
+//! Simulated faults appear as the options say, and presets are sessions.
 
 use super::*;
 use scand_core::frame::{Picture, Stream};
@@ -128,7 +128,7 @@ fn options_that_cannot_be_met_are_refused_by_name() {
         let message = refused(&|o| o.color.jpeg_quality = quality);
         assert!(message.contains("JPEG quality is"), "{message}");
     }
-    assert!(refused(&|o| o.depth.color_jpeg_quality = 101).contains("101, expected 1 to 100"));
+    assert!(refused(&|o| o.depth.color_jpeg_quality = 101).contains("101, expected 0 to 100"));
     assert!(refused(&|o| o.width = 0).contains("0x240"));
     assert!(refused(&|o| o.spacing_mm = f64::NAN).contains("spacing"));
 }
@@ -237,7 +237,7 @@ fn a_recording_gives_back_what_was_simulated() {
     let options: Options = serde_json::from_str(&told.1["simulation"]).unwrap();
     assert_eq!(&options, simulation.options());
     let parameters = scand_core::sync::Parameters::default();
-    let loader = scand_core::capture::Session::of(recording, &parameters).unwrap();
+    let loader = scand_core::capture::CaptureSession::of(recording, &parameters).unwrap();
     assert_eq!(loader.captures().len(), 2);
     let id = scand_core::frame::CaptureId::new("mug-001").unwrap();
     let (scene, _) = loader.load(&id).unwrap();

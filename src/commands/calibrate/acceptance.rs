@@ -1,4 +1,4 @@
-//! What becomes of a calibration once it is judged: which files are written, and the exit code.
+//! Decides which files a calibration is written to, and the exit code, from its verdict.
 
 use crate::calibrate::Outcome;
 use crate::calibration::Level;

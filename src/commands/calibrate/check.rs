@@ -1,35 +1,78 @@
 //! `scand calibrate --check`: reports whether the rig still matches its calibration, as text or JSON.
 
 use crate::calibrate::{Check, Detections};
-use crate::calibration::fit::Checked;
+use crate::calibration::fit::{Checked, Motion, PairMotion};
+use crate::calibration::response::{DepthCheck, DepthOff};
 use crate::commands::EXIT_LOST;
+use crate::frame::CameraId;
 use std::process::ExitCode;
 
-/// Prints a check: 0 if all cameras are where they were, 1 if one moved, 3 if some could not be checked.
+/// Prints a check: 0 if all is as it was, 1 if a camera moved or a depth camera reads something else, 3 if some could
+/// not be checked.
 pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: bool) -> ExitCode {
     if json {
+        let depth = |(id, found): (&CameraId, &Result<DepthCheck, String>)| {
+            let told = match found {
+                Ok(found) => serde_json::json!(found),
+                Err(reason) => serde_json::json!({ "not_checked": reason }),
+            };
+            (id.to_string(), told)
+        };
+        let depths: serde_json::Map<_, _> = check.depths.iter().map(depth).collect();
+        let lost: Vec<&String> = detections.lost.iter().chain(&check.lost).collect();
         let told = serde_json::json!({
             "cameras": check.cameras,
+            "moved_against_each_other": check.against_each_other,
+            "depth": depths,
             "not_in_calibration": check.unknown,
             "not_checked": check.unchecked,
-            "lost": detections.lost,
+            "lost": lost,
         });
         outln!("{told:#}");
     } else if !quiet {
         check.cameras.iter().for_each(|c| outln!("{}", words(c)));
+        let depths = check.depths.iter();
+        depths.for_each(|(id, found)| outln!("depth camera {id}: {}", depth_words(found)));
         check
             .unknown
             .iter()
             .for_each(|id| outln!("camera {id}: it is not in the calibration"));
         outln!("{}", summary(check));
     }
-    match check.moved().next() {
-        Some(_) => ExitCode::FAILURE,
-        None if !check.unchecked.is_empty() || !detections.lost.is_empty() => {
-            ExitCode::from(EXIT_LOST)
-        }
-        None => ExitCode::SUCCESS,
+    let is_other = check.moved().next().is_some()
+        || check.against_each_other.is_some()
+        || check.misreading().next().is_some();
+    match is_other {
+        true => ExitCode::FAILURE,
+        false if !check.is_whole() || !detections.lost.is_empty() => ExitCode::from(EXIT_LOST),
+        false => ExitCode::SUCCESS,
     }
+}
+
+fn depth_words(found: &Result<DepthCheck, String>) -> String {
+    let found = match found {
+        Ok(found) => found,
+        Err(reason) => return format!("its depth was not checked: {reason}"),
+    };
+    let DepthOff { distance, off, .. } = &found.worst;
+    let beside = found.beside_px.map(|[x, y]| {
+        format!(
+            "; its depth lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them anew, and \
+             calibrate it"
+        )
+    });
+    let words = match found.is_off {
+        true => format!(
+            "reads {:.0} mm too {} at {distance:.1} m: calibrate it anew",
+            1e3 * off.abs(),
+            if *off > 0.0 { "deep" } else { "near" }
+        ),
+        false => format!(
+            "reads as calibrated, to {:.1} mm at {distance:.1} m",
+            1e3 * off.abs()
+        ),
+    };
+    words + &beside.unwrap_or_default()
 }
 
 fn words(checked: &Checked) -> String {
@@ -52,6 +95,29 @@ fn words(checked: &Checked) -> String {
     }
 }
 
+/// What moved two cameras against each other, or seems to.
+fn pair_words(pair: &PairMotion) -> String {
+    let [first, second] = &pair.cameras;
+    let Motion {
+        turn_degrees,
+        shift,
+        ..
+    } = pair.motion;
+    let other = pair.board_larger.map(|larger| {
+        format!(
+            ", or the board is {:.1} % {} than it is said to be",
+            100.0 * larger.abs(),
+            if larger > 0.0 { "larger" } else { "smaller" }
+        )
+    });
+    format!(
+        "cameras {first} and {second} moved against each other, by {turn_degrees:.3}° and {:.2} mm if {first} stayed{}: \
+         calibrate the rig anew",
+        1e3 * shift,
+        other.unwrap_or_default()
+    )
+}
+
 fn summary(check: &Check) -> String {
     let names: Vec<&str> = check.unchecked.iter().map(|id| id.as_str()).collect();
     let (who, rest) = match names.as_slice() {
@@ -62,10 +128,11 @@ fn summary(check: &Check) -> String {
         ),
     };
     let moved: Vec<&str> = check.moved().map(|id| id.as_str()).collect();
-    match moved.as_slice() {
-        [] => format!("{who} moved{rest}"),
-        [one] => format!("camera {one} moved: calibrate the rig anew{rest}"),
-        several => format!(
+    match (&check.against_each_other, moved.as_slice()) {
+        (Some(pair), _) => pair_words(pair) + &rest,
+        (None, []) => format!("{who} moved{rest}"),
+        (None, [one]) => format!("camera {one} moved: calibrate the rig anew{rest}"),
+        (None, several) => format!(
             "cameras {} moved: calibrate the rig anew{rest}",
             several.join(", ")
         ),

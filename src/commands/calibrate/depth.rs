@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct DepthArgs {
-    /// Where the depth cameras' response comes from: the boards' planes, a table of measurements as in the paper, or
-    /// nowhere
+    /// What the depth cameras' response is fitted to: the boards' planes, a table of measurements as in the paper, or
+    /// nothing
     #[arg(
         long,
         value_enum,
@@ -17,8 +17,7 @@ pub(super) struct DepthArgs {
         default_value_if("depth_table", ArgPredicate::IsPresent, "paper")
     )]
     depth_response: Method,
-    /// Table, which asks for --depth-response paper: lines of distance (m), reading and, if you like, the width of a
-    /// target
+    /// Table for --depth-response paper: lines of distance (m), reading and, if you like, the width of a target
     #[arg(long, value_name = "FILE", required_if_eq("depth_response", "paper"))]
     depth_table: Option<PathBuf>,
 }
@@ -127,7 +126,7 @@ fn plane_line(id: &CameraId, fit: &PlaneFit) -> String {
     };
     let correction = match fit.correction.pays {
         true => format!(
-            "; a smooth correction a pixel would take {:.2} to {:.2} mm at 1 m",
+            "; a smooth correction of each pixel would reduce {:.2} to {:.2} mm at 1 m",
             1e3 * fit.correction.held_out,
             1e3 * fit.correction.held_out_corrected
         ),

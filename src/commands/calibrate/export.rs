@@ -1,4 +1,4 @@
-//! `scand calibrate --from`: writes an existing calibration in the formats of others.
+//! `scand calibrate --from`: writes an existing calibration in the formats of ROS and Kalibr.
 
 use super::bad_file;
 use super::files::FileArgs;
@@ -17,7 +17,7 @@ pub(super) fn run(
 ) -> anyhow::Result<ExitCode> {
     anyhow::ensure!(
         out.is_some() || files.exports(),
-        "--from {}: give --ros, --kalibr or --out, where it should go",
+        "--from {}: also give --ros, --kalibr or --out for the result",
         from.display()
     );
     let calibration = calibrate::load(from).map_err(bad_file)?;

@@ -1,9 +1,11 @@
 //! The other files that a calibration can write: a report, and calibrations for ROS and Kalibr.
 
-use crate::calibrate::Outcome;
+use super::report_pictures::pictures;
+use crate::calibrate::{Outcome, Rejected};
 use crate::calibration::RigCalibration;
 use crate::calibration::exchange::{to_kalibr, to_ros};
-use crate::calibration::fit::Limits;
+use crate::calibration::fit::{Limits, scale_words};
+use crate::capture::Placements;
 use crate::commands::refuse_to_replace;
 use crate::frame::CameraId;
 use crate::report::{CalibrationPage, calibration_page};
@@ -13,13 +15,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct FileArgs {
-    /// Report to write: one HTML file with pictures
+    /// Write a report with pictures into this HTML file
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Folder for ROS camera_info files, ID.yaml each
+    /// Write ROS camera_info files into this folder, ID.yaml for each camera
     #[arg(long, value_name = "FOLDER")]
     ros: Option<PathBuf>,
-    /// Kalibr camchain to write
+    /// Write a Kalibr camchain into this file
     #[arg(long, value_name = "FILE.yaml")]
     kalibr: Option<PathBuf>,
 }
@@ -44,18 +46,16 @@ impl FileArgs {
     /// Writes the report, whatever the verdict.
     pub(super) fn write_report(
         &self,
-        sessions: &[PathBuf],
+        recordings: &[Placements],
         outcome: &Outcome,
         limits: &Limits,
     ) -> anyhow::Result<()> {
         let Some(path) = &self.report else {
             return Ok(());
         };
-        let name = |path: &PathBuf| {
-            path.file_name()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned()
+        let name = |recording: &Placements| {
+            let name = recording.path().file_name().unwrap_or_default();
+            name.to_string_lossy().into_owned()
         };
         let Outcome {
             detections, depth, ..
@@ -66,16 +66,21 @@ impl FileArgs {
             .map(|(id, fit)| (id.clone(), fit))
             .collect();
         let lost: Vec<String> = detections.lost.iter().chain(&depth.lost).cloned().collect();
-        let sources: Vec<String> = sessions.iter().map(name).collect();
+        let sources: Vec<String> = recordings.iter().map(name).collect();
+        let told = |r: &Rejected| (r.camera.clone(), r.placement.clone(), r.reason.clone());
+        let rejected: Vec<_> = detections.rejected.iter().map(told).collect();
         let page = CalibrationPage {
             fit: &outcome.fit,
             judgement: &outcome.judgement,
             limits,
             missing: &outcome.missing,
-            unread: detections.rejected.len(),
+            placements: &detections.session.placements,
+            rejected: &rejected,
+            pictures: &pictures(recordings, outcome),
             lost: &lost,
             depths: &depths,
             depth_words: &depth.words,
+            scale: &scale_words(&outcome.scale, &outcome.fit.board),
             sources: &sources,
         };
         Ok(write_atomically(path, calibration_page(&page).as_bytes())?)
@@ -90,7 +95,7 @@ impl FileArgs {
     pub(super) fn write_exports(&self, calibration: &RigCalibration) -> anyhow::Result<()> {
         if let Some(folder) = &self.ros {
             std::fs::create_dir_all(folder)
-                .with_context(|| format!("making {}", folder.display()))?;
+                .with_context(|| format!("cannot create {}", folder.display()))?;
             for (id, (camera, response)) in &calibration.cameras {
                 let text = to_ros(camera, response.as_ref());
                 write_atomically(&ros_file(folder, id), text.as_bytes())?;

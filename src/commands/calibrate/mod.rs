@@ -5,9 +5,12 @@ mod check;
 mod depth;
 mod export;
 mod files;
+mod measured;
+mod pictures;
+mod report_pictures;
 mod summary;
 
-use super::{BadConfiguration, refuse_to_replace};
+use super::{BadConfiguration, refuse_to_replace, wrong_usage};
 use crate::calibrate::{self, Detections, Options, Outcome};
 use crate::calibration::fit::Model;
 use crate::calibration::{Board, DepthResponse, RigCalibration};
@@ -24,27 +27,31 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use summary::Summary;
 
-/// Calibrate a rig from recordings in which its cameras see a board in many places.
+/// Calibrate a rig from recordings of a board in many places.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings: each trigger is a placement of the board
-    #[arg(required_unless_present = "from", value_name = "SESSION.mcap")]
+    /// Recordings in which each trigger is a placement of the board
+    #[arg(required_unless_present_any = ["from", "pictures"], value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
-    /// Fit nothing: write the calibration that this calibration file or recording has, with --ros, --kalibr or --out
+    /// Calibrate from picture files (PNG, JPEG) instead of recordings, such as --pictures left='left/*.png'
+    /// right='right/*.png'. The n-th picture of each camera, in the order of their names, shows one placement
+    #[arg(long, value_name = "CAMERA=FILES", num_args = 1.., conflicts_with = "sessions")]
+    pictures: Vec<String>,
+    /// Fit nothing, but export the calibration of this calibration file or recording with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
-        "report", "check", "json", "accept_doubtful", "from_placement",
-        "until_placement",
+        "report", "check", "json", "accept_doubtful", "from_placement", "until_placement", "measured", "distance",
+        "pictures",
     ])]
     from: Option<PathBuf>,
-    /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default what
-    /// the recordings say
+    /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default the
+    /// one that the recordings describe
     #[arg(long, value_name = "BOARD")]
     board: Option<Board>,
-    /// Calibration file to write
+    /// Write the calibration into this file
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Replace the files that are there, and write a calibration that is refused
+    /// Replace existing files, and write the calibration even if it is refused
     #[arg(long)]
     force: bool,
     /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and
@@ -58,14 +65,14 @@ pub struct Args {
     /// Lenses to start from, in the same formats
     #[arg(long, value_name = "FILE")]
     start: Option<PathBuf>,
-    /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2); by default what the configuration says,
+    /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2); by default that of the configuration,
     /// or plumb_bob
     #[arg(long, value_enum)]
     model: Option<LensModel>,
     /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
     #[arg(long, value_name = "ID")]
     table_placement: Option<String>,
-    /// The first placement to use: of a session in which a camera was moved, those that are left are the sound part
+    /// The first placement to use, for a session in which a camera moved
     #[arg(long, value_name = "ID")]
     from_placement: Option<String>,
     /// The last placement to use
@@ -74,30 +81,32 @@ pub struct Args {
     #[command(flatten)]
     depth: depth::DepthArgs,
     #[command(flatten)]
+    measured: measured::MeasuredArgs,
+    #[command(flatten)]
     files: files::FileArgs,
-    /// Cameras run freely: take the frame nearest to the trigger
+    /// The cameras run freely: use the frame nearest to the trigger
     #[arg(long)]
     nearest: bool,
-    /// Check the rig against a calibration instead: which camera moved, and by how much? One placement is enough.
-    /// The exit code is 1 if one moved
+    /// Check the rig against a calibration instead: which camera moved, and by how much, and which depth camera reads
+    /// something else? One placement is enough. The exit code is 1 if one did, 3 if one could not be checked
     #[arg(long, requires = "against", conflicts_with_all = [
         "out", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table", "report", "ros",
-        "kalibr", "accept_doubtful",
+        "kalibr", "accept_doubtful", "measured", "distance",
     ])]
     check: bool,
     /// The calibration to check against: a calibration file, or a recording that has one
     #[arg(long, value_name = "FILE", requires = "check")]
     against: Option<PathBuf>,
-    /// Configuration (TOML); config/calibrate.toml shows what a calibration takes of it
+    /// Configuration (TOML); config/calibrate.toml shows the settings of a calibration
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Set one value over the configuration, such as calibration.limits.good_px=0.2; may be given several times
+    /// Set one value of the configuration, such as calibration.limits.good_px=0.2; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
-    /// Print nothing but errors
+    /// Print only errors
     #[arg(long)]
     quiet: bool,
 }
@@ -135,7 +144,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let config = configuration(&args)?;
     let depth = args.depth.method(config.calibration.plane.clone())?;
     let lenses = Lenses::read(&args)?;
-    let recordings = calibrate::open(&args.sessions, &config.sync)?;
+    let recordings = recordings(&args, &config.sync)?;
     let cameras: BTreeMap<CameraId, bool> =
         recordings.iter().flat_map(Placements::cameras).collect();
     args.files.refuse_to_replace(cameras.keys(), args.force)?;
@@ -144,7 +153,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let range = [&args.from_placement, &args.until_placement].map(Option::as_deref);
     detections.keep_placements(range[0], range[1])?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
-        let check = calibrate::check(&detections, known, &config.calibration.watch)?;
+        let check = calibrate::check(&detections, &recordings, known, &config.calibration.watch)?;
         return Ok(check::print(&check, &detections, args.json, args.quiet));
     }
     let limits = config.calibration.limits.clone();
@@ -154,10 +163,12 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         fit: config.calibration.fit,
         wanted: config.calibration.wanted,
         limits: config.calibration.limits,
+        witnesses: config.calibration.witness,
+        measured: args.measured.all()?,
     };
     let outcome = calibrate::run(detections, &recordings, options)?;
     tell(&outcome.depth.lost, args.quiet);
-    args.files.write_report(&args.sessions, &outcome, &limits)?;
+    args.files.write_report(&recordings, &outcome, &limits)?;
     let acceptance = Acceptance::of(outcome.judgement.level, args.force, args.accept_doubtful);
     if acceptance == Acceptance::Whole {
         args.files.write_exports(&outcome.calibration)?;
@@ -169,6 +180,15 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     print(&args, &outcome, out.as_deref());
     tell_what_is_not_written(&args, acceptance);
     Ok(acceptance.exit_code(&outcome, args.accept_doubtful))
+}
+
+/// The placements of the recordings, or of the pictures.
+fn recordings(args: &Args, parameters: &sync::Parameters) -> anyhow::Result<Vec<Placements>> {
+    if args.pictures.is_empty() {
+        return Ok(calibrate::open(&args.sessions, parameters)?);
+    }
+    let files = pictures::files(&args.pictures).map_err(wrong_usage)?;
+    Ok(vec![calibrate::open_pictures(files)?])
 }
 
 /// The configuration with what the arguments say over it, and values that can be meant.

@@ -2,7 +2,7 @@
 
 use super::depth;
 use crate::calibrate::Outcome;
-use crate::calibration::fit::{Fit, FittedCamera, FittedPlacement};
+use crate::calibration::fit::{Fit, FittedCamera, FittedPlacement, Projection, scale_words};
 use std::path::Path;
 
 /// All that there is to say of a calibration.
@@ -31,12 +31,15 @@ impl Summary<'_> {
                 100.0 * share.part()
             ));
         }
-        lines.push("camera        views  rms px  median    max  seen %  focal px         ±  place ± mm  turn ± °".into());
+        lines.push(
+            "camera        views  rms px  median    max  seen %  focal px         ±  place ± mm  turn ± °  at object ± mm"
+                .into(),
+        );
         for camera in &fit.cameras {
             let (figures, uncertainty) = (&camera.figures, &camera.uncertainty);
             let largest = |of: [f64; 3]| of.into_iter().fold(0.0, f64::max);
             lines.push(format!(
-                "{:<12} {:>6}  {:>6.3}  {:>6.3} {:>6.2}  {:>6.0}  {:>8.2}  {:>8.3}  {:>10.3}  {:>8.4}",
+                "{:<12} {:>6}  {:>6.3}  {:>6.3} {:>6.2}  {:>6.0}  {:>8.2}  {:>8.3}  {:>10.3}  {:>8.4}  {:>14}",
                 camera.camera.id,
                 camera.views,
                 figures.rms_px,
@@ -47,6 +50,13 @@ impl Summary<'_> {
                 uncertainty.focal_px[0],
                 1e3 * largest(uncertainty.position),
                 largest(uncertainty.rotation_degrees),
+                camera.projection.as_ref().map_or_else(|| "-".to_owned(), at_object),
+            ));
+        }
+        if let Some(at_object) = fit.at_object() {
+            lines.push(format!(
+                "what stands in the volume is seen to {:.3} mm (one standard deviation, all cameras)",
+                1e3 * at_object
             ));
         }
         let left_out = fit.left_out.iter();
@@ -59,6 +69,7 @@ impl Summary<'_> {
         }
         lines.extend(self.outcome.missing.iter().map(|m| format!("missing: {m}")));
         lines.extend(depth::text(&self.outcome.depth));
+        lines.extend(scale_words(&self.outcome.scale, &fit.board));
         if let Some(volume) = &fit.volume {
             let [min, max] =
                 [volume.min, volume.max].map(|p| p.coords.map(|c| (c * 1e3).round() / 1e3));
@@ -132,6 +143,9 @@ impl Summary<'_> {
             "cameras": cameras,
             "placements": fit.placements.iter().map(placement).collect::<Vec<_>>(),
             "depth": depth::json(&self.outcome.depth),
+            "shape": fit.shape,
+            "at_object": fit.at_object(),
+            "scale": self.outcome.scale,
             "table": fit.table,
             "volume": fit.volume.map(|v| serde_json::json!({
                 "min": v.min.coords.as_slice(), "max": v.max.coords.as_slice(),
@@ -147,6 +161,10 @@ impl Summary<'_> {
     }
 }
 
+fn at_object(projection: &Projection) -> String {
+    format!("{:.3}", 1e3 * projection.at_object)
+}
+
 fn camera(fit: &Fit, camera: &FittedCamera) -> serde_json::Value {
     let (lens, pose) = (&camera.camera.intrinsics, &camera.camera.rig_from_camera);
     let (model, coefficients) = lens.distortion.to_model();
@@ -159,6 +177,7 @@ fn camera(fit: &Fit, camera: &FittedCamera) -> serde_json::Value {
         "translation": pose.translation.vector.as_slice(),
         "rotation": pose.rotation.coords.as_slice(),
         "uncertainty": camera.uncertainty,
+        "projection": camera.projection,
         "figures": camera.figures,
         "views": camera.views,
         "coverage": camera.coverage,

@@ -20,8 +20,8 @@ const CAMERAS: Duration = Duration::from_secs(15);
 /// How long a running daemon is waited for.
 const DAEMON: Duration = Duration::from_secs(10);
 
-/// Look at everything that can be known to be wrong before work begins: each line is ok, or says what to do. Asks a
-/// running daemon for its cameras; where none runs, opens them itself.
+/// Look for problems that can be detected before work begins. Each line is ok or says what to do. If a daemon runs,
+/// it is asked about its cameras; otherwise this command opens them itself.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -29,7 +29,7 @@ pub struct Args {
     /// Print the findings as JSON.
     #[arg(long)]
     json: bool,
-    /// Pack the findings with configuration, logs and versions into FILE (.tar.zst), for support.
+    /// Pack the findings, the configuration, logs and versions into FILE (.tar.zst), for support.
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
     /// Do not measure the disk's speed.
@@ -77,7 +77,7 @@ fn findings(args: &Args) -> Findings {
         Ok(prepared) => prepared_findings(args, prepared, clock),
         Err(error) => {
             let found = format!("{error:#}");
-            let remedy = "mend the file; config/rig.toml shows every section";
+            let remedy = "correct the file; config/rig.toml shows every section";
             Findings {
                 all: vec![Finding::not_ok(
                     State::Wrong,
@@ -109,7 +109,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
     let (daemon, status) = match ask(&config.socket.path) {
         Ok(answered) => answered,
         Err(denied) => {
-            // Nothing of the rig can be seen by who is not of its group.
+            // A user outside the group cannot see the state of the rig.
             all.push(denied);
             all.extend(host(&config));
             return Findings {
@@ -167,21 +167,22 @@ fn ask(socket: &Path) -> Result<(Finding, Option<Value>), Finding> {
         }
         Err(Error::Away { path, cause }) if cause.kind() == ErrorKind::PermissionDenied => {
             let found = format!("{}: {cause}", path.display());
-            let remedy = "be of its group: sudo adduser YOU scand, from the next login on";
+            let remedy = "join its group: sudo adduser YOU scand, which takes effect at the next \
+                login";
             Err(Finding::not_ok(State::Wrong, "daemon", found, remedy))
         }
         Err(Error::Broken { path, cause })
             if matches!(cause.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
         {
             let found = format!(
-                "{}: it takes requests and does not answer: it is starting, or hangs",
+                "{}: it accepts requests but does not answer: it is starting, or hangs",
                 path.display()
             );
             let remedy = "ask again in a minute; journalctl -u scand says what it does";
             Err(Finding::not_ok(State::Wrong, "daemon", found, remedy))
         }
         _ => {
-            let found = "none runs: the cameras are opened for this check";
+            let found = "no daemon runs: this check opens the cameras itself";
             Ok((Finding::ok("daemon", found), None))
         }
     }

@@ -1,12 +1,16 @@
 //! `scand trigger`, `background`, `session`, `note`, `status` and `events`: clients of a running daemon.
 
 use super::status_table;
+use crate::commands::{EXIT_BUSY, wrong_usage};
+use crate::frame::Timestamp;
 use crate::level::Level;
+use crate::recording::{self, Recording, note_beside};
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
+use crate::words::closest;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// How long an answer is waited for: a capture, its retry and a slow disk are done by then.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -16,7 +20,7 @@ struct Connection {
     /// The daemon's socket.
     #[arg(long, value_name = "PATH", default_value = SOCKET, global = true)]
     socket: PathBuf,
-    /// Print replies as they come, lines of JSON.
+    /// Print the replies as lines of JSON, as they arrive.
     #[arg(long, global = true)]
     json: bool,
 }
@@ -26,24 +30,24 @@ struct Connection {
 pub struct TriggerArgs {
     #[command(flatten)]
     connection: Connection,
-    /// The object's number.
+    /// The number of the object, recorded with the capture.
     #[arg(long, value_name = "NUMBER")]
     subject: Option<String>,
-    /// A name for this press, of your own.
+    /// Your own id for this press: asking again with it never takes a second capture.
     #[arg(long, value_name = "ID")]
     press_id: Option<String>,
-    /// What to wait for.
+    /// Which answer to wait for.
     #[arg(long, value_name = "WHAT", value_enum, default_value = "durable")]
     until: Wait,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
 enum Wait {
-    /// All frames are in: hands may move.
+    /// All frames have arrived: hands may move.
     Captured,
-    /// It is on the disk.
+    /// The capture is on the disk.
     Durable,
-    /// Its model is made.
+    /// The model is made.
     Done,
 }
 
@@ -57,60 +61,78 @@ impl From<Wait> for Until {
     }
 }
 
-/// Tell what happens at the rig, until interrupted.
+/// Print what happens at the rig until interrupted.
 #[derive(Debug, clap::Args)]
 pub struct EventsArgs {
     #[command(flatten)]
     connection: Connection,
 }
 
-/// Take the plates of the empty rig, which silhouettes are found against.
+/// Take background pictures of the empty rig, with which silhouettes are found.
 #[derive(Debug, clap::Args)]
 pub struct BackgroundArgs {
     #[command(flatten)]
     connection: Connection,
 }
 
-/// Begin a session of captures, note something about it, or complete it.
+/// Begin a session of captures, record a note about it, or complete it.
 #[derive(Debug, clap::Args)]
 pub struct SessionArgs {
     #[command(flatten)]
     connection: Connection,
     #[command(subcommand)]
-    what: Session,
+    what: SessionCommand,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum Session {
-    /// Begin one; the one before is completed.
+enum SessionCommand {
+    /// Begin a session, and complete the one before.
     Start {
-        /// Its name, which its recording gets.
+        /// The name of the session and of its recording.
         name: String,
-        /// A pair about it, such as operator=Ann; may be given several times.
+        /// A fact about the session, such as operator=Ann; may be given several times.
         #[arg(long, value_name = "KEY=VALUE", value_parser = pair)]
         about: Vec<(String, String)>,
     },
-    /// Note something about it in its recording.
+    /// Record a note about the session.
     Note {
-        /// In words.
+        /// The note.
         text: String,
     },
-    /// Complete it.
+    /// Complete the session.
     Close,
 }
 
-/// Note something about a capture in its recording.
+/// Accept or reject a capture, take that back, or note something about it.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand note amphora-0003 reject \"a hand is in the picture\"
+  scand note amphora-0003 clear
+  scand note amphora-0003 \"the handle was turned left\"
+  scand note amphora-0003 accept --recording /archive/amphora.mcap --author Ann")]
 pub struct NoteArgs {
     #[command(flatten)]
     connection: Connection,
-    /// The capture.
+    /// The capture's id
     capture: String,
-    /// `accept`, `reject` or a text.
-    text: String,
+    /// `accept`, `reject`, `clear` (which takes either back), or a text
+    #[arg(value_name = "accept|reject|clear|TEXT")]
+    what: String,
+    /// Why it is accepted or rejected
+    #[arg(value_name = "WHY")]
+    why: Option<String>,
+    /// Store the words as a text, although they are close to accept, reject or clear
+    #[arg(long)]
+    text: bool,
+    /// Who says it
+    #[arg(long, value_name = "NAME")]
+    author: Option<String>,
+    /// Write the note beside this complete recording, without asking the daemon
+    #[arg(long, value_name = "FILE.mcap")]
+    recording: Option<PathBuf>,
 }
 
-/// Show what the running daemon knows of its cameras, its disk and its captures.
+/// Show the state of the running daemon, its cameras, disk and captures.
 #[derive(Debug, clap::Args)]
 pub struct StatusArgs {
     #[command(flatten)]
@@ -138,7 +160,7 @@ pub fn trigger(args: TriggerArgs) -> anyhow::Result<ExitCode> {
     Ok(code(&ask(&args.connection, &request, args.until.into())?))
 }
 
-/// Asks for plates.
+/// Asks for backgrounds.
 pub fn background(args: BackgroundArgs) -> anyhow::Result<ExitCode> {
     let last = ask(&args.connection, &Request::Background {}, Until::default())?;
     Ok(code(&last))
@@ -147,16 +169,17 @@ pub fn background(args: BackgroundArgs) -> anyhow::Result<ExitCode> {
 /// Begins or completes a session.
 pub fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
     let request = match args.what {
-        Session::Start { name, about } => Request::Begin {
+        SessionCommand::Start { name, about } => Request::Begin {
             name,
             about: about.into_iter().collect::<BTreeMap<_, _>>(),
         },
-        Session::Note { text } => Request::Note {
+        SessionCommand::Note { text } => Request::Note {
             capture: running_session(&args.connection)?,
             kind: "text".into(),
             text,
+            author: None,
         },
-        Session::Close => Request::Close {},
+        SessionCommand::Close => Request::Close {},
     };
     let last = ask(&args.connection, &request, Until::default())?;
     Ok(code(&last))
@@ -169,7 +192,12 @@ fn running_session(connection: &Connection) -> anyhow::Result<String> {
     match client.reply()? {
         Reply::Status { status } => {
             let name = status["session"].as_str().map(Into::into);
-            name.ok_or_else(|| anyhow::anyhow!("there is no session (scand session start)"))
+            name.ok_or_else(|| {
+                anyhow::anyhow!(
+                    "no session is open: begin one with scand session \
+                start NAME"
+                )
+            })
         }
         other => Err(anyhow::anyhow!("{}", words(&other))),
     }
@@ -177,19 +205,63 @@ fn running_session(connection: &Connection) -> anyhow::Result<String> {
 
 /// Notes something about a capture.
 pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
-    let plain = matches!(args.text.as_str(), "accept" | "reject");
-    let (kind, text) = if plain {
-        (args.text, String::new())
-    } else {
-        ("text".to_owned(), args.text)
-    };
+    let (kind, text) = kind_and_text(&args)?;
+    if let Some(path) = &args.recording {
+        let note = recording::Note {
+            capture: args.capture,
+            kind,
+            text,
+            author: args.author,
+        };
+        let file = note_beside(&Recording::open(path)?, &note, now())?;
+        outln!("the note is in {}", file.display());
+        return Ok(ExitCode::SUCCESS);
+    }
     let request = Request::Note {
         capture: args.capture,
         kind,
         text,
+        author: args.author,
     };
     let last = ask(&args.connection, &request, Until::default())?;
     Ok(code(&last))
+}
+
+/// What a note does, and its words. Words that were meant to decide something must not become a mere text.
+fn kind_and_text(args: &NoteArgs) -> anyhow::Result<(String, String)> {
+    let what = args.what.trim();
+    let why = args.why.clone().unwrap_or_default();
+    if KINDS.contains(&what) && !args.text {
+        return Ok((what.to_owned(), why));
+    }
+    // A person may write a decision and its reason as one text.
+    let first = what.split([' ', ',', ':', '.']).next().unwrap_or_default();
+    if let Some(close) = closest(first, KINDS).filter(|_| !args.text) {
+        return Err(wrong_usage(format!(
+            "{first:?} is close to {close:?}: write `scand note {} {close}`, followed by the reason if there is one, or \
+             give --text to store {what:?} as a text",
+            args.capture
+        )));
+    }
+    if args.why.is_some() && !args.text {
+        return Err(wrong_usage(format!(
+            "a text is one argument: write it in quotes, as in `scand note {} \"{what} {why}\"`",
+            args.capture
+        )));
+    }
+    let text = [what, &why].join(" ");
+    Ok(("text".into(), text.trim().to_owned()))
+}
+
+/// The words that decide something about a capture.
+const KINDS: [&str; 3] = ["accept", "reject", "clear"];
+
+/// The time by the system's clock.
+fn now() -> Timestamp {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    Timestamp(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
 }
 
 /// Shows the status.
@@ -242,11 +314,8 @@ fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Resu
 
 fn code(last: &Reply) -> ExitCode {
     match last {
-        Reply::Failed { .. }
-        | Reply::JobFailed { .. }
-        | Reply::Refused { .. }
-        | Reply::Busy
-        | Reply::Ending => ExitCode::FAILURE,
+        Reply::Busy | Reply::Ending => ExitCode::from(EXIT_BUSY),
+        Reply::Failed { .. } | Reply::JobFailed { .. } | Reply::Refused { .. } => ExitCode::FAILURE,
         _ => ExitCode::SUCCESS,
     }
 }
@@ -270,7 +339,7 @@ fn words(event: &Event) -> String {
         }
         Event::Failed { capture, reason } => format!("{capture}: failed: {reason}"),
         Event::Busy => "busy: a capture is being taken".into(),
-        Event::Refused { reason } => format!("refused: {reason}"),
+        Event::Refused { reason } => format!("a press was refused: {reason}"),
         Event::Done {
             capture,
             verdict,
@@ -280,7 +349,7 @@ fn words(event: &Event) -> String {
         } => done_words(capture, *verdict, reasons, model),
         Event::JobFailed {
             capture, reason, ..
-        } => format!("{capture}: no model: {reason}"),
+        } => format!("{capture}: its model could not be made: {reason}"),
         Event::Ok { words } | Event::Plates { words } => words.clone(),
         Event::Status { status } => status_table::status(status),
         Event::Listening => "listening".into(),
@@ -293,7 +362,10 @@ fn words(event: &Event) -> String {
             text,
         } => format!("{capture}: {kind} {text}"),
         Event::Ending => "the daemon is ending: ask again with the same press id later".into(),
-        Event::Lost { events } => format!("{events} events are lost: this reader is too slow"),
+        Event::Lost { events } => format!(
+            "{events} events were lost, because this client reads \
+            too slowly"
+        ),
     }
 }
 

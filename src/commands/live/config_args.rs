@@ -11,14 +11,14 @@ pub(super) struct ConfigArgs {
     /// The rig's configuration (TOML).
     #[arg(long, value_name = "FILE", default_value = "/etc/scand/rig.toml")]
     pub config: PathBuf,
-    /// One value over the configuration; may be given several times.
+    /// Set one value of the configuration; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }
 
 impl ConfigArgs {
     /// Where the configuration is.
-    pub fn source(&self) -> ConfigSource {
+    pub(super) fn source(&self) -> ConfigSource {
         ConfigSource {
             config: self.config.clone(),
             set: self.set.clone(),
@@ -29,7 +29,7 @@ impl ConfigArgs {
     ///
     /// # Errors
     /// If one of them is bad.
-    pub fn prepare(&self, clock: Clock) -> anyhow::Result<Prepared> {
+    pub(super) fn prepare(&self, clock: Clock) -> anyhow::Result<Prepared> {
         self.source().prepare(clock).map_err(|error| match error {
             error @ Error::Read { .. } => error.into(),
             error => BadConfiguration(error.into()).into(),

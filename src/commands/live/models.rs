@@ -1,9 +1,10 @@
 //! Starts the workers that make models while the daemon runs, as the configuration says.
 
+use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
-use crate::workers::{Ended, Jobs, Plan, Workers, protocol};
+use crate::workers::{Ended, Jobs, WorkerPlan, Workers, protocol};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -28,15 +29,17 @@ impl Models {
     pub(super) fn start(
         self,
         config: &Config,
+        clock: Clock,
         interrupted: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
     ) -> anyhow::Result<Workers> {
         self.jobs
             .enqueue_missing(interrupted, &config.workers.folder);
-        let plan = Plan {
+        let plan = WorkerPlan {
             parameters: config.workers.clone(),
             settings: config.replay_toml()?,
+            clock,
             method: config.method,
             keep_free,
             // This very program, also when another version has been installed meanwhile.

@@ -10,7 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, UNIX_EPOCH};
 
-/// Ask the daemon for a capture at each press of a foot switch. The switch is held alone: it types nowhere meanwhile.
+/// Ask the daemon for a capture at each press of a foot switch. Meanwhile the switch does not type into other
+/// programs.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The foot switch, an input device such as /dev/input/by-id/…-event-kbd.
@@ -19,13 +20,13 @@ pub struct Args {
     /// The daemon's socket.
     #[arg(long, value_name = "PATH", default_value = SOCKET)]
     socket: PathBuf,
-    /// A key that asks for a capture, such as KEY_B; may be given several times. Without it all keys do.
+    /// A key that asks for a capture, such as KEY_B; may be given several times. By default all keys do.
     #[arg(long, value_name = "KEY", value_parser = key_code)]
     key: Vec<u16>,
     /// A key that marks the last capture as rejected; may be given several times.
     #[arg(long, value_name = "KEY", value_parser = key_code)]
     reject_key: Vec<u16>,
-    /// How long a key must be quiet before a press counts, in milliseconds.
+    /// How long a key must have been released before a press counts, in milliseconds.
     #[arg(long, value_name = "MS", default_value_t = 50)]
     quiet_ms: u64,
 }
@@ -87,9 +88,9 @@ fn tell_whether_there(daemon: &Daemon) {
         let now = matches!(watch, Watch::There);
         if there != Some(now) {
             match watch {
-                Watch::There => log::notice!("the daemon is there"),
-                Watch::Away(error) => log::warning!("the daemon is away: {error}"),
-                Watch::Ended => log::notice!("the daemon has ended, as it was told to"),
+                Watch::There => log::notice!("the daemon answers"),
+                Watch::Away(error) => log::warning!("the daemon does not answer: {error}"),
+                Watch::Ended => log::notice!("the daemon was told to stop and has ended"),
             }
         }
         there = Some(now);
@@ -107,7 +108,7 @@ fn press(daemon: &Daemon, press_id: &str) {
         Ok(Reply::Durable { capture, .. }) => log::notice!("{capture}: durable"),
         Ok(Reply::Failed { capture, reason }) => log::error!("{capture}: failed: {reason}"),
         Ok(Reply::Busy) => log::warning!("busy: a capture is being taken"),
-        Ok(Reply::Refused { reason }) => log::error!("refused: {reason}"),
+        Ok(Reply::Refused { reason }) => log::error!("a press was refused: {reason}"),
         Ok(reply) => log::warning!("{reply:?}"),
         Err(error) => log::error!("no capture was taken: {error}"),
     }

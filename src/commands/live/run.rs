@@ -6,7 +6,7 @@ use crate::clock::Clock;
 use crate::commands::EXIT_LOST;
 use crate::daemon::events::Events;
 use crate::daemon::{
-    Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Plan, Rig, RigCamera,
+    CapturePlan, Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Rig, RigCamera,
     Service, Watchdog, handed_over, serve,
 };
 use crate::drivers::live::Backoff;
@@ -19,13 +19,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 
-/// Hold the rig's cameras, take a capture at each trigger and bring it to the disk. Ends with SIGTERM or Ctrl-C: a
-/// capture in progress is finished, the session completed.
+/// Run the rig: open its cameras, take a capture at each trigger and write it to the disk. SIGTERM or Ctrl-C finishes
+/// the capture in progress, completes the session and ends the daemon.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
     source: ConfigArgs,
-    /// Check the configuration, say what it asks for, and touch nothing.
+    /// Check the configuration and print a summary, without opening a camera.
     #[arg(long)]
     check: bool,
 }
@@ -45,7 +45,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         );
         return Ok(ExitCode::SUCCESS);
     }
-    let socket = handed_over().context("the socket that was handed over")?;
+    let socket = handed_over().context("cannot use the socket that systemd passed")?;
     serve_rig(args.source.source(), prepared, clock, socket)
 }
 
@@ -67,7 +67,7 @@ fn serve_rig(
     let notifier = Arc::new(Notifier::from_environment());
     let watchdog = Watchdog::new(notifier.clone(), clock);
     let models = Models::prepare(&config)?;
-    let plan = Plan {
+    let plan = CapturePlan {
         sync: config.sync.clone(),
         capture: config.capture.clone(),
         recording: config.recording.clone(),
@@ -86,11 +86,12 @@ fn serve_rig(
     let rig = Rig::start(rig_cameras, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
-    let hooks = Hooks::start(&config.hooks, capturing.events())?;
+    let hooks = Hooks::start(&config.hooks, capturing.events(), clock)?;
     let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
     let start = |models: Models| {
         models.start(
             &config,
+            clock,
             interrupted.recordings(),
             keep_free.clone(),
             capturing.clone(),
@@ -109,7 +110,7 @@ fn serve_rig(
     let reload = Box::new(move || running.reload(clock));
     let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
-    log::notice!("ending");
+    log::notice!("the daemon is ending");
     // Models are made after the next start: the capture in progress has the machine to itself.
     drop(workers);
     drop(packing);
@@ -117,7 +118,7 @@ fn serve_rig(
     clients.finish(Duration::from_secs(1));
     hooks.into_iter().for_each(Hooks::stop);
     for camera in &stuck {
-        log::error!("camera {camera}: its driver hangs");
+        log::error!("camera {camera}: its driver hangs, and the daemon ends without closing it");
     }
     Ok(if stuck.is_empty() {
         ExitCode::SUCCESS

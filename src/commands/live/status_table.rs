@@ -9,8 +9,8 @@ pub(super) fn status(status: &Value) -> String {
     text += &disk(status);
     text += &models(status);
     text += &match status["plates_age_h"].as_f64() {
-        Some(hours) => format!("plates     {hours:.1} h old\n"),
-        None => "plates     none (scand background takes them)\n".into(),
+        Some(hours) => format!("background {hours:.1} h old\n"),
+        None => "background none (take it with scand background)\n".into(),
     };
     text += &cameras(status);
     text
@@ -143,7 +143,7 @@ mod tests {
             "durable    p50 800 ms, p99 1200 ms after the press",
             "disk       room for 120 captures of 54.0 MB, 1 wait for it",
             "models     1 being made, 4 wait, done in 3 min",
-            "plates     2.2 h old",
+            "background 2.2 h old",
             "c00          ready        2  Acme, serial 7",
             "ExposureTime: asked for 8000, has 7996",
             "temperature 41.5 °C, PTP Slave, 120 ns from its master",

@@ -1,9 +1,11 @@
 //! Shows the progress of a replay (a bar on a terminal, lines on a pipe, nothing with `--quiet`) and its summary.
 
 use super::outcome::{Ending, Outcome};
-use crate::capture::Session;
+use crate::capture::CaptureSession;
+use crate::commands::info::cut_off_words;
 use crate::level::Level;
 use crate::reconstruct::Stage;
+use crate::words::count;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -34,15 +36,24 @@ impl Console {
     }
 
     /// A recording was opened.
-    pub(super) fn file(&self, path: &Path, session: &Session, captures: usize) {
+    pub(super) fn file(&self, path: &Path, session: &CaptureSession, captures: usize) {
+        if session.recording().is_cut_off().unwrap_or(false) {
+            self.line(&cut_off_words(path));
+        }
         for warning in session.warnings() {
             self.line(&format!("{}: {warning}", path.display()));
         }
         for damage in session.damage() {
             self.line(&format!("{}: {damage}", path.display()));
         }
-        let plural = if captures == 1 { "" } else { "s" };
-        self.line(&format!("{}: {captures} capture{plural}", path.display()));
+        for problem in session.notes().problems() {
+            self.line(problem);
+        }
+        self.line(&format!(
+            "{}: {}",
+            path.display(),
+            count(captures, "capture")
+        ));
     }
 
     /// A capture's stage begins.
@@ -68,7 +79,14 @@ impl Console {
         }
     }
 
-    fn line(&self, text: &str) {
+    /// Tells how a capture ended, for programs.
+    pub(super) fn outcome(&self, outcome: &Outcome) {
+        if self.json {
+            outln!("{}", serde_json::to_string(outcome).unwrap_or_default());
+        }
+    }
+
+    pub(super) fn line(&self, text: &str) {
         match &self.bars {
             _ if self.quiet => {}
             Some(bars) => bars.suspend(|| eprintln!("{text}")),
@@ -78,34 +96,34 @@ impl Console {
 
     /// What became of everything.
     pub(super) fn summary(&self, outcomes: &[Outcome], out: &Path) {
-        for failed in outcomes.iter().filter(|o| !o.is_done()) {
+        for failed in outcomes.iter().filter(|o| o.is_failed()) {
             let told = failed.reasons.join("; ");
             // Most errors name their file themselves.
             let file = format!("{}: ", failed.recording);
             let told = told.strip_prefix(&file).unwrap_or(&told);
             eprintln!("scand: {}: {told}", name(failed));
         }
-        if self.json {
-            let done = outcomes.iter().filter(|o| o.is_done()).count();
-            let summary = serde_json::json!({
-                "done": done, "failed": outcomes.len() - done, "captures": outcomes,
-            });
-            outln!("{summary:#}");
-        } else if !self.quiet {
+        if !self.json && !self.quiet {
             self.table(outcomes, out);
         }
     }
 
     fn table(&self, outcomes: &[Outcome], out: &Path) {
-        for outcome in outcomes.iter().filter(|o| o.is_done()) {
+        for outcome in outcomes.iter().filter(|o| !o.is_failed()) {
             let total: f64 = outcome.seconds.iter().map(|(_, s)| s).sum();
             let stages: Vec<String> = outcome
                 .seconds
                 .iter()
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
-            let verdict = outcome.verdict.map_or("done", Level::name);
-            outln!("{}: {verdict}", name(outcome));
+            let ending = match outcome.result {
+                Ending::Rejected => "left out, because it was rejected (--rejected takes it)",
+                _ => outcome.verdict.map_or("done", Level::name),
+            };
+            outln!("{}: {ending}", name(outcome));
+            for line in outcome.notes.lines() {
+                outln!("  {line}");
+            }
             for reason in &outcome.reasons {
                 outln!("  {reason}");
             }
@@ -121,9 +139,13 @@ impl Console {
             }
         }
         let done = outcomes.iter().filter(|o| o.is_done()).count();
+        let failed = outcomes.iter().filter(|o| o.is_failed()).count();
+        let rejected = match outcomes.len() - done - failed {
+            0 => String::new(),
+            rejected => format!(", {rejected} rejected and left out"),
+        };
         outln!(
-            "{done} done, {} failed, in {}",
-            outcomes.len() - done,
+            "{done} done, {failed} failed{rejected}, in {}",
             out.display()
         );
     }

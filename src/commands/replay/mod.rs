@@ -1,88 +1,139 @@
-//! `scand --replay`: recordings in, models out. This file has the arguments, the settings and the order of the
+//! `scand replay`: makes models of recordings. This file has the arguments, the settings and the order of the
 //! files; `make_model` processes a capture, and `console` shows the progress.
 
 mod console;
+mod files;
 mod outcome;
 
 use crate::calibration::RigCalibration;
-use crate::capture::Session;
+use crate::capture::CaptureSession;
 use crate::config::Config;
 use crate::frame::CaptureId;
-use crate::make_model::{ModelMaker, Settings};
+use crate::make_model::{ModelMaker, Settings, mark};
 use crate::reconstruct::Method;
-use crate::{queue, recording, sync};
+#[cfg(feature = "live")]
+use crate::recording;
+use crate::{queue, storage, sync};
 use anyhow::Context;
 use console::Console;
 use outcome::{Outcome, exit_code};
-use std::collections::BTreeMap;
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// What `--replay` is asked.
+/// Reconstruct every capture of one or more recordings
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand replay recordings/cup.mcap
+  scand replay -o models --jobs 3 /media/usb/sessions
+  scand replay cup.mcap --capture cup-000 --vertices 10000 --set hull.resolution=160")]
+pub struct CommandArgs {
+    /// Recordings to reconstruct, or folders with recordings
+    #[arg(required = true, value_name = "FILE|FOLDER")]
+    recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    options: Options,
+}
+
+/// `scand --replay`, which is the same as `scand replay`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Recordings to reconstruct
-    #[arg(long, num_args = 1.., required = true, value_name = "FILE")]
+    /// Reconstruct these recordings, as scand replay does
+    #[arg(long, num_args = 1.., required = true, value_name = "FILE|FOLDER")]
     replay: Vec<PathBuf>,
-    /// Where the models go: DIR/RECORDING'S-STEM/CAPTURE-ID/
-    #[arg(long, default_value = "out", value_name = "DIR")]
+    #[command(flatten)]
+    options: Options,
+}
+
+impl From<CommandArgs> for Args {
+    fn from(args: CommandArgs) -> Self {
+        Self {
+            replay: args.recordings,
+            options: args.options,
+        }
+    }
+}
+
+#[derive(Debug, clap::Args)]
+struct Options {
+    /// Write the models into DIR/RECORDING/CAPTURE/
+    #[arg(short, long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
-    /// Only this capture; may be given several times
+    /// Reconstruct only this capture; may be given several times
     #[arg(long, value_name = "ID")]
     capture: Vec<String>,
-    /// Which model: the hull restored from depth, the hull alone, or the hull carved by depth everywhere
-    #[arg(long, value_enum)]
+    /// Reconstruct captures that a person rejected, too
+    #[arg(long)]
+    rejected: bool,
+    /// Which model: hybrid (the hull restored from depth), hull (the hull alone), or depth-hull (the hull carved by
+    /// depth everywhere)
+    #[arg(long, value_name = "METHOD", value_parser = parse_method)]
     method: Option<Method>,
     /// Simplify each model to about N vertices
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
     vertices: Option<u32>,
-    /// Cameras to use instead of the recorded ones (TOML)
+    /// Use this calibration (TOML) instead of the recorded one
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
-    /// Configuration (TOML); config/replay.toml shows every setting
-    #[arg(long, value_name = "FILE")]
+    /// Read this configuration (TOML); config/replay.toml shows every setting
+    #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Set one value over the configuration; may be given several times
+    /// Set one value of the configuration; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Captures reconstructed at the same time
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// How many captures to reconstruct at the same time
+    #[arg(short, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     jobs: u16,
     /// Replace outputs that were made from other inputs or settings
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
-    /// Print the summary as JSON
+    /// Print a line of JSON for each capture, as soon as it has ended
     #[arg(long)]
     json: bool,
-    /// Print nothing but errors
-    #[arg(long)]
+    /// Print only errors
+    #[arg(short, long)]
     quiet: bool,
-    /// A red verdict is a failure
+    /// End with exit code 1 if a verdict is red
     #[arg(long)]
     strict: bool,
+}
+
+/// A method by the name that the configuration has for it.
+fn parse_method(name: &str) -> Result<Method, serde::de::value::Error> {
+    Method::deserialize(name.into_deserializer())
 }
 
 impl Args {
     /// The files that are read.
     #[cfg(feature = "live")]
     pub(super) fn reads(&self) -> Vec<PathBuf> {
-        let others = self.calibration.iter().chain(&self.config);
-        self.replay.iter().chain(others).cloned().collect()
+        let others = self.options.calibration.iter().chain(&self.options.config);
+        let notes = self.replay.iter().map(|path| recording::beside(path));
+        let notes = notes.filter(|path| path.exists());
+        let mut reads: Vec<PathBuf> = self.replay.iter().chain(others).cloned().collect();
+        reads.extend(notes);
+        reads
     }
 
     /// The folders that are written to, one a recording.
     #[cfg(feature = "live")]
     pub(super) fn writes(&self) -> anyhow::Result<Vec<PathBuf>> {
-        let stems = stems(&self.replay)?.into_iter();
-        Ok(stems.map(|stem| self.out.join(stem)).collect())
+        let stems = files::stems(&self.replay)?.into_iter();
+        Ok(stems.map(|stem| self.options.out.join(stem)).collect())
     }
 }
 
 /// Reconstructs every capture of the recordings.
 ///
 /// # Errors
-/// If the arguments contradict each other, the configuration is bad or no recording could be read.
+/// If the arguments contradict each other, the configuration is bad, no recording could be read or the output folder
+/// cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let Args {
+        replay,
+        options: args,
+    } = args;
     let mut config = Config::load(args.config.as_deref(), &args.set)
         .map_err(|e| super::BadConfiguration(e.into()))?;
     if let Some(method) = args.method {
@@ -97,14 +148,25 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let stems = stems(&args.replay)?;
+    let files::Found {
+        recordings,
+        warnings,
+    } = files::find(&replay)?;
+    let stems = files::stems(&recordings)?;
+    // A full day's work is not lost at its end for want of a folder.
+    for stem in &stems {
+        storage::check_writable(&args.out.join(stem))
+            .context("nothing was reconstructed: give another folder with --out")?;
+    }
     let console = Console::new(args.quiet, args.json);
+    warnings.iter().for_each(|warning| console.line(warning));
     let settings = settings(&config)?;
     let mut outcomes = Vec::new();
-    for (path, stem) in args.replay.iter().zip(&stems) {
+    for (path, stem) in recordings.iter().zip(&stems) {
         let replay = Replay {
             sync: &config.sync,
             only: &args.capture,
+            with_rejected: args.rejected,
             jobs: usize::from(args.jobs),
             console: &console,
             maker: ModelMaker {
@@ -117,7 +179,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         };
         match replay.recording(path) {
             Ok(mut of_file) => outcomes.append(&mut of_file),
-            Err(error) => outcomes.push(Outcome::unreadable(path, &error)),
+            Err(error) => {
+                let unreadable = Outcome::unreadable(path, &error);
+                console.outcome(&unreadable);
+                outcomes.push(unreadable);
+            }
         }
     }
     console.summary(&outcomes, &args.out);
@@ -137,8 +203,10 @@ fn settings(config: &Config) -> anyhow::Result<Settings> {
 /// How a recording's captures are replayed.
 struct Replay<'a> {
     sync: &'a sync::Parameters,
-    /// The captures that are wanted; all where none is named.
+    /// The captures that are wanted; if none is named, all but rejected ones.
     only: &'a [String],
+    /// Whether rejected captures are wanted too.
+    with_rejected: bool,
     /// Captures at the same time.
     jobs: usize,
     console: &'a Console,
@@ -148,30 +216,59 @@ struct Replay<'a> {
 impl Replay<'_> {
     /// The outcomes of one recording's captures.
     fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
-        let session = Session::open(path, self.sync)?;
+        let session = CaptureSession::open(path, self.sync)?;
         let wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        // A capture that is asked for by its name is wanted, whatever was said of it.
+        let takes_all = self.with_rejected || !self.only.is_empty();
+        let is_rejected = |id: &CaptureId| session.notes().on(id.as_str()).is_rejected();
+        let (left_out, wanted): (Vec<CaptureId>, Vec<CaptureId>) = wanted
+            .into_iter()
+            .partition(|id| !takes_all && is_rejected(id));
         self.console.file(path, &session, wanted.len());
+        let left_out = left_out.iter().map(|id| self.leave_out(&session, id));
+        let mut outcomes: Vec<Outcome> = left_out.collect();
         let results = queue::run(self.jobs, wanted.len(), |i| {
-            let outcome = self.maker.make(&session, &wanted[i]);
+            let made = self.maker.make(&session, &wanted[i]);
+            let outcome = Outcome::new(&session, &wanted[i], made);
             self.console.finished(wanted[i].as_str());
+            self.console.outcome(&outcome);
             outcome
         });
-        let outcome = |(id, result): (&CaptureId, Result<_, queue::Panicked>)| {
-            let outcome =
-                result.unwrap_or_else(|panicked| self.maker.failed(&session, id, &panicked));
-            Outcome::new(&session, id, outcome)
+        let outcome = |(id, result): (&CaptureId, Result<Outcome, queue::Panicked>)| {
+            result.unwrap_or_else(|panicked| {
+                let failed = self.maker.failed(&session, id, &panicked);
+                let outcome = Outcome::new(&session, id, failed);
+                self.console.outcome(&outcome);
+                outcome
+            })
         };
-        Ok(wanted.iter().zip(results).map(outcome).collect())
+        outcomes.extend(wanted.iter().zip(results).map(outcome));
+        Ok(outcomes)
+    }
+
+    /// The outcome of a rejected capture: no model is made, and one that is there is marked.
+    fn leave_out(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
+        let notes = session.notes().on(id.as_str());
+        let folder = self.maker.folder.join(id.as_str());
+        if folder.join("report.json").exists()
+            && let Err(error) = mark(&folder, &notes)
+        {
+            self.console
+                .line(&format!("{id}: its model is not marked: {error}"));
+        }
+        let outcome = Outcome::rejected(session, id);
+        self.console.outcome(&outcome);
+        outcome
     }
 }
 
 /// The captures that were asked for, each once; all where none was named.
-fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> {
+fn wanted(session: &CaptureSession, only: &[String]) -> anyhow::Result<Vec<CaptureId>> {
     let all: Vec<CaptureId> = session.captures().into_iter().map(|c| c.id).collect();
     if only.is_empty() {
         anyhow::ensure!(
             !all.is_empty(),
-            "no capture: the recording has no /trigger message"
+            "the recording has no capture: it has no /trigger message"
         );
         return Ok(all);
     }
@@ -181,7 +278,7 @@ fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> 
             .cloned()
             .with_context(|| {
                 let known: Vec<&str> = all.iter().take(20).map(CaptureId::as_str).collect();
-                format!("no capture {name:?}; there are {}", known.join(", "))
+                format!("there is no capture {name:?}, only {}", known.join(", "))
             })
     };
     let mut found = Vec::new();
@@ -193,32 +290,4 @@ fn wanted(session: &Session, only: &[String]) -> anyhow::Result<Vec<CaptureId>> 
         }
     }
     Ok(found)
-}
-
-/// The files' stems, those of complete recordings, which name their output folders: two of one stem would share one.
-fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
-    let mut seen = BTreeMap::new();
-    let mut stems = Vec::new();
-    for file in files {
-        let complete = recording::finished_name(file).unwrap_or_else(|| file.clone());
-        let stem = complete
-            .file_stem()
-            .and_then(|s| s.to_str())
-            .unwrap_or_default()
-            .to_owned();
-        anyhow::ensure!(
-            !stem.is_empty(),
-            "{}: a recording needs a name in UTF-8",
-            file.display()
-        );
-        if let Some(other) = seen.insert(stem.clone(), file) {
-            anyhow::bail!(
-                "{} and {} have the same stem, and so would share an output folder",
-                other.display(),
-                file.display()
-            );
-        }
-        stems.push(stem);
-    }
-    Ok(stems)
 }

@@ -1,10 +1,11 @@
 //! The outcome of each capture, for the summary of a replay, and the exit code for all of them.
 
-use crate::capture::Session;
+use crate::capture::CaptureSession;
 use crate::commands::EXIT_LOST;
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::make_model::{self, Model};
+use crate::notes::CaptureNotes;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -16,6 +17,8 @@ pub(super) enum Ending {
     Done,
     /// A model of the same inputs and settings was there.
     Unchanged,
+    /// No model was made, for a person rejected the capture.
+    Rejected,
     /// There is no model.
     Failed,
 }
@@ -33,6 +36,8 @@ pub(super) struct Outcome {
     pub(super) verdict: Option<Level>,
     /// Why it failed, or the reasons of its verdict.
     pub(super) reasons: Vec<String>,
+    /// What people said of the capture.
+    pub(super) notes: CaptureNotes,
     /// Where its files are.
     pub(super) folder: Option<PathBuf>,
     /// Whether the recording was damaged.
@@ -43,15 +48,21 @@ pub(super) struct Outcome {
 
 impl Outcome {
     /// Of a capture.
-    pub(super) fn new(session: &Session, id: &CaptureId, outcome: make_model::Outcome) -> Self {
+    pub(super) fn new(
+        session: &CaptureSession,
+        id: &CaptureId,
+        outcome: make_model::Outcome,
+    ) -> Self {
         let recording = session.recording().path();
         let capture = Some(id.to_string());
+        let notes = session.notes().on(id.as_str());
         let of_model = |result, model: Model, damaged, seconds| Self {
             recording: recording.display().to_string(),
             capture: capture.clone(),
             result,
             verdict: Some(model.verdict),
             reasons: model.reasons,
+            notes: notes.clone(),
             folder: Some(model.folder),
             damaged,
             seconds,
@@ -66,10 +77,22 @@ impl Outcome {
                 of_model(Ending::Unchanged, model, damaged, Vec::new())
             }
             make_model::Outcome::Failed { reason } => Self {
+                notes,
                 capture,
                 damaged: !session.damage().is_empty(),
                 ..Self::failed(recording, reason)
             },
+        }
+    }
+
+    /// Of a capture that is left out because a person rejected it.
+    pub(super) fn rejected(session: &CaptureSession, id: &CaptureId) -> Self {
+        Self {
+            capture: Some(id.to_string()),
+            result: Ending::Rejected,
+            notes: session.notes().on(id.as_str()),
+            reasons: Vec::new(),
+            ..Self::failed(session.recording().path(), String::new())
         }
     }
 
@@ -85,6 +108,7 @@ impl Outcome {
             result: Ending::Failed,
             verdict: None,
             reasons: vec![reason],
+            notes: CaptureNotes::default(),
             folder: None,
             damaged: false,
             seconds: Vec::new(),
@@ -92,7 +116,11 @@ impl Outcome {
     }
 
     pub(super) fn is_done(&self) -> bool {
-        self.result != Ending::Failed
+        matches!(self.result, Ending::Done | Ending::Unchanged)
+    }
+
+    pub(super) fn is_failed(&self) -> bool {
+        self.result == Ending::Failed
     }
 
     fn is_red(&self) -> bool {
@@ -100,14 +128,15 @@ impl Outcome {
     }
 
     fn has_lost(&self) -> bool {
-        self.damaged || !self.is_done()
+        self.damaged || self.is_failed()
     }
 }
 
-/// 0: all done. 1: nothing done, or a red verdict with `strict`. 3: done, but something was lost.
+/// 0: all done or left out as rejected. 1: nothing done, or a red verdict with `strict`. 3: done, but something was
+/// lost.
 pub(super) fn exit_code(outcomes: &[Outcome], strict: bool) -> ExitCode {
-    let done = outcomes.iter().any(Outcome::is_done);
-    if !done || (strict && outcomes.iter().any(Outcome::is_red)) {
+    let all_failed = outcomes.iter().all(Outcome::is_failed);
+    if all_failed || (strict && outcomes.iter().any(Outcome::is_red)) {
         ExitCode::FAILURE
     } else if outcomes.iter().any(Outcome::has_lost) {
         ExitCode::from(EXIT_LOST)

@@ -1,6 +1,7 @@
-//! `scand simulate --calibration-session`: a recording to calibrate from, with its truth in files of its own.
+//! `scand simulate --calibration-session`: writes a recording to calibrate from, and its truth in separate files.
 
 use crate::commands::{refuse_to_replace, wrong_usage};
+use crate::range::millimetres;
 use crate::recording::Compression;
 use crate::storage::write_atomically;
 use anyhow::Context;
@@ -11,8 +12,8 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Calibration sessions")]
 pub(super) struct BoardArgs {
-    /// Show a calibration board instead of an object, at one placement after the other. The rig is the one that the
-    /// same options give to an object, but for its depth camera, which is 1.3 m away unless said otherwise.
+    /// Show a calibration board instead of an object, at one placement after the other. The rig is the same as for an
+    /// object, except that its depth camera is 1.3 m away by default.
     #[arg(long, conflicts_with_all = [
         "preset", "captures", "masks", "textured", "no_background", "empty_table",
     ])]
@@ -20,31 +21,44 @@ pub(super) struct BoardArgs {
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided.
     #[arg(long, value_name = "BOARD", requires = "calibration_session")]
     board: Option<String>,
-    /// The board that the recording names, if not the same.
+    /// The board that the recording describes, by default the same.
     #[arg(long, value_name = "BOARD", requires = "calibration_session")]
     declared_board: Option<String>,
     /// How often the board is shown; the first time it lies on the table.
     #[arg(long, value_name = "N", requires = "calibration_session")]
     placements: Option<usize>,
-    /// How far the back's print may be off its place.
-    #[arg(long, value_name = "MM", requires = "calibration_session")]
+    /// By how much the print on the back is displaced.
+    #[arg(long, value_name = "LENGTH", value_parser = millimetres, requires = "calibration_session")]
     misprint_mm: Option<f64>,
+    /// How far the edges of the board's squares lie off its middle: along the rows, and down the columns.
+    #[arg(long, value_name = "MM,MM", value_parser = parse_bend, allow_hyphen_values = true,
+        requires = "calibration_session")]
+    board_bend_mm: Option<[f64; 2]>,
+    /// By how many per cent the board's squares are longer along the rows than their mean, and shorter down the
+    /// columns.
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        allow_negative_numbers = true,
+        requires = "calibration_session"
+    )]
+    board_stretch_percent: Option<f64>,
     /// Write where the board was at each placement into this file.
     #[arg(long, value_name = "FILE.json", requires = "calibration_session")]
     placements_truth: Option<PathBuf>,
-    /// The board moves during a placement, counted from 0.
+    /// Move the board during a placement (counted from 0).
     #[arg(long, value_name = "PLACEMENT=MM", value_parser = parse_fault, requires = "calibration_session")]
     moved_placement: Vec<PlacementFault>,
-    /// A placement is out of focus, or shaken.
+    /// Blur a placement, as if out of focus or shaken.
     #[arg(long, value_name = "PLACEMENT=PX", value_parser = parse_fault, requires = "calibration_session")]
     blurred_placement: Vec<PlacementFault>,
-    /// At a placement the board lies as at the one before.
+    /// Leave the board where it was, at a placement.
     #[arg(long, value_name = "PLACEMENT", requires = "calibration_session")]
     duplicate_placement: Vec<usize>,
-    /// At a placement the board is turned by 180 degrees in its plane.
+    /// Turn the board by 180 degrees in its plane, at a placement.
     #[arg(long, value_name = "PLACEMENT", requires = "calibration_session")]
     turned_over_placement: Vec<usize>,
-    /// A camera never sees the board.
+    /// Hide the board from a camera.
     #[arg(long, value_name = "ID", requires = "calibration_session")]
     blind: Vec<String>,
 }
@@ -56,6 +70,13 @@ fn parse_fault(text: &str) -> Result<PlacementFault, String> {
         placement: placement.parse().map_err(|_| expected())?,
         amount: amount.parse().map_err(|_| expected())?,
     })
+}
+
+fn parse_bend(text: &str) -> Result<[f64; 2], String> {
+    let expected = || format!("{text:?} is not MM,MM, such as 0.5,0");
+    let (along_rows, down_columns) = text.split_once(',').ok_or_else(expected)?;
+    let number = |part: &str| part.trim().parse().map_err(|_| expected());
+    Ok([number(along_rows)?, number(down_columns)?])
 }
 
 impl BoardArgs {
@@ -73,6 +94,8 @@ impl BoardArgs {
         super::take(&mut options.board, self.board);
         super::take(&mut options.placements, self.placements);
         super::take(&mut options.misprint_mm, self.misprint_mm);
+        super::take(&mut options.bend_mm, self.board_bend_mm);
+        super::take(&mut options.stretch_percent, self.board_stretch_percent);
         options.declared = self.declared_board;
         let faults = &mut options.faults;
         faults.moved_mm = self.moved_placement;
@@ -95,7 +118,7 @@ pub(super) fn run(
     let placements_truth = args.placements_truth.clone();
     let session = BoardSession::new(options, args.options()).map_err(wrong_usage)?;
     write_board_session(&session, out, compression)
-        .with_context(|| format!("writing {}", out.display()))?;
+        .with_context(|| format!("cannot write {}", out.display()))?;
     let (count, board) = (session.placements().len(), session.board());
     outln!("{}: {count} placements of {board}", out.display());
     if let Some(path) = truth {

@@ -1,9 +1,10 @@
-//! `scand simulate`: a recording of an object whose form is known, or of a calibration board.
+//! `scand simulate`: writes a recording of an object of known shape, or of a calibration board.
 
 mod board;
 mod serve;
 
 use super::{refuse_to_replace, wrong_usage};
+use crate::range::millimetres;
 use crate::recording::Compression;
 use crate::storage::write_atomically;
 use anyhow::Context;
@@ -16,29 +17,29 @@ use std::process::ExitCode;
 /// Render a rig of cameras around a known object into a recording, with the sensors' noise and any faults.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The object; of a calibration session, the one that the rig stands around.
+    /// The object; for a calibration session, the object that the rig is built around.
     #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session", "serve"])]
     shape: Option<Shape>,
-    /// Start from one of the named cases; what else is given changes it.
+    /// Start from one of the named cases; other options change it.
     #[arg(long, value_enum)]
     preset: Option<Preset>,
-    /// The recording to write; nothing may be there yet.
+    /// The recording to write; the file must not exist yet.
     #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
     out: Option<PathBuf>,
-    /// Write the object's true surface into this file; of a calibration session, the true calibration.
+    /// Write the object's true surface into this file; for a calibration session, the true calibration.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Replace the files of the truth that are there; a recording never is.
+    /// Replace existing files of the truth; a recording is never replaced.
     #[arg(long)]
     force: bool,
-    /// What all randomness derives from.
+    /// The seed of all random numbers.
     #[arg(long)]
     seed: Option<u64>,
-    /// Captures of the object, at least 1.
+    /// Number of captures, at least 1.
     #[arg(long)]
     captures: Option<usize>,
-    /// Edge length of the truth's triangles.
-    #[arg(long, value_name = "MM")]
+    /// Length of the edges of the truth's triangles.
+    #[arg(long, value_name = "LENGTH", value_parser = millimetres)]
     spacing_mm: Option<f64>,
     /// Give the object a pattern.
     #[arg(long)]
@@ -64,37 +65,37 @@ pub struct Args {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Colour cameras")]
 struct ColorArgs {
-    /// How many: 2 to 99, or 1 that is shown a board.
+    /// Number of colour cameras, 2 to 99, or 1 for a calibration session.
     #[arg(long)]
     cameras: Option<usize>,
-    /// Size of their pictures; the field of view stays.
+    /// Size of their pictures; the field of view stays the same.
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(usize, usize)>,
     /// How pictures are encoded.
     #[arg(long, value_enum)]
     encoding: Option<Encoding>,
-    /// Quality of JPEG, 1 to 100.
+    /// JPEG quality, 1 to 100.
     #[arg(long, value_name = "Q")]
     jpeg_quality: Option<u8>,
-    /// Electrons at full scale; 0 is a picture without noise.
+    /// Electrons at full scale; 0 makes pictures without noise.
     #[arg(long, value_name = "ELECTRONS")]
     full_well: Option<f64>,
     /// Read noise.
     #[arg(long, value_name = "ELECTRONS")]
     read_noise: Option<f64>,
-    /// Standard deviation of the point spread.
+    /// Standard deviation of the point spread function.
     #[arg(long, value_name = "PX")]
     blur_px: Option<f64>,
-    /// Standard deviation of the exposure's drift since the background plate, as a part of it.
+    /// Standard deviation of the exposure's drift since the background was taken, relative to the exposure.
     #[arg(long, value_name = "PART")]
     exposure_drift: Option<f64>,
     /// How strongly the object darkens the table, 0 to 1.
     #[arg(long, value_name = "PART")]
     shadows: Option<f64>,
-    /// How much of the backdrop's colour the object catches, 0 to 1.
+    /// How much of the backdrop's colour the object reflects, 0 to 1.
     #[arg(long, value_name = "PART")]
     spill: Option<f64>,
-    /// Lenses without distortion.
+    /// Use lenses without distortion.
     #[arg(long)]
     no_distortion: bool,
 }
@@ -102,40 +103,40 @@ struct ColorArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Depth cameras")]
 struct DepthArgs {
-    /// How many.
+    /// Number of depth cameras.
     #[arg(long)]
     depth_cameras: Option<usize>,
-    /// Angle between the first one's view and straight down.
+    /// Angle between the first depth camera's view and straight down.
     #[arg(long, value_name = "DEGREES")]
     depth_slant_deg: Option<f64>,
-    /// From a depth camera to the object.
+    /// Distance from a depth camera to the object.
     #[arg(long, value_name = "M")]
     depth_distance: Option<f64>,
-    /// Frames a capture.
+    /// Depth frames of a capture.
     #[arg(long, value_name = "N")]
     depth_frames: Option<usize>,
-    /// Readings without noise, steps, holes or smear.
+    /// Make readings without noise, steps, holes or smear.
     #[arg(long)]
     depth_perfect: bool,
-    /// Noise that is new in each frame, in steps of the disparity.
+    /// Noise that differs in each frame, in steps of the disparity.
     #[arg(long, value_name = "STEPS")]
     depth_noise_steps: Option<f64>,
     /// The fixed pattern, in steps of the disparity.
     #[arg(long, value_name = "STEPS")]
     depth_pattern_steps: Option<f64>,
-    /// Readings are too deep by this, and the recording does not know.
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    /// Make readings too deep by this, without recording it.
+    #[arg(long, value_name = "LENGTH", value_parser = millimetres, allow_negative_numbers = true)]
     depth_bias_mm: Option<f64>,
-    /// The depth lies beside where its calibration has it.
+    /// Displace the depth against its calibration.
     #[arg(long, value_name = "PX")]
     misregistration_px: Option<f64>,
-    /// How the sensor responds, and whether the recording says so.
+    /// How the sensor responds, and whether the recording has its response.
     #[arg(long, value_enum)]
     depth_response: Option<Response>,
-    /// A colour picture for each so many depth frames.
+    /// Number of depth frames for each colour picture.
     #[arg(long, value_name = "N")]
     depth_color_every: Option<usize>,
-    /// The depth camera's colour as JPEG of this quality, 1 to 100.
+    /// Encode the depth camera's colour as JPEG of this quality, 1 to 100.
     #[arg(long, value_name = "Q")]
     depth_color_jpeg: Option<u8>,
 }
@@ -143,33 +144,36 @@ struct DepthArgs {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Faults")]
 struct FaultArgs {
-    /// A colour camera was turned by degrees after it was calibrated.
+    /// Turn a colour camera by this many degrees after its calibration.
     #[arg(long, value_name = "ID=DEGREES", value_parser = parse_fault)]
     turned: Vec<CameraFault>,
-    /// The left edge of a colour camera's picture cuts off a part (0 to 1) of the object.
+    /// Let the left edge of a colour camera's picture cut off this part (0 to 1) of the object.
     #[arg(long, value_name = "ID=PART", value_parser = parse_fault)]
     cut_off: Vec<CameraFault>,
-    /// A colour camera is out of focus.
+    /// Put a colour camera out of focus.
     #[arg(long, value_name = "ID=PX", value_parser = parse_fault)]
     blurred: Vec<CameraFault>,
-    /// A colour camera exposes for too long.
+    /// Let a colour camera expose for too long.
     #[arg(long, value_name = "ID=STOPS", value_parser = parse_fault)]
     overexposed: Vec<CameraFault>,
-    /// A camera's frames come late.
+    /// Let a camera's frames arrive late.
     #[arg(long, value_name = "ID=MS", value_parser = parse_fault)]
     late: Vec<CameraFault>,
-    /// A camera gives no frames.
+    /// Let a camera deliver no frames.
     #[arg(long, value_name = "ID")]
     missing: Vec<String>,
-    /// A colour camera has no background.
+    /// Leave out the background of a colour camera.
     #[arg(long, value_name = "ID")]
     no_background: Vec<String>,
-    /// There is no object on the table.
+    /// Leave the table empty.
     #[arg(long)]
     empty_table: bool,
-    /// Depth frames hold no reading.
+    /// Leave the depth frames without readings.
     #[arg(long)]
     no_depth: bool,
+    /// The recording says that its calibration was judged doubtful, for this reason.
+    #[arg(long, value_name = "REASON")]
+    doubtful_calibration: Option<String>,
 }
 
 fn parse_size(text: &str) -> Result<(usize, usize), String> {
@@ -191,7 +195,7 @@ fn parse_fault(text: &str) -> Result<CameraFault, String> {
 /// Simulates and writes.
 ///
 /// # Errors
-/// Where an option cannot be met, or a file not be written or is there already.
+/// Where an option cannot be met, or a file cannot be written or already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if let Some(recording) = args.serve.serve.clone() {
         return serve::run(&recording, args.serve);
@@ -199,6 +203,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let truth = args.truth.clone();
     refuse_to_replace("--truth", truth.as_deref(), args.force)?;
     let out = args.out.clone().context("--out is missing")?;
+    anyhow::ensure!(
+        out.symlink_metadata().is_err(),
+        "{} is there already: a recording is never replaced; give another --out",
+        out.display()
+    );
     let compression = match args.zstd {
         true => Compression::Zstd,
         false => Compression::None,
@@ -209,7 +218,13 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         return board::run(options, boards, &out, truth.as_deref(), compression);
     }
     let simulation = Simulation::new(options(args).0).map_err(wrong_usage)?;
-    write(&simulation, &out, compression).with_context(|| format!("writing {}", out.display()))?;
+    write(&simulation, &out, compression).with_context(|| {
+        format!(
+            "cannot write \
+        {}",
+            out.display()
+        )
+    })?;
     outln!(
         "{}: {} captures",
         out.display(),
@@ -254,6 +269,7 @@ fn options(args: Args) -> (Options, board::BoardArgs) {
     faults.no_background.extend(args.faults.no_background);
     faults.empty_table |= args.faults.empty_table;
     faults.no_depth |= args.faults.no_depth;
+    faults.doubtful_calibration = args.faults.doubtful_calibration;
     (options, args.board)
 }
 

@@ -1,4 +1,4 @@
-//! `scand simulate --serve`: a recording's cameras as devices on this machine, until they are switched off.
+//! `scand simulate --serve`: plays a recording's cameras as devices on this machine until it is told to quit.
 
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
@@ -7,12 +7,12 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Cameras as devices")]
 pub(super) struct ServeArgs {
-    /// Play this recording's colour cameras as GigE Vision cameras on loopback addresses, one picture a software
-    /// trigger, capture after capture. Commands on the standard input: background, captures [N], stop ID, start ID,
-    /// loss ID RATIO, delay ID MS, freeze ID, thaw ID, quit.
+    /// Play this recording's colour cameras as GigE Vision cameras on loopback addresses, with one picture for each
+    /// software trigger, capture after capture. Commands on the standard input: background, captures [N], stop ID,
+    /// start ID, loss ID RATIO, delay ID MS, freeze ID, thaw ID, quit.
     #[arg(long, value_name = "RECORDING", conflicts_with_all = ["out", "preset", "shape"])]
     pub serve: Option<PathBuf>,
-    /// The first camera's address; the others follow.
+    /// The first camera's address; the others get the next ones.
     #[arg(
         long,
         value_name = "ADDRESS",
@@ -20,13 +20,13 @@ pub(super) struct ServeArgs {
         default_value = "127.0.1.1"
     )]
     first_address: Ipv4Addr,
-    /// Show the empty rig first, until the command captures.
+    /// Show the empty rig until the command captures.
     #[arg(long, requires = "serve")]
     empty: bool,
     /// Write the first depth camera's frames for the test sensor of OpenNI2 into this file.
     #[arg(long, value_name = "FILE", requires = "serve")]
     sensor_frames: Option<PathBuf>,
-    /// Depth frames of a capture.
+    /// Number of depth frames of a capture.
     #[arg(
         long,
         value_name = "N",
@@ -117,7 +117,8 @@ mod serving {
             ["freeze", name] => rig.freeze_clock(&id(name)?, true),
             ["thaw", name] => rig.freeze_clock(&id(name)?, false),
             _ => anyhow::bail!(
-                "{line:?} is none of background, captures [N], stop ID, start ID, loss ID RATIO, delay ID MS, \
+                "{line:?} is unknown, expected background, captures [N], stop ID, start ID, loss \
+                ID RATIO, delay ID MS, \
                  freeze ID, thaw ID, quit"
             ),
         }

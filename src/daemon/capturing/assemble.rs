@@ -1,5 +1,5 @@
-//! From what a shot gave to what is kept: which frames, which record, and in words why a capture failed. No thread, no
-//! clock, no file.
+//! Turns the result of a shot into what is recorded: which frames, which record of the capture, and the reason if
+//! it failed. No thread, no clock, no file.
 
 use super::super::rig::ShotResult;
 use crate::drivers::live::{Fault, ShotStats};

@@ -1,12 +1,13 @@
-//! The thread that turns orders into captures: a press becomes a shot, its frames go through `sync`, and what comes out
-//! is handed to the recorder. It holds the cameras and nothing else waits for it; while it takes a capture, others who
-//! press are told so.
+//! The thread that turns orders into captures: it takes a shot for a press, passes the frames through `sync`, and
+//! hands the capture to the recorder. It owns the cameras, and no other thread waits for it: clients that press
+//! during a capture are told `busy`.
 
 mod assemble;
 mod capture_thread;
 
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
+use super::notes::NoteEffects;
 use super::recorder::{Answer, Recorder};
 use super::request_log::{Input, Press};
 use super::rig::Rig;
@@ -58,7 +59,7 @@ pub struct ReloadedSettings {
 }
 
 /// What the thread works with.
-pub struct Plan {
+pub struct CapturePlan {
     /// Which frames make a capture.
     pub sync: sync::Parameters,
     /// How captures are taken.
@@ -89,6 +90,7 @@ pub struct Capturing {
     status: Arc<Mutex<Status>>,
     models: bool,
     jobs: Option<Arc<Jobs>>,
+    note_effects: Arc<NoteEffects>,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
@@ -97,7 +99,11 @@ impl Capturing {
     ///
     /// # Errors
     /// If the system has no thread left.
-    pub fn start(rig: Rig, plan: Plan, interrupted: &InterruptedRecordings) -> Result<Self, Error> {
+    pub fn start(
+        rig: Rig,
+        plan: CapturePlan,
+        interrupted: &InterruptedRecordings,
+    ) -> Result<Self, Error> {
         let folder = plan.recording.folder.clone();
         let io = |cause| Error::Io {
             path: folder.clone(),
@@ -112,12 +118,24 @@ impl Capturing {
             rig.clock(),
         );
         let models = plan.models.is_some();
+        let note_effects = Arc::new(NoteEffects {
+            jobs: jobs.clone(),
+            models: plan.models.clone(),
+            late: Mutex::default(),
+            dispatcher: dispatcher.clone(),
+        });
         let (orders, queue) = bounded(1);
         let status: Arc<Mutex<Status>> = Arc::default();
         let recorder = Recorder::start(plan.capture.waiting, plan.watchdog.heartbeat("recorder"))
             .map_err(io)?;
-        let capture_thread =
-            CaptureThread::new(rig, plan, recorder, dispatcher.clone(), status.clone());
+        let capture_thread = CaptureThread::new(
+            rig,
+            plan,
+            recorder,
+            dispatcher.clone(),
+            note_effects.clone(),
+            status.clone(),
+        );
         let thread = std::thread::Builder::new().name("capturing".into());
         let thread = thread.spawn(move || capture_thread.run(&queue));
         Ok(Self {
@@ -126,6 +144,7 @@ impl Capturing {
             status,
             models,
             jobs,
+            note_effects,
             thread: Mutex::new(Some(thread.map_err(io)?)),
         })
     }
@@ -171,6 +190,7 @@ impl Capturing {
 
     /// Answers the press of a capture, and everybody, with what became of its model.
     pub fn job_ended(&self, event: Event) {
+        self.note_effects.job_ended(&event);
         self.dispatcher.on(Input::JobEnded(event));
     }
 
@@ -253,7 +273,7 @@ pub struct InterruptedRecordings {
 
 impl InterruptedRecordings {
     /// Completes the recordings that an earlier run left in a folder, which is made if it is not there. What cannot be
-    /// completed or kept is said and stays as it is. The start may take as long as a slow disk needs for each.
+    /// completed or kept is logged and left unchanged. The start may take as long as a slow disk needs for each.
     ///
     /// # Errors
     /// If the folder cannot be made or read.
@@ -302,6 +322,6 @@ fn recover_one(part: &Path, watchdog: &Watchdog) {
     watchdog.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
     match recover(part) {
         Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
-        Err(error) => log::error!("{error}; {} stays as it is", part.display()),
+        Err(error) => log::error!("{error}; {} was left unchanged", part.display()),
     }
 }

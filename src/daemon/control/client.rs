@@ -1,4 +1,5 @@
-//! One client of the socket, from its first line to its last: a request, its replies, the next request.
+//! Serves one client of the socket from its first line to its last: reads a request, writes its replies, reads the
+//! next request.
 
 use super::super::capturing::Order;
 use super::super::dispatcher::ReplyStream;
@@ -83,7 +84,7 @@ impl Client<'_> {
             } => {
                 let capturing = &self.shared.capturing;
                 if until == Until::Done && !capturing.makes_models() {
-                    let reason = "no models are made here: the press may wait until durable";
+                    let reason = "this daemon makes no models: press again with until = durable";
                     return self.refuse(reason.into()).await;
                 }
                 let replies = capturing.press(source, press_id, subject);
@@ -103,7 +104,8 @@ impl Client<'_> {
                 capture,
                 kind,
                 text,
-            } => match note(capture, kind, text) {
+                author,
+            } => match note(capture, kind, text, author) {
                 Ok(note) => self.ask(|answer| Order::Note(note, answer)).await,
                 Err(reason) => self.refuse(reason).await,
             },
@@ -184,15 +186,23 @@ impl Client<'_> {
     }
 }
 
-fn note(capture: String, kind: String, text: String) -> Result<Note, String> {
-    if !matches!(kind.as_str(), "accept" | "reject" | "text") {
-        return Err(format!("kind {kind:?} is none of accept, reject and text"));
+fn note(
+    capture: String,
+    kind: String,
+    text: String,
+    author: Option<String>,
+) -> Result<Note, String> {
+    if !matches!(kind.as_str(), "accept" | "reject" | "clear" | "text") {
+        return Err(format!(
+            "kind is {kind:?}, expected accept, reject, clear or text"
+        ));
     }
     crate::frame::CaptureId::new(&capture).map_err(|e| e.to_string())?;
     Ok(Note {
         capture,
         kind,
         text,
+        author,
     })
 }
 

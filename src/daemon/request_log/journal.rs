@@ -1,8 +1,8 @@
-//! What presses were answered, on the disk: lines of JSON that are only ever appended, in a file that makes way for the
-//! next one when it is full, so that there are never more than two. What the lines mean is decided elsewhere.
+//! The journal of presses on the disk: lines of JSON that are only ever appended. When the file is full, it is
+//! renamed and a new one begins, so there are never more than two. Other files decide what the lines mean.
 
-use crate::log;
 use crate::trigger::Reply;
+use crate::{log, storage};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ pub(in crate::daemon) struct Line {
 /// The file that is appended to.
 pub(in crate::daemon) struct Journal {
     path: PathBuf,
-    /// `None` where there is none, which was said.
+    /// `None` if it could not be opened (already logged).
     file: Option<Arc<File>>,
     bytes: u64,
     /// The last line was not written to its end.
@@ -36,8 +36,8 @@ pub(in crate::daemon) struct Journal {
 }
 
 impl Journal {
-    /// Opens the journal in a folder; its lines, oldest first. One that cannot be had is said: presses are then known
-    /// until the daemon ends.
+    /// Opens the journal in a folder and returns its lines, oldest first. If it cannot be opened, this is logged:
+    /// presses are then known only until the daemon ends.
     pub(in crate::daemon) fn open(folder: &Path) -> (Self, Vec<Line>) {
         let path = folder.join("presses.jsonl");
         let mut lines = read(&old(&path));
@@ -79,7 +79,7 @@ impl Journal {
 
     fn write(&mut self, line: &Line) -> std::io::Result<()> {
         if self.bytes > LARGEST_FILE {
-            std::fs::rename(&self.path, old(&self.path))?;
+            storage::rename_durably(&self.path, &old(&self.path))?;
             self.begin()?;
         }
         let Some(file) = &self.file else {
@@ -99,7 +99,7 @@ impl Journal {
         if let Err(error) = work(self) {
             let path = self.path.display();
             log::error!(
-                "{path}: cannot {what}: {error}: presses are not known again after a restart"
+                "{path}: cannot {what}: {error}; a restarted daemon will not know these presses"
             );
         }
     }
@@ -108,7 +108,7 @@ impl Journal {
 /// Brings what was appended to the disk.
 pub(in crate::daemon) fn sync(file: &File) {
     if let Err(error) = file.sync_data() {
-        log::error!("the journal of presses is not on the disk: {error}");
+        log::error!("cannot sync the journal of presses: {error}");
     }
 }
 
@@ -136,7 +136,7 @@ fn read(path: &Path) -> Vec<Line> {
     let senseless = parsed.iter().filter(|line| line.is_err()).count();
     if senseless > 0 {
         log::warning!(
-            "{}: {senseless} lines make no sense and are left out",
+            "{}: {senseless} lines cannot be parsed and are ignored",
             path.display()
         );
     }

@@ -92,7 +92,7 @@ pub(super) enum Effect {
     Journal { press_id: String, event: Event },
     /// Bring the journal to the disk.
     SyncJournal,
-    /// Answer those who follow the press.
+    /// Answer the clients that follow the press.
     Reply(PressKey, Event),
     /// Tell everybody.
     Publish(Event),
@@ -109,7 +109,7 @@ pub(super) enum Effect {
 
 /// How far a press is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum RequestState {
+enum PressState {
     Asked,
     Taking,
     Captured,
@@ -120,10 +120,10 @@ enum RequestState {
 }
 
 /// A press, and how far it is.
-struct Request {
+struct TrackedPress {
     press: Press,
     asked: Instant,
-    state: RequestState,
+    state: PressState,
     /// The id of the first attempt's capture; the others' begin with it.
     first: String,
     /// The id of the last attempt's capture.
@@ -149,7 +149,7 @@ pub(super) struct Figures {
 
 /// All presses, see the head of this file.
 pub(super) struct RequestLog {
-    requests: BTreeMap<PressKey, Request>,
+    requests: BTreeMap<PressKey, TrackedPress>,
     by_id: BTreeMap<String, PressKey>,
     by_capture: BTreeMap<String, PressKey>,
     next: u64,
@@ -241,7 +241,7 @@ impl RequestLog {
     }
 
     fn admitted(&mut self, press: PressKey, capture: String, retries: u32) {
-        let Some(request) = self.in_state(press, &RequestState::Asked) else {
+        let Some(request) = self.in_state(press, &PressState::Asked) else {
             return;
         };
         match CaptureId::new(&capture) {
@@ -273,7 +273,7 @@ impl RequestLog {
     }
 
     fn refused(&mut self, press: PressKey, reason: String) {
-        if self.in_state(press, &RequestState::Asked).is_none() {
+        if self.in_state(press, &PressState::Asked).is_none() {
             return;
         }
         self.busy = false;
@@ -288,7 +288,7 @@ impl RequestLog {
     }
 
     fn taken(&mut self, press: PressKey, trigger: Timestamp, result: Result<u64, String>) {
-        let Some(request) = self.in_state(press, &RequestState::Taking) else {
+        let Some(request) = self.in_state(press, &PressState::Taking) else {
             return;
         };
         request.trigger = trigger;
@@ -298,7 +298,7 @@ impl RequestLog {
                 self.tell(press, Event::Retried { capture, reason });
                 return self.attempt(press, id);
             }
-            (Err(reason), None) => request.state = RequestState::Failing(reason),
+            (Err(reason), None) => request.state = PressState::Failing(reason),
             (Ok(skew_ns), _) => {
                 self.note_latency(press, "captured");
                 self.tell(press, Event::Captured { capture, skew_ns });
@@ -315,10 +315,10 @@ impl RequestLog {
         let end = match (request.state.clone(), result) {
             // An attempt that was taken once more.
             _ if request.capture != capture => return self.figures.failed += 1,
-            (RequestState::Captured, Ok(recording)) => Ok(recording),
-            (RequestState::Failing(reason), Ok(_)) => Err(reason),
-            (RequestState::Captured | RequestState::Failing(_), Err(problem)) => {
-                Err(format!("it is not on the disk: {problem}"))
+            (PressState::Captured, Ok(recording)) => Ok(recording),
+            (PressState::Failing(reason), Ok(_)) => Err(reason),
+            (PressState::Captured | PressState::Failing(_), Err(problem)) => {
+                Err(format!("it could not be written: {problem}"))
             }
             _ => return,
         };
@@ -351,7 +351,7 @@ impl RequestLog {
     fn job_ended(&mut self, event: Event) {
         let capture = event.capture().unwrap_or_default();
         match self.of_capture(capture) {
-            Some((press, request)) if request.state == RequestState::Durable => {
+            Some((press, request)) if request.state == PressState::Durable => {
                 // An earlier attempt has no job.
                 if request.capture == capture {
                     self.tell(press, event);
@@ -359,7 +359,7 @@ impl RequestLog {
             }
             // It is not known any more; or its job ended twice, as a kill came in between.
             None => self.effects.push(Effect::Publish(event)),
-            Some((_, request)) if request.state == RequestState::Ended => {
+            Some((_, request)) if request.state == PressState::Ended => {
                 self.effects.push(Effect::Publish(event));
             }
             Some(_) => {}
@@ -368,7 +368,7 @@ impl RequestLog {
 
     fn abandoned(&mut self, press: PressKey) {
         let reason = "internal error: the thread that took it has ended".to_owned();
-        let Some(request) = self.in_state(press, &RequestState::Taking) else {
+        let Some(request) = self.in_state(press, &PressState::Taking) else {
             return self.refused(press, reason);
         };
         let capture = request.capture.clone();
@@ -412,7 +412,7 @@ impl RequestLog {
     }
 }
 
-impl Request {
+impl TrackedPress {
     /// The name of another attempt: none where there were enough, or where it would be too long.
     fn next_attempt(&self) -> Option<CaptureId> {
         let id = CaptureId::new(&format!("{}.r{}", self.first, self.attempts)).ok();

@@ -1,4 +1,4 @@
-//! What recordings that a crash left open say of the presses that they are of.
+//! Reads from recordings that a crash left open which presses their captures belong to, and how these ended.
 
 use crate::log;
 use crate::recording::{Error, Outcome, Recording, Topic, unfinished_name};
@@ -17,13 +17,13 @@ pub(in crate::daemon) struct Recorded {
     pub end: Result<(u64, PathBuf), String>,
 }
 
-/// The captures of recordings, named as if they were complete, in their order; what cannot be read is said and left
+/// The captures of recordings, named as if they were complete, in their order; what cannot be read is logged and left
 /// out.
 pub(in crate::daemon) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
     let mut found = Vec::new();
     for file in files {
         if let Err(error) = add(file, &mut found) {
-            log::warning!("{error}: what its presses were answered is not known");
+            log::warning!("{error}; the answers to its presses are unknown");
         }
     }
     found

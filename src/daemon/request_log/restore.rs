@@ -1,7 +1,7 @@
-//! What earlier runs left of their presses: the journal's lines, and the captures of recordings that were interrupted.
+//! Restores the presses of earlier runs from the journal's lines and from the captures of interrupted recordings.
 
 use super::recorded::Recorded;
-use super::{Effect, Figures, RequestLog, RequestState, check_id};
+use super::{Effect, Figures, PressState, RequestLog, check_id};
 use crate::trigger::Event;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -61,8 +61,8 @@ impl RequestLog {
         };
         let position = |id: &str| recorded.iter().position(|r| r.capture == id);
         let is_newer = position(&request.capture) < position(&capture.capture);
-        let is_taking = request.state == RequestState::Taking;
-        if !is_newer || !(is_taking || request.state == RequestState::Asked) {
+        let is_taking = request.state == PressState::Taking;
+        if !is_newer || !(is_taking || request.state == PressState::Asked) {
             return;
         }
         if is_taking {
@@ -82,7 +82,7 @@ impl RequestLog {
 
     /// Every press that was cut short gets its end: what the recordings say of its last capture, or that it is lost.
     fn resolve_interrupted(&mut self, recorded: &[Recorded]) {
-        use RequestState::{Asked, Captured, Taking};
+        use PressState::{Asked, Captured, Taking};
         let open = self.requests.iter();
         let open = open.filter(|(_, r)| matches!(r.state, Asked | Taking | Captured));
         let open: Vec<_> = open
@@ -110,11 +110,11 @@ impl RequestLog {
 /// What the recordings say of a capture.
 fn end_of(recorded: &[Recorded], capture: &str) -> Result<(u64, PathBuf), String> {
     let found = recorded.iter().rfind(|r| r.capture == capture);
-    let lost = || Err("the daemon ended before it was on the disk".to_owned());
+    let lost = || Err("the daemon ended before the capture was on the disk".to_owned());
     found.map_or_else(lost, |recorded| recorded.end.clone())
 }
 
-impl RequestState {
+impl PressState {
     /// Whether a line of the journal tells something new of a press in this state, whose last capture is `capture`.
     fn may_become(&self, capture: &str, event: &Event) -> bool {
         let is_open = matches!(self, Self::Asked | Self::Taking);

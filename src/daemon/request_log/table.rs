@@ -1,6 +1,6 @@
-//! Where presses are found again, by their names and by their captures, and which are forgotten.
+//! Finds presses by their press ids and by their captures, and decides which ones to forget.
 
-use super::{Effect, Press, PressKey, Request, RequestLog, RequestState};
+use super::{Effect, Press, PressKey, PressState, RequestLog, TrackedPress};
 use crate::frame::Timestamp;
 use crate::trigger::Event;
 
@@ -15,10 +15,10 @@ impl RequestLog {
         if let Some(id) = &press.press_id {
             self.by_id.insert(id.clone(), key);
         }
-        let request = Request {
+        let request = TrackedPress {
             press,
             asked: self.now,
-            state: RequestState::Asked,
+            state: PressState::Asked,
             first: String::new(),
             capture: String::new(),
             attempts: 0,
@@ -69,33 +69,33 @@ impl RequestLog {
             self.by_capture.insert(capture.into(), press);
         }
         request.state = match event {
-            Event::Accepted { .. } => RequestState::Taking,
+            Event::Accepted { .. } => PressState::Taking,
             // Another attempt follows.
-            Event::Retried { .. } => RequestState::Asked,
-            Event::Captured { .. } => RequestState::Captured,
-            Event::Durable { .. } => RequestState::Durable,
-            _ => RequestState::Ended,
+            Event::Retried { .. } => PressState::Asked,
+            Event::Captured { .. } => PressState::Captured,
+            Event::Durable { .. } => PressState::Durable,
+            _ => PressState::Ended,
         };
     }
 
     pub(super) fn in_state(
         &mut self,
         press: PressKey,
-        state: &RequestState,
-    ) -> Option<&mut Request> {
+        state: &PressState,
+    ) -> Option<&mut TrackedPress> {
         let request = self.requests.get_mut(&press);
         request.filter(|request| request.state == *state)
     }
 
-    pub(super) fn of_capture(&self, capture: &str) -> Option<(PressKey, &Request)> {
+    pub(super) fn of_capture(&self, capture: &str) -> Option<(PressKey, &TrackedPress)> {
         let press = self.by_capture.get(capture)?;
         Some((*press, self.requests.get(press)?))
     }
 }
 
-impl Request {
+impl TrackedPress {
     fn is_forgettable(&self) -> bool {
-        let has_end = matches!(self.state, RequestState::Durable | RequestState::Ended);
+        let has_end = matches!(self.state, PressState::Durable | PressState::Ended);
         has_end && self.followers == 0
     }
 }

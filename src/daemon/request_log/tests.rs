@@ -1,5 +1,5 @@
-//! Any order of inputs: each press has one last answer, at most one capture and its retries, and hears of nothing
-//! before it has happened; also over a restart at any moment.
+//! Any order of inputs: each press gets one last answer and at most one capture with its retries, and nothing is
+//! acknowledged before it has happened; also over a restart at any moment.
 
 use super::recorded::Recorded;
 use super::table::MOST_PRESSES;
@@ -498,7 +498,7 @@ fn what_was_cut_short_has_failed_and_stays_so() {
     );
     let lines = [accepted("a-0001"), event.clone(), done("a-0001")].map(line);
     let (mut log, effects) = RequestLog::restore(Instant::now(), lines, &[]);
-    // Nothing more is said of what has its end, but to those who merely listen.
+    // A press that has its last answer gets no more; only listeners to events are still told.
     assert_eq!(effects.len(), 2, "{effects:?}");
     let ended = log.on(Instant::now(), Input::JobEnded(done("a-0001")));
     assert_eq!(ended, [Effect::Publish(done("a-0001"))]);

@@ -1,5 +1,5 @@
-//! A camera's clock on the host's timeline: read by a latch if the camera has one, or else bounded by when its frames
-//! arrive. No frame is taken here.
+//! Maps a GigE Vision camera's clock onto the host's timeline: by reading a latch if the camera has one, otherwise
+//! by bounds from the arrival of its frames. No frame is taken here.
 
 use crate::clock::Clock;
 use crate::drivers::live::{DeviceClock, Reading};
@@ -55,7 +55,7 @@ pub(super) struct CameraClock {
 
 impl CameraClock {
     /// Finds out how the clock can be read, and reads it some times.
-    pub fn find(camera: &Camera, device: &GvDevice, host: Clock) -> Self {
+    pub(super) fn find(camera: &Camera, device: &GvDevice, host: Clock) -> Self {
         let mut clock = Self {
             host,
             clock: DeviceClock::default(),
@@ -92,12 +92,12 @@ impl CameraClock {
     }
 
     /// Whether it can be read at all.
-    pub fn can_be_read(&self) -> bool {
+    pub(super) fn can_be_read(&self) -> bool {
         self.latch.is_some()
     }
 
     /// Reads the clock if the last reading is old, or was doubtful.
-    pub fn keep_known(&mut self, camera: &Camera, device: &GvDevice) {
+    pub(super) fn keep_known(&mut self, camera: &Camera, device: &GvDevice) {
         let fresh = self.read_at.is_some_and(|at| at.elapsed() < STALE);
         if !fresh || self.problem.is_some() {
             self.read_anew(camera, device);
@@ -185,7 +185,7 @@ impl CameraClock {
     ///
     /// # Errors
     /// In words, if the stamp contradicts that too: the clock stands still, ran back or jumped.
-    pub fn host_time(
+    pub(super) fn host_time(
         &mut self,
         stamp_ns: u64,
         not_before: Option<Timestamp>,
@@ -242,14 +242,14 @@ impl CameraClock {
     }
 
     /// The camera's time at a moment of the host's, in nanoseconds; `None` before it was ever read.
-    pub fn device_time(&self, host: Timestamp) -> Option<u64> {
+    pub(super) fn device_time(&self, host: Timestamp) -> Option<u64> {
         let (known, _) = self.clock.host_time(self.newest_ns)?;
         let time = i128::from(self.newest_ns) + host.nanoseconds_since(known);
         u64::try_from(time).ok()
     }
 
     /// The host's time at a moment of the camera's, unchecked; `None` before it was ever read.
-    pub fn host_of(&self, device_ns: u64) -> Option<Timestamp> {
+    pub(super) fn host_of(&self, device_ns: u64) -> Option<Timestamp> {
         self.clock.host_time(device_ns).map(|(time, _)| time)
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn no_answer(error: &aravis::glib::Error) -> bool {
 
 impl<'a> Features<'a> {
     /// Nothing set yet.
-    pub fn of(camera: &'a Camera) -> Self {
+    pub(super) fn of(camera: &'a Camera) -> Self {
         Self {
             camera,
             table: Vec::new(),
@@ -48,12 +48,12 @@ impl<'a> Features<'a> {
     }
 
     /// Whether the camera has a feature, and it can be used now.
-    pub fn has(&self, name: &str) -> bool {
+    pub(super) fn has(&self, name: &str) -> bool {
         self.camera.is_feature_available(name).unwrap_or(false)
     }
 
     /// The first of several names that the camera has.
-    pub fn first_of(&self, names: &[&'static str]) -> Option<&'static str> {
+    pub(super) fn first_of(&self, names: &[&'static str]) -> Option<&'static str> {
         names.iter().copied().find(|name| self.has(name))
     }
 
@@ -61,7 +61,7 @@ impl<'a> Features<'a> {
     ///
     /// # Errors
     /// If it has none of them.
-    pub fn need(
+    pub(super) fn need(
         &self,
         names: &[&'static str],
         asked: impl ToString,
@@ -77,7 +77,7 @@ impl<'a> Features<'a> {
     ///
     /// # Errors
     /// For all of these: if the camera declines, or has something else afterwards.
-    pub fn text(&mut self, name: &str, asked: &str) -> Result<(), Fault> {
+    pub(super) fn text(&mut self, name: &str, asked: &str) -> Result<(), Fault> {
         let written = self.camera.set_string(name, asked);
         written.map_err(|e| fault(name, asked, &e))?;
         let found = self
@@ -88,7 +88,7 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a whole number, which must be within what the camera says it takes.
-    pub fn integer(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
+    pub(super) fn integer(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
         if let Ok((low, high)) = self.camera.integer_bounds(name) {
             within(name, asked, low, high)?;
         }
@@ -96,7 +96,7 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a whole number whatever bounds the camera tells: for those that tell wrong ones.
-    pub fn integer_unbounded(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
+    pub(super) fn integer_unbounded(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
         let words = asked.to_string();
         let written = self.camera.set_integer(name, asked);
         written.map_err(|e| fault(name, &words, &e))?;
@@ -108,7 +108,7 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a number; cameras round it to their own steps, by `tolerance` at most. Returns what it became.
-    pub fn float(&mut self, name: &str, asked: f64, tolerance: f64) -> Result<f64, Fault> {
+    pub(super) fn float(&mut self, name: &str, asked: f64, tolerance: f64) -> Result<f64, Fault> {
         if let Ok((low, high)) = self.camera.float_bounds(name) {
             within(name, asked, low, high)?;
         }
@@ -124,7 +124,7 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a yes or no.
-    pub fn boolean(&mut self, name: &str, asked: bool) -> Result<(), Fault> {
+    pub(super) fn boolean(&mut self, name: &str, asked: bool) -> Result<(), Fault> {
         let words = asked.to_string();
         let written = self.camera.set_boolean(name, asked);
         written.map_err(|e| fault(name, &words, &e))?;
@@ -136,7 +136,7 @@ impl<'a> Features<'a> {
     }
 
     /// Sets a feature that only the configuration knows.
-    pub fn value(&mut self, name: &str, asked: &FeatureValue) -> Result<(), Fault> {
+    pub(super) fn value(&mut self, name: &str, asked: &FeatureValue) -> Result<(), Fault> {
         if !self.has(name) {
             return Err(Fault::Refused {
                 field: name.into(),
@@ -158,7 +158,7 @@ impl<'a> Features<'a> {
     }
 
     /// Notes what became of a setting.
-    pub fn took(
+    pub(super) fn took(
         &mut self,
         name: &str,
         asked: impl ToString,

@@ -1,12 +1,13 @@
 //! The few messages of the GigE Vision control protocol (GVCP, GigE Vision 2.0, chapters 14 to 16) that the library
-//! does not send for us: who are you, and do it now. Bytes in, bytes out, and one exchange over UDP with a deadline.
+//! does not send for us: discovery and the action command. Packs and parses their bytes, and does one exchange over
+//! UDP with a deadline.
 
 use std::io;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::time::{Duration, Instant};
 
 /// Every GigE Vision camera listens here.
-pub const PORT: u16 = 3956;
+pub(super) const PORT: u16 = 3956;
 
 const KEY: u8 = 0x42;
 const ACKNOWLEDGE: u8 = 0x01;
@@ -41,25 +42,17 @@ pub struct Answer {
 impl Message {
     /// The bytes of its packet.
     pub fn encode(&self) -> Vec<u8> {
-        let mut packet = vec![KEY, self.flags | ACKNOWLEDGE];
-        packet.extend(self.command.to_be_bytes());
-        packet.extend((self.payload.len() as u16).to_be_bytes());
-        packet.extend(self.request.to_be_bytes());
-        packet.extend(&self.payload);
-        packet
+        let head = [KEY, self.flags | ACKNOWLEDGE];
+        packet(head, self.command, self.request, &self.payload)
     }
 
     /// Reads a packet; `None` if it is no command.
     pub fn decode(packet: &[u8]) -> Option<Self> {
-        let (header, payload) = packet.split_first_chunk::<8>()?;
-        let length = u16::from_be_bytes([header[4], header[5]]);
-        if header[0] != KEY || usize::from(length) != payload.len() {
-            return None;
-        }
-        Some(Self {
-            flags: header[1] & !ACKNOWLEDGE,
-            command: u16::from_be_bytes([header[2], header[3]]),
-            request: u16::from_be_bytes([header[6], header[7]]),
+        let ([key, flags], command, request, payload) = parts(packet)?;
+        (key == KEY).then(|| Self {
+            flags: flags & !ACKNOWLEDGE,
+            command,
+            request,
             payload: payload.to_vec(),
         })
     }
@@ -68,32 +61,39 @@ impl Message {
 impl Answer {
     /// The bytes of its packet.
     pub fn encode(&self) -> Vec<u8> {
-        let mut packet = self.status.to_be_bytes().to_vec();
-        packet.extend(self.command.to_be_bytes());
-        packet.extend((self.payload.len() as u16).to_be_bytes());
-        packet.extend(self.request.to_be_bytes());
-        packet.extend(&self.payload);
-        packet
+        let head = self.status.to_be_bytes();
+        packet(head, self.command, self.request, &self.payload)
     }
 
     /// Reads a packet; `None` if it is no acknowledgement.
     pub fn decode(packet: &[u8]) -> Option<Self> {
-        let (header, payload) = packet.split_first_chunk::<8>()?;
-        let pair = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
-        if usize::from(pair(4)) != payload.len() {
-            return None;
-        }
+        let (head, command, request, payload) = parts(packet)?;
         Some(Self {
-            status: pair(0),
-            command: pair(2),
-            request: pair(6),
+            status: u16::from_be_bytes(head),
+            command,
+            request,
             payload: payload.to_vec(),
         })
     }
 }
 
+/// A packet: two bytes, by which commands and acknowledgements differ, the command, the payload's length, the request's
+/// number and the payload.
+fn packet(head: [u8; 2], command: u16, request: u16, payload: &[u8]) -> Vec<u8> {
+    let words = [command, payload.len() as u16, request].map(u16::to_be_bytes);
+    [&head, words.as_flattened(), payload].concat()
+}
+
+/// What a packet consists of, but for its length; `None` if it is not as long as it says.
+fn parts(packet: &[u8]) -> Option<([u8; 2], u16, u16, &[u8])> {
+    let (header, payload) = packet.split_first_chunk::<8>()?;
+    let word = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
+    let whole = usize::from(word(4)) == payload.len();
+    whole.then_some(([header[0], header[1]], word(2), word(6), payload))
+}
+
 /// What a status means (GigE Vision 2.0, table 19-1).
-pub fn status_words(status: u16) -> String {
+pub(super) fn status_words(status: u16) -> String {
     let words = match status {
         0x0000 => "success",
         0x8001 => "not implemented",
@@ -114,7 +114,7 @@ pub fn status_words(status: u16) -> String {
 ///
 /// # Errors
 /// If the network refuses, or no answer comes within three times `patience`.
-pub fn ask(to: SocketAddrV4, message: &Message, patience: Duration) -> io::Result<Answer> {
+pub(super) fn ask(to: SocketAddrV4, message: &Message, patience: Duration) -> io::Result<Answer> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     socket.connect(to)?;
     let packet = message.encode();

@@ -1,8 +1,8 @@
-//! What can be configured of a GigE Vision camera. Compiled always; nothing here asks a camera.
+//! The configuration of a GigE Vision camera. It is always compiled, and does not talk to a camera.
 
 use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::Transfer;
-use crate::number;
+use crate::range;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::net::Ipv4Addr;
@@ -23,25 +23,26 @@ pub struct Parameters {
     /// Part of the sensor that is read, in pixels.
     pub region: Option<Region>,
     /// Exposure in seconds.
-    #[serde(deserialize_with = "number::optional_positive")]
+    #[serde(deserialize_with = "range::optional_positive")]
     pub exposure: Option<f64>,
     /// Whether the camera may choose the exposure; default `false`, and then it is switched off.
     pub auto_exposure: Option<bool>,
     /// Gain in decibels.
-    #[serde(deserialize_with = "number::optional_finite")]
+    #[serde(deserialize_with = "range::optional_finite")]
     pub gain_db: Option<f64>,
     /// Gain in the camera's own steps, for one that knows no decibels (`GainRaw`).
     pub gain_raw: Option<i64>,
     /// Whether the camera may choose the gain; default `false`, and then it is switched off.
     pub auto_gain: Option<bool>,
     /// Gains of red, green and blue.
-    #[serde(deserialize_with = "number::optional_three_positive")]
+    #[serde(deserialize_with = "range::optional_three_positive")]
     pub white_balance: Option<[f64; 3]>,
     /// Whether the camera may choose the white balance; default `false`, and then it is switched off.
     pub auto_white_balance: Option<bool>,
     /// How its colours are encoded, which it cannot tell; default `linear`, what sensors give without a gamma.
     pub transfer: Option<Transfer>,
     /// Size of its packets in bytes, with their IP header; default: the largest that gets through.
+    #[serde(deserialize_with = "range::optional_count::<_, 220, 16_404>")]
     pub packet_size: Option<u32>,
     /// Pause between two of its packets in nanoseconds.
     pub packet_delay_ns: Option<u32>,
@@ -56,7 +57,7 @@ pub struct Parameters {
     /// Which edge of a line starts the exposure; default `rising-edge`.
     pub trigger_activation: Option<Activation>,
     /// Frames a second, with `free-run`.
-    #[serde(deserialize_with = "number::optional_positive")]
+    #[serde(deserialize_with = "range::optional_positive")]
     pub frame_rate: Option<f64>,
     /// Device key of action commands; default 0.
     pub action_device_key: Option<u32>,
@@ -65,7 +66,7 @@ pub struct Parameters {
     /// Group mask of action commands; default 1.
     pub action_group_mask: Option<u32>,
     /// How long after a trigger the exposure of an action command is scheduled, in seconds; default 0.02.
-    #[serde(deserialize_with = "number::optional_positive")]
+    #[serde(deserialize_with = "range::optional_positive")]
     pub action_lead: Option<f64>,
     /// Whether its clock follows the network's (PTP, IEEE 1588); default `true` with `action`.
     pub ptp: Option<bool>,
@@ -74,6 +75,7 @@ pub struct Parameters {
     /// Which moment its timestamps are of; default `start`.
     pub exposure_mark: Option<ExposureMark>,
     /// Frames that memory is kept ready for, 2 to 64; default 3, and 8 with `line` and `free-run`.
+    #[serde(deserialize_with = "range::optional_count::<_, 2, 64>")]
     pub buffers: Option<u32>,
     /// Other features by the camera's own names, set before everything else.
     pub features: Option<BTreeMap<String, FeatureValue>>,
@@ -208,18 +210,15 @@ impl Parameters {
         if let Some(format) = self.pixel_format.filter(|f| code(*f).is_none()) {
             let found = format.encoding();
             return Err(format!(
-                "pixel_format {found}: expected pixels, GigE Vision cameras send no files"
+                "pixel_format {found}: expected a format of raw pixels, since GigE Vision cameras \
+                send no files"
             ));
         }
         let region = self.region.filter(|r| r.width == 0 || r.height == 0);
         if let Some(Region { width, height, .. }) = region {
-            return Err(format!("region of {width}x{height} pixels: expected some"));
-        }
-        if let Some(size) = self.packet_size.filter(|s| !(220..=16_404).contains(s)) {
-            return Err(format!("packet_size {size}: expected 220 to 16404 bytes"));
-        }
-        if let Some(buffers) = self.buffers.filter(|b| !(2..=64).contains(b)) {
-            return Err(format!("buffers {buffers}: expected 2 to 64"));
+            return Err(format!(
+                "region of {width}x{height} pixels: expected at least 1x1"
+            ));
         }
         self.not_both()?;
         self.fits_trigger()
@@ -291,12 +290,10 @@ impl Parameters {
             ),
         ];
         if let Some((_, field, needed)) = misplaced.iter().find(|(wrong, ..)| *wrong) {
-            return Err(format!(
-                "{field} means something with trigger {needed} alone"
-            ));
+            return Err(format!("{field} has an effect only with trigger {needed}"));
         }
         if mode == TriggerMode::Action && self.ptp == Some(false) {
-            return Err("trigger action needs ptp, which is false".into());
+            return Err("trigger action needs ptp = true".into());
         }
         Ok(())
     }

@@ -1,4 +1,5 @@
-//! The network's clock (PTP, IEEE 1588) as a camera follows it: switched on, and watched. No time is converted here.
+//! The network's clock (PTP, IEEE 1588): switches it on in a camera, and watches how the camera follows it. No time
+//! is converted here.
 
 use super::features::Features;
 use super::parameters::{Parameters, TriggerMode};
@@ -40,7 +41,7 @@ impl PrecisionTime {
     ///
     /// # Errors
     /// If it is asked for and the camera has none, or does not take it.
-    pub fn set_up(
+    pub(super) fn set_up(
         features: &mut Features<'_>,
         parameters: &Parameters,
     ) -> Result<Option<Self>, Fault> {
@@ -63,7 +64,7 @@ impl PrecisionTime {
     }
 
     /// How it stands: `Ok` in words, or `Err` why the clock cannot be trusted.
-    pub fn state(&self, camera: &Camera) -> Result<String, String> {
+    pub(super) fn state(&self, camera: &Camera) -> Result<String, String> {
         // Where there is no latch, the values are read as they come.
         let _ = camera.execute_command(self.names.latch);
         let status = camera.string(self.names.status);

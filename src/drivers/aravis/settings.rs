@@ -36,7 +36,7 @@ impl Setting<'_, '_> {
     ///
     /// # Errors
     /// If the camera does not take something that was asked for, or is away.
-    pub fn all(&mut self) -> Result<Set, Fault> {
+    pub(super) fn all(&mut self) -> Result<Set, Fault> {
         self.quiet()?;
         let features = self.parameters.features.iter().flatten();
         for (name, value) in features {
@@ -150,7 +150,7 @@ impl Setting<'_, '_> {
         }
     }
 
-    /// Switches an automatic on or off; where there is none and none is wanted, that is well.
+    /// Switches an automatic function on or off; if there is none and none is wanted, that is fine.
     fn automatic(&mut self, name: &str, wanted: Option<bool>) -> Result<(), Fault> {
         let wanted = wanted.unwrap_or(false);
         if !wanted && !self.features.has(name) {

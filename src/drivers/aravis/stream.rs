@@ -1,5 +1,5 @@
-//! A camera's frames as they arrive from the network: keeps memory ready, checks each frame, and copies it once. Which
-//! frames are wanted is decided elsewhere.
+//! A camera's frames as they arrive from the network: keeps memory ready, checks each frame, and copies it once.
+//! `shoot` decides which frames are used.
 #![allow(unsafe_code)] // A frame is read where the library put it; the wrapper has that as a pointer only.
 
 use super::parameters::{self, Parameters};
@@ -60,8 +60,12 @@ impl Frames {
     ///
     /// # Errors
     /// If the library cannot.
-    pub fn open(camera: &Camera, parameters: &Parameters, layout: Layout) -> Result<Self, Fault> {
-        let away = |why: String| Fault::Away(format!("no stream: {why}"));
+    pub(super) fn open(
+        camera: &Camera,
+        parameters: &Parameters,
+        layout: Layout,
+    ) -> Result<Self, Fault> {
+        let away = |why: String| Fault::Away(format!("its stream cannot be created: {why}"));
         let stream = camera
             .create_stream()
             .map_err(|e| away(e.message().into()))?;
@@ -86,7 +90,7 @@ impl Frames {
     ///
     /// With raw sockets the library listens before it sets its filter, and takes what other cameras send meanwhile for
     /// packets of this one (seen with 0.8.26). As long as there is no memory, nothing can become of them.
-    pub fn begin(&mut self) {
+    pub(super) fn begin(&mut self) {
         std::thread::sleep(UNFILTERED.saturating_sub(self.opened.elapsed()));
         for _ in 0..self.buffers {
             self.give_back(Buffer::new_allocate(self.layout.payload));
@@ -95,26 +99,26 @@ impl Frames {
     }
 
     /// What has come already; `None` if nothing has.
-    pub fn next(&self) -> Option<Arrival> {
+    pub(super) fn next(&self) -> Option<Arrival> {
         self.stream
             .try_pop_buffer()
             .map(|buffer| self.judge(buffer))
     }
 
     /// What comes within `patience`.
-    pub fn wait(&self, patience: Duration) -> Option<Arrival> {
+    pub(super) fn wait(&self, patience: Duration) -> Option<Arrival> {
         let patience = patience.as_micros().max(1) as u64;
         let popped = self.stream.timeout_pop_buffer(patience);
         popped.map(|buffer| self.judge(buffer))
     }
 
     /// Hands a frame's memory back, to be filled again.
-    pub fn give_back(&self, buffer: Buffer) {
+    pub(super) fn give_back(&self, buffer: Buffer) {
         self.stream.push_buffer(buffer);
     }
 
     /// Adds to `stats` what was lost since the last call.
-    pub fn count(&mut self, stats: &mut ShotStats) {
+    pub(super) fn count(&mut self, stats: &mut ShotStats) {
         let (resent, missing) = self.stream.statistics();
         let (_, _, underruns) = StreamExt::statistics(&self.stream);
         let now = Counts {
@@ -189,7 +193,7 @@ impl Frames {
     }
 
     /// Copies a whole frame out and hands its memory back; `None` when the pool is used up.
-    pub fn copy(&self, buffer: Buffer, pool: &Pool) -> Option<Picture> {
+    pub(super) fn copy(&self, buffer: Buffer, pool: &Pool) -> Option<Picture> {
         let step = self.step(&buffer);
         let (start, length) = buffer.data();
         let copied = pool.take(length).map(|mut memory| {

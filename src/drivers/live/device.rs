@@ -14,7 +14,7 @@ pub enum Fault {
     #[error("{0}")]
     Away(String),
     /// It refused a setting.
-    #[error("{field}: asked for {asked}, the camera has {found}")]
+    #[error("{field}: asked for {asked}, found {found}")]
     Refused {
         /// The setting, by the camera's own name.
         field: String,

@@ -1,4 +1,4 @@
-//! Cameras of the tests' own that open late, vanish, fall silent, panic or stamp frames wrongly.
+//! Scripted cameras that open late, vanish, fall silent, panic or stamp frames wrongly.
 
 use super::*;
 use crate::clock::Clock;

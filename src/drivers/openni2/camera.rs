@@ -214,7 +214,7 @@ fn find(library: Library, wanted: &str) -> Result<Device, Fault> {
                 return Ok(device);
             }
             Err(failed) if wanted == "any" => return Err(failed.into()),
-            // Another one, or one that cannot say who it is.
+            // Another camera, or one that cannot tell its identity.
             Ok(_) | Err(_) => {}
         }
     }

@@ -1,12 +1,12 @@
-//! When a depth camera's frames were exposed: its own clock where that counts microseconds, mapped by when frames
-//! arrived; the arrivals themselves where it does not.
+//! When a depth camera's frames were exposed. If its clock counts microseconds, it is mapped by the frames'
+//! arrivals; otherwise the arrivals themselves are used.
 
 use crate::drivers::live::{DeviceClock, Reading};
 use crate::frame::Timestamp;
 
 /// The clock of a camera's streams.
 #[derive(Debug, Default)]
-pub struct StreamClock {
+pub(super) struct StreamClock {
     /// `None` where arrivals count.
     device: Option<DeviceClock>,
     /// Of each stream the newest time by the camera's own clock, in microseconds.
@@ -16,20 +16,20 @@ pub struct StreamClock {
 /// A moment by the camera's clock and by the host's, which holds for one shot: within it frames keep the distances in
 /// time that the camera gave them.
 #[derive(Debug, Clone, Copy)]
-pub struct Anchor {
+pub(super) struct Anchor {
     device_ns: u64,
     host: Timestamp,
 }
 
 /// Frames that show how fast a clock runs.
-pub const SETTLING: usize = 8;
+pub(super) const SETTLING: usize = 8;
 
 impl StreamClock {
     /// Judges a clock by the first frames of a stream: the camera's time in microseconds and the arrival of each.
     ///
     /// # Errors
     /// If it stands still.
-    pub fn judge(seen: &[(u64, Timestamp)]) -> Result<(Self, Option<String>), String> {
+    pub(super) fn judge(seen: &[(u64, Timestamp)]) -> Result<(Self, Option<String>), String> {
         let (Some(first), Some(last)) = (seen.first(), seen.last()) else {
             return Ok((Self::default(), None));
         };
@@ -61,7 +61,7 @@ impl StreamClock {
     }
 
     /// A clock for which arrivals alone count.
-    pub fn by_arrival() -> Self {
+    pub(super) fn by_arrival() -> Self {
         Self::default()
     }
 
@@ -69,7 +69,12 @@ impl StreamClock {
     ///
     /// # Errors
     /// If the clock stands still or jumped.
-    pub fn see(&mut self, stream: usize, device_us: u64, arrival: Timestamp) -> Result<(), String> {
+    pub(super) fn see(
+        &mut self,
+        stream: usize,
+        device_us: u64,
+        arrival: Timestamp,
+    ) -> Result<(), String> {
         let Some(clock) = &mut self.device else {
             return Ok(());
         };
@@ -90,7 +95,7 @@ impl StreamClock {
     }
 
     /// What holds for a shot that begins with a frame of this time.
-    pub fn anchor(&self, device_us: u64) -> Option<Anchor> {
+    pub(super) fn anchor(&self, device_us: u64) -> Option<Anchor> {
         let device_ns = device_us.saturating_mul(1000);
         let (host, _) = self.device.as_ref()?.host_time(device_ns)?;
         Some(Anchor { device_ns, host })
@@ -99,7 +104,7 @@ impl StreamClock {
 
 impl Anchor {
     /// When a frame arrived at the latest, had all been as quick as the quickest.
-    pub fn arrival(&self, device_us: u64) -> Timestamp {
+    pub(super) fn arrival(&self, device_us: u64) -> Timestamp {
         let later = i128::from(device_us) * 1000 - i128::from(self.device_ns);
         let time = (i128::from(self.host.0) + later).clamp(0, i128::from(u64::MAX));
         Timestamp(time as u64)

@@ -1,12 +1,14 @@
-//! An open device of OpenNI's, made safe: opened by one camera at a time, closed once and after its streams.
+//! A safe wrapper of an open OpenNI device: only one camera at a time can open it, and it is closed once, after its
+//! streams. This needs `unsafe`.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
 use super::library::{Failed, LIBRARY, Library, OPEN, checked, field, model};
+use super::property::{Calls, Properties};
 use std::ffi::{CString, c_char, c_int};
 
 /// Whether a camera of this process has it.
-pub fn is_open(uri: &str) -> bool {
+pub(super) fn is_open(uri: &str) -> bool {
     OPEN.lock().contains_key(uri)
 }
 
@@ -28,10 +30,10 @@ impl Device {
             doing: doing(),
             words: words.into(),
         };
-        let name = CString::new(uri).map_err(|_| refused("a zero byte in its name"))?;
+        let name = CString::new(uri).map_err(|_| refused("its name has a zero byte"))?;
         let _held = LIBRARY.lock();
         if OPEN.lock().insert(uri.to_owned(), None).is_some() {
-            return Err(refused("another camera of the configuration has it"));
+            return Err(refused("another camera of the configuration uses it"));
         }
         let mut handle = std::ptr::null_mut();
         // SAFETY: the name ends in zero; the handle is written to.
@@ -88,41 +90,6 @@ impl Device {
         (status == ffi::STATUS_OK && !serial.is_empty()).then_some(serial)
     }
 
-    /// Whether it knows a property.
-    pub fn has(&self, property: c_int) -> bool {
-        // SAFETY: the device is open.
-        unsafe { ffi::oniDeviceIsPropertySupported(self.handle, property) != 0 }
-    }
-
-    /// A property of the device; `T` is the type that the library's headers give it.
-    pub fn get<T: Value>(&self, property: c_int) -> Option<T> {
-        let mut value = T::default();
-        let mut size = size_of::<T>() as c_int;
-        // SAFETY: the device is open; as many bytes may be written as there are, and any are a `T`.
-        let status = unsafe {
-            ffi::oniDeviceGetProperty(
-                self.handle,
-                property,
-                (&raw mut value).cast(),
-                &raw mut size,
-            )
-        };
-        (status == ffi::STATUS_OK && size == size_of::<T>() as c_int).then_some(value)
-    }
-
-    /// Sets a property of the device.
-    ///
-    /// # Errors
-    /// If it does not take it.
-    pub fn set<T: Value>(&self, property: c_int, value: T, name: &str) -> Result<(), Failed> {
-        let size = size_of::<T>() as c_int;
-        // SAFETY: the device is open; the value is read during the call alone.
-        let status = unsafe {
-            ffi::oniDeviceSetProperty(self.handle, property, (&raw const value).cast(), size)
-        };
-        checked(status, format!("setting {name}"))
-    }
-
     /// Has depth and colour exposed and handed out together. Both streams must run.
     ///
     /// # Errors
@@ -164,8 +131,15 @@ impl Drop for Device {
     }
 }
 
-/// A value of a property: plain bytes, any of which are one.
-pub trait Value: Copy + Default {}
-impl Value for c_int {}
-impl Value for f32 {}
-impl Value for ffi::VideoMode {}
+// SAFETY: the handle is a device's, which `drop` closes.
+unsafe impl Properties for Device {
+    const CALLS: Calls = Calls {
+        is_supported: ffi::oniDeviceIsPropertySupported,
+        get: ffi::oniDeviceGetProperty,
+        set: ffi::oniDeviceSetProperty,
+    };
+
+    fn handle(&self) -> ffi::DeviceHandle {
+        self.handle
+    }
+}

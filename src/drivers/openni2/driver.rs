@@ -1,4 +1,4 @@
-//! What the camera's thread opens, again and again if need be.
+//! The driver that a depth camera's thread uses to open the camera, and to reopen it.
 
 use super::camera::Camera;
 use super::parameters::Parameters;

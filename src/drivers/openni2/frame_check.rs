@@ -5,7 +5,7 @@ use std::ffi::c_int;
 
 /// What a stream's frames must be like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Expected {
+pub(super) struct Expected {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// As the library numbers it.
@@ -18,7 +18,7 @@ pub struct Expected {
 ///
 /// # Errors
 /// In words, if the frame is truncated, has another size or format, or is only part of a picture.
-pub fn complete_rows<'a>(
+pub(super) fn complete_rows<'a>(
     expected: &Expected,
     facts: &ffi::Frame,
     bytes: &'a [u8],

@@ -3,33 +3,25 @@
 
 mod parameters;
 
-#[cfg(feature = "openni2")]
-mod camera;
-#[cfg(feature = "openni2")]
-mod clock;
-#[cfg(feature = "openni2")]
-mod device;
-#[cfg(feature = "openni2")]
-mod driver;
-#[cfg(feature = "openni2")]
-mod ffi;
-#[cfg(feature = "openni2")]
-mod frame_check;
-#[cfg(feature = "openni2")]
-mod library;
-#[cfg(feature = "openni2")]
-mod recorder;
-#[cfg(feature = "openni2")]
-mod settings;
-#[cfg(feature = "openni2")]
-mod shoot;
-#[cfg(feature = "openni2")]
-mod stream;
-
-#[cfg(feature = "openni2")]
-pub use camera::Camera;
-#[cfg(feature = "openni2")]
-pub use driver::OpenNi2;
 pub use parameters::{Parameters, Unit};
-#[cfg(feature = "openni2")]
-pub use recorder::Recorder;
+
+cfg_if::cfg_if! {
+    if #[cfg(feature = "openni2")] {
+        mod camera;
+        mod clock;
+        mod device;
+        mod driver;
+        mod ffi;
+        mod frame_check;
+        mod library;
+        mod property;
+        mod recorder;
+        mod settings;
+        mod shoot;
+        mod stream;
+
+        pub use camera::Camera;
+        pub use driver::OpenNi2;
+        pub use recorder::Recorder;
+    }
+}

@@ -1,7 +1,7 @@
-//! How a depth camera is set, as a rig's configuration says it. Compiled always, so that a configuration can be
-//! checked where there is no OpenNI.
+//! The configuration of a depth camera. It is always compiled, so that a configuration can be checked without
+//! OpenNI.
 
-use crate::number;
+use crate::range;
 
 /// A depth camera that OpenNI2 opens. What is not given has its default.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, Default, PartialEq)]
@@ -12,10 +12,10 @@ pub struct Parameters {
     /// again. Default `any`.
     pub device: Option<String>,
     /// Width and height of depth and colour, in pixels. Default 640 by 480.
-    #[serde(deserialize_with = "number::optional_size")]
+    #[serde(deserialize_with = "range::optional_size")]
     pub size: Option<[u32; 2]>,
     /// Frames in a second, from 1 to 240. Default 30.
-    #[serde(deserialize_with = "number::optional_count::<_, 1, 240>")]
+    #[serde(deserialize_with = "range::optional_count::<_, 1, 240>")]
     pub rate: Option<u32>,
     /// What a raw reading counts. Default `1mm`.
     pub unit: Option<Unit>,
@@ -27,17 +27,17 @@ pub struct Parameters {
     /// Whether the colour pictures are taken as well. Default true.
     pub color: Option<bool>,
     /// Depth frames of a capture, from 1 to 1000. Default 30.
-    #[serde(deserialize_with = "number::optional_count::<_, 1, 1000>")]
+    #[serde(deserialize_with = "range::optional_count::<_, 1, 1000>")]
     pub burst: Option<u32>,
     /// Whether the camera's light is on for its captures alone, because depth cameras that see the same place disturb
     /// each other. Default false.
     pub take_turns: Option<bool>,
     /// Without a frame for so long, in milliseconds, the camera counts as away. Default 1000.
-    #[serde(deserialize_with = "number::optional_milliseconds")]
+    #[serde(deserialize_with = "range::optional_milliseconds")]
     pub silence_ms: Option<f64>,
     /// Time from the beginning of an exposure to the arrival of its frame, in milliseconds; nothing measures it.
     /// Default: the time between two frames.
-    #[serde(deserialize_with = "number::optional_milliseconds")]
+    #[serde(deserialize_with = "range::optional_milliseconds")]
     pub latency_ms: Option<f64>,
     /// Of an `.oni` file: whether it begins again at its end. Default true.
     pub repeat: Option<bool>,
@@ -82,7 +82,7 @@ impl Parameters {
             );
         }
         if self.repeat.is_some() && !is_file(self.device()) {
-            return Err("repeat is set, but device is no .oni file".into());
+            return Err("repeat is set, but device is not an .oni file".into());
         }
         Ok(())
     }

@@ -27,7 +27,7 @@ impl Recorder {
         let shown = path.display();
         let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| Failed {
             doing: format!("recording to {shown}"),
-            words: "a zero byte in its name".into(),
+            words: "its name has a zero byte".into(),
         })?;
         let _held = LIBRARY.lock();
         let mut handle = std::ptr::null_mut();

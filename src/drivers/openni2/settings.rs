@@ -4,13 +4,14 @@ use super::device::Device;
 use super::ffi::{self, VideoMode};
 use super::frame_check::Expected;
 use super::parameters::{Parameters, Unit, is_file};
+use super::property::Properties;
 use super::stream::Stream;
 use crate::drivers::live::{CameraInfo, Fault};
 use std::ffi::c_int;
 
 /// What was read back of a setting, or is to be said of it.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Read {
+pub(super) enum Read {
     /// Name, what was asked for, what was found.
     Row([String; 3]),
     /// What an operator should know.
@@ -22,7 +23,7 @@ fn row(name: &str, asked: impl Into<String>, found: impl Into<String>) -> Read {
 }
 
 /// Adds to what is known of a camera.
-pub fn add(info: &mut CameraInfo, read: Vec<Read>) {
+pub(super) fn add(info: &mut CameraInfo, read: Vec<Read>) {
     for one in read {
         match one {
             Read::Row(row) => info.table.push(row),
@@ -35,7 +36,11 @@ pub fn add(info: &mut CameraInfo, read: Vec<Read>) {
 ///
 /// # Errors
 /// If something was not taken.
-pub fn apply(p: &Parameters, device: &Device, streams: &[Stream]) -> Result<CameraInfo, Fault> {
+pub(super) fn apply(
+    p: &Parameters,
+    device: &Device,
+    streams: &[Stream],
+) -> Result<CameraInfo, Fault> {
     let [width, height] = p.size();
     let color = streams.len() == 2;
     let mut read = vec![row("device", p.device(), device.uri())];
@@ -86,7 +91,7 @@ fn identity(device: &Device) -> String {
 }
 
 /// What frames of depth and of colour have to be.
-pub fn expected(p: &Parameters) -> [Expected; 2] {
+pub(super) fn expected(p: &Parameters) -> [Expected; 2] {
     let of = |format, bytes_per_pixel| Expected {
         size: p.size(),
         format,
@@ -230,7 +235,7 @@ const REGISTRATION: &str = "registration of depth to color";
 ///
 /// # Errors
 /// If it was not taken.
-pub fn register(p: &Parameters, device: &Device) -> Result<Read, Fault> {
+pub(super) fn register(p: &Parameters, device: &Device) -> Result<Read, Fault> {
     let wanted = p.registration();
     let property = ffi::DEVICE_IMAGE_REGISTRATION;
     if is_file(device.uri()) && registration(device).is_none() {
@@ -245,7 +250,7 @@ pub fn register(p: &Parameters, device: &Device) -> Result<Read, Fault> {
     }
     match registration(device) {
         Some(found) if found == wanted => Ok(row(REGISTRATION, on(wanted), on(found))),
-        None if !wanted => Ok(row(REGISTRATION, "off", "not known to it")),
+        None if !wanted => Ok(row(REGISTRATION, "off", "its driver has no such setting")),
         found => Err(refused(REGISTRATION, on(wanted), found.map(on), failed)),
     }
 }
@@ -261,7 +266,7 @@ fn registration(device: &Device) -> Option<bool> {
 ///
 /// # Errors
 /// If it does not.
-pub fn still_registered(p: &Parameters, device: &Device) -> Result<(), Fault> {
+pub(super) fn still_registered(p: &Parameters, device: &Device) -> Result<(), Fault> {
     match registration(device) {
         Some(found) if found != p.registration() => Err(refused(
             REGISTRATION,
@@ -277,7 +282,7 @@ pub fn still_registered(p: &Parameters, device: &Device) -> Result<(), Fault> {
 ///
 /// # Errors
 /// If it cannot and should.
-pub fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read), Fault> {
+pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read), Fault> {
     const NAME: &str = "synchronisation of depth and color";
     let asked = match p.synchronise {
         Some(false) => return Ok((false, row(NAME, "off", "off"))),

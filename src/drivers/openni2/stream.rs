@@ -1,9 +1,10 @@
 //! A device's streams and their frames, made safe: every wait ends, and no frame outlives its stream.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
-use super::device::{Device, Value};
+use super::device::Device;
 use super::ffi;
 use super::library::{Failed, LIBRARY, checked};
+use super::property::{Calls, Properties};
 use std::ffi::c_int;
 use std::marker::PhantomData;
 use std::rc::Rc;
@@ -58,41 +59,6 @@ impl Stream {
         }
     }
 
-    /// Whether it knows a property.
-    pub fn has(&self, property: c_int) -> bool {
-        // SAFETY: the stream is there.
-        unsafe { ffi::oniStreamIsPropertySupported(self.handle, property) != 0 }
-    }
-
-    /// A property of the stream; `T` is the type that the library's headers give it.
-    pub fn get<T: Value>(&self, property: c_int) -> Option<T> {
-        let mut value = T::default();
-        let mut size = size_of::<T>() as c_int;
-        // SAFETY: the stream is there; as many bytes may be written as there are, and any are a `T`.
-        let status = unsafe {
-            ffi::oniStreamGetProperty(
-                self.handle,
-                property,
-                (&raw mut value).cast(),
-                &raw mut size,
-            )
-        };
-        (status == ffi::STATUS_OK && size == size_of::<T>() as c_int).then_some(value)
-    }
-
-    /// Sets a property of the stream.
-    ///
-    /// # Errors
-    /// If it does not take it.
-    pub fn set<T: Value>(&self, property: c_int, value: T, name: &str) -> Result<(), Failed> {
-        let size = size_of::<T>() as c_int;
-        // SAFETY: the stream is there; the value is read during the call alone.
-        let status = unsafe {
-            ffi::oniStreamSetProperty(self.handle, property, (&raw const value).cast(), size)
-        };
-        checked(status, format!("setting {name}"))
-    }
-
     /// The newest frame. To be called when [`wait`] said that there is one: the library waits for ever otherwise.
     ///
     /// # Errors
@@ -109,6 +75,19 @@ impl Stream {
     }
 }
 
+// SAFETY: the handle is a stream's, which `drop` destroys.
+unsafe impl Properties for Stream {
+    const CALLS: Calls = Calls {
+        is_supported: ffi::oniStreamIsPropertySupported,
+        get: ffi::oniStreamGetProperty,
+        set: ffi::oniStreamSetProperty,
+    };
+
+    fn handle(&self) -> ffi::StreamHandle {
+        self.handle
+    }
+}
+
 impl Drop for Stream {
     fn drop(&mut self) {
         let _held = LIBRARY.lock();
@@ -122,7 +101,7 @@ impl Drop for Stream {
 ///
 /// # Errors
 /// If a stream is broken.
-pub fn wait(streams: &[&Stream], timeout: Duration) -> Result<Option<usize>, Failed> {
+pub(super) fn wait(streams: &[&Stream], timeout: Duration) -> Result<Option<usize>, Failed> {
     let mut handles = [std::ptr::null_mut(); 2];
     let count = streams.len().min(handles.len());
     for (handle, stream) in handles.iter_mut().zip(streams) {

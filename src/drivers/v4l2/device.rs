@@ -24,7 +24,7 @@ const SHARED: c_int = 1;
 
 /// A control as the driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Control {
+pub(super) struct Control {
     /// The kernel's number.
     pub id: u32,
     /// As `v4l2-ctl` writes it.
@@ -33,11 +33,11 @@ pub struct Control {
     pub range: [i64; 3],
 }
 
-/// Opens a device. The name of the file is told by who calls.
+/// Opens a device. The caller adds the name of the file to errors.
 ///
 /// # Errors
 /// If it cannot be opened.
-pub fn open(path: &Path) -> io::Result<v4l::Device> {
+pub(super) fn open(path: &Path) -> io::Result<v4l::Device> {
     let device = v4l::Device::with_path(path)?;
     // `v4l` leaves it open for programs that are run meanwhile, which would hold the camera.
     let handle = device.handle();
@@ -48,7 +48,7 @@ pub fn open(path: &Path) -> io::Result<v4l::Device> {
 }
 
 /// Lists the controls that have a plain value.
-pub fn controls(handle: &Handle) -> Vec<Control> {
+pub(super) fn controls(handle: &Handle) -> Vec<Control> {
     let mut found = Vec::new();
     let mut id = 0;
     loop {
@@ -78,7 +78,7 @@ pub fn controls(handle: &Handle) -> Vec<Control> {
 }
 
 /// A control's name as `v4l2-ctl` writes it: small letters and digits, all else as one `_`.
-pub fn plain(name: &str) -> String {
+pub(super) fn plain(name: &str) -> String {
     let words = name.split(|c: char| !c.is_ascii_alphanumeric());
     let words: Vec<&str> = words.filter(|w| !w.is_empty()).collect();
     words.join("_").to_ascii_lowercase()
@@ -88,7 +88,7 @@ pub fn plain(name: &str) -> String {
 ///
 /// # Errors
 /// If the driver does not tell it.
-pub fn control(handle: &Handle, id: u32) -> io::Result<i64> {
+pub(super) fn control(handle: &Handle, id: u32) -> io::Result<i64> {
     let mut found = v4l2_control { id, value: 0 };
     // SAFETY: the request's own type, which lives during the call.
     unsafe { call(handle, vidioc::VIDIOC_G_CTRL, &mut found)? };
@@ -99,7 +99,7 @@ pub fn control(handle: &Handle, id: u32) -> io::Result<i64> {
 ///
 /// # Errors
 /// If the driver does not take it.
-pub fn set_control(handle: &Handle, id: u32, value: i64) -> io::Result<()> {
+pub(super) fn set_control(handle: &Handle, id: u32, value: i64) -> io::Result<()> {
     let value = i32::try_from(value).map_err(|_| io::ErrorKind::InvalidInput)?;
     let mut asked = v4l2_control { id, value };
     // SAFETY: the request's own type, which lives during the call.
@@ -121,7 +121,7 @@ unsafe fn call<T>(handle: &Handle, request: vidioc::_IOC_TYPE, with: &mut T) -> 
 
 /// A filled buffer, ours until it is given back.
 #[derive(Debug)]
-pub struct Filled {
+pub(super) struct Filled {
     index: u32,
     /// Bytes that were filled.
     pub used: u32,
@@ -134,7 +134,7 @@ pub struct Filled {
 }
 
 /// A queue of buffers that the kernel fills.
-pub struct Queue {
+pub(super) struct Queue {
     handle: Arc<Handle>,
     maps: Vec<Map>,
     runs: bool,
@@ -151,7 +151,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the driver does not stream from memory, or another program has it.
-    pub fn start(handle: Arc<Handle>, count: u32) -> io::Result<Self> {
+    pub(super) fn start(handle: Arc<Handle>, count: u32) -> io::Result<Self> {
         let mut queue = Self {
             handle,
             maps: Vec::new(),
@@ -212,7 +212,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the device is gone.
-    pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
+    pub(super) fn wait(&self, timeout: Duration) -> io::Result<bool> {
         let milliseconds = timeout.as_millis().clamp(1, 60_000) as i32;
         match self.handle.poll(POLLIN, milliseconds) {
             Err(interrupted) if interrupted.kind() == io::ErrorKind::Interrupted => Ok(false),
@@ -224,7 +224,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the device is gone.
-    pub fn take(&self) -> io::Result<Option<Filled>> {
+    pub(super) fn take(&self) -> io::Result<Option<Filled>> {
         let mut buffer = blank(0);
         // SAFETY: the request's own type, which lives during the call.
         let taken = unsafe { call(&self.handle, vidioc::VIDIOC_DQBUF, &mut buffer) };
@@ -244,7 +244,7 @@ impl Queue {
     }
 
     /// What the kernel filled in.
-    pub fn bytes(&self, filled: &Filled) -> &[u8] {
+    pub(super) fn bytes(&self, filled: &Filled) -> &[u8] {
         let Some(map) = self.maps.get(filled.index as usize) else {
             return &[];
         };
@@ -258,7 +258,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the device is gone.
-    pub fn give_back(&mut self, filled: Filled) -> io::Result<()> {
+    pub(super) fn give_back(&mut self, filled: Filled) -> io::Result<()> {
         self.hand_to_kernel(filled.index)
     }
 }

@@ -5,7 +5,7 @@ use crate::drivers::pixel_format::PixelFormat;
 use std::time::Duration;
 
 /// The kernel's flags of a buffer.
-pub const FLAG_ERROR: u32 = 0x0040;
+pub(super) const FLAG_ERROR: u32 = 0x0040;
 const FLAG_CLOCK_MASK: u32 = 0xe000;
 const FLAG_CLOCK_MONOTONIC: u32 = 0x2000;
 const FLAG_MARK_MASK: u32 = 0x0007_0000;
@@ -13,7 +13,7 @@ const FLAG_MARK_START_OF_EXPOSURE: u32 = 0x0001_0000;
 
 /// What a camera's frames have to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Expected {
+pub(super) struct Expected {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// How its pixels come.
@@ -28,7 +28,7 @@ pub struct Expected {
 
 /// A whole frame: how many of its bytes count, and where its tables belong if it is a JPEG.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Whole {
+pub(super) enum Whole {
     /// Rows of pixels.
     Rows(usize),
     /// A picture file.
@@ -39,7 +39,7 @@ pub enum Whole {
 ///
 /// # Errors
 /// In words, if it is damaged.
-pub fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, String> {
+pub(super) fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, String> {
     if flags & FLAG_ERROR != 0 {
         return Err("the driver reports that it is damaged".into());
     }
@@ -59,7 +59,7 @@ pub fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, Str
 }
 
 /// The start of a frame's exposure by the monotonic clock; `None` where its time is not of that clock.
-pub fn exposed(expected: &Expected, flags: u32, time: Duration) -> Option<Duration> {
+pub(super) fn exposed(expected: &Expected, flags: u32, time: Duration) -> Option<Duration> {
     if flags & FLAG_CLOCK_MASK != FLAG_CLOCK_MONOTONIC {
         return None;
     }
@@ -70,7 +70,7 @@ pub fn exposed(expected: &Expected, flags: u32, time: Duration) -> Option<Durati
 }
 
 /// How old a frame is when its last line is there.
-pub fn age(expected: &Expected) -> Duration {
+pub(super) fn age(expected: &Expected) -> Duration {
     let seconds = expected.exposure.unwrap_or(0.0) + expected.readout;
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }

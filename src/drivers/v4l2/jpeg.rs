@@ -1,9 +1,9 @@
-//! Frames of MJPEG cameras made complete JPEG files: many leave out the Huffman tables, since they are always the same
-//! (those of ITU-T T.81, annex K.3). Pure; bytes in, bytes out.
+//! Completes the frames of MJPEG cameras to JPEG files: many cameras leave out the Huffman tables, which are always
+//! the same (those of ITU-T T.81, annex K.3). Pure; bytes in, bytes out.
 
 /// Where something has to be put into a frame, so that it is a JPEG file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Jpeg {
+pub(super) struct Jpeg {
     /// Where its end is, after the mark that ends it.
     pub end: usize,
     /// Where the tables belong, where they are missing.
@@ -14,9 +14,9 @@ pub struct Jpeg {
 ///
 /// # Errors
 /// In words, if it is no whole JPEG.
-pub fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
+pub(super) fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
     if !frame.starts_with(&[0xff, 0xd8]) {
-        return Err("it does not start like a JPEG file".into());
+        return Err("it does not begin as a JPEG file does".into());
     }
     let mut at = 2;
     let mut has_tables = false;
@@ -25,9 +25,7 @@ pub fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
             return Err("it ends before its image data".into());
         };
         if mark != 0xff {
-            return Err(format!(
-                "its byte {at} is {mark:#04x}, where a mark is expected"
-            ));
+            return Err(format!("its byte {at} is {mark:#04x}, expected a marker"));
         }
         match kind {
             // Padding.
@@ -63,7 +61,7 @@ fn end(frame: &[u8]) -> Result<usize, String> {
 }
 
 /// The parts that follow each other in the complete file.
-pub fn parts<'a>(frame: &'a [u8], jpeg: &Jpeg) -> [&'a [u8]; 3] {
+pub(super) fn parts<'a>(frame: &'a [u8], jpeg: &Jpeg) -> [&'a [u8]; 3] {
     match jpeg.tables_at {
         None => [&frame[..jpeg.end], &[], &[]],
         Some(at) => [&frame[..at], &HUFFMAN_TABLES, &frame[at..jpeg.end]],
@@ -236,7 +234,7 @@ mod tests {
                 whole.len()
             );
         }
-        assert!(inspect(b"GIF89a").unwrap_err().contains("start"));
+        assert!(inspect(b"GIF89a").unwrap_err().contains("begin"));
     }
 
     proptest::proptest! {

@@ -1,9 +1,9 @@
-//! How a V4L2 camera is set, as a rig's configuration says it. Compiled always, so that a configuration can be checked
-//! where there is no such camera.
+//! The configuration of a V4L2 camera. It is always compiled, so that a configuration can be checked without such a
+//! camera.
 
 use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::Transfer;
-use crate::number;
+use crate::range;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -15,15 +15,15 @@ pub struct Parameters {
     /// numbers of `/dev/video0` and so on change. Needed.
     pub device: Option<String>,
     /// Width and height in pixels. Needed.
-    #[serde(deserialize_with = "number::optional_size")]
+    #[serde(deserialize_with = "range::optional_size")]
     pub size: Option<[u32; 2]>,
     /// How its pixels come. Default `mjpeg`.
     pub pixel_format: Option<PixelFormat>,
     /// Frames in a second.
-    #[serde(deserialize_with = "number::optional_rate")]
+    #[serde(deserialize_with = "range::optional_rate")]
     pub rate: Option<f64>,
     /// Exposure in seconds (`exposure_time_absolute`, which counts 100 µs).
-    #[serde(deserialize_with = "number::optional_seconds")]
+    #[serde(deserialize_with = "range::optional_seconds")]
     pub exposure: Option<f64>,
     /// Whether the camera may choose the exposure. Default false, and then it is switched off.
     pub auto_exposure: Option<bool>,
@@ -45,13 +45,13 @@ pub struct Parameters {
     pub transfer: Option<Transfer>,
     /// Time from the end of an exposure to the frame's last line, in seconds; for cameras that stamp the end of a
     /// frame. Default: the time between two frames, or 0 where that is not known.
-    #[serde(deserialize_with = "number::optional_seconds")]
+    #[serde(deserialize_with = "range::optional_seconds")]
     pub readout: Option<f64>,
     /// Frames that the kernel has memory for, 4 to 32. Default 6.
-    #[serde(deserialize_with = "number::optional_count::<_, 4, 32>")]
+    #[serde(deserialize_with = "range::optional_count::<_, 4, 32>")]
     pub buffers: Option<u32>,
     /// Without a frame for so long, in milliseconds, a free-running camera counts as away. Default 2000.
-    #[serde(deserialize_with = "number::optional_milliseconds")]
+    #[serde(deserialize_with = "range::optional_milliseconds")]
     pub silence_ms: Option<f64>,
 }
 

@@ -49,7 +49,7 @@ struct Setting<'a> {
 ///
 /// # Errors
 /// If it is not a V4L2 camera, or refused a setting.
-pub fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, Expected), Fault> {
+pub(super) fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, Expected), Fault> {
     let identity = identity(p, device)?;
     let format = format(p, device)?;
     let rate = rate(p, device)?;
@@ -114,7 +114,7 @@ fn identity(p: &Parameters, device: &Device) -> Result<String, Fault> {
         return Err(away(
             p,
             format!(
-                "{} gives no frames of one plane through mapped memory",
+                "{} does not deliver single-planar frames through mapped memory",
                 known.card
             ),
         ));

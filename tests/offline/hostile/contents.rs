@@ -1,5 +1,5 @@
-//! Recordings whose container is sound and whose messages are not: each is refused with the topic or camera
-//! and the value, or its capture fails alone.
+//! Recordings whose container is intact but whose messages are not: each is refused with the topic or camera and
+//! the value, or only its capture fails.
 
 use super::command::{replay_refused, replay_whole};
 use super::recording::{Message, Messages, bowl, fine_ball, one_bowl};

@@ -1,4 +1,5 @@
-//! Files that are no recordings, or were ones: cut off, with flipped bits, with lengths that lie, with bombs.
+//! Files that are not recordings, or no longer: cut off, with flipped bits, with wrong lengths, with decompression
+//! bombs.
 
 use super::command::{replay, replay_bytes};
 use super::recording::{Messages, ball};
@@ -28,7 +29,7 @@ fn what_is_no_recording_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("folder.mcap");
     std::fs::create_dir(&inside).unwrap();
-    replay(folder, &inside, None, &[]).is_refused(&["not a regular file"]);
+    replay(folder, &inside, None, &[]).is_refused(&["the folder has no recording"]);
     let mut future = Messages(Vec::new()).bytes();
     let end = future.len();
     let metadata = [
@@ -45,7 +46,7 @@ fn what_is_no_recording_is_refused() {
     record.extend(body);
     let header_end = records_of(&future[..end])[1].0;
     future.splice(header_end..header_end, record);
-    replay_bytes("future", &future).is_refused(&["format \"2\" is not known"]);
+    replay_bytes("future", &future).is_refused(&["unknown format \"2\""]);
 }
 
 /// The map of the metadata record above is one pair of 6 + 1 letters, each behind a length.
@@ -147,7 +148,7 @@ fn bombs_are_defused() {
     // One chunk that claims less than any may have, and still too much for what it is.
     let (packed, size) = packed_records(&[0], 120 << 20);
     let little = file(&[chunk(&packed, size)]);
-    replay_bytes("bomb-little", &little).is_refused(&["to 125829120 bytes: of so few at most"]);
+    replay_bytes("bomb-little", &little).is_refused(&["to 125829120 bytes, expected at most"]);
     // Messages, each of which is remembered.
     let mut message = vec![op::MESSAGE];
     message.extend(22u64.to_le_bytes());

@@ -1,5 +1,5 @@
-//! A small sound recording of the simulated rig, taken apart into its messages so that tests can spoil them,
-//! and put together again.
+//! A small intact recording of the simulated rig, taken apart into its messages so that tests can damage them, and
+//! put together again.
 
 use mcap::records::MessageHeader;
 use scand::recording::Compression;

@@ -1,11 +1,11 @@
-//! A recording of a few pixels, small enough to be broken at every byte and in thousands of bits: opened,
-//! assembled, loaded and reconstructed through the library.
+//! A recording of a few pixels, small enough to be cut at every byte and to have thousands of its bits flipped:
+//! opened, assembled, loaded and reconstructed through the library.
 
 use super::recording::Messages;
 use crate::support::torture::times;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
-use scand::capture::Session;
+use scand::capture::CaptureSession;
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::image::Grid;
 use scand::queue;
@@ -157,7 +157,7 @@ impl Place {
         let session = match Recording::open(&self.path) {
             Ok(recording) => {
                 fates.damaged += usize::from(!recording.verify().unwrap().is_empty());
-                Session::of(recording, &parameters)
+                CaptureSession::of(recording, &parameters)
             }
             Err(error) => {
                 named(&error);
@@ -223,7 +223,7 @@ fn a_panic_in_any_stage_fails_one_capture_alone() {
         min_depth_frames: 1,
         ..sync::Parameters::default()
     };
-    let session = Session::of(session, &parameters).unwrap();
+    let session = CaptureSession::of(session, &parameters).unwrap();
     let (scene, _) = session.load(&session.captures()[0].id).unwrap();
     let mut parameters = Parameters::default();
     parameters.hull.resolution = 24.0;

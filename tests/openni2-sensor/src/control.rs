@@ -1,8 +1,7 @@
-//! What a sensor is told while it runs: a text file with a line for each thing, the sensor's serial number or `*`
-//! first.
-//! `capture N` plays the file's capture N; `silent` gives no frames; `gone` unplugs it; `damaged N` cuts off each Nth
-//! frame; `frozen` lets its clock stand still; `unregistered` lets it forget registration; `unsynchronised` lets it
-//! refuse to synchronise. What no line says is not so.
+//! Commands to a sensor while it runs: a text file with one command in each line, after the sensor's serial number
+//! or `*`. `capture N` plays the file's capture N; `silent` gives no frames; `gone` unplugs it; `damaged N` cuts
+//! off each Nth frame; `frozen` makes its clock stand still; `unregistered` makes it forget registration;
+//! `unsynchronised` makes it refuse to synchronise. What no line mentions is off.
 
 use std::path::Path;
 

@@ -49,7 +49,7 @@ def wrong(words):
     return sorted(line.split(":")[0].removeprefix("WRONG").strip() for line in words.splitlines() if "WRONG" in line)
 
 
-@chapter.step("the example is where the page says; scand check names what it lacks until nothing is wrong but the plates")
+@chapter.step("the example is where the page says; scand check names what it lacks until nothing is wrong but the backgrounds")
 def configured():
     vivid.load([vivid.WEBCAM] * 2)
     scand.CONFIGURATION.parent.mkdir(exist_ok=True)
@@ -67,9 +67,9 @@ def configured():
     until("she reads the log", lambda: "camera c00: ready" in ann("journalctl", "-u", "scand"))
 
 
-@chapter.step("a day's work by one of the group: plates, a session, presses, notes, what happens, the evening")
+@chapter.step("a day's work by one of the group: backgrounds, a session, presses, notes, what happens, the evening")
 def worked():
-    contains(ann("scand", "background"), "2 plates")
+    contains(ann("scand", "background"), "2 backgrounds")
     expect(wrong(ann("scand", "check", "--no-speed")), [], "what is wrong in the morning")
     told = Path(tempfile.mkdtemp(), "events")
     with told.open("w", encoding="utf-8") as file:
@@ -220,7 +220,7 @@ def another_switch():
     run("udevadm", "control", "--reload")
     run("udevadm", "trigger", "-s", "input")
     until("its unit is active", lambda: scand.active(switch.unit) == "active")
-    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, switch.unit))
+    until("it found the daemon", lambda: "the daemon answers" in scand.said(since, switch.unit))
     before = scand.captures()
     switch.press()
     scand.next_capture(before, since)

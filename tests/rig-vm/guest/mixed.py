@@ -80,10 +80,10 @@ def ready():
     until("all are there", lambda: "ready: 12 of 12 cameras" in scand.unit("scand.service", "StatusText")[0])
 
 
-@chapter.step("scand check finds nothing wrong but that there are no plates, which are taken then")
+@chapter.step("scand check finds nothing wrong but that there are no backgrounds, which are taken then")
 def plates():
-    until("only the plates are wrong", lambda: [f["subject"] for f in wrong()] == ["backgrounds"])
-    until("plates are taken", lambda: "plates in" in scand.ask("background", expected=None))
+    until("only the backgrounds are wrong", lambda: [f["subject"] for f in wrong()] == ["backgrounds"])
+    until("backgrounds are taken", lambda: "backgrounds in" in scand.ask("background", expected=None))
     until("nothing is wrong", lambda: not wrong())
 
 
@@ -100,7 +100,7 @@ def pressed():
     parts["since"] = scand.now()
     parts["switch"] = Switch()
     unit = parts["switch"].unit
-    until("the switch found the daemon", lambda: "the daemon is there" in scand.said(parts["since"], unit))
+    until("the switch found the daemon", lambda: "the daemon answers" in scand.said(parts["since"], unit))
     before = scand.captures()
     parts["switch"].press()
     scand.next_capture(before, parts["since"], 900, 1 + RETRIES)
@@ -123,7 +123,7 @@ def modelled():
     switch_off()
     done = until(
         "the model is made",
-        lambda: re.search(r"capture (cup-0001(?:\.r\d)?): (.*?), (/.*)|there is no model: .*", scand.said(parts["since"])),
+        lambda: re.search(r"capture (cup-0001(?:\.r\d)?): (.*?), (/.*)|its model could not be made: .*", scand.said(parts["since"])),
         2400,
     )
     if not done[1]:
@@ -132,4 +132,4 @@ def modelled():
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     expect((folder / "model.glb").read_bytes()[:4], b"glTF", "the model")
     stages = " ".join(f"{stage['stage']} {stage['seconds']:.0f}" for stage in report["timing"]["stages"])
-    return f"{done[2]}: {', '.join(r['words'] for r in report['verdict']['reasons']) or 'nothing to remark'}; {stages}"
+    return f"{done[2]}: {', '.join(r['words'] for r in report['verdict']['reasons']) or 'no problem was found'}; {stages}"

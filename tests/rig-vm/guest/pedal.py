@@ -74,7 +74,7 @@ def begins():
     since = scand.now()
     switch = plugged["switch"] = Switch()
     until("its unit is active", lambda: scand.active(switch.unit) == "active")
-    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, switch.unit))
+    until("it found the daemon", lambda: "the daemon answers" in scand.said(since, switch.unit))
     return switch.unit
 
 
@@ -116,7 +116,7 @@ def early():
     scand.start()
     time.sleep(1)
     expect(scand.status()["complete"], 0, "captures after the start")
-    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, switch.unit))
+    until("it found the daemon", lambda: "the daemon answers" in scand.said(since, switch.unit))
     count, _ = one_capture(switch.unit, switch.press)
     expect(count, (1, 0, 1), "captures, busy answers and durable ones of the next press")
 
@@ -126,12 +126,12 @@ def stopped():
     switch = plugged["switch"]
     since = scand.now()
     run("systemctl", "stop", "scand.service")
-    until("the end is told", lambda: "the daemon has ended" in scand.said(since, switch.unit))
+    until("the end is told", lambda: "the daemon was told to stop" in scand.said(since, switch.unit))
     time.sleep(5)
     expect(scand.active(), "inactive", "the daemon, whose socket is still there")
     switch.press()
     until("the daemon is active", lambda: scand.active() == "active")
-    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, switch.unit))
+    until("it found the daemon", lambda: "the daemon answers" in scand.said(since, switch.unit))
     ends = ("no capture was taken", ": durable", ": failed", "refused")
     until("that press is over", lambda: any(end in scand.said(since, switch.unit) for end in ends))
     count, _ = one_capture(switch.unit, switch.press)
@@ -158,7 +158,7 @@ def usb():
     unit = f"scand-pedal@{device.name}.service"
     until("its unit is active", lambda: scand.active(unit) == "active")
     # Active is the unit before the switch is open.
-    until("it found the daemon", lambda: "the daemon is there" in scand.said(since, unit))
+    until("it found the daemon", lambda: "the daemon answers" in scand.said(since, unit))
 
     def press():
         gadget.report(KEY_B_OF_USB)

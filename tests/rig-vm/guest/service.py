@@ -157,7 +157,7 @@ def reloaded():
     since = scand.now()
     scand.CONFIGURATION.write_text(scand.CONFIGURATION.read_text().replace("640, 360", "320, 180"))
     run("systemctl", "reload", "scand.service")
-    until("it says so", lambda: "not read again" in scand.said(since))
+    until("it says so", lambda: "not reloaded" in scand.said(since))
     contains(scand.said(since), "v4l2")
     configure()
 

@@ -1,8 +1,8 @@
-//! Fits what the depth cameras' readings mean: from the boards' planes or from a table.
+//! Fits how the depth cameras' readings relate to true distances, from the boards' planes or from a table.
 
 use super::Error;
 use super::detections::placement_names;
-use crate::calibration::fit::{Fit, FittedCamera};
+use crate::calibration::fit::{Fit, FittedCamera, Judgement, Slope};
 use crate::calibration::response::{
     DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,
 };
@@ -10,7 +10,7 @@ use crate::calibration::{Board, DepthResponse};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use crate::image::Grid;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -95,10 +95,35 @@ impl Depth {
         plane.or_else(|| self.table.as_ref().map(|table| table.response))
     }
 
+    /// The slopes that the boards determine.
+    pub(super) fn slopes(&self) -> BTreeMap<CameraId, Slope> {
+        let slope = |(id, fit): (&CameraId, &PlaneFit)| {
+            let slope = Slope {
+                value: fit.response.slope,
+                deviation: fit.slope_deviation?,
+            };
+            Some((id.clone(), slope))
+        };
+        self.planes.iter().filter_map(slope).collect()
+    }
+
+    /// Adds to reasons about a bias what would explain it.
+    pub(super) fn explain(&self, judgement: &mut Judgement) {
+        for (id, fit) in &self.planes {
+            let about = format!("depth camera {id}: a bias");
+            let reasons = judgement.reasons.iter_mut();
+            for reason in reasons.filter(|reason| reason.starts_with(&about)) {
+                if let Some(misfit) = &fit.misfit {
+                    *reason += &format!("; {}", misfit.words());
+                }
+            }
+        }
+    }
+
     /// What the verdict is held against.
     pub(super) fn found(&self) -> BTreeMap<CameraId, Result<f64, String>> {
-        let worst = |fit: &PlaneFit| fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max);
-        let fitted = self.planes.iter().map(|(id, fit)| (id, Ok(worst(fit))));
+        let fitted = self.planes.iter();
+        let fitted = fitted.map(|(id, fit)| (id, Ok(fit.response.uncertainty)));
         let unfitted = self.unfitted.iter().map(|(id, why)| (id, Err(why.clone())));
         let all = fitted.chain(unfitted);
         all.map(|(id, found)| (id.clone(), found)).collect()
@@ -112,22 +137,28 @@ impl Depth {
         parameters: &PlaneParameters,
     ) {
         let id = &camera.camera.id;
-        let views = self.views(recordings, fit, camera);
-        let views: Vec<PlaneView<'_>> = views
-            .iter()
-            .map(|(placement, camera_from_face, readings)| PlaneView {
-                placement,
-                camera_from_face: *camera_from_face,
-                readings,
-            })
-            .collect();
+        let camera_from_front = |name: &str| {
+            let placement = fit.placements.iter().find(|p| p.name == name)?;
+            Some(camera.camera.rig_from_camera.inverse() * placement.rig_from_board)
+        };
+        let back = fit.front_from_back;
+        let lost = &mut self.lost;
+        let views = views(recordings, id, &fit.board, back, &camera_from_front, lost);
+        let views: Vec<PlaneView<'_>> = views.iter().map(BoardView::plane).collect();
         match fit_plane(&camera.camera.intrinsics, &fit.board, &views, parameters) {
-            Ok(found) => {
+            Ok(mut found) => {
+                let own = &mut found.response.uncertainty;
+                *own = own
+                    .hypot(OF_POSE * along_axis(camera))
+                    .min(MOST_UNCERTAINTY);
                 let left_out = found.left_out.iter();
                 let words = left_out.map(|(name, why)| {
                     format!("depth of {id}: placement {name} is left out: {why}")
                 });
                 self.words.extend(words);
+                let misfit = found.misfit.iter();
+                self.words
+                    .extend(misfit.map(|misfit| format!("depth of {id}: {}", misfit.words())));
                 self.planes.insert(id.clone(), found);
             }
             Err(error) => {
@@ -135,34 +166,70 @@ impl Depth {
             }
         }
     }
+}
 
-    /// The burst of each placement that was fitted, its mean taken, with the pose of the face that it shows.
-    fn views(
-        &mut self,
-        recordings: &[Placements],
-        fit: &Fit,
-        camera: &FittedCamera,
-    ) -> Vec<(String, Isometry3<f64>, Grid<f32>)> {
-        let mut views = Vec::new();
-        for (recording, names) in recordings.iter().zip(placement_names(recordings)) {
-            let all = recording.readings();
-            for burst in all.iter().filter(|b| b.camera == camera.camera.id) {
-                let name = names.get(&burst.placement).cloned().unwrap_or_default();
-                let Some(placement) = fit.placements.iter().find(|p| p.name == name) else {
-                    continue;
-                };
-                match recording.depth(burst).map(|frames| mean_readings(&frames)) {
-                    Ok(Some(readings)) => {
-                        let pose =
-                            camera.camera.rig_from_camera.inverse() * placement.rig_from_board;
-                        views.push((name, seen(&fit.board, pose, fit.front_from_back), readings));
-                    }
-                    Ok(None) => {}
-                    Err(error) => self.lost.push(error.to_string()),
-                }
+/// Standard deviations of the depth camera's own place that its bias at most covers.
+const OF_POSE: f64 = 2.0;
+/// The largest uncertainty in metres that a response may state.
+const MOST_UNCERTAINTY: f64 = 10.0;
+
+/// Standard deviation of a camera's centre along its axis, in metres: by so much all boards may be nearer or farther.
+/// The error of its focal length is in it, for the two are fitted to the same views.
+fn along_axis(camera: &FittedCamera) -> f64 {
+    let axis = camera.camera.rig_from_camera * Vector3::z();
+    let position = camera.uncertainty.position;
+    (0..3)
+        .map(|k| (axis[k] * position[k]).powi(2))
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// The burst of each placement whose board's front lies where `camera_from_front` says, its mean taken, with the pose
+/// of the face that it shows. What cannot be read goes to `lost`.
+pub(super) fn views(
+    recordings: &[Placements],
+    id: &CameraId,
+    board: &Board,
+    front_from_back: Isometry3<f64>,
+    camera_from_front: &dyn Fn(&str) -> Option<Isometry3<f64>>,
+    lost: &mut Vec<String>,
+) -> Vec<BoardView> {
+    let mut views = Vec::new();
+    for (recording, names) in recordings.iter().zip(placement_names(recordings)) {
+        let all = recording.readings();
+        for burst in all.iter().filter(|b| b.camera == *id) {
+            let placement = names.get(&burst.placement).cloned().unwrap_or_default();
+            let Some(front) = camera_from_front(&placement) else {
+                continue;
+            };
+            match recording.depth(burst).map(|frames| mean_readings(&frames)) {
+                Ok(Some(readings)) => views.push(BoardView {
+                    placement,
+                    camera_from_face: seen(board, front, front_from_back),
+                    readings,
+                }),
+                Ok(None) => {}
+                Err(error) => lost.push(error.to_string()),
             }
         }
-        views
+    }
+    views
+}
+
+/// What a depth camera read of one placement.
+pub(super) struct BoardView {
+    placement: String,
+    camera_from_face: Isometry3<f64>,
+    readings: Grid<f32>,
+}
+
+impl BoardView {
+    pub(super) fn plane(&self) -> PlaneView<'_> {
+        PlaneView {
+            placement: &self.placement,
+            camera_from_face: self.camera_from_face,
+            readings: &self.readings,
+        }
     }
 }
 

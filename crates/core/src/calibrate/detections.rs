@@ -3,7 +3,7 @@
 use super::error::{Error, Rejected};
 use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corners};
 use crate::calibration::{Board, Intrinsics, RigCalibration};
-use crate::capture::{Placements, Shot};
+use crate::capture::{PictureFiles, Placements, Shot};
 use crate::frame::CameraId;
 use crate::sync;
 use rayon::prelude::*;
@@ -34,6 +34,14 @@ pub fn open(paths: &[PathBuf], parameters: &sync::Parameters) -> Result<Vec<Plac
     paths.iter().map(open).collect()
 }
 
+/// Takes picture files for a session of placements. Nothing is read yet.
+///
+/// # Errors
+/// If a camera has no picture, or two have unequal numbers of them.
+pub fn open_pictures(cameras: BTreeMap<CameraId, Vec<PathBuf>>) -> Result<Placements, Error> {
+    Ok(Placements::of_files(PictureFiles::new(cameras)?))
+}
+
 /// The board that was given, or the one that the recordings name.
 ///
 /// # Errors
@@ -43,7 +51,7 @@ pub fn board(given: Option<Board>, recordings: &[Placements]) -> Result<Board, E
         return Ok(board);
     }
     let mut named: Option<Board> = None;
-    for recording in recordings.iter().map(Placements::recording) {
+    for recording in recordings.iter().filter_map(Placements::recording) {
         let path = recording.path();
         for (_, pairs) in recording
             .metadata()
@@ -157,6 +165,18 @@ fn lens_of(
     }
 }
 
+/// The pictures by their placements' names and cameras.
+pub fn shots(recordings: &[Placements]) -> BTreeMap<(String, String), (&Placements, Shot)> {
+    let mut all = BTreeMap::new();
+    for (recording, names) in recordings.iter().zip(placement_names(recordings)) {
+        for shot in recording.shots() {
+            let name = names.get(&shot.placement).cloned().unwrap_or_default();
+            all.insert((name, shot.camera.to_string()), (recording, shot));
+        }
+    }
+    all
+}
+
 /// Names of each recording's placements by their ids; where two recordings share one, the recording's name is added.
 pub(super) fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String, String>> {
     let mut taken = BTreeSet::new();
@@ -165,7 +185,6 @@ pub(super) fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String,
         let mut names = BTreeMap::new();
         for id in recording.names() {
             let stem = recording
-                .recording()
                 .path()
                 .file_stem()
                 .unwrap_or_default()
@@ -230,7 +249,7 @@ impl Detections {
 
     /// What a person should know of a recording, and what of it is damaged.
     fn take_problems(&mut self, recording: &Placements) {
-        let path = recording.recording().path().display();
+        let path = recording.path().display();
         let warnings = recording.warnings().iter();
         self.warnings
             .extend(warnings.map(|w| format!("{path}: {w}")));
@@ -308,7 +327,7 @@ impl Detections {
         Ok(())
     }
 
-    /// Refuses a session whose boards mostly are of one other size than was said.
+    /// Refuses a session whose boards mostly have one other size than the stated one.
     fn check_size(&self) -> Result<(), Error> {
         let mut sizes: BTreeMap<[usize; 2], usize> = BTreeMap::new();
         for rejected in &self.rejected {
@@ -329,5 +348,77 @@ impl Detections {
                 views,
             }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Face;
+    use crate::calibration::fit::Rejection;
+
+    /// A camera that saw the board at each of p0 to p5 but p3.
+    fn detections() -> Detections {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let camera = CameraId::new("c00").unwrap();
+        let view = |placement| View {
+            camera: 0,
+            placement,
+            face: Face::Front,
+            corners: Vec::new(),
+        };
+        let cause = Rejection::Size {
+            found: [3, 3],
+            expected: [9, 6],
+        };
+        Detections {
+            session: Session {
+                board,
+                cameras: Vec::new(),
+                placements: (0..6).map(|k| format!("p{k}")).collect(),
+                views: [0, 1, 2, 4, 5].map(view).to_vec(),
+            },
+            depth_cameras: Vec::new(),
+            rejected: vec![Rejected {
+                camera,
+                placement: "p3".into(),
+                reason: cause.to_string(),
+                cause,
+            }],
+            lost: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_sound_part_of_a_session_is_kept_alone() {
+        let kept = |from, until| {
+            let mut detections = detections();
+            detections.keep_placements(from, until).map(|()| {
+                let session = &detections.session;
+                let seen = session
+                    .views
+                    .iter()
+                    .map(|v| session.placements[v.placement].clone());
+                (
+                    seen.collect::<Vec<_>>().join(" "),
+                    detections.rejected.len(),
+                )
+            })
+        };
+        assert_eq!(kept(None, None).unwrap(), ("p0 p1 p2 p4 p5".to_owned(), 1));
+        assert_eq!(kept(Some("p2"), None).unwrap(), ("p2 p4 p5".to_owned(), 1));
+        assert_eq!(kept(None, Some("p2")).unwrap(), ("p0 p1 p2".to_owned(), 0));
+        assert_eq!(kept(Some("p4"), Some("p4")).unwrap(), ("p4".to_owned(), 0));
+        let error = kept(Some("p9"), None).unwrap_err().to_string();
+        assert!(
+            error.contains("\"p9\"") && error.contains("p0, p1"),
+            "{error}"
+        );
+        let error = kept(Some("p4"), Some("p2")).unwrap_err().to_string();
+        assert!(
+            error.contains("\"p2\", comes before the first one, \"p4\""),
+            "{error}"
+        );
     }
 }

@@ -47,7 +47,8 @@ pub enum Error {
         cause: calibration::Error,
     },
     /// Recordings of different boards.
-    #[error("{}: the board is {found}, and {before} in a recording before it: give --board", path.display())]
+    #[error("{}: the board is {found}, but {before} in an earlier recording: give \
+        --board", path.display())]
     OtherBoard {
         /// The recording.
         path: PathBuf,
@@ -64,7 +65,8 @@ pub enum Error {
     NoBoard,
     /// A lens for pictures of another size.
     #[error(
-        "camera {camera}: its known lens is of pictures of {}x{} pixels, and its pictures have {}x{}",
+        "camera {camera}: the given lens is for pictures of {}x{} pixels, but its pictures have \
+        {}x{}",
         lens[0], lens[1], found[0], found[1]
     )]
     LensSize {
@@ -77,8 +79,9 @@ pub enum Error {
     },
     /// Most pictures show a board of another size.
     #[error(
-        "the board in {count} pictures has {}x{} inner corners, and {}x{} in {views}: is --board right? (it counts \
-         inner corners, one less than squares)",
+        "the board in {count} pictures has {}x{} inner corners, and {}x{} in {views}: is --board right? (It counts \
+         inner corners, one less than squares. If the rows of the board look bent in the pictures, parts of it are found: a \
+         fisheye lens is beyond the lens models, so undistort its pictures first, or use another lens.)",
         found[0], found[1], expected[0], expected[1]
     )]
     BoardSize {
@@ -92,7 +95,7 @@ pub enum Error {
         views: usize,
     },
     /// A placement to begin or end with that is not there.
-    #[error("no placement {name:?} in the recordings, expected one of {known}")]
+    #[error("the recordings have no placement {name:?}, expected one of {known}")]
     NoSuchPlacement {
         /// The name that was given.
         name: String,
@@ -101,13 +104,22 @@ pub enum Error {
     },
     /// A last placement before the first one.
     #[error(
-        "the placement until which to calibrate, {until:?}, comes before the first one, {from:?}"
+        "the last placement, {until:?}, comes before the first one, {from:?}: exchange \
+        --from-placement and --until-placement"
     )]
     NoPlacements {
         /// The first one.
         from: String,
         /// The last one.
         until: String,
+    },
+    /// A distance of a camera that is not in the session.
+    #[error("--distance: no camera {camera} in the recordings, expected one of {known}")]
+    NoSuchCamera {
+        /// The camera that was named.
+        camera: CameraId,
+        /// Those there are.
+        known: String,
     },
     /// A depth table that cannot be read.
     #[error(transparent)]

@@ -1,6 +1,7 @@
-//! Calibrating a rig, from recordings of a board to a calibration and what it is worth, or to the cameras that moved
-//! since an older one. The steps and their order stand here; what they compute is in `calibration::fit` and
-//! `calibration::response`. Nothing here knows arguments, a console or exit codes, or writes a file.
+//! The procedure of calibrating a rig, from recordings of a board to a calibration with its verdict, and of
+//! checking which cameras moved since an older one. This room has the steps and their order; `calibration::fit` and
+//! `calibration::response` do the computing. Nothing here knows arguments, a console or exit codes, or writes a
+//! file.
 
 mod check;
 mod depth;
@@ -11,12 +12,13 @@ mod two_pass_fit;
 
 pub use check::{Check, check};
 pub use depth::{Depth, DepthMethod, Table};
-pub use detections::{Detections, board, detect_boards, open};
+pub use detections::{Detections, board, detect_boards, open, open_pictures, shots};
 pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
-    self, Finding, Fit, FittedCamera, Judgement, Limits, Wanted, diagnose, judge, missing,
+    self, Finding, Fit, FittedCamera, Judgement, Limits, Measured, Testimony, Wanted, Witnesses,
+    diagnose, judge, missing, witnesses,
 };
 use crate::calibration::{DepthResponse, RigCalibration, Verdict};
 use crate::capture::Placements;
@@ -36,6 +38,10 @@ pub struct Options {
     pub wanted: Wanted,
     /// What the result is judged by.
     pub limits: Limits,
+    /// What witnesses of the scale are expected to know.
+    pub witnesses: Witnesses,
+    /// What was measured by hand.
+    pub measured: Measured,
 }
 
 /// A session that was calibrated.
@@ -47,6 +53,8 @@ pub struct Outcome {
     pub fit: Fit,
     /// What the views that were left out agree on.
     pub findings: Vec<Finding>,
+    /// What witnesses say of the scale, which the board's size sets.
+    pub scale: Vec<Testimony>,
     /// What they are worth.
     pub judgement: Judgement,
     /// What the session lacks, in words.
@@ -80,6 +88,7 @@ pub fn run(
     recordings: &[Placements],
     options: Options,
 ) -> Result<Outcome, Error> {
+    check_measured(&detections, &options.measured)?;
     let fitted = two_pass_fit::fit_in_two_passes(&mut detections, recordings, &options.fit)?;
     let missing = missing(
         &detections.session,
@@ -97,7 +106,11 @@ pub fn run(
     };
     let depth = depth::respond(options.depth, recordings, &fit, &detections.depth_cameras);
     let findings = diagnose(&detections.session, Some(&fit), &options.fit);
+    let (slopes, measured) = (depth.slopes(), &options.measured);
+    let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
+    let mut judgement = judgement.with_witnesses(&scale);
+    depth.explain(&mut judgement);
     let mut responses = options.responses;
     let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
@@ -106,10 +119,24 @@ pub fn run(
         detections,
         fit,
         findings,
+        scale,
         judgement,
         missing,
         depth,
     })
+}
+
+/// Refuses distances of cameras that are not in the session.
+fn check_measured(detections: &Detections, measured: &Measured) -> Result<(), Error> {
+    let known = detections.session.cameras.iter().map(|c| &c.id);
+    let mut named = measured.distances.iter().flat_map(|d| &d.cameras);
+    match named.find(|id| !known.clone().any(|k| k == *id)) {
+        None => Ok(()),
+        Some(camera) => Err(Error::NoSuchCamera {
+            camera: camera.clone(),
+            known: known.map(CameraId::as_str).collect::<Vec<_>>().join(", "),
+        }),
+    }
 }
 
 /// The fit as a calibration file holds it.
@@ -125,6 +152,8 @@ fn calibration(
     };
     RigCalibration {
         volume: fit.volume,
+        // A thousandth of a millimetre is more than anybody knows.
+        at_object_mm: fit.at_object().map(|m| (1e6 * m).round() / 1e3),
         verdict: Some(Verdict {
             level: judgement.level,
             reasons: judgement.reasons.clone(),

@@ -1,11 +1,10 @@
 //! Fits once more where markers crowd the board's corners: the first fit knows what is printed around them.
 
 use super::Error;
-use super::detections::{Detections, placement_names};
+use super::detections::{Detections, shots};
 use crate::calibration::fit::{self, Corner, Fit, Parameters, crowded_views, matched_with_print};
-use crate::capture::{Placements, Shot};
+use crate::capture::Placements;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Fits a session; where markers crowd corners, once more after these have been matched with the print.
 ///
@@ -62,16 +61,4 @@ fn match_with_print(
         detections.session.views[index].corners = corners;
     }
     Ok(())
-}
-
-/// The pictures by their placements' names and cameras.
-fn shots(recordings: &[Placements]) -> BTreeMap<(String, String), (&Placements, Shot)> {
-    let mut all = BTreeMap::new();
-    for (recording, names) in recordings.iter().zip(placement_names(recordings)) {
-        for shot in recording.shots() {
-            let name = names.get(&shot.placement).cloned().unwrap_or_default();
-            all.insert((name, shot.camera.to_string()), (recording, shot));
-        }
-    }
-    all
 }

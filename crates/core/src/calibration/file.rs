@@ -1,4 +1,4 @@
-//! A rig's calibration as a TOML file: a section a camera.
+//! A rig's calibration as a TOML file, with a section for each camera.
 
 use super::{Camera, DepthResponse, Distortion, Intrinsics, Level, Verdict, Volume};
 use crate::frame::CameraId;
@@ -36,6 +36,9 @@ pub struct RigCalibration {
     pub volume: Option<Volume>,
     /// What it is worth, where that is known.
     pub verdict: Option<Verdict>,
+    /// Standard deviation, in millimetres at the object, of where the cameras see what stands in the volume; where that
+    /// is known.
+    pub at_object_mm: Option<f64>,
 }
 
 /// The file's format.
@@ -49,6 +52,8 @@ struct Contents {
     /// Why it is not good.
     #[serde(default)]
     reasons: Vec<String>,
+    /// How well it was seen what stands in the volume.
+    at_object_mm: Option<f64>,
     cameras: BTreeMap<String, CameraEntry>,
     volume: Option<VolumeEntry>,
 }
@@ -98,6 +103,34 @@ struct ResponseEntry {
 /// Largest calibration file, in bytes.
 const LONGEST_FILE: u64 = 4 << 20;
 
+/// Most metres that a camera may be from the rig's origin: one farther away was measured in another unit.
+const FARTHEST_M: f64 = 50.0;
+
+/// Says of a file that is no calibration of ours what it is, as far as its name or its begin tell that.
+fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
+    use std::io::Read;
+    let mut start = [0; 4];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read(&mut start));
+    let is_recording = read.is_ok_and(|read| start[..read] == *b"\x89MCA");
+    let ending = path
+        .extension()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .to_lowercase();
+    let message = if is_recording {
+        "is a recording, expected a calibration (TOML): scand info RECORDING --calibration FILE.toml writes that of a \
+         recording to a file"
+    } else if ["yaml", "yml"].contains(&ending.as_str()) {
+        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads its own alone"
+    } else {
+        return Ok(());
+    };
+    Err(FileError::Parse {
+        path: path.into(),
+        message: message.into(),
+    })
+}
+
 /// A file's text, if it is no longer than a calibration can be.
 pub(super) fn read_text(path: &Path) -> Result<String, FileError> {
     let failed = |cause| FileError::Read {
@@ -124,6 +157,7 @@ impl RigCalibration {
             path: path.into(),
             message,
         };
+        refuse_other_kinds(path)?;
         let text = read_text(path)?;
         let contents: Contents =
             toml::from_str(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
@@ -134,6 +168,13 @@ impl RigCalibration {
             let camera = entry
                 .camera(&name)
                 .map_err(|e| parse(format!("camera {name}: {e}")))?;
+            let far = camera.0.center().coords.norm();
+            if far > FARTHEST_M {
+                return Err(parse(format!(
+                    "camera {name}: it is {far:.0} m from the rig's origin, expected at most {FARTHEST_M} m: its translation \
+                     looks like millimetres, where metres are expected"
+                )));
+            }
             Ok((camera.0.id.clone(), camera))
         };
         let volume = contents
@@ -141,6 +182,7 @@ impl RigCalibration {
             .map(|v| Volume::new(v.min.into(), v.max.into()).map_err(|e| parse(e.to_string())));
         let reasons = contents.reasons;
         Ok(Self {
+            at_object_mm: contents.at_object_mm,
             volume: volume.transpose()?,
             verdict: contents.verdict.map(|level| Verdict { level, reasons }),
             cameras: contents
@@ -158,6 +200,9 @@ impl RigCalibration {
         let mut text = "format = 1\n".to_owned();
         if let Some(verdict) = &self.verdict {
             text += &verdict_toml(verdict);
+        }
+        if let Some(at_object_mm) = self.at_object_mm {
+            text += &format!("at_object_mm = {at_object_mm:?}\n");
         }
         for (id, (camera, response)) in &self.cameras {
             let lens = &camera.intrinsics;
@@ -304,6 +349,7 @@ mod tests {
             let level = Level::Doubtful;
             let judged = RigCalibration {
                 verdict: Some(Verdict { level, reasons }),
+                at_object_mm: Some(0.041),
                 ..calibration.clone()
             };
             assert_eq!(read(&judged.to_toml()).unwrap(), judged);

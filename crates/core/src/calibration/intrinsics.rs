@@ -1,4 +1,4 @@
-//! A lens: from a direction to a pixel and back (Brown–Conrady and the rational model, as in the ROS
+//! A lens: projects a direction to a pixel and back (Brown–Conrady and the rational model, as in the ROS
 //! `plumb_bob` and `rational_polynomial` conventions). `fit::lens` has the same formula with its derivatives.
 
 use super::Error;

@@ -1,5 +1,5 @@
-//! A rig's cameras and what their depth readings mean: project, unproject, linearise. This room computes,
-//! and keeps calibrations in files; it sees no pictures.
+//! A rig's cameras and what their depth readings mean: projects, unprojects, linearises, and reads and writes
+//! calibration files. This room sees no pictures.
 
 mod board;
 mod camera;
@@ -11,12 +11,12 @@ mod intrinsics;
 pub mod response;
 mod verdict;
 
-pub use board::{Board, BoardKind, Face, Markers, Rectangle};
+pub use board::{Board, BoardKind, BoardShape, Face, Markers, Rectangle, Surface};
 pub use camera::Camera;
 pub use depth_response::DepthResponse;
 pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};
-pub use verdict::{Level, Verdict};
+pub use verdict::{CalibrationRecord, Level, Verdict};
 
 use nalgebra::{Point2, Point3};
 

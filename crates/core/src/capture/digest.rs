@@ -1,16 +1,51 @@
-//! What a model depends on, as one short text: the same digest means the same model.
+//! The digests: short texts computed from everything that a model depends on, so that the same digest means the
+//! same model.
 
-use crate::calibration::Camera;
+use crate::calibration::{Camera, Verdict};
 use crate::reconstruct::{Scene, SilhouetteSource};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over the scene (its cameras to the last bit, CRC-32 of each picture), the configuration as text
-/// and the program's version, as hexadecimal.
-pub fn digest(scene: &Scene, configuration: &str) -> String {
+/// SHA-256 over all that a model's files depend on: what the model is made of ([`input_digest`]), what its
+/// calibration is worth where that is known, the configuration as text, what the files say of the object, and the
+/// program's version.
+pub fn digest(
+    input: &str,
+    calibration: Option<&Verdict>,
+    configuration: &str,
+    description: &str,
+) -> String {
     let mut hash = Sha256::new();
-    hash.update(env!("CARGO_PKG_VERSION"));
-    hash.update(configuration);
+    let mut add = |part: &str| {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    };
+    for part in [env!("CARGO_PKG_VERSION"), input, configuration, description] {
+        add(part);
+    }
+    if let Some(verdict) = calibration {
+        add(&format!("{verdict:?}"));
+    }
+    hexadecimal(hash)
+}
+
+/// SHA-256 over the cameras of a scene and its volume, to the last bit.
+pub fn calibration_digest(scene: &Scene) -> String {
+    let mut hash = Sha256::new();
+    hash.update(format!("{:?}", scene.volume));
+    for view in &scene.colors {
+        add_camera(&mut hash, &view.camera);
+    }
+    for view in &scene.depths {
+        add_camera(&mut hash, &view.camera.camera);
+        hash.update(format!("{:?}", view.camera.response));
+    }
+    hexadecimal(hash)
+}
+
+/// SHA-256 over a scene: its cameras to the last bit, the CRC-32 of each picture.
+pub fn input_digest(scene: &Scene) -> String {
+    let mut hash = Sha256::new();
     hash.update(format!("{:?}", scene.volume));
     for view in &scene.colors {
         add_camera(&mut hash, &view.camera);
@@ -24,6 +59,10 @@ pub fn digest(scene: &Scene, configuration: &str) -> String {
         hash.update(length.to_le_bytes());
         hash.update(crc.to_le_bytes());
     }
+    hexadecimal(hash)
+}
+
+fn hexadecimal(hash: Sha256) -> String {
     hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 

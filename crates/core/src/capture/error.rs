@@ -23,6 +23,31 @@ pub enum Error {
         /// What is wrong with it.
         problem: DecodeError,
     },
+    /// A picture file that cannot be read.
+    #[error("picture {}: {cause}", path.display())]
+    PictureFile {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// A picture file that cannot be decoded.
+    #[error("picture {}: {problem}", path.display())]
+    BadPictureFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: DecodeError,
+    },
+    /// Cameras with unequal numbers of picture files.
+    #[error(
+        "the cameras have unequal numbers of pictures: {counts}; the n-th picture of each is of one placement: expected \
+         one picture or more, and as many of each"
+    )]
+    PictureCounts {
+        /// Each camera, and how many it has.
+        counts: String,
+    },
     /// No captures.
     #[error("{path}: has no /trigger that can be read, expected one for each capture{details}")]
     NoTrigger {
@@ -33,8 +58,8 @@ pub enum Error {
     },
     /// More than a rig gives in a session.
     #[error(
-        "{path}: has {triggers} messages on /trigger and /capture for {cameras} cameras, expected at most \
-         {most} of both multiplied"
+        "{path}: has {triggers} messages on /trigger and /capture and {cameras} cameras, expected \
+        at most {most} as their product"
     )]
     TooMany {
         /// The file.

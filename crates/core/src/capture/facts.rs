@@ -1,5 +1,6 @@
-//! What is to be said of a capture beside its pictures, for the verdict and the report. Data only.
+//! Facts about a capture that are not in its pictures, for the verdict and the report. Data only.
 
+use crate::calibration::Verdict;
 use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::recording::Damage;
 use serde::Serialize;
@@ -21,6 +22,9 @@ pub struct CaptureFacts {
     pub colors: Vec<ColorFacts>,
     /// Its depth cameras, in the order of their ids.
     pub depths: Vec<DepthFacts>,
+    /// What the calibration is worth, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<Verdict>,
     /// Cameras that take no part, each a reason for amber.
     pub left_out: Vec<LeftOut>,
     /// What else a person should know.
@@ -60,7 +64,7 @@ pub struct DepthFacts {
     pub camera: CameraId,
     /// Depth frames of the burst.
     pub frames: usize,
-    /// Different colour pictures that go with them; 0 when a flat grey stands for them.
+    /// Different colour pictures that go with them; 0 when a uniform grey is used instead.
     pub color_frames: usize,
     /// Largest difference in time between a depth frame and its colour, in nanoseconds.
     pub largest_color_lag_ns: u64,

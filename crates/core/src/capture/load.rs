@@ -1,5 +1,5 @@
-//! Joins a recording, its replay and the synchronisation: lists the captures of a recording, and makes of
-//! one of them the scene that is reconstructed.
+//! Lists the captures of a recording, and loads one of them as the scene that is reconstructed, by way of its
+//! replay and the synchronisation.
 
 use super::error::Error;
 use super::facts::{CaptureFacts, LeftOut};
@@ -7,9 +7,11 @@ use super::pictures::Backgrounds;
 use super::plan::{ColorPlan, DepthPlan, ImageBatch, Plan};
 use super::replay::{self, Event};
 use super::rig::RigAt;
+use crate::calibration::Verdict;
 use crate::frame::{CameraId, CaptureId, Timestamp};
+use crate::notes::CaptureNotes;
 use crate::reconstruct::Scene;
-use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
+use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Notes, Recording, Topic};
 use crate::sync::{self, Capture, Synchronizer};
 use parking_lot::Mutex;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,6 +26,8 @@ pub struct CaptureSummary {
     pub time: Timestamp,
     /// What triggered it.
     pub source: String,
+    /// The object's number.
+    pub subject: Option<String>,
     /// Why it failed, if it did.
     pub failure: Option<String>,
     /// Spread of the colour cameras' timestamps in nanoseconds.
@@ -32,6 +36,8 @@ pub struct CaptureSummary {
     pub color_frames: usize,
     /// Depth frames it has.
     pub depth_frames: usize,
+    /// What people said of it.
+    pub notes: CaptureNotes,
 }
 
 /// A capture as it was assembled.
@@ -42,32 +48,43 @@ pub(super) struct Planned {
 }
 
 impl Planned {
-    fn summary(&self) -> CaptureSummary {
+    /// A capture that has nothing is not complete, whatever its record says.
+    fn without_frames(&self) -> Option<String> {
+        let has_frames = !self.capture.colors.is_empty() || !self.capture.depths.is_empty();
+        (!has_frames).then(|| "the recording has no frame of it".to_owned())
+    }
+
+    fn summary(&self, notes: &Notes) -> CaptureSummary {
         let Self { capture, failure } = self;
         CaptureSummary {
             id: capture.trigger.id.clone(),
             time: capture.trigger.time,
             source: capture.trigger.source.clone(),
-            failure: failure.clone(),
+            subject: capture.trigger.subject.clone(),
+            failure: failure.clone().or_else(|| self.without_frames()),
             skew_ns: capture.skew_ns(),
             color_frames: capture.colors.len(),
             depth_frames: capture.depths.values().map(Vec::len).sum(),
+            notes: notes.on(capture.trigger.id.as_str()),
         }
     }
 }
 
 /// An open recording with its captures.
 #[derive(Debug)]
-pub struct Session {
+pub struct CaptureSession {
     recording: Recording,
+    /// What the recorded calibration is worth, where that is known.
+    calibration: Option<Verdict>,
     captures: Vec<Planned>,
     left_out: Vec<LeftOut>,
     warnings: Vec<String>,
+    notes: Notes,
     /// Decoded backgrounds of the capture before; most captures of a session share them.
     backgrounds: Mutex<Backgrounds>,
 }
 
-impl Session {
+impl CaptureSession {
     /// Opens a recording and assembles its captures.
     ///
     /// # Errors
@@ -104,8 +121,15 @@ impl Session {
         let mut warnings = misnamed(&recording);
         warnings.extend(played.problems);
         let captures = assemble(played.events, cameras, parameters, &mut warnings);
+        let calibration = recording.calibration_record().unwrap_or_else(|error| {
+            warnings.push(error.to_string());
+            None
+        });
+        let notes = Notes::of(&recording);
         Ok(Self {
             recording,
+            notes,
+            calibration: calibration.map(|record| record.verdict),
             captures,
             left_out,
             warnings,
@@ -128,6 +152,11 @@ impl Session {
         &self.warnings
     }
 
+    /// What people said of the captures.
+    pub fn notes(&self) -> &Notes {
+        &self.notes
+    }
+
     /// The parts of the file that are known to be unreadable.
     pub fn damage(&self) -> &[Damage] {
         self.recording.damage()
@@ -135,13 +164,15 @@ impl Session {
 
     /// The captures in the order of their triggers.
     pub fn captures(&self) -> Vec<CaptureSummary> {
-        self.captures.iter().map(Planned::summary).collect()
+        let summary = |planned: &Planned| planned.summary(&self.notes);
+        self.captures.iter().map(summary).collect()
     }
 
     /// The capture of this name.
     pub fn capture(&self, id: &CaptureId) -> Option<CaptureSummary> {
         let named = |p: &&Planned| p.capture.trigger.id == *id;
-        self.captures.iter().find(named).map(Planned::summary)
+        let planned = self.captures.iter().find(named)?;
+        Some(planned.summary(&self.notes))
     }
 
     /// Reads and decodes a capture.
@@ -207,12 +238,12 @@ impl Session {
         }
         let found = planned.capture.colors.len();
         if found < 2 {
-            let left_out = self.left_out_of(&planned.capture).into_iter().take(20);
+            let left_out = self.left_out_of(&planned.capture);
             return Err(Error::TooFewCameras {
                 path: path(),
                 id: id.clone(),
                 found,
-                details: left_out.map(|l| format!("; {}", l.reason)).collect(),
+                details: first_reasons(&left_out),
             });
         }
         Ok(planned)
@@ -237,7 +268,8 @@ impl Session {
         let mut warnings = self.warnings.clone();
         for depth in depths.iter().filter(|d| d.color_frames == 0) {
             warnings.push(format!(
-                "depth camera {} has no colour pictures near its depth; a flat grey stands for them",
+                "depth camera {} has no colour pictures near its depth; a uniform grey is used \
+                instead",
                 depth.camera
             ));
         }
@@ -249,10 +281,25 @@ impl Session {
             skew_ns: capture.skew_ns(),
             colors: colors.iter().map(ColorPlan::facts).collect(),
             depths,
+            calibration: self.calibration.clone(),
             left_out: self.left_out_of(capture),
             warnings,
             damage: self.recording.damage().to_vec(),
         }
+    }
+}
+
+/// The first reasons of many, in words that follow others.
+fn first_reasons(left_out: &[LeftOut]) -> String {
+    const MOST: usize = 3;
+    let first = left_out
+        .iter()
+        .take(MOST)
+        .map(|left_out| format!("; {}", left_out.reason));
+    let words: String = first.collect();
+    match left_out.len().saturating_sub(MOST) {
+        0 => words,
+        more => format!("{words}; and {more} more cameras"),
     }
 }
 
@@ -336,7 +383,7 @@ pub(super) fn misnamed(recording: &Recording) -> Vec<String> {
         .take(20)
         .map(|c| {
             let topic: String = c.topic.chars().take(80).collect();
-            format!("{topic:?} is no topic of a recording and is left out")
+            format!("{topic:?} is not a topic of the format and is ignored")
         })
         .collect()
 }
@@ -364,7 +411,7 @@ pub(super) fn assemble(
                 let id = request.trigger.id.clone();
                 if !synchronizer.push_trigger(request.trigger, request.listed) {
                     let at = time.0;
-                    let what = "is not the first of its id and makes no capture";
+                    let what = "repeats the id of an earlier trigger and makes no capture";
                     warnings.push(format!("/trigger at {at} ns: {id} {what}"));
                 } else if let Some(reason) = request.failed {
                     failed.insert(id, reason);

@@ -1,10 +1,11 @@
-//! Loads captures: replays a recording, lets `sync` assemble its captures, and makes one of them, named by its id, the
-//! scene that a reconstruction starts from.
+//! Loads captures: replays a recording, lets `sync` assemble its captures, and makes a scene, the input of a
+//! reconstruction, of the one with a given id.
 
 mod digest;
 mod error;
 mod facts;
 mod load;
+mod picture_files;
 mod pictures;
 mod placements;
 mod plan;
@@ -12,10 +13,11 @@ mod replacement;
 mod replay;
 mod rig;
 
-pub use digest::digest;
+pub use digest::{calibration_digest, digest, input_digest};
 pub use error::Error;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
-pub use load::{CaptureSummary, Session};
+pub use load::{CaptureSession, CaptureSummary};
+pub use picture_files::PictureFiles;
 pub use placements::{Placements, Readings, Shot};
 pub use replacement::{CalibrationMismatch, replace_cameras};
 pub use rig::RigAt;

@@ -1,8 +1,9 @@
-//! A calibration session as a recording has it: placements of a board, each with the pictures of whatever cameras saw
-//! something; no calibration, background or volume is needed.
+//! A calibration session as a recording, or picture files, have it: placements of a board, each with the pictures of
+//! those cameras that have one. It needs no calibration, background or volume.
 
 use super::error::Error;
 use super::load::{assemble, check_counts, misnamed};
+use super::picture_files::{self, PictureFiles};
 use super::replay;
 use crate::calibration::Intrinsics;
 use crate::frame::{CameraId, Picture, Timestamp};
@@ -10,14 +11,20 @@ use crate::image::{DecodeError, Grid, grey_from_raw, grey_from_rgb, readings_fro
 use crate::image::{rgb_from_file, rgb_from_raw, size_of_file};
 use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
 use crate::sync::{self, Capture};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// An open calibration session.
 #[derive(Debug)]
 pub struct Placements {
-    recording: Recording,
-    captures: Vec<Capture<MessageRef>>,
+    source: Source,
     warnings: Vec<String>,
+}
+
+/// Where its pictures come from.
+#[derive(Debug)]
+enum Source {
+    Recording(Box<Recording>, Vec<Capture<MessageRef>>),
+    Files(PictureFiles),
 }
 
 /// A picture in which a camera may have seen the board.
@@ -29,8 +36,14 @@ pub struct Shot {
     pub camera: CameraId,
     /// Whether it is a depth camera.
     pub measures_depth: bool,
-    topic: Topic,
-    message: MessageRef,
+    place: Place,
+}
+
+/// Where a picture is.
+#[derive(Clone, Debug, PartialEq)]
+enum Place {
+    Message(Topic, MessageRef),
+    File(PathBuf),
 }
 
 /// A depth camera's readings of a placement.
@@ -72,15 +85,38 @@ impl Placements {
         }
         let captures = planned.into_iter().map(|p| p.capture).collect();
         Ok(Self {
-            recording,
-            captures,
+            source: Source::Recording(Box::new(recording), captures),
             warnings,
         })
     }
 
-    /// The recording.
-    pub fn recording(&self) -> &Recording {
-        &self.recording
+    /// The placements of picture files. Nothing is read yet.
+    pub fn of_files(files: PictureFiles) -> Self {
+        Self {
+            warnings: files.warnings().to_vec(),
+            source: Source::Files(files),
+        }
+    }
+
+    /// The recording; none of picture files.
+    pub fn recording(&self) -> Option<&Recording> {
+        match &self.source {
+            Source::Recording(recording, _) => Some(recording),
+            Source::Files(_) => None,
+        }
+    }
+
+    /// What it is called: the recording's path.
+    pub fn path(&self) -> &Path {
+        self.recording()
+            .map_or(Path::new("pictures"), Recording::path)
+    }
+
+    fn captures(&self) -> &[Capture<MessageRef>] {
+        match &self.source {
+            Source::Recording(_, captures) => captures,
+            Source::Files(_) => &[],
+        }
     }
 
     /// What a person should know of the recording as a whole.
@@ -90,20 +126,25 @@ impl Placements {
 
     /// The parts of the file that are known to be unreadable.
     pub fn damage(&self) -> &[Damage] {
-        self.recording.damage()
+        self.recording().map_or(&[], Recording::damage)
     }
 
     /// The placements' names in the order of their triggers.
     pub fn names(&self) -> Vec<String> {
-        self.captures
-            .iter()
-            .map(|c| c.trigger.id.to_string())
-            .collect()
+        match &self.source {
+            Source::Recording(_, captures) => {
+                captures.iter().map(|c| c.trigger.id.to_string()).collect()
+            }
+            Source::Files(files) => files.placements().to_vec(),
+        }
     }
 
     /// Cameras that have pictures, and whether they measure depth: in the order of their ids, colour cameras first.
     pub fn cameras(&self) -> Vec<(CameraId, bool)> {
-        let cameras = cameras(&self.recording);
+        let cameras = match &self.source {
+            Source::Recording(recording, _) => cameras(recording),
+            Source::Files(files) => return files.cameras().map(|id| (id.clone(), false)).collect(),
+        };
         let colors = cameras.colors.into_iter().map(|id| (id, false));
         let depths = cameras
             .depths
@@ -114,14 +155,22 @@ impl Placements {
 
     /// The pictures of all placements, one a camera.
     pub fn shots(&self) -> Vec<Shot> {
+        if let Source::Files(files) = &self.source {
+            let shot = |(placement, camera, file): (&str, &CameraId, &Path)| Shot {
+                placement: placement.to_owned(),
+                camera: camera.clone(),
+                measures_depth: false,
+                place: Place::File(file.into()),
+            };
+            return files.files().map(shot).collect();
+        }
         let of = |capture: &Capture<MessageRef>| {
             let placement = capture.trigger.id.to_string();
             let color = |(id, frame): (&CameraId, &sync::Stamped<MessageRef>)| Shot {
                 placement: placement.clone(),
                 camera: id.clone(),
                 measures_depth: false,
-                topic: Topic::Color(id.clone(), ColorPart::Image),
-                message: frame.handle,
+                place: Place::Message(Topic::Color(id.clone(), ColorPart::Image), frame.handle),
             };
             let depth = |(id, takes): (&CameraId, &Vec<sync::DepthTake<MessageRef>>)| {
                 let color = takes.iter().find_map(|take| take.color.as_ref())?;
@@ -129,15 +178,14 @@ impl Placements {
                     placement: placement.clone(),
                     camera: id.clone(),
                     measures_depth: true,
-                    topic: Topic::Depth(id.clone(), DepthPart::Color),
-                    message: color.handle,
+                    place: Place::Message(Topic::Depth(id.clone(), DepthPart::Color), color.handle),
                 })
             };
             let mut shots: Vec<Shot> = capture.colors.iter().map(color).collect();
             shots.extend(capture.depths.iter().filter_map(depth));
             shots
         };
-        self.captures.iter().flat_map(of).collect()
+        self.captures().iter().flat_map(of).collect()
     }
 
     /// The readings of all placements, one set a depth camera.
@@ -153,7 +201,7 @@ impl Placements {
                 };
             capture.depths.iter().map(readings).collect::<Vec<_>>()
         };
-        self.captures.iter().flat_map(of).collect()
+        self.captures().iter().flat_map(of).collect()
     }
 
     /// Reads and decodes a picture as grey values; its size is its own.
@@ -161,8 +209,23 @@ impl Placements {
     /// # Errors
     /// If it cannot be read, is damaged, or larger than any camera's.
     pub fn grey(&self, shot: &Shot) -> Result<Grid<u8>, Error> {
-        let picture = self.recording.picture(&shot.topic, &shot.message)?;
-        grey(&picture).map_err(|problem| self.undecodable(&shot.topic, &shot.message, problem))
+        match (&shot.place, self.recording()) {
+            (Place::Message(topic, message), Some(recording)) => {
+                let picture = recording.picture(topic, message)?;
+                grey(&picture).map_err(|problem| undecodable(recording, topic, message, problem))
+            }
+            (Place::File(path), _) => {
+                let failed = |problem| Error::BadPictureFile {
+                    path: path.clone(),
+                    problem,
+                };
+                grey(&picture_files::read(path)?).map_err(failed)
+            }
+            (Place::Message(topic, _), None) => Err(Error::NoTrigger {
+                path: self.path().into(),
+                details: format!("; {topic} is of a recording"),
+            }),
+        }
     }
 
     /// Reads and decodes a depth camera's frames.
@@ -170,23 +233,31 @@ impl Placements {
     /// # Errors
     /// If one cannot be read, is damaged, or larger than any camera's.
     pub fn depth(&self, readings: &Readings) -> Result<Vec<Grid<u16>>, Error> {
+        let Some(recording) = self.recording() else {
+            return Ok(Vec::new());
+        };
         let decode = |message: &MessageRef| {
-            let picture = self.recording.picture(&readings.topic, message)?;
+            let picture = recording.picture(&readings.topic, message)?;
             let decoded =
                 size(&picture).and_then(|size| readings_from_raw(&(&picture).into(), size));
-            decoded.map_err(|problem| self.undecodable(&readings.topic, message, problem))
+            decoded.map_err(|problem| undecodable(recording, &readings.topic, message, problem))
         };
         readings.messages.iter().map(decode).collect()
     }
+}
 
-    fn undecodable(&self, topic: &Topic, message: &MessageRef, problem: DecodeError) -> Error {
-        let timestamp: Timestamp = message.log_time();
-        Error::Picture {
-            path: self.recording.path().into(),
-            topic: topic.to_string(),
-            timestamp,
-            problem,
-        }
+fn undecodable(
+    recording: &Recording,
+    topic: &Topic,
+    message: &MessageRef,
+    problem: DecodeError,
+) -> Error {
+    let timestamp: Timestamp = message.log_time();
+    Error::Picture {
+        path: recording.path().into(),
+        topic: topic.to_string(),
+        timestamp,
+        problem,
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a capture needs from its recording, gathered first so that all of it can be read at once.
+//! Lists what a capture needs from its recording, so that all of it can be read at once.
 
 use super::error::Error;
 use super::facts::{ColorFacts, DepthFacts, Silhouette};

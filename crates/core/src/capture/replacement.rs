@@ -1,4 +1,4 @@
-//! Another calibration in place of the recorded one.
+//! Puts another calibration in place of the recorded one.
 
 use crate::calibration::RigCalibration;
 use crate::frame::CameraId;
@@ -11,7 +11,10 @@ pub enum CalibrationMismatch {
     #[error("the calibration has no camera {0}")]
     Missing(CameraId),
     /// Pictures of another size than the calibration's.
-    #[error("camera {camera}: pictures are {found:?}, the calibration is for {expected:?}")]
+    #[error(
+        "camera {camera}: its pictures have {found:?} pixels, but the calibration is for \
+        {expected:?}"
+    )]
     Size {
         /// Whose.
         camera: CameraId,

@@ -1,5 +1,6 @@
-//! Plays a recording back: hands out its frames and triggers in the order of their timestamps, as cameras
-//! and a pedal would. A frame is handed out as a reference; its pixels stay in the file until asked for.
+//! Plays a recording back: returns its frames and triggers in the order of their timestamps, as cameras and a foot
+//! switch would deliver them. A frame is returned as a reference; its pixels stay in the file until they are
+//! needed.
 
 use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
 use crate::recording::{
@@ -11,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Clone, Debug)]
 pub(super) enum Event {
     /// A capture was asked for.
-    Trigger(Request),
+    Trigger(ReplayedTrigger),
     /// A camera gave a frame.
     Frame {
         /// The camera.
@@ -27,7 +28,7 @@ pub(super) enum Event {
 
 /// A trigger with what the recording says became of it.
 #[derive(Clone, Debug)]
-pub(super) struct Request {
+pub(super) struct ReplayedTrigger {
     /// The trigger.
     pub(super) trigger: Trigger,
     /// The frames that the rig took, where it listed them.
@@ -119,12 +120,12 @@ fn triggers(
         if !with_trigger.contains(id) {
             let lost = trigger_of(*time, record);
             let what = if lost.is_some() {
-                "its first frame stands for it"
+                "the time of its first frame is used instead"
             } else {
-                "it is left out"
+                "it makes no capture"
             };
             found.problems.push(format!(
-                "/capture: the trigger of {id:?} is missing; {what}"
+                "/capture: the trigger of {id:?} is missing, and {what}"
             ));
             if let Some(trigger) = lost {
                 found
@@ -159,7 +160,7 @@ fn request(trigger: Trigger, record: Option<&CaptureRecord>) -> Event {
         let times = camera.timestamps.clone()?;
         (!times.is_empty()).then_some((id, times))
     });
-    Event::Trigger(Request {
+    Event::Trigger(ReplayedTrigger {
         trigger,
         listed: listed.collect(),
         failed: record

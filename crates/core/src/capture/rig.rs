@@ -1,5 +1,5 @@
-//! The rig as it was at a trigger: of each calibration, pose, response, setting and volume the newest one
-//! with a log time at or before it.
+//! The rig as it was at a trigger: the newest calibration, pose, response, setting and volume with a log time at or
+//! before the trigger.
 
 use super::error::Error;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
@@ -147,7 +147,10 @@ impl<'a> RigAt<'a> {
             }
         }
         let rig = Self::new(recording, time, colors.iter().chain(&depths))?;
-        let mut found = RigCalibration::default();
+        let mut found = RigCalibration {
+            verdict: recording.calibration_record()?.map(|record| record.verdict),
+            ..RigCalibration::default()
+        };
         for id in colors {
             found.cameras.insert(id.clone(), (rig.color(&id)?, None));
         }

@@ -1,4 +1,4 @@
-//! From a recording to scenes: what the format allows, and what it does not.
+//! Loading scenes from recordings: what the format allows, and what it does not.
 
 use super::*;
 use crate::frame::{CameraSettings, CaptureId, Frame, Picture, Stream, Transfer};
@@ -30,8 +30,8 @@ fn write(content: impl FnOnce(&mut Writer, &Rig)) -> Place {
 }
 
 impl Place {
-    fn open(&self) -> Session {
-        Session::open(&self.path, &sync::Parameters::default()).unwrap()
+    fn open(&self) -> CaptureSession {
+        CaptureSession::open(&self.path, &sync::Parameters::default()).unwrap()
     }
 
     fn load(&self, id: &str) -> Result<(Scene, CaptureFacts), Error> {
@@ -269,7 +269,7 @@ fn what_is_missing_is_named() {
     let place = write(|writer, rig| {
         rig.write_to(writer);
     });
-    let error = Session::open(&place.path, &sync::Parameters::default());
+    let error = CaptureSession::open(&place.path, &sync::Parameters::default());
     let error = error.unwrap_err().to_string();
     assert!(error.contains("no /trigger"), "{error}");
 

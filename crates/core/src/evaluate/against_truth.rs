@@ -1,4 +1,5 @@
-//! A model against the truth: samples both, measures, and sums up for the whole and for each provenance.
+//! Compares a model with the truth: samples both, measures, and sums the figures up for the whole model and for
+//! each provenance.
 
 use super::figures::{Expected, Figures, ModelSample, TruthSample, expected};
 use super::load::LoadedModel;

@@ -1,5 +1,5 @@
-//! Two models of one object: how far apart they are, where most, and what else has changed. Neither is taken
-//! for the truth.
+//! Compares two models of one object: how far apart they are, where they differ most, and what else has changed.
+//! Neither is taken as the truth.
 
 use super::Error;
 use super::against_truth::{Solid, provenance_at};

@@ -1,4 +1,4 @@
-//! The figures that are told of a set of samples, be it of the whole model or of one provenance.
+//! The figures of a set of samples, of the whole model or of one provenance.
 
 use super::Parameters;
 use super::statistics::{Sorted, Summary, share};
@@ -248,7 +248,10 @@ fn walls(truth: &[TruthSample], cap_mm: f64) -> Option<WallFigures> {
 }
 
 /// Expected against actual errors of those samples that `keep` picks.
-pub fn expected(model: &[ModelSample], keep: impl Fn(&ModelSample) -> bool) -> Option<Expected> {
+pub(super) fn expected(
+    model: &[ModelSample],
+    keep: impl Fn(&ModelSample) -> bool,
+) -> Option<Expected> {
     let kept = model.iter().filter(|s| keep(s));
     let pairs: Vec<(f64, f64)> = kept
         .filter_map(|s| Some((s.expected_mm?, s.signed_mm.abs())))

@@ -1,5 +1,5 @@
-//! A model against the truth or against another model: distances, what they say, and pictures of them.
-//! Files are only read here; what is found is handed back as data.
+//! Compares a model with the truth or with another model: distances, figures, and pictures of them. Files are only
+//! read here; the results are returned as data.
 
 mod against_truth;
 mod difference;
@@ -36,8 +36,8 @@ pub enum Error {
         /// Why.
         cause: std::io::Error,
     },
-    /// A file's ending is none that is known.
-    #[error("{}: the ending is {extension}, where ply, glb or obj are read", path.display())]
+    /// A file's name ends in an unknown extension.
+    #[error("{}: the file's name ends in {extension}, expected ply or glb", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,

@@ -105,7 +105,7 @@ fn enclosing_sphere(rows: &[Row]) -> (Point3<f32>, f32) {
     }
 }
 
-/// From −1 (blue) over 0 (light grey) to 1 (red); even in steps, and told apart by those who do not see red
+/// From −1 (blue) over 0 (light grey) to 1 (red); even in steps, and distinguishable without seeing red
 /// and green.
 fn color(value: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 5] = [

@@ -5,18 +5,18 @@ use super::Parameters;
 use crate::mesh::{Bvh, Mesh, Side, edges, sorted_sides};
 use nalgebra::Point3;
 
-/// A bend below this many degrees at one edge is none: rounding of thin triangles makes such.
+/// A smaller bend at one edge, in degrees, is ignored: rounding of thin triangles makes such bends.
 const LEAST_DEGREES: f64 = 3.0;
 /// A bend above this many degrees at one edge is a rim, however large its triangles.
 const SHARP_DEGREES: f64 = 40.0;
 
 /// The rims of a mesh: its convex edges that are sharp, or where the surface turns with a radius below
 /// [`Parameters::rim_radius_mm`].
-pub struct Rims(Bvh);
+pub(super) struct Rims(Bvh);
 
 impl Rims {
     /// Finds the rims of `mesh`, but not those that lie on the floor.
-    pub fn new(mesh: &Mesh, parameters: &Parameters) -> Self {
+    pub(super) fn new(mesh: &Mesh, parameters: &Parameters) -> Self {
         let sides = sorted_sides(&mesh.triangles, mesh.vertices.len());
         let floor = (parameters.floor_mm / 1e3) as f32;
         let above = |v: u32| mesh.vertices[v as usize].z > floor;
@@ -32,7 +32,7 @@ impl Rims {
     }
 
     /// Whether `p` is within `reach` metres of a rim.
-    pub fn are_near(&self, p: Point3<f64>, reach: f64) -> bool {
+    pub(super) fn are_near(&self, p: Point3<f64>, reach: f64) -> bool {
         self.0.closest_point_within(p, reach).is_some()
     }
 }

@@ -1,4 +1,4 @@
-//! What is said of a set of numbers: means, quantiles, shares.
+//! Statistics of a set of numbers: means, quantiles, shares.
 
 use crate::statistics::interpolated_quantile;
 use serde::Serialize;
@@ -33,30 +33,30 @@ impl Summary {
 }
 
 /// Numbers in ascending order.
-pub struct Sorted(Vec<f64>);
+pub(super) struct Sorted(Vec<f64>);
 
 impl Sorted {
     /// Sorts `values`.
-    pub fn new(values: impl IntoIterator<Item = f64>) -> Self {
+    pub(super) fn new(values: impl IntoIterator<Item = f64>) -> Self {
         let mut values: Vec<f64> = values.into_iter().collect();
         values.sort_by(f64::total_cmp);
         Self(values)
     }
 
     /// The mean.
-    pub fn mean(&self) -> Option<f64> {
+    pub(super) fn mean(&self) -> Option<f64> {
         let sum: f64 = self.0.iter().sum();
         (!self.0.is_empty()).then(|| sum / self.0.len() as f64)
     }
 
     /// The value that a share of `q` lies below, interpolated linearly between neighbours.
-    pub fn quantile(&self, q: f64) -> Option<f64> {
+    pub(super) fn quantile(&self, q: f64) -> Option<f64> {
         interpolated_quantile(&self.0, q)
     }
 }
 
 /// The share of `values` for which `is` holds; 0 of nothing.
-pub fn share<T>(values: &[T], is: impl Fn(&T) -> bool) -> f64 {
+pub(super) fn share<T>(values: &[T], is: impl Fn(&T) -> bool) -> f64 {
     values.iter().filter(|v| is(v)).count() as f64 / values.len().max(1) as f64
 }
 

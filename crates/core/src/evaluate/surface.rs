@@ -1,4 +1,4 @@
-//! A mesh made ready to be asked: signed distances, and what a line meets.
+//! A mesh prepared for queries: signed distances, and intersections with a line.
 
 use crate::mesh::{Bvh, Mesh, edges, sorted_sides, vertex_normals};
 use nalgebra::{Point3, Vector3};
@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 const ON_FEATURE: f64 = 1e-6;
 
 /// A mesh with its hierarchy and the normals of its faces, edges and vertices.
-pub struct Surface<'a> {
+pub(super) struct Surface<'a> {
     /// The mesh.
     pub mesh: &'a Mesh,
     bvh: Bvh,
@@ -19,7 +19,7 @@ pub struct Surface<'a> {
 
 /// The nearest point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nearest {
+pub(super) struct Nearest {
     /// Distance in metres: positive outside, negative inside.
     pub signed_distance: f64,
     /// Where it is.
@@ -32,7 +32,7 @@ pub struct Nearest {
 
 /// What a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Crossing {
+pub(super) struct Crossing {
     /// Distance in metres.
     pub distance: f64,
     /// Cosine between the ray and the outward normal: positive where the ray leaves the solid.
@@ -41,7 +41,7 @@ pub struct Crossing {
 
 impl<'a> Surface<'a> {
     /// Prepares `mesh`, whose indices must be in range.
-    pub fn new(mesh: &'a Mesh) -> Self {
+    pub(super) fn new(mesh: &'a Mesh) -> Self {
         let face = |t| {
             let [a, b, c] = mesh.corners(t).map(|p: Point3<f32>| p.cast::<f64>());
             let normal: Vector3<f64> = (b - a).cross(&(c - a));
@@ -67,14 +67,14 @@ impl<'a> Surface<'a> {
     }
 
     /// The unit outward normal of a triangle; zero where it has no area.
-    pub fn face_normal(&self, triangle: usize) -> Vector3<f64> {
+    pub(super) fn face_normal(&self, triangle: usize) -> Vector3<f64> {
         self.faces[triangle]
     }
 
     /// The nearest point to `p`. The sign is that of the angle-weighted normal of the face, edge or vertex
     /// it lies on, which is right for every closed mesh (Baerentzen and Aanaes 2005). `None` where the mesh
     /// is empty.
-    pub fn nearest(&self, p: Point3<f64>) -> Option<Nearest> {
+    pub(super) fn nearest(&self, p: Point3<f64>) -> Option<Nearest> {
         let found = self.bvh.closest_point(p)?;
         let weights = weights(
             self.mesh.corners(found.triangle).map(|c| c.cast()),
@@ -95,7 +95,7 @@ impl<'a> Surface<'a> {
     }
 
     /// The first triangle on a ray along the unit vector `direction`.
-    pub fn cast(&self, origin: Point3<f64>, direction: Vector3<f64>) -> Option<Crossing> {
+    pub(super) fn cast(&self, origin: Point3<f64>, direction: Vector3<f64>) -> Option<Crossing> {
         let hit = self.bvh.raycast(origin, direction, f64::INFINITY)?;
         Some(Crossing {
             distance: hit.t,

@@ -1,4 +1,4 @@
-//! What was found, as lines for a terminal.
+//! The results as lines for a terminal.
 
 use super::figures::{Figures, Part, RimFigures};
 use super::{Evaluation, Solid, Summary};

@@ -21,7 +21,7 @@ pub struct Wall {
 
 /// The wall behind a point of the truth's surface, if it is thinner than [`Parameters::wall_mm`] and its two
 /// faces lie about opposite each other.
-pub fn behind(
+pub(super) fn behind(
     truth: &Surface,
     model: &Surface,
     sample: &Sample,

@@ -1,4 +1,4 @@
-//! How a camera was set, as a driver reads it back and as a recording keeps it. Data alone.
+//! A camera's settings, as a driver reads them back and as a recording keeps them. Data only.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
-//! From encoded pixels to grids: raw rows and picture files, checked against the size they should have
-//! before memory is taken. Knows no camera.
+//! Decodes pictures: raw rows and picture files, checked against the size that they should have before memory is
+//! allocated. Knows no camera.
 
 use super::demosaic::{BayerOrder, demosaic};
 use super::{Grid, RgbImage};

@@ -200,27 +200,46 @@ fn west(plane: usize) -> isize {
     plane as isize - 1
 }
 
+/// The pixels of a plane in a row and those around them, each as a slice with one value a pair of columns.
+struct Around<'a> {
+    center: &'a [i16],
+    /// Two pixels above, below, to the left and to the right.
+    far: [&'a [i16]; 4],
+    /// Above, below, to the left and to the right.
+    beside: [&'a [i16]; 4],
+    /// The four at the corners.
+    corners: [&'a [i16]; 4],
+}
+
+impl<'a> Around<'a> {
+    /// Around the pixels of `plane` in the third of five rows.
+    #[inline(always)]
+    fn new(lines: &'a [Line; 5], plane: usize, n: usize) -> Self {
+        let (other, w) = (1 - plane, west(plane));
+        let [far_north, north, center, south, far_south] = lines;
+        let here = |line, by| shifted(line, plane, by, n);
+        let west = |line| shifted(line, other, w, n);
+        let east = |line| shifted(line, other, w + 1, n);
+        Self {
+            center: here(center, 0),
+            far: [
+                here(far_north, 0),
+                here(far_south, 0),
+                here(center, -1),
+                here(center, 1),
+            ],
+            beside: [here(north, 0), here(south, 0), west(center), east(center)],
+            corners: [west(north), east(north), west(south), east(south)],
+        }
+    }
+}
+
 /// Green and the diagonal colour where the row's primary is (Fig. 2, first and last filter of the paper).
 fn at_primary(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
     let n = out.green.len();
-    let (other, w) = (1 - plane, west(plane));
-    let [far_north, north, center, south, far_south] = lines;
-    let (c, l, r) = (
-        shifted(center, plane, 0, n),
-        shifted(center, plane, -1, n),
-        shifted(center, plane, 1, n),
-    );
-    let (u, d) = (
-        shifted(far_north, plane, 0, n),
-        shifted(far_south, plane, 0, n),
-    );
-    let (gn, gs) = (shifted(north, plane, 0, n), shifted(south, plane, 0, n));
-    let (gw, ge) = (
-        shifted(center, other, w, n),
-        shifted(center, other, w + 1, n),
-    );
-    let (nw, ne) = (shifted(north, other, w, n), shifted(north, other, w + 1, n));
-    let (sw, se) = (shifted(south, other, w, n), shifted(south, other, w + 1, n));
+    let around = Around::new(lines, plane, n);
+    let (c, [u, d, l, r]) = (around.center, around.far);
+    let ([gn, gs, gw, ge], [nw, ne, sw, se]) = (around.beside, around.corners);
     let (green, diagonal) = (&mut out.green[..n], &mut out.diagonal[..n]);
     for i in 0..n {
         let far = u[i] + d[i] + l[i] + r[i];
@@ -234,24 +253,9 @@ fn at_primary(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
 /// The row's primary and the other colour where green is (Fig. 2, second and third filter of the paper).
 fn at_green(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
     let n = out.green.len();
-    let (other, w) = (1 - plane, west(plane));
-    let [far_north, north, center, south, far_south] = lines;
-    let (c, l, r) = (
-        shifted(center, plane, 0, n),
-        shifted(center, plane, -1, n),
-        shifted(center, plane, 1, n),
-    );
-    let (u, d) = (
-        shifted(far_north, plane, 0, n),
-        shifted(far_south, plane, 0, n),
-    );
-    let (vn, vs) = (shifted(north, plane, 0, n), shifted(south, plane, 0, n));
-    let (hw, he) = (
-        shifted(center, other, w, n),
-        shifted(center, other, w + 1, n),
-    );
-    let (nw, ne) = (shifted(north, other, w, n), shifted(north, other, w + 1, n));
-    let (sw, se) = (shifted(south, other, w, n), shifted(south, other, w + 1, n));
+    let around = Around::new(lines, plane, n);
+    let (c, [u, d, l, r]) = (around.center, around.far);
+    let ([vn, vs, hw, he], [nw, ne, sw, se]) = (around.beside, around.corners);
     let (horizontal, vertical) = (&mut out.horizontal[..n], &mut out.vertical[..n]);
     for i in 0..n {
         let (row, column) = (l[i] + r[i], u[i] + d[i]);

@@ -1,5 +1,5 @@
-//! Pixel grids, and what can be done to them without knowing which camera they came from. Nothing in this
-//! room knows of calibration, frames or files.
+//! Pixel grids, and operations on them that do not depend on the camera. Nothing in this room knows of calibration,
+//! frames or files.
 
 mod decode;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! From sRGB-encoded values to linear light and back (IEC 61966-2-1). Light mixes linearly: a pixel that a
+//! Converts between sRGB-encoded values and linear light (IEC 61966-2-1). Light mixes linearly: a pixel that a
 //! contour halves is the mean of both sides' linear values.
 
 use crate::array::three;

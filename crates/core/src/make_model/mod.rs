@@ -1,19 +1,24 @@
-//! Making the model of a capture: from an open recording to the files in the capture's folder, or to the report of why
-//! there are none. A replay and the daemon's process of `scand make-model` both go this way. Nothing here knows
+//! The procedure of making a capture's model, from an open recording to the files in the capture's folder, or to
+//! the report of why there are none. A replay and the process `scand make-model` both use it. Nothing here knows
 //! arguments, a console or exit codes.
 
+mod about;
 mod error;
 mod failure;
+mod mark;
 mod report_file;
 mod stages;
 
 pub use error::Error;
 pub use failure::{FailedJob, report_failure};
+pub use mark::{mark, mark_also};
 pub use report_file::{Model, ReportFile};
 
 use crate::calibration::RigCalibration;
-use crate::capture::{self, CaptureFacts, Session};
+use crate::capture::{self, CaptureFacts, CaptureSession};
+use crate::description::Description;
 use crate::frame::CaptureId;
+use crate::notes::CaptureNotes;
 use crate::output;
 use crate::reconstruct::{self, Reconstruction, Scene};
 use crate::report::{self, Measurements, Origin, Verdict};
@@ -76,7 +81,7 @@ pub enum Outcome {
 
 impl ModelMaker<'_> {
     /// Makes the model of one capture and writes its folder, or the report of its failure.
-    pub fn make(&self, session: &Session, id: &CaptureId) -> Outcome {
+    pub fn make(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
         self.try_make(session, id)
             .unwrap_or_else(|error| self.failed(session, id, &error))
     }
@@ -84,7 +89,7 @@ impl ModelMaker<'_> {
     /// The outcome of a capture that failed, with its report in its folder.
     pub fn failed(
         &self,
-        session: &Session,
+        session: &CaptureSession,
         id: &CaptureId,
         error: &dyn std::fmt::Display,
     ) -> Outcome {
@@ -111,16 +116,22 @@ impl ModelMaker<'_> {
         Outcome::Failed { reason }
     }
 
-    fn try_make(&self, session: &Session, id: &CaptureId) -> Result<Outcome, Error> {
+    fn try_make(&self, session: &CaptureSession, id: &CaptureId) -> Result<Outcome, Error> {
         let timer = StageTimer::new(self.on_stage, id);
-        let (mut scene, facts) = session.load(id)?;
+        let (mut scene, mut facts) = session.load(id)?;
         if let Some(calibration) = self.calibration {
             capture::replace_cameras(&mut scene, calibration)?;
+            facts.calibration = calibration.verdict.clone();
         }
-        let digest = capture::digest(&scene, &self.settings.text);
+        let about = about::describe(session.recording(), &scene, &facts);
+        let known = format!("{about:?}");
+        let (input, worth) = (&about.input_sha256, facts.calibration.as_ref());
+        let digest = capture::digest(input, worth, &self.settings.text, &known);
+        let notes = session.notes().on(id.as_str());
         let folder = self.folder.join(id.as_str());
         let damaged = !facts.damage.is_empty();
         if let Some(model) = self.unchanged(&folder, &digest)? {
+            mark(&folder, &notes)?;
             return Ok(Outcome::Unchanged { model, damaged });
         }
         let reconstruction =
@@ -129,6 +140,8 @@ impl ModelMaker<'_> {
         let made = Made {
             scene,
             facts,
+            about,
+            notes,
             reconstruction,
         };
         let path = session.recording().path();
@@ -174,10 +187,18 @@ impl ModelMaker<'_> {
         let Made {
             scene,
             facts,
+            about,
+            notes,
             reconstruction,
         } = made;
         let finish = || -> Result<(), Error> {
-            let report = report::Report::new(origin, &facts, &measured, &verdict, timer.timing());
+            let report = report::Report::new(
+                (origin, &about),
+                (&facts, &notes),
+                &measured,
+                &verdict,
+                timer.timing(),
+            );
             staged.write(report_file::NAME, report::to_json(&report)?.as_bytes())?;
             staged.commit(true).map_err(|cause| Error::NotPlaced {
                 folder: folder.into(),
@@ -195,7 +216,7 @@ impl ModelMaker<'_> {
         staged: &StagedFolder,
         made: &Made,
     ) -> Result<(Measurements, Verdict), Error> {
-        let (model, id) = (&made.reconstruction.model, made.facts.id.as_str());
+        let (model, about) = (&made.reconstruction.model, &made.about);
         let judged = || -> Result<(Measurements, Verdict), Error> {
             let measured = report::measure(
                 &made.scene,
@@ -203,16 +224,17 @@ impl ModelMaker<'_> {
                 self.settings.reconstruction.method,
             );
             let verdict = report::judge(&measured, &made.facts, &self.settings.verdict);
-            let sheet = report::preview(&made.scene, &made.reconstruction, &verdict, id);
-            staged.write("preview.png", &output::encode_png(&sheet)?)?;
+            let mut sheet = report::preview(&made.scene, &made.reconstruction, &verdict, about);
+            report::stamp(&mut sheet, &made.notes);
+            staged.write(mark::PREVIEW, &output::encode_png(&sheet)?)?;
             Ok((measured, verdict))
         };
         let glb = || -> Result<(), Error> {
-            let bytes = output::glb::encode(model, id, &self.settings.glb)?;
+            let bytes = output::glb::encode(model, about, &self.settings.glb)?;
             Ok(staged.write("model.glb", &bytes)?)
         };
         let ply = || -> Result<(), Error> {
-            Ok(staged.write("model.ply", &output::ply::encode(model, id)?)?)
+            Ok(staged.write("model.ply", &output::ply::encode(model, about)?)?)
         };
         let (judged, (glb, ply)) = rayon::join(judged, || rayon::join(glb, ply));
         let judged = judged?;
@@ -225,5 +247,7 @@ impl ModelMaker<'_> {
 struct Made {
     scene: Scene,
     facts: CaptureFacts,
+    about: Description,
+    notes: CaptureNotes,
     reconstruction: Reconstruction,
 }

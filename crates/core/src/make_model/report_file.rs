@@ -1,4 +1,4 @@
-//! The report in a model's folder, read back: by a replay that finds a model there, and by the daemon when its process
+//! Reads the report in a model's folder: for a replay that finds a model there, and for the daemon when its process
 //! has ended.
 
 use crate::level::Level;
@@ -53,22 +53,31 @@ struct Reason {
     words: String,
 }
 
+/// The text of the report in `folder`.
+///
+/// # Errors
+/// If there is none, or it is larger than any report: in words that name its file.
+pub(super) fn text(folder: &Path) -> Result<String, String> {
+    let path = folder.join(NAME);
+    let bad = |problem: String| format!("{}: {problem}", path.display());
+    let length = std::fs::metadata(&path)
+        .map_err(|e| bad(e.to_string()))?
+        .len();
+    if length > LONGEST {
+        return Err(bad(format!("{length} bytes, expected at most {LONGEST}")));
+    }
+    std::fs::read_to_string(&path).map_err(|e| bad(e.to_string()))
+}
+
 impl ReportFile {
     /// Reads the report in `folder`.
     ///
     /// # Errors
-    /// If there is none, it is larger than any report, or is not one: in words that name its file.
+    /// If there is no report, or the file is larger than any report or is not a report. The message names the file.
     pub fn read(folder: &Path) -> Result<Self, String> {
-        let path = folder.join(NAME);
-        let bad = |problem: String| format!("{}: {problem}", path.display());
-        let length = std::fs::metadata(&path)
-            .map_err(|e| bad(e.to_string()))?
-            .len();
-        if length > LONGEST {
-            return Err(bad(format!("{length} bytes, expected at most {LONGEST}")));
-        }
-        let bytes = std::fs::read(&path).map_err(|e| bad(e.to_string()))?;
-        let members: Members = serde_json::from_slice(&bytes).map_err(|e| bad(e.to_string()))?;
+        let text = text(folder)?;
+        let bad = |e: serde_json::Error| format!("{}: {e}", folder.join(NAME).display());
+        let members: Members = serde_json::from_str(&text).map_err(bad)?;
         let verdict = members.verdict.filter(|_| members.outcome == Outcome::Done);
         let model = |verdict: Verdict| Model {
             verdict: verdict.level,

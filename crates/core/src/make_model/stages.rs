@@ -1,4 +1,4 @@
-//! Times the stages of a capture, and tells each as it begins.
+//! Times the stages of a capture, and reports each as it begins.
 
 use crate::frame::CaptureId;
 use crate::reconstruct::{Progress, Stage};

@@ -1,5 +1,5 @@
-//! A bounding volume hierarchy over a mesh: what a ray meets first, and which point of the surface is
-//! nearest. Built once, then only read, so that any number of threads may ask it.
+//! A bounding volume hierarchy over a mesh: finds what a ray meets first, and which point of the surface is
+//! nearest. It is built once and then only read, so any number of threads may use it.
 
 use super::{Mesh, closest_on_triangle};
 use nalgebra::{Point3, Vector3};

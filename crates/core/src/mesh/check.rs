@@ -1,5 +1,5 @@
-//! Whether a mesh is what it should be: closed, oriented, manifold, and of how many pieces and handles.
-//! Only looks; mends nothing.
+//! Checks a mesh: whether it is closed, oriented and manifold, and how many pieces and handles it has. It repairs
+//! nothing.
 
 use super::components::{Components, Forest, components};
 use super::edges::{Side, edges, is_sound, sorted_sides};

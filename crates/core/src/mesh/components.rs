@@ -1,4 +1,4 @@
-//! The connected pieces of a mesh: which vertex belongs to which, how large each is, and taking one out.
+//! The connected pieces of a mesh: which vertex belongs to which, how large each is, and how to extract one.
 
 use super::edges::is_sound;
 use super::{Mesh, measure};

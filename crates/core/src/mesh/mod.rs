@@ -1,4 +1,4 @@
-//! Triangle meshes and what can be said of them without knowing where they came from: an operation a file
+//! Triangle meshes, and operations on them that do not depend on where they came from: one operation in each file,
 //! over one plain struct. Nothing in this room knows of cameras.
 
 mod bvh;

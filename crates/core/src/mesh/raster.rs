@@ -1,5 +1,5 @@
-//! A z-buffer: which triangle is in front at each pixel. It is given vertices that someone else has already
-//! projected, so it knows no camera.
+//! A z-buffer: which triangle is in front at each pixel. The caller has already projected the vertices, so this
+//! file knows no camera.
 
 use super::Mesh;
 use crate::array::three;

@@ -1,5 +1,5 @@
-//! Pictures of meshes for people: coloured, shaded by a light at the eye, smooth at the edges. It is given
-//! the projection, so it knows no camera.
+//! Pictures of meshes for people: coloured, shaded by a light at the eye, with smooth edges. The caller gives the
+//! projection, so this file knows no camera.
 
 use super::{Fragment, Mesh, rasterize, rasterize_closed};
 use crate::array::three;

@@ -1,4 +1,5 @@
-//! A model as a file for a viewer wants it: vertices split where the texture has a seam, y up, checked.
+//! Prepares a model for a viewer's file: splits vertices where the texture has a seam, turns y up, and checks the
+//! result.
 
 use super::Error;
 use crate::reconstruct::{Model, Texture};
@@ -72,7 +73,7 @@ impl SplitVertices {
     }
 
     /// A model without texture: nothing is split.
-    pub fn of_welded(model: &Model) -> Self {
+    pub(super) fn of_welded(model: &Model) -> Self {
         Self {
             welded: (0..model.mesh.vertices.len() as u32).collect(),
             triangles: model.mesh.triangles.clone(),

@@ -1,5 +1,5 @@
-//! Calibration boards as sheets to print: the pattern true to scale, rulers to check that with, and the board's own
-//! text.
+//! Calibration boards as sheets to print: the pattern true to scale, rulers to check the scale, and the board's
+//! description.
 
 use super::pdf::{Page, pdf};
 use crate::calibration::{Board, Face};
@@ -19,7 +19,12 @@ const UNPRINTED_MM: f64 = 5.0;
 /// Millimetres of white around the pattern, as a part of a square, and for rulers and text outside it.
 const QUIET: f64 = 0.5;
 const STRIP_MM: f64 = 12.0;
-const LETTERS_MM: f64 = 3.0;
+/// Smallest and largest height of the letters, and their mean width as a part of it.
+const LETTERS_MM: [f64; 2] = [3.0, 4.5];
+const LETTER_WIDTH: f64 = 0.5;
+
+/// Millimetres beside the pattern and its quiet zone, on each side.
+const BESIDE_MM: f64 = STRIP_MM + UNPRINTED_MM;
 
 /// What a board is printed on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,21 +59,41 @@ impl std::str::FromStr for Paper {
 /// A board as a PDF file: a page a face. With it the name of the paper.
 ///
 /// # Errors
-/// If the paper is too small; the message says for what.
+/// If the paper is too small; the message says for what, and which squares would fit.
 pub fn board_sheet(board: &Board, paper: Paper) -> Result<(Vec<u8>, String), String> {
     let outline = board.outline();
     let pattern = [0, 1].map(|a| 1e3 * (outline.max[a] - outline.min[a]));
     let quiet = QUIET * 1e3 * board.square;
     // The strips are on both sides, so that the pattern is in the middle of the page and a back lies behind its front.
-    // Lengths went through metres: a hair more than a whole millimetre is none.
-    let needed = pattern.map(|side| side + 2.0 * (quiet + STRIP_MM + UNPRINTED_MM) - 1e-6);
-    let (name, size) = sheet(paper, needed)?;
+    // Lengths went through metres: a tiny excess over a whole millimetre is rounded off.
+    let needed = pattern.map(|side| side + 2.0 * (quiet + BESIDE_MM) - 1e-6);
+    let (name, size) = sheet(paper, needed).map_err(|words| {
+        let fitting = largest_square_mm(board, paper);
+        let advice = fitting.map(|mm| format!(" (squares of {mm} mm would fit)"));
+        words + &advice.unwrap_or_default()
+    })?;
     let pages: Vec<Page> = board
         .faces()
         .iter()
         .map(|&face| page(board, face, size, pattern, quiet))
         .collect();
     Ok((pdf(&board.to_string(), &pages), name))
+}
+
+/// The largest squares, in half millimetres, with which a board of these corners fits a sheet; where the sheet is not
+/// named, A4. `None` where none does, or the page is as large as the board needs.
+pub fn largest_square_mm(board: &Board, paper: Paper) -> Option<f64> {
+    let [width, height] = match paper {
+        Paper::Custom => return None,
+        Paper::Smallest => PAPERS[0].1,
+        Paper::Named(k) => PAPERS[k.min(PAPERS.len() - 1)].1,
+    };
+    // One square more than inner corners, and the quiet zones.
+    let squares = [board.columns, board.rows].map(|n| (n + 1) as f64 + 2.0 * QUIET);
+    let side = |mm: f64, squares: f64| (2.0 * (mm - 2.0 * BESIDE_MM) / squares).floor() / 2.0;
+    let of = |[across, down]: [f64; 2]| side(across, squares[0]).min(side(down, squares[1]));
+    let best = of([width, height]).max(of([height, width]));
+    (best >= 1.0).then_some(best)
 }
 
 /// The paper's name, and its size turned as the board fits.
@@ -130,7 +155,14 @@ fn page(board: &Board, face: Face, size: [f64; 2], pattern: [f64; 2], quiet: f64
         ruler_length(pattern[0]),
         ruler_length(pattern[1])
     );
-    page.text([origin[0], bottom + STRIP_MM - 1.0], LETTERS_MM, &words);
+    let room = size[0] - UNPRINTED_MM - origin[0];
+    let letters = room / (LETTER_WIDTH * words.chars().count() as f64);
+    let [least, most] = LETTERS_MM;
+    page.text(
+        [origin[0], bottom + STRIP_MM - 1.0],
+        letters.clamp(least, most),
+        &words,
+    );
     page
 }
 
@@ -207,6 +239,29 @@ mod tests {
     }
 
     #[test]
+    fn the_largest_squares_fit_and_half_a_millimetre_more_does_not() {
+        for (columns, rows) in [(9, 6), (11, 8), (4, 13), (30, 20)] {
+            for paper in ["a4", "letter", "a3"].map(|name| name.parse::<Paper>().unwrap()) {
+                let any = Board::checkerboard(columns, rows, 0.02).unwrap();
+                let mm = largest_square_mm(&any, paper).unwrap();
+                let board = |mm: f64| Board::checkerboard(columns, rows, 1e-3 * mm).unwrap();
+                assert!(
+                    board_sheet(&board(mm), paper).is_ok(),
+                    "{columns}x{rows} {mm}"
+                );
+                assert!(
+                    board_sheet(&board(mm + 0.5), paper).is_err(),
+                    "{columns}x{rows} {mm}"
+                );
+            }
+        }
+        let many = Board::checkerboard(100, 100, 0.02).unwrap();
+        let [small, custom] = ["a4", "custom"].map(|name| name.parse().unwrap());
+        assert_eq!(largest_square_mm(&many, small), Some(1.5));
+        assert_eq!(largest_square_mm(&many, custom), None);
+    }
+
+    #[test]
     fn a_back_has_its_own_markers_behind_the_front() {
         let board: Board = "charuco:7x5:20mm:two-sided".parse().unwrap();
         let (file, _) = board_sheet(&board, Paper::Custom).unwrap();
@@ -223,7 +278,8 @@ mod tests {
         let board: Board = "checkerboard:9x6:25mm".parse().unwrap();
         let paper = "A4".parse().unwrap();
         let message = board_sheet(&board, paper).unwrap_err();
-        assert!(message.contains("309 x 234 mm, more than A4"), "{message}");
+        let told = "309 x 234 mm, more than A4 has: take larger paper or smaller squares (squares of 22 mm would fit)";
+        assert!(message.contains(told), "{message}");
         assert!(board_sheet(&board, "a2".parse().unwrap()).is_ok());
         assert!(
             "a9".parse::<Paper>()

@@ -1,11 +1,11 @@
-//! The folder of a capture that became no model: its report, and the words of the process that should have made it.
+//! The folder of a capture whose model could not be made: its report, and the log of the process that tried.
 
 use crate::storage::{Error, StagedFolder};
 use std::path::Path;
 
-/// Puts the report of a failure (`report.json`) where the model would be, and beside it the `words` of who failed
-/// (`worker.log`), if there are any. A model that was made before is worth more than the report of a failure: it stays,
-/// unless it is to be replaced.
+/// Puts the report of a failure (`report.json`) where the model would be, and beside it the `words` of the process
+/// that failed (`worker.log`), if there are any. A model that was made before is worth more than the report of a
+/// failure: it stays, unless it is to be replaced.
 ///
 /// # Errors
 /// If the folder cannot be written.

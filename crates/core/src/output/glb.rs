@@ -8,10 +8,11 @@ use super::gltf::{
     MetallicRoughness, Node, Primitive, Root, Sampler, Scene, TextureInfo, TextureJson,
     UNSIGNED_INT,
 };
-use super::{Error, jpeg};
+use super::{Error, jpeg, xmp};
+use crate::description::Description;
 use crate::image::RgbImage;
 use crate::reconstruct::{Model, Provenance, Texture};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// How a .glb is written.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -19,7 +20,7 @@ use serde_json::json;
 pub struct Parameters {
     /// JPEG quality of the embedded texture, 1 to 100.
     /// Default 90, range 1 to 100.
-    #[serde(deserialize_with = "crate::number::count::<_, u8, 1, 100>")]
+    #[serde(deserialize_with = "crate::range::count::<_, u8, 1, 100>")]
     pub jpeg_quality: u8,
 }
 
@@ -29,21 +30,26 @@ impl Default for Parameters {
     }
 }
 
-/// A model as the bytes of a .glb. `capture` is its capture's id, kept in the file's extras. A model with
-/// no triangles becomes a valid file with an empty scene; one without texture a plain grey one.
+/// A model as the bytes of a .glb. What is known of the model stands in the file's extras, and in the vocabularies of
+/// archives in its XMP packet. A model with no triangles becomes a valid file with an empty scene; one without
+/// texture a plain grey one.
 ///
 /// # Errors
 /// If the model's parts do not fit each other, hold a number that is not finite or exceed glTF's 4 GiB.
-pub fn encode(model: &Model, capture: &str, parameters: &Parameters) -> Result<Vec<u8>, Error> {
+pub fn encode(
+    model: &Model,
+    about: &Description,
+    parameters: &Parameters,
+) -> Result<Vec<u8>, Error> {
     check(model)?;
     let texture = model.texture.as_ref().filter(|t| has_pixels(&t.atlas));
     let mut body = Body::default();
-    let mut root = Root::empty(capture);
+    let mut root = Root::empty(about);
     if !model.mesh.triangles.is_empty() {
         let jpeg = texture
             .map(|t| jpeg::encode(&t.atlas, parameters.jpeg_quality))
             .transpose()?;
-        root.add_mesh(capture, model, texture, &mut body);
+        root.add_mesh(&about.capture, model, texture, &mut body);
         root.add_material(jpeg, &mut body);
         root.buffers = vec![Buffer {
             byte_length: body.bytes.len(),
@@ -54,21 +60,34 @@ pub fn encode(model: &Model, capture: &str, parameters: &Parameters) -> Result<V
     pack(&root, &body.bytes)
 }
 
+/// What is known, by name, for programs that read no XMP.
+fn extras(about: &Description) -> Value {
+    let known = about.pairs().into_iter();
+    let fixed = [("units", "metres"), ("up", "y")];
+    let pairs = known
+        .chain(fixed)
+        .map(|(name, text)| (name.to_owned(), Value::from(text)));
+    Value::Object(pairs.collect())
+}
+
 fn has_pixels(atlas: &RgbImage) -> bool {
     atlas.width() > 0 && atlas.height() > 0
 }
 
 impl Root {
-    fn empty(capture: &str) -> Self {
+    fn empty(about: &Description) -> Self {
         Self {
             asset: Asset {
                 version: "2.0",
                 generator: format!("scand {}", env!("CARGO_PKG_VERSION")),
-                extras: json!({ "capture": capture, "units": "metres", "up": "y" }),
+                extras: extras(about),
+                extensions: json!({ xmp::EXTENSION: { "packet": 0 } }),
             },
+            extensions_used: [xmp::EXTENSION],
+            extensions: json!({ xmp::EXTENSION: { "packets": [xmp::packet(about)] } }),
             scene: 0,
             scenes: vec![Scene {
-                name: capture.to_owned(),
+                name: about.capture.clone(),
                 nodes: Vec::new(),
             }],
             nodes: Vec::new(),

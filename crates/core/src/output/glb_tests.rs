@@ -38,6 +38,64 @@ pub(crate) fn textured_square() -> Model {
     }
 }
 
+/// What is known of a model.
+pub(crate) fn described(capture: &str) -> Description {
+    let known = |text: &str| Some(text.to_owned());
+    Description {
+        capture: capture.into(),
+        subject: known("1884.3"),
+        title: known("Krater"),
+        operator: known("Ann"),
+        rights: known("CC0"),
+        session: known("day"),
+        time: "2026-01-31T23:59:59.123Z".into(),
+        input_sha256: "ab".into(),
+        calibration_sha256: "cd".into(),
+        program: "scand test".into(),
+        ..Description::default()
+    }
+}
+
+#[test]
+fn what_is_known_of_the_object_is_in_the_file() {
+    let bytes = encode(
+        &textured_square(),
+        &described("cup-1"),
+        &Parameters::default(),
+    )
+    .unwrap();
+    let (json, _) = parse(&bytes);
+    let extras = &json["asset"]["extras"];
+    assert_eq!(
+        [&extras["subject"], &extras["capture"], &extras["units"]],
+        ["1884.3", "cup-1", "metres"]
+    );
+    assert_eq!(extras["project"], Value::Null);
+    assert_eq!(
+        json["extensionsUsed"],
+        serde_json::json!(["KHR_xmp_json_ld"])
+    );
+    assert_eq!(json["asset"]["extensions"]["KHR_xmp_json_ld"]["packet"], 0);
+    let packet = &json["extensions"]["KHR_xmp_json_ld"]["packets"][0];
+    assert_eq!(packet["dc:identifier"], "1884.3");
+    assert_eq!(packet["dc:title"]["rdf:_1"]["@value"], "Krater");
+    assert_eq!(packet["dc:creator"]["@list"][0], "Ann");
+    let process = &packet["crmdig:L11i_was_output_of"];
+    assert_eq!(
+        process["crmdig:L23_used_software_or_firmware"],
+        "scand test"
+    );
+    // Every prefix that the packet uses is one that its context declares.
+    let text = packet.to_string();
+    let prefixes = text
+        .split('"')
+        .filter_map(|word| word.split_once(':'))
+        .map(|(prefix, _)| prefix);
+    for prefix in prefixes.filter(|p| ["dc", "dcterms", "rdf", "crmdig"].contains(p)) {
+        assert!(packet["@context"][prefix].is_string(), "{prefix}");
+    }
+}
+
 /// The JSON and the binary chunk of a .glb, its framing checked.
 fn parse(bytes: &[u8]) -> (Value, &[u8]) {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
@@ -93,7 +151,7 @@ fn read(json: &Value, binary: &[u8], accessor: &Value) -> Vec<Vec<f64>> {
 #[test]
 fn what_is_written_is_read_back() {
     let model = textured_square();
-    let bytes = encode(&model, "cup-1", &Parameters::default()).unwrap();
+    let bytes = encode(&model, &described("cup-1"), &Parameters::default()).unwrap();
     let (json, binary) = parse(&bytes);
     assert_eq!(json["asset"]["extras"]["capture"], "cup-1");
     let primitive = &json["meshes"][0]["primitives"][0];
@@ -123,7 +181,12 @@ fn what_is_written_is_read_back() {
 
 #[test]
 fn the_embedded_picture_is_the_atlas() {
-    let bytes = encode(&textured_square(), "cup", &Parameters::default()).unwrap();
+    let bytes = encode(
+        &textured_square(),
+        &described("cup"),
+        &Parameters::default(),
+    )
+    .unwrap();
     let (json, binary) = parse(&bytes);
     let view = json["images"][0]["bufferView"].as_u64().unwrap() as usize;
     let view = &json["bufferViews"][view];
@@ -141,11 +204,11 @@ fn a_model_without_texture_or_triangles_is_written() {
         texture: None,
         ..textured_square()
     };
-    let bytes = encode(&plain, "x", &Parameters::default()).unwrap();
+    let bytes = encode(&plain, &described("x"), &Parameters::default()).unwrap();
     let (json, _) = parse(&bytes);
     assert_eq!(json["accessors"][0]["count"], 4);
     assert!(json["textures"].is_null());
-    let bytes = encode(&Model::default(), "x", &Parameters::default()).unwrap();
+    let bytes = encode(&Model::default(), &described("x"), &Parameters::default()).unwrap();
     let (json, binary) = parse(&bytes);
     assert!(json["meshes"].is_null() && binary.is_empty());
 }
@@ -155,9 +218,9 @@ fn a_model_that_does_not_hold_together_is_refused() {
     let refused = |spoil: fn(&mut Model), word: &str| {
         let mut model = textured_square();
         spoil(&mut model);
-        let error = encode(&model, "x", &Parameters::default()).unwrap_err();
+        let error = encode(&model, &described("x"), &Parameters::default()).unwrap_err();
         assert!(error.to_string().contains(word), "{error}");
-        assert!(crate::output::ply::encode(&model, "x").is_err());
+        assert!(crate::output::ply::encode(&model, &described("x")).is_err());
     };
     refused(|m| m.mesh.vertices[1].x = f32::NAN, "position");
     refused(|m| m.mesh.triangles[0][0] = 9, "vertex index");
@@ -176,7 +239,7 @@ fn normals_are_of_unit_length_whatever_comes() {
     model.normals[0] = Vector3::zeros();
     model.normals[1] = Vector3::new(f32::NAN, 0.0, 0.0);
     model.normals[2] = Vector3::new(0.0, 3.0, 0.0);
-    let bytes = encode(&model, "x", &Parameters::default()).unwrap();
+    let bytes = encode(&model, &described("x"), &Parameters::default()).unwrap();
     let (json, binary) = parse(&bytes);
     let primitive = &json["meshes"][0]["primitives"][0];
     for normal in read(&json, binary, &primitive["attributes"]["NORMAL"]) {

@@ -15,6 +15,8 @@ pub(super) const CLAMP_TO_EDGE: u32 = 33071;
 #[serde(rename_all = "camelCase")]
 pub(super) struct Root {
     pub asset: Asset,
+    pub extensions_used: [&'static str; 1],
+    pub extensions: Value,
     pub scene: u32,
     pub scenes: Vec<Scene>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -41,6 +43,7 @@ pub(super) struct Root {
 pub(super) struct Asset {
     pub version: &'static str,
     pub generator: String,
+    pub extensions: Value,
     pub extras: Value,
 }
 

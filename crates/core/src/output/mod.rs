@@ -1,5 +1,5 @@
-//! Files for people: models as glTF and PLY, boards to print, reports of failures. What goes into a model is decided
-//! elsewhere; here it only becomes bytes, which `storage` brings to the disk.
+//! Writes files for people: models as glTF and PLY, boards to print, reports of failures. Other rooms decide what
+//! is in a model; this one turns it into bytes, and `storage` brings them to the disk.
 
 mod attributes;
 mod board_sheet;
@@ -10,10 +10,12 @@ mod jpeg;
 mod pdf;
 pub mod ply;
 mod png;
+mod xmp;
 
-pub use board_sheet::{Paper, board_sheet};
+pub use board_sheet::{Paper, board_sheet, largest_square_mm};
 pub use failure::write_failure;
-pub use png::encode_png;
+pub use jpeg::encode as encode_jpeg;
+pub use png::{decode_png, encode_png};
 
 /// Why the bytes of a file could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -31,6 +33,9 @@ pub enum Error {
     /// The atlas could not be compressed.
     #[error("cannot encode the texture as JPEG: {0}")]
     Jpeg(jpeg_encoder::EncodingError),
+    /// A picture of ours could not be read back.
+    #[error("cannot read a PNG: {0}")]
+    BadPng(::image::ImageError),
     /// A picture could not be compressed.
     #[error("cannot encode a picture as PNG: {0}")]
     Png(::image::ImageError),

@@ -8,7 +8,7 @@ const POINTS: f64 = 72.0 / 25.4;
 
 /// A page; positions are millimetres from its top left corner, x to the right and y down.
 #[derive(Clone, Debug)]
-pub struct Page {
+pub(super) struct Page {
     width_mm: f64,
     height_mm: f64,
     content: String,
@@ -16,7 +16,7 @@ pub struct Page {
 
 impl Page {
     /// An empty page.
-    pub fn new(width_mm: f64, height_mm: f64) -> Self {
+    pub(super) fn new(width_mm: f64, height_mm: f64) -> Self {
         let content = "0 g 0 G\n".to_owned();
         Self {
             width_mm,
@@ -26,7 +26,7 @@ impl Page {
     }
 
     /// Fills rectangles, given by x, y, width and height, as one shape: no seams where they touch.
-    pub fn fill(&mut self, rectangles: impl IntoIterator<Item = [f64; 4]>) {
+    pub(super) fn fill(&mut self, rectangles: impl IntoIterator<Item = [f64; 4]>) {
         let mut any = false;
         for [x, y, width, height] in rectangles {
             let [left, bottom] = self.point(x, y + height);
@@ -43,7 +43,7 @@ impl Page {
     }
 
     /// Draws a line of a width.
-    pub fn line(&mut self, from: [f64; 2], to: [f64; 2], width_mm: f64) {
+    pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], width_mm: f64) {
         let (a, b) = (self.point(from[0], from[1]), self.point(to[0], to[1]));
         let width = width_mm * POINTS;
         let _ = writeln!(
@@ -54,7 +54,7 @@ impl Page {
     }
 
     /// Writes text of a height of letters, its first letter's foot at a place. What is not ASCII becomes `?`.
-    pub fn text(&mut self, at: [f64; 2], size_mm: f64, text: &str) {
+    pub(super) fn text(&mut self, at: [f64; 2], size_mm: f64, text: &str) {
         let [x, y] = self.point(at[0], at[1]);
         let size = size_mm * POINTS;
         let escaped: String = text
@@ -78,7 +78,7 @@ impl Page {
 }
 
 /// A PDF file of pages, which viewers are asked to print at their true size.
-pub fn pdf(title: &str, pages: &[Page]) -> Vec<u8> {
+pub(super) fn pdf(title: &str, pages: &[Page]) -> Vec<u8> {
     let mut file = b"%PDF-1.4\n".to_vec();
     let mut offsets = Vec::new();
     // Objects: catalogue, tree of pages, font, information; then two for each page.

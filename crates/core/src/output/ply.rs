@@ -1,7 +1,9 @@
-//! A model as binary PLY: welded, in the rig's frame, with colours, provenance and expected error a vertex.
+//! A model as binary PLY, without the vertices that texture seams double, in the rig's frame, with colour,
+//! provenance and expected error of each vertex.
 
 use super::Error;
 use super::attributes::{check, unit};
+use crate::description::{Description, clean};
 use crate::reconstruct::{Model, Provenance};
 use std::fmt::Write;
 
@@ -12,15 +14,15 @@ const FACE_BYTES: usize = 1 + 12;
 /// Colour of a model that has none.
 const GREY: [u8; 3] = [200; 3];
 
-/// A model as the bytes of a binary little-endian .ply. `capture` is its capture's id, kept in a comment.
+/// A model as the bytes of a binary little-endian .ply. What is known of the model stands in comments.
 ///
 /// # Errors
 /// If the model's parts do not fit each other or hold a number that is not finite.
-pub fn encode(model: &Model, capture: &str) -> Result<Vec<u8>, Error> {
+pub fn encode(model: &Model, about: &Description) -> Result<Vec<u8>, Error> {
     check(model)?;
     let vertices = model.mesh.vertices.len();
     let triangles = model.mesh.triangles.len();
-    let mut bytes = header(capture, vertices, triangles).into_bytes();
+    let mut bytes = header(about, vertices, triangles).into_bytes();
     bytes.reserve_exact(vertices * VERTEX_BYTES + triangles * FACE_BYTES);
     for vertex in 0..vertices {
         push_vertex(&mut bytes, model, vertex);
@@ -49,21 +51,19 @@ fn push_vertex(bytes: &mut Vec<u8>, model: &Model, vertex: usize) {
     bytes.extend_from_slice(&model.expected_error[vertex].to_le_bytes());
 }
 
-fn header(capture: &str, vertices: usize, triangles: usize) -> String {
+fn header(about: &Description, vertices: usize, triangles: usize) -> String {
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
-    // A line break in a comment would end it.
-    let capture = capture.replace(['\n', '\r'], " ");
-    let version = env!("CARGO_PKG_VERSION");
     let names: Vec<_> = Provenance::ALL.iter().map(provenance_name).collect();
     let comments = [
-        format!("generator scand {version}"),
-        format!("capture {capture}"),
         "frame rig, right-handed, z up; x y z in metres".to_owned(),
         "red green blue are sRGB-encoded".to_owned(),
         "expected_error is the expected distance to the true surface in metres".to_owned(),
         format!("provenance {}", names.join(", ")),
     ];
-    for comment in comments {
+    // A line break in a comment would end it.
+    let known = about.pairs().into_iter();
+    let known = known.filter_map(|(name, text)| Some(format!("{name} {}", clean(text)?)));
+    for comment in known.chain(comments) {
         let _ = writeln!(text, "comment {comment}");
     }
     let _ = writeln!(text, "element vertex {vertices}");
@@ -93,7 +93,7 @@ fn provenance_name(provenance: &Provenance) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::glb::tests::textured_square;
+    use super::super::glb::tests::{described, textured_square};
     use super::*;
 
     /// The header's lines and the bytes after it.
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn what_is_written_is_read_back() {
         let model = textured_square();
-        let bytes = encode(&model, "cup").unwrap();
+        let bytes = encode(&model, &described("cup")).unwrap();
         let (header, body) = parts(&bytes);
         assert_eq!(header[0], "ply");
         assert!(header.contains(&"comment capture cup"));
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn an_empty_model_is_a_valid_file() {
-        let bytes = encode(&Model::default(), "a\nb").unwrap();
+        let bytes = encode(&Model::default(), &described("a\nb")).unwrap();
         let (header, body) = parts(&bytes);
         assert!(header.contains(&"comment capture a b"));
         assert!(header.contains(&"element face 0"));

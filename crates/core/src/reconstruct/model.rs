@@ -1,4 +1,4 @@
-//! What a reconstruction makes: a mesh that knows where each of its vertices comes from.
+//! The result of a reconstruction: a mesh whose vertices know where they come from.
 
 use crate::image::RgbImage;
 use crate::mesh::Mesh;

@@ -13,17 +13,7 @@ use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
 use rayon::prelude::*;
 
 /// Which model is made.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Deserialize,
-    serde::Serialize,
-    clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// The hull with its concave regions restored from the depth.
@@ -43,7 +33,7 @@ pub struct Parameters {
     pub method: Method,
     /// Vertices to simplify the model to; 0 leaves it as it is.
     pub vertices: usize,
-    /// Silhouettes from masks or background plates.
+    /// Silhouettes from masks or backgrounds.
     pub silhouette: silhouette::Parameters,
     /// The visual hull.
     pub hull: hull::Parameters,
@@ -60,7 +50,7 @@ pub struct Parameters {
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A silhouette cannot be had.
+    /// A silhouette cannot be found.
     #[error(transparent)]
     Silhouette(#[from] silhouette::Error),
     /// There is no hull.

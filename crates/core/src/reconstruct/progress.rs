@@ -1,4 +1,4 @@
-//! How long work tells where it is, and hears that it should stop.
+//! How long-running work reports its progress, and learns that it should stop.
 
 /// Listens to a reconstruction. Called between steps from the thread that runs the reconstruction.
 pub trait Progress: Sync {
@@ -22,7 +22,7 @@ impl Progress for Silent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
-    /// Silhouettes from masks or background plates.
+    /// Silhouettes from masks or backgrounds.
     Silhouettes,
     /// The visual hull.
     Hull,

@@ -1,4 +1,4 @@
-//! What a reconstruction is made from: the decoded pictures of one capture with their cameras.
+//! The input of a reconstruction: the decoded pictures of one capture with their cameras.
 
 use crate::calibration::{Camera, DepthCamera, Volume};
 use crate::image::{Grid, Mask, RgbImage};

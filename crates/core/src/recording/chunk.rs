@@ -26,14 +26,14 @@ pub(super) fn unpack(source: &Source, chunk: &Chunk) -> Result<Bytes, Error> {
     let size = header.uncompressed_size;
     if size > LARGEST_RECORD {
         return Err(damaged(format!(
-            "the chunk says it unpacks to {size} bytes, at most {LARGEST_RECORD} are read"
+            "the chunk says it unpacks to {size} bytes, expected at most {LARGEST_RECORD}"
         )));
     }
     if size > LARGEST_OF_LITTLE && size / 100 > header.compressed_size {
         let packed = header.compressed_size;
         return Err(damaged(format!(
-            "the chunk says it unpacks from {packed} to {size} bytes: of so few at most \
-             {LARGEST_OF_LITTLE} are made"
+            "the chunk says it unpacks from {packed} to {size} bytes, expected at most \
+            {LARGEST_OF_LITTLE} from so few"
         )));
     }
     // Both sizes are below 256 MiB here, and the packed one is within the file.
@@ -98,7 +98,7 @@ pub(super) fn list(unpacked: &[u8], number: u32, mut index: Index) -> (Index, bo
         }
     }
     if let Some(at) = broken_at {
-        let what = format!("the chunk's records stop making sense at its byte {at}");
+        let what = format!("the chunk's records cannot be parsed from its byte {at} on");
         index.add_note(0, what);
     }
     (index, broken_at.is_none())

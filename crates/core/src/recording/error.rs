@@ -22,13 +22,21 @@ pub enum Error {
         path: PathBuf,
     },
     /// Nothing that a crash left behind.
-    #[error("{path}: expected a recording that was not completed, NAME.mcap.part")]
+    #[error("{path}: is not an interrupted recording: its name should end in .mcap.part")]
     NotUnfinished {
         /// The file.
         path: PathBuf,
     },
+    /// Nothing is missing at its end.
+    #[error(
+        "{path}: is not cut off, and so there is nothing to complete: scand info tells what of it is damaged"
+    )]
+    NotCutOff {
+        /// The file.
+        path: PathBuf,
+    },
     /// A recording that is not lost.
-    #[error("{path}: is being written")]
+    #[error("{path}: is still being written: close its session first, or stop the daemon")]
     BeingWritten {
         /// The file.
         path: PathBuf,
@@ -44,7 +52,10 @@ pub enum Error {
         found: String,
     },
     /// A recording of another version.
-    #[error("{path}: recording format {found:?} is not known, expected \"1\"")]
+    #[error(
+        "{path}: has the unknown format {found:?}, expected \"1\": a newer version of scand \
+        may read it"
+    )]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -95,8 +106,18 @@ pub enum Error {
         /// What would do.
         expected: String,
     },
+    /// A note about something that the recording does not have.
+    #[error(
+        "{path}: has neither a capture nor a session named {name:?}: a note must be about one of them"
+    )]
+    NothingToNote {
+        /// The file.
+        path: PathBuf,
+        /// What the note is about, shortened.
+        name: String,
+    },
     /// The file could not be written.
-    #[error("{path}: writing the recording: {cause}")]
+    #[error("{path}: cannot write the recording: {cause}")]
     Write {
         /// The file.
         path: PathBuf,

@@ -1,5 +1,5 @@
-//! What a recording holds and where: its definitions, chunks and messages, without the messages themselves. It is
-//! filled from the records of a file, whether they are read, repaired or packed.
+//! The index of a recording: its definitions, and where its chunks and messages are, without the messages
+//! themselves. It is filled from the records of a file, whether they are read, repaired or packed.
 
 use super::records::{self, CHUNK_HEAD_AT_MOST, MESSAGE_HEADER, Malformed, Parsed, RECORD_HEADER};
 use super::scan::{Event, LARGEST_RECORD, Scan, Span};
@@ -420,6 +420,6 @@ fn senseless(span: &Span) -> Damage {
     Damage {
         offset: span.offset(),
         length: span.end() - span.offset(),
-        what: format!("the record of opcode {opcode:#04x} does not hold what it should"),
+        what: format!("the record of opcode {opcode:#04x} cannot be parsed"),
     }
 }

@@ -96,11 +96,14 @@ pub struct LostParts {
 pub struct Note {
     /// The capture.
     pub capture: String,
-    /// `accept`, `reject` or `text`.
+    /// `accept`, `reject`, `clear` (which takes either back) or `text`; what is not known is a text.
     pub kind: String,
     /// In words.
     #[serde(default)]
     pub text: String,
+    /// Who said it, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub author: Option<String>,
 }
 
 /// `scand.DepthResponse` as it is written.

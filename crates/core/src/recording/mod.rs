@@ -1,5 +1,5 @@
-//! The recording format: one MCAP file that holds a session of captures and all that a rerun needs. This is
-//! the only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
+//! The recording format: one MCAP file with a session of captures and everything that a replay needs. This is the
+//! only room that names MCAP and the Foxglove messages; others see frames, calibrations and topics.
 
 mod chunk;
 mod container;
@@ -7,6 +7,7 @@ mod error;
 mod index;
 pub mod interrupted;
 mod json;
+mod notes;
 mod packing;
 mod proto;
 mod reader;
@@ -27,10 +28,11 @@ pub use container::Compression;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CaptureRecord, Lost, LostParts, Note, Outcome};
+pub use notes::{Notes, beside, note_beside, noted_recording};
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
-pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
+pub use recovery::{Recovered, finished_name, recover, recover_copy, unfinished, unfinished_name};
 pub use session::{FinishedCapture, RecordingSession, SessionHeader};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::Writer;

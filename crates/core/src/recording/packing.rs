@@ -52,15 +52,15 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
     let recording = Recording::open(path)?;
     let file = File::open(path).map_err(io(path))?;
     lock(&file, path)?;
-    if recording.is_packed() {
-        return Ok(Packed::Already);
-    }
     // Chunks and attachments are checked as they are read, by this thread alone.
     if let Some(damage) = recording.damage().first().cloned() {
         return Err(Error::Damaged {
             path: path.into(),
             damage,
         });
+    }
+    if recording.is_packed() {
+        return Ok(Packed::Already);
     }
     let packed = &with_ending(path, "packing");
     remove_stale(packed)?;
@@ -131,7 +131,7 @@ fn each_part(
         let part = if span.opcode == op::CHUNK {
             let head = scan.head(&span, most_of(op::CHUNK))?;
             let header = records::chunk(head, span.length);
-            let header = header.map_err(|_| senseless("the chunk does not hold what it should"))?;
+            let header = header.map_err(|_| senseless("the chunk cannot be parsed"))?;
             let chunk = Chunk::new(span.offset(), header);
             let content = chunk::unpack(source, &chunk)?;
             Part::Chunk(chunk, content)
@@ -201,7 +201,7 @@ impl<'a> Copy<'a> {
             length: body.len() as u64,
         };
         let taken = self.index.take(&span, body);
-        taken.map_err(|_| self.senseless("a record does not hold what it should"))?;
+        taken.map_err(|_| self.senseless("a record cannot be parsed"))?;
         Ok(true)
     }
 
@@ -215,7 +215,7 @@ impl<'a> Copy<'a> {
         let number = self.index.chunks.len() as u32;
         let (part, is_whole) = chunk::list(content, number, self.index.part());
         if !is_whole {
-            return Err(self.senseless("a chunk's records stop making sense"));
+            return Err(self.senseless("a chunk's records cannot be parsed"));
         }
         let Some(packed) = packed(content, goes_on).map_err(io(self.path))? else {
             return Ok(false);
@@ -283,7 +283,7 @@ fn check(packed: &Path, expected: [u8; 32]) -> Result<(), Error> {
     if recording.damage().is_empty() && <[u8; 32]>::from(digest.finalize()) == expected {
         return Ok(());
     }
-    let differs = std::io::Error::other("what was packed does not unpack to the same");
+    let differs = std::io::Error::other("the packed copy does not unpack to the same messages");
     Err(io(packed)(differs))
 }
 

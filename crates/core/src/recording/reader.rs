@@ -1,5 +1,5 @@
-//! Opens a recording and hands out its messages. It is indexed first; a message's chunk is read when the
-//! message is asked for, so that a recording may be larger than memory.
+//! Opens a recording and reads its messages. It is indexed first; a message's chunk is read when the message is
+//! needed, so a recording may be larger than memory.
 
 use super::chunk;
 use super::index::{Attachment, Chunk, Index, MessageRef};
@@ -7,7 +7,7 @@ use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
 use super::scan::LARGEST_RECORD;
 use super::source::Source;
 use super::{Damage, Error, MessageError, Topic};
-use crate::calibration::Board;
+use crate::calibration::{Board, CalibrationRecord};
 use crate::frame::Timestamp;
 use bytes::Bytes;
 use mcap::records::Channel;
@@ -88,6 +88,18 @@ impl Recording {
         header.map_or(("", ""), |h| (&h.profile, &h.library))
     }
 
+    /// Whether the file ends before its last bytes, as a copy does that was interrupted. One that is being written
+    /// does not.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn is_cut_off(&self) -> Result<bool, Error> {
+        let end = mcap::MAGIC.len();
+        let last = self.source.length.saturating_sub(end as u64);
+        let last = self.source.read(last, end)?;
+        Ok(!self.source.being_written && last != mcap::MAGIC)
+    }
+
     /// What could not be read, as far as opening the file showed. Contents of chunks are checked when they
     /// are read: [`Self::verify`] reads them all.
     pub fn damage(&self) -> &[Damage] {
@@ -97,6 +109,16 @@ impl Recording {
     /// Metadata records: name and pairs.
     pub fn metadata(&self) -> &[(String, BTreeMap<String, String>)] {
         &self.index.metadata
+    }
+
+    /// A pair of the session's metadata, such as `operator`; of several records the last that has it.
+    pub fn session_pair(&self, key: &str) -> Option<&str> {
+        let records = self.index.metadata.iter().rev();
+        let sessions = records.filter(|(name, _)| name == "session");
+        sessions
+            .filter_map(|(_, pairs)| pairs.get(key))
+            .next()
+            .map(String::as_str)
     }
 
     /// The board that a calibration session's metadata names: the last record `board`, if there is one.
@@ -114,6 +136,23 @@ impl Recording {
             cause,
         })?;
         Ok(Some(board))
+    }
+
+    /// What the recording says of the calibration that it carries: the last metadata record `calibration`. `None`
+    /// where nothing is known of it.
+    ///
+    /// # Errors
+    /// If the record's verdict is none that a calibration can have.
+    pub fn calibration_record(&self) -> Result<Option<CalibrationRecord>, Error> {
+        let mut records = self.index.metadata.iter().rev();
+        let Some((_, pairs)) = records.find(|(name, _)| name == "calibration") else {
+            return Ok(None);
+        };
+        CalibrationRecord::from_pairs(pairs).map_err(|cause| Error::Metadata {
+            path: self.source.path.clone(),
+            name: "calibration",
+            cause,
+        })
     }
 
     /// Attached files.
@@ -194,7 +233,7 @@ impl Recording {
             None => {
                 let chunk = &self.index.chunks[message.chunk as usize];
                 let what = format!(
-                    "the chunk's index promises a message at its byte {}, there is none",
+                    "the chunk's index lists a message at its byte {}, but there is none",
                     message.offset
                 );
                 Err(self.damaged(chunk.offset, chunk.header.compressed_size, what))
@@ -297,7 +336,11 @@ impl Recording {
             .into();
         chunk::message_data(&bytes, 0, message).ok_or_else(|| {
             let length = (RECORD_HEADER + MESSAGE_HEADER) as u64;
-            self.damaged(message.offset, length, "the message is gone".into())
+            self.damaged(
+                message.offset,
+                length,
+                "the file no longer has this message".into(),
+            )
         })
     }
 

@@ -153,7 +153,7 @@ impl<'a> Repair<'a> {
         }
     }
 
-    /// Whether an index is none, or belongs to no chunk: those that are right were passed together with their chunk.
+    /// Whether an index is invalid or belongs to no chunk: correct ones were passed together with their chunk.
     fn is_odd_index(&self, span: &Span, scan: &mut Scan) -> Result<bool, Error> {
         let body = scan.head(span, most_of(op::MESSAGE_INDEX))?;
         let length = |index: MessageIndex| 2 + 4 + 16 * index.records.len() as u64;

@@ -154,12 +154,33 @@ fn check_magic(source: &Source, start: &[u8]) -> Result<(), Error> {
     let found = match start {
         start if start == MAGIC => return Ok(()),
         [] => "it is empty".into(),
-        start => format!("it begins with {start:02x?}"),
+        start => match kind(start) {
+            Some(kind) => format!("it is {kind}"),
+            None => format!("it begins with {start:02x?}"),
+        },
     };
     Err(Error::NotMcap {
         path: source.path.clone(),
         found,
     })
+}
+
+/// What a file is that begins so, as far as that is known.
+fn kind(start: &[u8]) -> Option<&'static str> {
+    let kinds: [(&[u8], &str); 8] = [
+        (b"\x89PNG", "a PNG picture"),
+        (b"\xff\xd8\xff", "a JPEG picture"),
+        (b"PK\x03\x04", "a ZIP archive"),
+        (b"\x1f\x8b", "a gzip archive"),
+        (b"\x28\xb5\x2f\xfd", "a Zstandard archive"),
+        (b"ply\n", "a PLY model"),
+        (b"glTF", "a glTF model"),
+        (b"#ROSBAG", "a ROS bag"),
+    ];
+    let mut kinds = kinds.into_iter();
+    kinds
+        .find(|(magic, _)| start.starts_with(magic))
+        .map(|(_, kind)| kind)
 }
 
 /// The record at `position`, or why there is none.
@@ -169,7 +190,7 @@ fn span(
     position: u64,
 ) -> Result<Result<Span, Broken>, Error> {
     let Ok((opcode, length)) = records::record_header(window.read(position, RECORD_HEADER)?) else {
-        let what = "the file is cut off within a record's head";
+        let what = "the file is cut off within a record's header";
         return Ok(Err(Broken::CutOff(what.into())));
     };
     let body = position + RECORD_HEADER as u64;
@@ -177,11 +198,13 @@ fn span(
     Ok(match () {
         () if opcode == 0 => Err(Broken::Senseless("there is no record of opcode 0".into())),
         () if length > left => Err(Broken::CutOff(format!(
-            "the record of opcode {opcode:#04x} says it has {length} bytes, the file has {left} left"
+            "the record of opcode {opcode:#04x} says it has {length} bytes, but the file has only \
+            {left} left"
         ))),
         () if length > LARGEST_RECORD && opcode != op::ATTACHMENT => {
             Err(Broken::Senseless(format!(
-                "the record of opcode {opcode:#04x} has {length} bytes, at most {LARGEST_RECORD} are read"
+                "the record of opcode {opcode:#04x} has {length} bytes, expected at most \
+                {LARGEST_RECORD}"
             )))
         }
         () => Ok(Span {

@@ -35,11 +35,12 @@ fn write_all(path: &Path) {
     for capture in captures() {
         writer.capture(&capture, at(200)).unwrap();
     }
-    for kind in ["accept", "reject", "text"] {
+    for kind in ["accept", "reject", "clear", "text"] {
         let note = Note {
             capture: "cup-1".into(),
             kind: kind.into(),
             text: "schön".into(),
+            author: (kind == "clear").then(|| "Ann".into()),
         };
         writer.note(&note, at(300)).unwrap();
     }

@@ -138,8 +138,9 @@ const NOTE: &str = r#"{
   "type": "object",
   "properties": {
     "capture": {"type": "string"},
-    "kind": {"enum": ["accept", "reject", "text"]},
-    "text": {"type": "string"}
+    "kind": {"enum": ["accept", "reject", "clear", "text"]},
+    "text": {"type": "string"},
+    "author": {"type": "string"}
   },
   "required": ["capture", "kind"]
 }"#;

@@ -3,7 +3,7 @@
 //! flush, fdatasync, and only then is a capture reported as durable.
 
 use super::{CaptureRecord, Compression, Error, Note, Writer};
-use crate::calibration::{Camera, DepthCamera, Volume};
+use crate::calibration::{CalibrationRecord, Camera, DepthCamera, Volume};
 use crate::frame::{CameraId, CameraSettings, Frame, Picture, Timestamp, Trigger};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,6 +17,8 @@ pub struct SessionHeader {
     pub depths: Vec<DepthCamera>,
     /// The box that is reconstructed.
     pub volume: Option<Volume>,
+    /// What the calibration of these cameras is worth, where that is known.
+    pub calibration: Option<CalibrationRecord>,
     /// How each colour camera is set.
     pub settings: BTreeMap<CameraId, CameraSettings>,
     /// Each colour camera's view of the rig with no object in it, and when it was taken.
@@ -160,14 +162,14 @@ impl RecordingSession {
         done
     }
 
-    /// Changes what is repeated in each file, from `time` on: plates that were taken anew, a camera that came back with
-    /// other settings. Where what only a file's beginning has is another (calibration, configuration), the file is
-    /// completed, and the next capture begins one.
+    /// Changes what is repeated in each file, from `time` on: new backgrounds, or a camera that came back with other
+    /// settings. If something changed that only the beginning of a file has (calibration, configuration), the file is
+    /// completed, and the next capture begins another one.
     ///
     /// # Errors
     /// As for [`Self::append`]; the next file begins with what is new all the same.
     pub fn change(&mut self, mut preamble: SessionHeader, time: Timestamp) -> Result<(), Error> {
-        // What was said of the session at its begin stays true; what the rig says of itself is what it says now.
+        // The client's facts about the session stay as they were given; the rig's own facts are the present ones.
         for (key, value) in &self.preamble.about {
             let about = preamble.about.entry(key.clone());
             about.or_insert_with(|| value.clone());
@@ -269,6 +271,9 @@ fn begin_file(
     let mut about = preamble.about.clone();
     about.insert("name".into(), name.into());
     writer.metadata("session", &about)?;
+    if let Some(calibration) = &preamble.calibration {
+        writer.calibration_record(calibration)?;
+    }
     let text = preamble.configuration.as_bytes();
     writer.attach("rig.toml", "application/toml", time, text)?;
     for camera in &preamble.colors {
@@ -288,6 +293,7 @@ fn begins_otherwise(before: &SessionHeader, now: &SessionHeader) -> bool {
     before.colors != now.colors
         || before.depths != now.depths
         || before.volume != now.volume
+        || before.calibration != now.calibration
         || before.configuration != now.configuration
         || before.about != now.about
 }

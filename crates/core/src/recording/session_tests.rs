@@ -2,6 +2,7 @@
 
 use super::testing::{Rig, at, frame, trigger};
 use super::*;
+use crate::calibration::{CalibrationRecord, Level, Verdict};
 use crate::frame::{Stream, Timestamp};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,10 +14,21 @@ fn preamble(rig: &Rig) -> SessionHeader {
         colors: rig.colors.clone(),
         depths: vec![rig.depth.clone()],
         volume: Some(rig.volume),
+        calibration: Some(judged(Level::Doubtful)),
         settings: BTreeMap::new(),
         backgrounds: colors.map(|c| (c.id.clone(), (at(1), plate(1)))).collect(),
         configuration: "[rig]\nname = \"test\"\n".into(),
         about: BTreeMap::from([("operator".into(), "Ann".into())]),
+    }
+}
+
+fn judged(level: Level) -> CalibrationRecord {
+    CalibrationRecord {
+        verdict: Verdict {
+            level,
+            reasons: vec!["camera c0 moved by 0.70°".into()],
+        },
+        file_sha256: Some("ab12".into()),
     }
 }
 
@@ -83,6 +95,8 @@ fn each_file_of_a_session_stands_alone() {
         let session = recording.metadata().iter().find(|(n, _)| n == "session");
         let about = &session.unwrap().1;
         assert_eq!((&*about["operator"], &*about["name"]), ("Ann", "s"));
+        let said = recording.calibration_record().unwrap();
+        assert_eq!(said, Some(judged(Level::Doubtful)), "{name}");
     }
 }
 
@@ -93,7 +107,7 @@ fn what_is_kept_is_on_the_disk_before_the_file_is_complete() {
     let mut session = begin(folder.path(), &rig, u64::MAX);
     session.append(&kept(&rig, "a", 10_000)).unwrap();
     let part = folder.path().join("s.mcap.part");
-    // As after a crash: a copy, for the file itself is locked by who writes it.
+    // As after a crash: a copy, because the writer holds a lock on the file itself.
     let copy = folder.path().join("copy.mcap.part");
     std::fs::copy(&part, &copy).unwrap();
     assert!(matches!(recover(&part), Err(Error::BeingWritten { .. })));

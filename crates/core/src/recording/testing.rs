@@ -189,3 +189,23 @@ pub(crate) fn write_as_another(path: &Path, options: mcap::WriteOptions) {
     }
     writer.finish().unwrap();
 }
+
+/// Writes a recording `cup.mcap` of one trigger, `cup-1` at 100 ns, and of notes on it: kind, and time in nanoseconds.
+pub(crate) fn noted_recording(folder: &Path, notes: &[(&str, u64)]) -> PathBuf {
+    let path = folder.join("cup.mcap");
+    let mut writer = Writer::create(&path, "scand test", Compression::None).unwrap();
+    let mut trigger = trigger("cup-1", 0);
+    trigger.time = Timestamp(100);
+    writer.trigger(&trigger).unwrap();
+    for (kind, time) in notes {
+        let note = super::Note {
+            capture: "cup-1".into(),
+            kind: (*kind).into(),
+            text: String::new(),
+            author: None,
+        };
+        writer.note(&note, Timestamp(*time)).unwrap();
+    }
+    writer.finish().unwrap();
+    path
+}

@@ -61,6 +61,7 @@ fn everything_written_is_read_back() {
             capture: "cup-1".into(),
             kind: "accept".into(),
             text: "schön".into(),
+            author: None,
         };
         writer.note(&note, at(3000)).unwrap();
         assert!(!path.exists(), "not under its name before it is complete");

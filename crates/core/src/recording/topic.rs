@@ -1,14 +1,21 @@
-//! The topics of a recording and the schemas their messages have.
+//! The topics of a recording and the schemas their messages have. The words of a topic's name are those of the enums'
+//! members, in lower case, so that a new member is read and written without a list that could forget it.
 
 use crate::frame::CameraId;
+use serde::de::IntoDeserializer;
+use serde::de::value::Error as NotAWord;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What a channel carries.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+/// What a channel carries. Of serde's form only [`Topic::parse`] and `Display` make use.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Topic {
     /// `/color/{id}/…`
+    #[serde(skip)]
     Color(CameraId, ColorPart),
     /// `/depth/{id}/…`
+    #[serde(skip)]
     Depth(CameraId, DepthPart),
     /// `/tf`: poses.
     Tf,
@@ -25,7 +32,8 @@ pub enum Topic {
 }
 
 /// What a colour camera's channel carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ColorPart {
     /// Frames.
     Image,
@@ -40,7 +48,8 @@ pub enum ColorPart {
 }
 
 /// What a depth camera's channel carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum DepthPart {
     /// Raw readings.
     Image,
@@ -52,42 +61,22 @@ pub enum DepthPart {
     Response,
 }
 
-const COLOR_PARTS: [(ColorPart, &str); 5] = [
-    (ColorPart::Image, "image"),
-    (ColorPart::Background, "background"),
-    (ColorPart::Mask, "mask"),
-    (ColorPart::Calibration, "calibration"),
-    (ColorPart::Settings, "settings"),
-];
-
-const DEPTH_PARTS: [(DepthPart, &str); 4] = [
-    (DepthPart::Image, "image"),
-    (DepthPart::Color, "color"),
-    (DepthPart::Calibration, "calibration"),
-    (DepthPart::Response, "response"),
-];
-
 impl Topic {
     /// Reads a topic's name; `None` for one that is no business of ours.
     pub fn parse(name: &str) -> Option<Self> {
-        match name {
-            "/tf" => return Some(Self::Tf),
-            "/volume" => return Some(Self::Volume),
-            "/trigger" => return Some(Self::Trigger),
-            "/capture" => return Some(Self::Capture),
-            "/note" => return Some(Self::Note),
-            "/log" => return Some(Self::Log),
-            _ => {}
-        }
         let mut words = name.strip_prefix('/')?.split('/');
-        let (kind, id, part) = (words.next()?, words.next()?, words.next()?);
+        let first = words.next()?;
+        let Some(id) = words.next() else {
+            return from_word(first);
+        };
+        let part = words.next()?;
         let id = CameraId::new(id).ok()?;
         if words.next().is_some() {
             return None;
         }
-        match kind {
-            "color" => Some(Self::Color(id, named(&COLOR_PARTS, part)?)),
-            "depth" => Some(Self::Depth(id, named(&DEPTH_PARTS, part)?)),
+        match first {
+            "color" => Some(Self::Color(id, from_word(part)?)),
+            "depth" => Some(Self::Depth(id, from_word(part)?)),
             _ => None,
         }
     }
@@ -114,25 +103,25 @@ impl Topic {
     }
 }
 
-fn named<P: Copy>(parts: &[(P, &str)], name: &str) -> Option<P> {
-    parts.iter().find(|(_, n)| *n == name).map(|(p, _)| *p)
-}
-
-fn name_of<P: PartialEq>(parts: &[(P, &'static str)], part: &P) -> &'static str {
-    parts.iter().find(|(p, _)| p == part).map_or("", |(_, n)| n)
+/// The member of an enum that has this word.
+fn from_word<'de, T: Deserialize<'de>>(word: &'de str) -> Option<T> {
+    let word: serde::de::value::StrDeserializer<'_, NotAWord> = word.into_deserializer();
+    T::deserialize(word).ok()
 }
 
 impl fmt::Display for Topic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("/")?;
         match self {
-            Self::Color(id, part) => write!(f, "/color/{id}/{}", name_of(&COLOR_PARTS, part)),
-            Self::Depth(id, part) => write!(f, "/depth/{id}/{}", name_of(&DEPTH_PARTS, part)),
-            Self::Tf => f.write_str("/tf"),
-            Self::Volume => f.write_str("/volume"),
-            Self::Trigger => f.write_str("/trigger"),
-            Self::Capture => f.write_str("/capture"),
-            Self::Note => f.write_str("/note"),
-            Self::Log => f.write_str("/log"),
+            Self::Color(id, part) => {
+                write!(f, "color/{id}/")?;
+                part.serialize(f)
+            }
+            Self::Depth(id, part) => {
+                write!(f, "depth/{id}/")?;
+                part.serialize(f)
+            }
+            one_of_a_kind => one_of_a_kind.serialize(f),
         }
     }
 }
@@ -166,6 +155,9 @@ mod tests {
             "",
             "/",
             "tf",
+            "/color",
+            "/color/c",
+            "/Tf",
             "/color/C/image",
             "/color/c/response",
             "/color//image",

@@ -6,7 +6,9 @@ use super::json::{self, CaptureRecord, Note};
 use super::rewriting::{io, with_ending};
 use super::schemas;
 use super::{ColorPart, DepthPart, Error, MessageError, Topic, proto};
-use crate::calibration::{Board, Camera, DepthCamera, DepthResponse, Intrinsics, Volume};
+use crate::calibration::{
+    Board, CalibrationRecord, Camera, DepthCamera, DepthResponse, Intrinsics, Volume,
+};
 use crate::frame::{CameraId, CameraSettings, Frame, Picture, Stream, Timestamp, Trigger};
 use crate::image::Mask;
 use crate::storage::{rename_noreplace, sync_parent};
@@ -59,7 +61,7 @@ impl Writer {
         }
         let part = with_ending(path, "part");
         let file = File::create_new(&part).map_err(io(&part))?;
-        // Tells who would recover it that it is not lost. A file system without locks does without.
+        // The lock tells recovery that the file is still being written. Some file systems have no locks.
         let _ = file.try_lock();
         sync_parent(&part).map_err(io(&part))?;
         let same = file.try_clone().map_err(io(&part))?;
@@ -79,7 +81,8 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Writes a metadata record: a name and pairs. `session` and `board` are of the format.
+    /// Writes a metadata record: a name and pairs. `session`, `board` and `calibration` are of the
+    /// format.
     ///
     /// # Errors
     /// If the file cannot be written; so for all that follow.
@@ -95,6 +98,11 @@ impl Writer {
     /// Writes which board a calibration session shows.
     pub fn board(&mut self, board: &Board) -> Result<(), Error> {
         self.metadata("board", &board.pairs())
+    }
+
+    /// Writes what the calibration that the recording carries is worth.
+    pub fn calibration_record(&mut self, record: &CalibrationRecord) -> Result<(), Error> {
+        self.metadata("calibration", &record.pairs())
     }
 
     /// Attaches a file, such as `rig.toml`.

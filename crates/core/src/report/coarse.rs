@@ -1,4 +1,4 @@
-//! A mesh with fewer vertices, made in a moment: good enough to be compared and drawn at a low resolution.
+//! A mesh with fewer vertices, made quickly: good enough to be compared and drawn at a low resolution.
 
 use crate::mesh::{Mesh, bounding_box};
 use nalgebra::{Point3, center, distance_squared};

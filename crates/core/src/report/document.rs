@@ -1,9 +1,11 @@
-//! The report of one capture as data; `docs/report.schema.json` describes its JSON. All that may differ
-//! between two runs over the same input is under `timing`.
+//! The report of one capture as data; `docs/report.schema.json` describes its JSON. Only the members under `timing`
+//! may differ between two runs over the same input.
 
 use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Moved, Verdict};
 use crate::capture::CaptureFacts;
+use crate::description::Description;
 use crate::frame::{CaptureId, Timestamp};
+use crate::notes::CaptureNotes;
 use crate::reconstruct::Method;
 use serde::{Deserialize, Serialize};
 
@@ -38,7 +40,7 @@ pub struct StageTime {
 pub enum Outcome {
     /// There is a model.
     Done,
-    /// There is none.
+    /// There is no model.
     Failed,
 }
 
@@ -79,6 +81,10 @@ pub struct Report<'a> {
     pub origin: &'a Origin,
     /// How the capture came about.
     pub capture: &'a CaptureFacts,
+    /// What the model's files say of the object.
+    pub description: &'a Description,
+    /// What people said of the capture until the report was written, or marked.
+    pub notes: &'a CaptureNotes,
     /// How far the model can be trusted.
     pub verdict: &'a Verdict,
     /// The colour cameras.
@@ -96,8 +102,8 @@ pub struct Report<'a> {
 impl<'a> Report<'a> {
     /// Joins what is known.
     pub fn new(
-        origin: &'a Origin,
-        capture: &'a CaptureFacts,
+        (origin, description): (&'a Origin, &'a Description),
+        (capture, notes): (&'a CaptureFacts, &'a CaptureNotes),
         measured: &'a Measurements,
         verdict: &'a Verdict,
         timing: Timing,
@@ -107,6 +113,8 @@ impl<'a> Report<'a> {
             outcome: Outcome::Done,
             origin,
             capture,
+            description,
+            notes,
             verdict,
             color_cameras: &measured.colors,
             moved: measured.moved.as_ref(),

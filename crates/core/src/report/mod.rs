@@ -1,5 +1,5 @@
-//! What is said of a model to the person who made it: figures, a verdict in words, the report and one
-//! picture of it all. It makes data and pictures; `output` and the commands make files of them.
+//! Reports on a model to the person who made it: figures, a verdict with its reasons, the report and one picture of
+//! it all. This room makes data and pictures; `output` and the commands write the files.
 
 mod calibration;
 mod coarse;
@@ -8,7 +8,7 @@ mod measure;
 mod preview;
 mod verdict;
 
-pub use calibration::{CalibrationPage, calibration_page};
+pub use calibration::{CalibrationPage, Found, ViewPicture, calibration_page};
 pub use document::{
     FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
 };
@@ -16,5 +16,5 @@ pub use measure::{
     ColorMeasures, Consistency, DepthMeasures, Measurements, ModelMeasures, Moved,
     ProvenanceMeasures, RegionMeasures, measure,
 };
-pub use preview::preview;
+pub use preview::{preview, stamp};
 pub use verdict::{Code, Limits, Parameters, Reason, Verdict, judge};

@@ -1,5 +1,5 @@
-//! Files that are written beside their place under a temporary name, made durable and then renamed, so that one that
-//! has its final name is complete, whenever the power goes.
+//! Writes files under a temporary name, makes them durable and then renames them, so that a file under its final
+//! name is complete, whenever the power fails.
 
 use super::Error;
 use std::fs::{self, File, OpenOptions};
@@ -42,6 +42,18 @@ fn put(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<(), Error
     written
 }
 
+/// Makes a folder and puts a file into it that is removed at once: so it is known before long work whether its results
+/// can be written.
+///
+/// # Errors
+/// If the folder cannot be made or written to.
+pub fn check_writable(folder: &Path) -> Result<(), Error> {
+    fs::create_dir_all(folder).map_err(Error::io("create", folder))?;
+    let probe = folder.join(temporary_name("scand", "probe"));
+    File::create_new(&probe).map_err(Error::io("write to", folder))?;
+    fs::remove_file(&probe).map_err(Error::io("remove", &probe))
+}
+
 /// Gives a file its name, which no other file may have: unlike a rename, a link replaces nothing.
 ///
 /// # Errors
@@ -58,6 +70,15 @@ pub fn rename_noreplace(from: &Path, to: &Path) -> io::Result<()> {
         }
         Err(cause) => Err(cause),
     }
+}
+
+/// Gives a file another name, which replaces what has that, and makes the names durable.
+///
+/// # Errors
+/// What the file system says.
+pub fn rename_durably(from: &Path, to: &Path) -> io::Result<()> {
+    fs::rename(from, to)?;
+    sync_parent(to)
 }
 
 /// Makes the names in a folder durable.
@@ -111,17 +132,9 @@ fn parent(path: &Path) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::names;
     use super::*;
     use std::os::unix::fs::PermissionsExt;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let entries = fs::read_dir(folder).unwrap();
-        let mut names: Vec<_> = entries
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        names
-    }
 
     #[test]
     fn a_file_is_replaced_whole_and_nothing_stays_beside_it() {

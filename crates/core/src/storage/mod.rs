@@ -1,12 +1,15 @@
-//! What every room that writes to a disk needs: files and folders that have their final name only when they are
-//! complete and durable, names that replace nothing, and the space that is left. Knows nothing of what the files hold.
+//! What every room that writes to a disk needs: files and folders that get their final name only when they are
+//! complete and durable, renaming without replacing, and free space. Knows nothing of what the files hold.
 
 mod files;
 mod space;
 mod staged_folder;
+#[cfg(test)]
+mod testing;
 
 pub use files::{
-    rename_noreplace, sync_folder, sync_parent, write_atomically, write_atomically_for_owner,
+    check_writable, rename_durably, rename_noreplace, sync_folder, sync_parent, write_atomically,
+    write_atomically_for_owner,
 };
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;
@@ -26,8 +29,8 @@ pub enum Error {
         /// What the system said.
         cause: std::io::Error,
     },
-    /// A file or folder of that name is there already and was not to be replaced.
-    #[error("{} is there already", path.display())]
+    /// A file or folder of that name already exists and was not to be replaced.
+    #[error("{} already exists", path.display())]
     Exists {
         /// The file or folder.
         path: PathBuf,

@@ -1,4 +1,4 @@
-//! How much room a disk has left.
+//! How much free space a disk has.
 
 use std::path::Path;
 

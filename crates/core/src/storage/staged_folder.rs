@@ -1,5 +1,5 @@
-//! Folders that are written beside their place under a temporary name, made durable and then renamed, so that one that
-//! has its final name is complete, whenever the power goes.
+//! Writes folders under a temporary name, makes them durable and then renames them, so that a folder under its
+//! final name is complete, whenever the power fails.
 
 use super::Error;
 use super::files::{split, sync_folder, temporary_name, write_durably};
@@ -37,6 +37,11 @@ impl StagedFolder {
             _lock: lock,
             committed: false,
         })
+    }
+
+    /// Where the folder is while it is made.
+    pub fn path(&self) -> &Path {
+        &self.part
     }
 
     /// Writes one file of the folder, durably.
@@ -140,16 +145,8 @@ fn remove(path: &Path) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::names;
     use super::*;
-
-    fn names(folder: &Path) -> Vec<String> {
-        let entries = fs::read_dir(folder).unwrap();
-        let mut names: Vec<_> = entries
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
-        names.sort();
-        names
-    }
 
     #[test]
     fn an_error_names_the_path() {

@@ -1,5 +1,5 @@
-//! Which colour cameras run freely: all of a rig, none, or those that are named. As a configuration says it: true,
-//! false, or a list of names.
+//! Which colour cameras run freely: all of a rig, none, or a list of names. A configuration has true, false, or the
+//! list.
 
 use crate::frame::CameraId;
 use serde::de::{Error, SeqAccess, Visitor};

@@ -1,6 +1,6 @@
-//! Frames and triggers in, complete or failed captures out: a pure state machine with no clock, no thread
-//! and no I/O. It looks at timestamps only, so a replay and a live rig give the same captures; `H` is what
-//! stands for a frame, a reference into a recording or the frame itself.
+//! Joins frames and triggers to captures, complete or failed: a pure state machine with no clock, no thread and no
+//! I/O. It looks only at timestamps, so a replay and a live rig give the same captures. `H` stands for a frame: a
+//! reference into a recording, or the frame itself.
 //!
 //! A capture's window opens at its trigger less the tolerance and closes after the window's length or where
 //! the next trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two
@@ -20,22 +20,22 @@ use std::fmt;
 pub struct Parameters {
     /// How much before its trigger a frame of a capture may begin, in milliseconds.
     /// Default 5, range 0 to 3600000.
-    #[serde(deserialize_with = "crate::number::milliseconds")]
+    #[serde(deserialize_with = "crate::range::milliseconds")]
     pub tolerance_ms: f64,
     /// How long after its trigger a capture takes frames, in milliseconds.
     /// Default 2000, range 0 to 3600000.
-    #[serde(deserialize_with = "crate::number::milliseconds")]
+    #[serde(deserialize_with = "crate::range::milliseconds")]
     pub window_ms: f64,
     /// Which colour cameras run freely, so that the frame nearest to the trigger counts rather than the first
     /// one after it: true for all, false for none, or a list of names. Default false.
     pub nearest_color: FreeRunning,
     /// Frames of each depth camera that a capture takes.
     /// Default 30, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub depth_frames: usize,
     /// Fewest frames of a depth camera that make a capture.
     /// Default 10, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub min_depth_frames: usize,
     /// Whether a capture goes on without a camera that gave too few frames. Default false.
     pub go_on_without_missing: bool,
@@ -170,7 +170,7 @@ impl<H> Capture<H> {
         let told = self.shortfalls.iter().take(MOST);
         let mut reasons: Vec<String> = told.map(ToString::to_string).collect();
         if let Some(more) = self.shortfalls.len().checked_sub(MOST).filter(|n| *n > 0) {
-            reasons.push(format!("and {more} cameras more"));
+            reasons.push(format!("and {more} more cameras"));
         }
         reasons.join("; ")
     }

@@ -1,5 +1,5 @@
-//! Calibration sessions in front of the simulated rig: a board whose form is known, at placements that are known, seen
-//! by cameras whose lenses and poses are known. The rig, its sensors and its recordings are those of the objects.
+//! Calibration sessions in front of the simulated rig: a known board at known placements, seen by cameras whose
+//! lenses and poses are known. The rig, its sensors and its recordings are those of the objects.
 
 mod options;
 mod paint;

@@ -1,5 +1,6 @@
-//! What a simulated calibration session is asked to be, beside its rig and sensors.
+//! The options of a simulated calibration session, in addition to those of its rig and sensors.
 
+use scand_core::calibration::BoardShape;
 use serde::{Deserialize, Serialize};
 
 /// A board, how often it is shown, and what goes wrong.
@@ -14,8 +15,30 @@ pub struct BoardOptions {
     pub placements: usize,
     /// Millimetres that the print on the back is off its place, about. Default 1.
     pub misprint_mm: f64,
+    /// Millimetres that the edges of the squares lie off the middle of the board: along the rows, and down the columns.
+    /// Default 0, 0: a flat board.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub bend_mm: [f64; 2],
+    /// Per cent by which squares are longer along the rows than their mean, and shorter down the columns. Default 0.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub stretch_percent: f64,
     /// What goes wrong.
     pub faults: BoardFaults,
+}
+
+/// Whether an option is left as it is: the recording of a flat board does not speak of bends.
+fn is_zero<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+impl BoardOptions {
+    /// The shape of the board's sheet.
+    pub fn shape(&self) -> BoardShape {
+        BoardShape {
+            bend: self.bend_mm.map(|mm| 1e-3 * mm),
+            stretch: 1e-2 * self.stretch_percent,
+        }
+    }
 }
 
 impl Default for BoardOptions {
@@ -25,6 +48,8 @@ impl Default for BoardOptions {
             declared: None,
             placements: 20,
             misprint_mm: 1.0,
+            bend_mm: [0.0; 2],
+            stretch_percent: 0.0,
             faults: BoardFaults::default(),
         }
     }

@@ -1,10 +1,10 @@
-//! Paints a board into a camera's picture. Every pixel gets the exact part of its square that is black, so that edges
-//! and corners stand where they are to a thousandth of a pixel; the lens' blur comes after that.
+//! Paints a board into a camera's picture. Every pixel gets the exact share of its square that is black, so that
+//! edges and corners are right to a thousandth of a pixel; the lens' blur is applied after that.
 
 use super::super::render::{Light3, Rendered};
 use super::plate::{Plate, corners, outline};
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
-use scand_core::calibration::{Board, Camera, Face, Intrinsics, Rectangle};
+use scand_core::calibration::{Board, Camera, Face, Intrinsics, Rectangle, Surface};
 use scand_core::image::Grid;
 
 /// Linear light that paper and ink throw back, and the plate's unprinted back.
@@ -61,11 +61,13 @@ pub(super) fn rendered(
     let (face, front_from_face, is_printed) = plate.seen_from(eye);
     let rig_from_face = rig_from_board * front_from_face;
     let eye = rig_from_face.inverse() * camera.center();
-    let Some(window) = window(camera, &plate.board, &rig_from_face) else {
+    let surface = plate.surface(face);
+    let Some(window) = window(camera, &plate.board, &surface, &rig_from_face) else {
         return background;
     };
     let painter = Painter {
         face_from_camera: rig_from_face.inverse() * camera.rig_from_camera,
+        surface,
         plate: outline(&plate.board),
         pattern: is_printed.then(|| Pattern::new(&plate.board, face)),
         light: light(&rig_from_face, eye.z),
@@ -86,6 +88,7 @@ fn light(rig_from_face: &Isometry3<f64>, eye_z: f64) -> f32 {
 fn window(
     camera: &Camera,
     board: &Board,
+    surface: &Surface,
     rig_from_face: &Isometry3<f64>,
 ) -> Option<([usize; 2], [usize; 2])> {
     const SAMPLES: usize = 16;
@@ -96,7 +99,7 @@ fn window(
         for k in 0..SAMPLES {
             let t = k as f64 / SAMPLES as f64;
             let [x, y] = [0, 1].map(|a| from[a] + (to[a] - from[a]) * t);
-            let (pixel, _) = camera.project(rig_from_face * Point3::new(x, y, 0.0))?;
+            let (pixel, _) = camera.project(rig_from_face * surface.point([x, y]))?;
             low = [0, 1].map(|a| low[a].min(pixel[a]));
             high = [0, 1].map(|a| high[a].max(pixel[a]));
         }
@@ -110,6 +113,7 @@ fn window(
 
 struct Painter {
     face_from_camera: Isometry3<f64>,
+    surface: Surface,
     plate: Rectangle,
     pattern: Option<Pattern>,
     light: f32,
@@ -137,16 +141,13 @@ impl Painter {
         }
     }
 
-    /// Where a direction of the camera meets the face's plane; NaN where it does not.
+    /// Where a direction of the camera meets the face, as a place of the board as it is said to be; NaN where it does
+    /// not.
     #[inline]
     fn on_face(&self, direction: [f64; 2]) -> [f64; 2] {
         let ray = self.face_from_camera.rotation * Vector3::new(direction[0], direction[1], 1.0);
-        let eye = self.face_from_camera.translation.vector;
-        let t = -eye.z / ray.z;
-        match t > 0.0 {
-            true => [eye.x + t * ray.x, eye.y + t * ray.y],
-            false => [f64::NAN; 2],
-        }
+        let eye = Point3::from(self.face_from_camera.translation.vector);
+        self.surface.met(eye, ray).unwrap_or([f64::NAN; 2])
     }
 
     #[inline]

@@ -1,5 +1,5 @@
-//! Where an operator who knows what a calibration needs shows the board: once flat on the table, then towards one group
-//! of neighbouring cameras after the other, and every third time to a depth camera, near and far.
+//! Where a skilled operator shows the board: once flat on the table, then towards one group of neighbouring cameras
+//! after the other, and every third time to a depth camera, near and far.
 
 use super::super::Rig;
 use super::super::random::Random;

@@ -1,7 +1,7 @@
-//! The plate that a board is printed on: its size, where its faces lie, and its surface as a depth camera meets it.
+//! The plate on which a board is printed: its size, where its faces lie, and its surface as a depth camera sees it.
 
 use nalgebra::{Isometry3, Point3};
-use scand_core::calibration::{Board, Face, Rectangle};
+use scand_core::calibration::{Board, BoardShape, Face, Rectangle, Surface};
 use scand_core::mesh::Mesh;
 
 /// White around the pattern, as a part of a square, and the thickness of a plate that nobody measured.
@@ -16,6 +16,8 @@ pub(super) struct Plate {
     pub board: Board,
     /// The back's frame in the front's.
     pub front_from_back: Isometry3<f64>,
+    /// How its sheet is bent and stretched.
+    pub shape: BoardShape,
 }
 
 impl Plate {
@@ -29,7 +31,12 @@ impl Plate {
         }
     }
 
-    /// The plate's surface in the rig's frame: a thin closed box.
+    /// A face of it.
+    pub(super) fn surface(&self, face: Face) -> Surface {
+        Surface::new(&self.board, face, self.shape)
+    }
+
+    /// The plate's surface in the rig's frame: a thin closed box, bent as its sheet is.
     pub(super) fn mesh(&self, rig_from_board: &Isometry3<f64>) -> Mesh {
         let thickness = match self.board.two_sided {
             true => self.front_from_back.translation.z.max(1e-3),
@@ -46,13 +53,15 @@ impl Plate {
     fn add_face(&self, mesh: &mut Mesh, rig_from_board: &Isometry3<f64>, z: f64, back: bool) {
         let Rectangle { min, max } = outline(&self.board);
         let first = mesh.vertices.len() as u32;
+        let surface = self.surface(Face::Front);
         let between = |a: usize, k: u32| {
             let t = f64::from(k) / f64::from(CELLS);
             min[a] + (max[a] - min[a]) * t
         };
         for j in 0..=CELLS {
             for i in 0..=CELLS {
-                let p = Point3::new(between(0, i), between(1, j), z);
+                let mut p = surface.point([between(0, i), between(1, j)]);
+                p.z += z;
                 mesh.vertices.push((rig_from_board * p).cast());
             }
         }
@@ -60,7 +69,7 @@ impl Plate {
             for i in 0..CELLS {
                 let at = |i: u32, j: u32| first + j * (CELLS + 1) + i;
                 let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                // x, y and z into the board are right-handed: turning from y to x faces the one who looks.
+                // x, y and z into the board are right-handed: turning from y to x faces the observer.
                 let two = match back {
                     false => [[a, c, b], [a, d, c]],
                     true => [[a, b, c], [a, c, d]],
@@ -114,6 +123,7 @@ mod tests {
         let plate = Plate {
             board: Board::checkerboard(5, 4, 0.03).unwrap(),
             front_from_back: Isometry3::identity(),
+            shape: BoardShape::of_terms([2e-3, -1e-3, 1e-3]),
         };
         let mesh = plate.mesh(&Isometry3::identity());
         let report = check(&mesh);

@@ -1,4 +1,4 @@
-//! A simulated calibration session as a recording.
+//! Writes a simulated calibration session as a recording.
 
 use super::super::Error;
 use super::BoardSession;

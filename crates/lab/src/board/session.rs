@@ -1,4 +1,4 @@
-//! What the rig's cameras hand over when a board is shown to them.
+//! The frames that the rig's cameras deliver when a board is shown to them.
 
 use super::super::burst::{Burst, DEPTH_PERIOD};
 use super::super::color::expose;
@@ -7,7 +7,7 @@ use super::super::options::{ColorSensor, Faults};
 use super::super::random::Random;
 use super::super::render::Rendered;
 use super::super::session::{BEGIN, check, check_faults, depth_color, trigger_time};
-use super::super::{Capture, DepthStation, Error, Options, Rig, invalid};
+use super::super::{Capture, DepthStation, Error, Options, Rig, invalid, within_range};
 use super::options::{BoardFaults, BoardOptions};
 use super::paint::{Directions, rendered};
 use super::placements::{Placement, choose};
@@ -52,6 +52,7 @@ impl BoardSession {
         let plate = Plate {
             board,
             front_from_back: misprinted(&board, options.seed, boards.misprint_mm),
+            shape: boards.shape(),
         };
         let lenses = rig.colors.iter().map(|s| s.actual.intrinsics);
         let lenses = lenses.chain(rig.depths.iter().map(|s| s.actual.camera.intrinsics));
@@ -117,6 +118,7 @@ impl BoardSession {
         RigCalibration {
             volume: None,
             verdict: None,
+            at_object_mm: None,
             cameras: cameras.map(|c| (c.0.id.clone(), c)).collect(),
         }
     }
@@ -124,7 +126,7 @@ impl BoardSession {
     /// What the cameras give to placement `index`.
     ///
     /// # Errors
-    /// If the capture's name is none, which no index causes.
+    /// Never fails for a valid index.
     pub fn capture(&self, index: usize) -> Result<Capture, Error> {
         let trigger = Trigger {
             id: CaptureId::new(&format!("placement-{index:03}"))?,
@@ -269,14 +271,13 @@ fn apply_faults(placements: &mut [Placement], board: &Board, faults: &BoardFault
 }
 
 fn check_board_faults(boards: &BoardOptions, rig: &Rig) -> Result<(), Error> {
-    const MOST: usize = 1000;
     let count = boards.placements;
-    if !(1..=MOST).contains(&count) {
-        return Err(invalid("placements", count, "1 to 1000"));
+    within_range("placements", count as f64, [1.0, 1000.0], "")?;
+    within_range("misprint", boards.misprint_mm, [0.0, 10.0], " mm")?;
+    for bend in boards.bend_mm {
+        within_range("bend", bend, [-20.0, 20.0], " mm")?;
     }
-    if !(0.0..=10.0).contains(&boards.misprint_mm) {
-        return Err(invalid("misprint", boards.misprint_mm, "0 to 10 mm"));
-    }
+    within_range("stretch", boards.stretch_percent, [-5.0, 5.0], " %")?;
     let faults = &boards.faults;
     if let Some(k) = faults.placements().find(|&k| k >= count) {
         return Err(invalid(
@@ -293,12 +294,12 @@ fn check_board_faults(boards: &BoardOptions, rig: &Rig) -> Result<(), Error> {
         ));
     }
     let amounts = [
-        (&faults.moved_mm, "movement", 500.0),
-        (&faults.blurred_px, "blur", 20.0),
+        (&faults.moved_mm, "movement", 500.0, " mm"),
+        (&faults.blurred_px, "blur", 20.0, " px"),
     ];
-    for (list, what, most) in amounts {
-        if let Some(fault) = list.iter().find(|f| !(0.0..=most).contains(&f.amount)) {
-            return Err(invalid(what, fault.amount, "0 to 500 mm, or 0 to 20 px"));
+    for (list, what, most, unit) in amounts {
+        for fault in list {
+            within_range(what, fault.amount, [0.0, most], unit)?;
         }
     }
     let colors = rig.colors.iter().map(|s| s.actual.id.as_str());

@@ -5,6 +5,7 @@ use super::paint::{Directions, rendered};
 use super::*;
 use crate::random::Random;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use scand_core::calibration::fit::find_corners;
 use scand_core::calibration::response::{PlaneParameters, PlaneView, fit_plane, mean_readings};
 use scand_core::calibration::{Board, Camera, DepthResponse, Face};
 use scand_core::frame::{Picture, Stream};
@@ -89,6 +90,50 @@ fn painted_pixels_are_what_rays_through_the_lens_find() {
     );
     // 4000 rays are good to 0.8 %.
     assert!(worst < 0.03 && mean.abs() < 0.004, "{worst} {mean}");
+}
+
+#[test]
+fn a_bent_and_stretched_board_shows_its_corners_where_its_sheet_is() {
+    let session = session(1280, |options, boards| {
+        options.depth_cameras = 0;
+        boards.placements = 3;
+        boards.bend_mm = [2.0, -1.0];
+        boards.stretch_percent = 0.4;
+    });
+    let (board, pose) = (session.board(), session.placements()[2].rig_from_board);
+    let surface = session.plate.surface(Face::Front);
+    let (mut off_sheet, mut off_plane, mut views) = (0.0_f64, 0.0_f64, 0);
+    let capture = session.capture(2).unwrap();
+    for frame in &capture.frames {
+        let colors = session.rig().colors.iter();
+        let mut stations = colors.filter(|s| s.actual.id == frame.camera);
+        let camera = &stations.next().unwrap().actual;
+        let Picture::Raw {
+            data,
+            width,
+            height,
+            ..
+        } = &frame.picture
+        else {
+            panic!("pictures are raw")
+        };
+        let (width, height) = (*width as usize, *height as usize);
+        let picture = Grid::from_fn(width, height, |x, y| data[y * width + x]);
+        let Ok((_, corners)) = find_corners(&picture, board) else {
+            continue;
+        };
+        views += 1;
+        for corner in corners {
+            let plane = board.corner_position(corner.column, corner.row);
+            let off = |p: Point3<f64>| (camera.project(pose * p).unwrap().0 - corner.pixel).norm();
+            off_sheet = off_sheet.max(off(surface.point([plane.x, plane.y])));
+            off_plane = off_plane.max(off(plane));
+        }
+    }
+    assert!(
+        views >= 2 && off_sheet < 0.2 && off_plane > 1.0,
+        "{views}: {off_sheet} {off_plane}"
+    );
 }
 
 /// The lightest and the darkest value of the green channel.

@@ -1,5 +1,5 @@
-//! The colour cameras of a recording as GigE Vision cameras on addresses of this machine, with faults that can be
-//! switched while they run.
+//! Plays the colour cameras of a recording as GigE Vision cameras on addresses of this machine, with faults that
+//! can be switched while they run.
 
 use super::gige::{Player, Scene};
 use super::pictures::{Album, Captures, Shown};
@@ -247,7 +247,12 @@ impl ColorRig {
         let thread = std::thread::Builder::new()
             .name("hardware".into())
             .spawn(run);
-        thread.map_err(|e| Error::Unservable(format!("no thread for the cameras' hardware: {e}")))
+        thread.map_err(|e| {
+            Error::Unservable(format!(
+                "cannot start a thread for the cameras' \
+            hardware: {e}"
+            ))
+        })
     }
 }
 

@@ -1,5 +1,5 @@
-//! What the test sensor for OpenNI2 plays: a file of depth and colour frames made of a recording's captures. The
-//! format is the sensor's own and is described there (`tests/openni2-sensor/src/frames.rs`).
+//! Writes the file that the test sensor for OpenNI2 plays: depth and colour frames of a recording's captures. The
+//! sensor defines its format (`tests/openni2-sensor/src/frames.rs`).
 
 use scand_core::frame::{CameraId, Picture, Timestamp};
 use scand_core::image::{readings_from_raw, rgb_from_file, rgb_from_raw};
@@ -121,7 +121,7 @@ impl SensorFrames {
         if found == expected {
             return Ok(());
         }
-        let words = format!("a frame of {found} pixels, expected {expected}");
+        let words = format!("a frame has {found} pixels, expected {expected}");
         Err(self.failed(std::io::Error::new(std::io::ErrorKind::InvalidInput, words)))
     }
 
@@ -161,7 +161,7 @@ pub fn write_sensor_frames(
     let first = captures.first().and_then(|(depths, _)| depths.first());
     let first = first.ok_or_else(|| unfit("no capture has frames of it".into()))?;
     let size = size(&recording.picture(&depth, first)?)
-        .ok_or_else(|| unfit("its depth is no raw picture".into()))?;
+        .ok_or_else(|| unfit("its depth is not a raw picture".into()))?;
     let sensor = SensorFile {
         serial: camera.to_string(),
         size: size.map(|n| n as u32),

@@ -14,17 +14,17 @@ use std::time::{Duration, Instant};
 
 /// Registers of the simulator (`arvfakecamera.h`) and of every GigE Vision camera (GigE Vision 2.0, chapter 28).
 mod register {
-    pub const WIDTH: u32 = 0x100;
-    pub const HEIGHT: u32 = 0x104;
-    pub const SENSOR_HEIGHT: u32 = 0x118;
-    pub const SENSOR_WIDTH: u32 = 0x11c;
-    pub const PIXEL_FORMAT: u32 = 0x128;
-    pub const TRIGGER_MODE: u32 = 0x300;
-    pub const TRIGGER_SOURCE: u32 = 0x304;
-    pub const TRIGGER_SOFTWARE: u32 = 0x30c;
-    pub const TIMESTAMP_CONTROL: u32 = 0x944;
-    pub const TIMESTAMP_HIGH: u32 = 0x948;
-    pub const TIMESTAMP_LOW: u32 = 0x94c;
+    pub(super) const WIDTH: u32 = 0x100;
+    pub(super) const HEIGHT: u32 = 0x104;
+    pub(super) const SENSOR_HEIGHT: u32 = 0x118;
+    pub(super) const SENSOR_WIDTH: u32 = 0x11c;
+    pub(super) const PIXEL_FORMAT: u32 = 0x128;
+    pub(super) const TRIGGER_MODE: u32 = 0x300;
+    pub(super) const TRIGGER_SOURCE: u32 = 0x304;
+    pub(super) const TRIGGER_SOFTWARE: u32 = 0x30c;
+    pub(super) const TIMESTAMP_CONTROL: u32 = 0x944;
+    pub(super) const TIMESTAMP_HIGH: u32 = 0x948;
+    pub(super) const TIMESTAMP_LOW: u32 = 0x94c;
 }
 
 /// What a served camera shows and how it fails; outlives its stops.
@@ -47,7 +47,7 @@ pub(super) struct Scene {
 
 impl Scene {
     /// Shows an album from its first capture on.
-    pub fn new(album: Album, first: Arc<Pixels>) -> Self {
+    pub(super) fn new(album: Album, first: Arc<Pixels>) -> Self {
         Self {
             album,
             first,
@@ -64,7 +64,7 @@ impl Scene {
     }
 
     /// Shows something else from the next picture on.
-    pub fn show(&self, shown: Shown) {
+    pub(super) fn show(&self, shown: Shown) {
         if let Shown::CapturesFrom(capture) = shown {
             self.next.store(capture, Ordering::Relaxed);
         }
@@ -72,17 +72,17 @@ impl Scene {
     }
 
     /// Pictures sent since the start.
-    pub fn served(&self) -> u64 {
+    pub(super) fn served(&self) -> u64 {
         self.served.load(Ordering::Acquire)
     }
 
     /// Whether a picture could not be read.
-    pub fn broken(&self) -> bool {
+    pub(super) fn broken(&self) -> bool {
         self.broken.load(Ordering::Relaxed)
     }
 
     /// How long each picture is held back after its exposure.
-    pub fn set_delay(&self, delay: Duration) {
+    pub(super) fn set_delay(&self, delay: Duration) {
         self.delay_ns
             .store(delay.as_nanos() as u64, Ordering::Relaxed);
     }
@@ -102,7 +102,7 @@ impl Scene {
     }
 
     /// Which part of its packets is lost.
-    pub fn set_loss(&self, ratio: f64) {
+    pub(super) fn set_loss(&self, ratio: f64) {
         *self.loss.lock() = ratio;
     }
 
@@ -152,7 +152,7 @@ struct Context {
 
 impl Player {
     /// Switches a camera on; `None` if the simulator does not start.
-    pub fn start(
+    pub(super) fn start(
         address: &str,
         serial: &str,
         features: Option<&str>,
@@ -200,24 +200,24 @@ impl Player {
     }
 
     /// Loses as many of its packets as its scene says.
-    pub fn follow_loss(&self) {
+    pub(super) fn follow_loss(&self) {
         let ratio = *self.clock.scene.loss.lock();
         self.simulator.set_gvsp_lost_ratio(ratio);
     }
 
     /// Stops its clock, or lets it go on.
-    pub fn freeze_clock(&self, frozen: bool) {
+    pub(super) fn freeze_clock(&self, frozen: bool) {
         let now = frozen.then(|| self.clock.now_ns());
         *self.clock.scene.frozen.lock() = now;
     }
 
     /// What its clock shows, in nanoseconds.
-    pub fn clock_ns(&self) -> u64 {
+    pub(super) fn clock_ns(&self) -> u64 {
         self.clock.now_ns()
     }
 
     /// Does what a camera's hardware does at once: latches the clock where that was asked for, and notes a trigger.
-    pub fn look(&self) {
+    pub(super) fn look(&self) {
         let now = self.clock.now_ns();
         let read = |register| self.registers.read_register(register).unwrap_or(0);
         let write = |register, value| self.registers.write_register(register, value);
@@ -234,7 +234,7 @@ impl Player {
     }
 
     /// Its line, which can be pulsed while the camera goes on.
-    pub fn line(&self) -> Line {
+    pub(super) fn line(&self) -> Line {
         Line {
             registers: self.registers.clone(),
             scene: self.clock.scene.clone(),
@@ -242,12 +242,12 @@ impl Player {
     }
 
     /// A register's value.
-    pub fn read_register(&self, address: u32) -> Option<u32> {
+    pub(super) fn read_register(&self, address: u32) -> Option<u32> {
         self.registers.read_register(address)
     }
 
     /// Writes a register, as if the camera did.
-    pub fn write_register(&self, address: u32, value: u32) {
+    pub(super) fn write_register(&self, address: u32, value: u32) {
         self.registers.write_register(address, value);
     }
 }
@@ -266,7 +266,7 @@ pub(super) struct Line {
 impl Line {
     /// Gives a pulse; whether it took a picture. The simulator has no lines, so the pulse is a software trigger that
     /// the client knows nothing of.
-    pub fn pulse(&self) -> bool {
+    pub(super) fn pulse(&self) -> bool {
         let read = |register| self.registers.read_register(register).unwrap_or(0);
         let source = read(register::TRIGGER_SOURCE);
         if read(register::TRIGGER_MODE) != 1 || source == SOFTWARE {

@@ -1,4 +1,4 @@
-//! A rig that is played to the live drivers: their own libraries see cameras, and the cameras show a recording.
+//! Plays a recorded rig to the live drivers: the SDKs find cameras, and these cameras show a recording.
 
 #[cfg(feature = "aravis")]
 mod color;

@@ -1,5 +1,5 @@
-//! What a served camera shows: the pictures of a recording's complete captures, in the form that a GigE Vision camera
-//! sends them. No camera is played here.
+//! The pictures that a served camera shows: those of a recording's complete captures, in the form in which a GigE
+//! Vision camera sends them. No camera is played here.
 
 use crate::Error;
 use bytes::Bytes;
@@ -33,7 +33,7 @@ pub(super) struct Pixels {
 
 impl Pixels {
     /// Bytes of a pixel.
-    pub fn pixel_bytes(&self) -> usize {
+    pub(super) fn pixel_bytes(&self) -> usize {
         (self.code >> 16 & 0xff) as usize / 8
     }
 }
@@ -67,7 +67,7 @@ impl Captures {
     ///
     /// # Errors
     /// If the recording cannot be read, or has no complete capture.
-    pub fn list(recording: &Recording) -> Result<Self, Error> {
+    pub(super) fn list(recording: &Recording) -> Result<Self, Error> {
         let ids: Vec<CameraId> = recording
             .topics()
             .filter_map(|topic| match topic {
@@ -127,7 +127,7 @@ impl Album {
     ///
     /// # Errors
     /// If a picture cannot be read, or is not of the size and format of the first.
-    pub fn open(
+    pub(super) fn open(
         recording: Arc<Recording>,
         id: CameraId,
         captures: Vec<MessageRef>,
@@ -150,7 +150,7 @@ impl Album {
     }
 
     /// How many captures there are.
-    pub fn len(&self) -> usize {
+    pub(super) fn len(&self) -> usize {
         self.captures.len()
     }
 
@@ -186,7 +186,7 @@ impl Album {
     ///
     /// # Errors
     /// If it cannot be read or decoded.
-    pub fn picture(&self, capture: Option<usize>) -> Result<Arc<Pixels>, Error> {
+    pub(super) fn picture(&self, capture: Option<usize>) -> Result<Arc<Pixels>, Error> {
         let mut last = self.last.lock();
         if let Some((_, pixels)) = last.as_ref().filter(|(which, _)| *which == capture) {
             return Ok(pixels.clone());

@@ -1,4 +1,4 @@
-//! Bodies given by signed distances: what is not a surface of revolution.
+//! Bodies that are not surfaces of revolution, given by signed distances.
 
 use super::profiles::{self, Swept};
 use nalgebra::{Point3, Vector3};
@@ -122,7 +122,7 @@ fn ribs(p: Point3<f64>, radius: f64) -> f64 {
     let around = p.y.atan2(p.x) / TAU * (TAU * radius / apart).round();
     let fade =
         |z: f64| ((z - 0.048) / apart).clamp(0.0, 1.0) * ((0.078 - z) / apart).clamp(0.0, 1.0);
-    // Above the top and on it there are none, for the value is to stay a distance there.
+    // Above the top and on it there are none, so that the value stays a distance there.
     let beside = ((p.x.hypot(p.y) - 0.8 * radius) / (0.1 * radius)).clamp(0.0, 1.0);
     if (0.009..0.039).contains(&p.z) {
         beside * wave((p.z - 0.009) / apart)

@@ -1,6 +1,6 @@
-//! The objects of the simulated rig: closed, oriented, manifold meshes with z up that stand on the table at
-//! z = 0. Surfaces of revolution are made from their profiles, the others from signed distances. How an
-//! object looks and how it is seen is decided elsewhere.
+//! The objects of the simulated rig: closed, oriented, manifold meshes with z up that stand on the table at z = 0.
+//! Surfaces of revolution are made from their profiles, the others from signed distances. Other files decide how an
+//! object looks and how it is seen.
 
 mod blocks;
 mod bodies;

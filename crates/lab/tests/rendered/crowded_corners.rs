@@ -1,10 +1,10 @@
-//! Corners that markers crowd, in rendered pictures, beside where they are.
+//! Corners that markers crowd, in rendered pictures, compared with their true positions.
 
 use nalgebra::{Isometry3, Point2, Vector3};
 use scand_core::calibration::Face;
 use scand_core::calibration::fit::{
-    Corner, Figures, Fit, FittedCamera, FittedPlacement, Session, SessionCamera, Uncertainty, View,
-    find_corners, matched_with_print,
+    Corner, Figures, Fit, FittedCamera, FittedPlacement, FittedShape, Session, SessionCamera,
+    Uncertainty, View, find_corners, matched_with_print,
 };
 use scand_core::frame::Picture;
 use scand_core::image::Grid;
@@ -68,6 +68,7 @@ fn first_fit(rendered: &BoardSession, placement: usize, camera: usize, face: Fac
         cameras: vec![FittedCamera {
             camera: rendered.rig().colors[camera].actual.clone(),
             uncertainty: Uncertainty::default(),
+            projection: None,
             figures: Figures::default(),
             views: 1,
             coverage: 1.0,
@@ -80,6 +81,7 @@ fn first_fit(rendered: &BoardSession, placement: usize, camera: usize, face: Fac
             cameras: 1,
         }],
         front_from_back: rendered.front_from_back() * of_face(Face::Back),
+        shape: FittedShape::default(),
         table: "one".to_owned(),
         table_is_lowest: true,
         figures: Figures::default(),

@@ -1,5 +1,5 @@
-//! Rooms that see pictures, each on rendered ones whose truth is known: silhouettes, crowded corners of a board, and
-//! what the report says of sound and of faulty captures. The whole method is in the root's
+//! Tests of rooms that process pictures, on rendered pictures whose truth is known: silhouettes, crowded corners of
+//! a board, and reports on captures with and without faults. The whole method is tested in the root's
 //! `tests/offline/reconstruction.rs`.
 
 mod crowded_corners;

@@ -1,4 +1,4 @@
-//! Silhouettes of simulated pictures beside the exact ones.
+//! Silhouettes of simulated pictures, compared with the exact ones.
 
 use scand_core::image::{Mask, RgbImage, srgb};
 use scand_core::reconstruct::silhouette::{Error, Parameters, Silhouette, extract};

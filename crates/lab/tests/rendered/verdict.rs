@@ -1,10 +1,12 @@
-//! The whole room on simulated rigs: what is green is green, faults are named, the report is as its schema
-//! says, and the sheet can be drawn.
+//! The room `report` on simulated rigs: captures without faults are green, faults are named, the report follows its
+//! schema, and the sheet can be drawn.
 
 use nalgebra::Vector2;
 use scand_core::capture::CaptureFacts;
+use scand_core::description::Description;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
 use scand_core::level::Level;
+use scand_core::notes::CaptureNotes;
 use scand_core::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
 use scand_core::report::{
     Code, FailedCapture, Failure, Origin, Parameters, Report, StageTime, Timing, Verdict, judge,
@@ -45,6 +47,7 @@ fn facts() -> CaptureFacts {
         skew_ns: 0,
         colors: Vec::new(),
         depths: Vec::new(),
+        calibration: None,
         left_out: Vec::new(),
         warnings: Vec::new(),
         damage: Vec::new(),
@@ -80,11 +83,24 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
         ..Timing::default()
     };
     let capture = facts();
-    let report = Report::new(&origin, &capture, &measured, &verdict, timing);
+    let about = Description {
+        capture: "cup-000".into(),
+        time: "2026-01-31T23:59:59.000Z".into(),
+        program: "scand".into(),
+        ..Description::default()
+    };
+    let notes = CaptureNotes::default();
+    let report = Report::new(
+        (&origin, &about),
+        (&capture, &notes),
+        &measured,
+        &verdict,
+        timing,
+    );
     let report: Value = serde_json::from_str(&to_json(&report).unwrap()).unwrap();
     assert_eq!(violations(&report, "done"), [""; 0]);
 
-    let sheet = preview(&scene, &made, &verdict, "cup.mcap, cup-000");
+    let sheet = preview(&scene, &made, &verdict, &about);
     assert_eq!(sheet.width(), 1920);
     let colors: std::collections::BTreeSet<_> = sheet.pixels().iter().collect();
     assert!(colors.len() > 500, "{} colours", colors.len());
@@ -145,14 +161,14 @@ fn depth_without_readings_and_a_rig_without_depth_are_told_apart() {
         (verdict.level, verdict.reasons[0].code),
         (Level::Amber, Code::NoDepth)
     );
-    preview(&scene, &made, &verdict, "no readings");
+    preview(&scene, &made, &verdict, &Description::default());
     let (scene, made) = simulated(|o| o.depth_cameras = 0);
     let verdict = judged(&scene, &made);
     assert_eq!(
         (verdict.level, verdict.reasons[0].code),
         (Level::Amber, Code::NoDepthCamera)
     );
-    preview(&scene, &made, &verdict, "no depth camera");
+    preview(&scene, &made, &verdict, &Description::default());
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Checks that a capture has room: in memory, on the disk, and in the recorder's queue. If it has not, gives the reason
-//! with which the press is refused, such as a full disk's.
+//! Checks that there is room for a capture: in memory, on the disk, and in the recorder's queue. If there is not,
+//! it gives the reason with which the press is refused, for example that the disk is full.
 
 use super::CaptureThread;
 use crate::daemon::rig::{Kind, State};
@@ -18,7 +18,7 @@ impl CaptureThread {
         let pool = &self.plan.pool;
         if pool.in_use() as u64 + bytes > pool.limit() as u64 {
             return Err(format!(
-                "a capture takes {} MB of memory, {} of {} MB are in use (capture.memory_mb)",
+                "a capture needs {} MB of memory, but {} of {} MB are in use (capture.memory_mb)",
                 bytes / 1_000_000,
                 pool.in_use() / 1_000_000,
                 pool.limit() / 1_000_000

@@ -1,4 +1,4 @@
-//! The empty rig's backgrounds: how they are taken, and their age.
+//! Takes backgrounds of the empty rig, and tells their age.
 
 use super::super::assemble::assemble;
 use super::CaptureThread;
@@ -50,7 +50,7 @@ impl CaptureThread {
         let plan = &self.plan;
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
-        let words = format!("{} plates in {}", backgrounds.len(), path.display());
+        let words = format!("{} backgrounds in {}", backgrounds.len(), path.display());
         self.plan.preamble.backgrounds = backgrounds::detached(backgrounds);
         self.preamble_changed();
         let told = words.clone();

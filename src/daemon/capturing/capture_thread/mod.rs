@@ -1,4 +1,4 @@
-//! What the capturing thread does with its orders, one after the other.
+//! The capturing thread's loop: it carries out its orders one after the other.
 
 mod admission;
 mod background;
@@ -6,10 +6,11 @@ mod press;
 mod sessions;
 mod shot;
 
-use super::{Order, Plan, ReloadedSettings};
+use super::{CapturePlan, Order, ReloadedSettings};
 use crate::daemon::backgrounds;
 use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
+use crate::daemon::notes::NoteEffects;
 use crate::daemon::recorder::{Recorder, Work};
 use crate::daemon::rig::{Rig, ShotResult, State};
 use crate::daemon::status::{self, Status};
@@ -29,12 +30,13 @@ use std::time::{Duration, Instant};
 
 pub(super) struct CaptureThread {
     rig: Rig,
-    plan: Plan,
+    plan: CapturePlan,
     recorder: Recorder,
     dispatcher: Arc<Dispatcher>,
     shared: Arc<Mutex<Status>>,
     synchronizer: Synchronizer<Frame>,
     session: Option<Naming>,
+    note_effects: Arc<NoteEffects>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
     heartbeat: Heartbeat,
@@ -49,9 +51,10 @@ struct Naming {
 impl CaptureThread {
     pub(super) fn new(
         rig: Rig,
-        mut plan: Plan,
+        mut plan: CapturePlan,
         recorder: Recorder,
         dispatcher: Arc<Dispatcher>,
+        note_effects: Arc<NoteEffects>,
         shared: Arc<Mutex<Status>>,
     ) -> Self {
         // Each turn has a window of its own length.
@@ -68,6 +71,7 @@ impl CaptureThread {
             recorder,
             dispatcher,
             shared,
+            note_effects,
             session: None,
             lost: BTreeMap::new(),
         }
@@ -120,13 +124,13 @@ impl CaptureThread {
             }
             Order::Reload(settings, answer) => {
                 self.reload(*settings);
-                answer(Ok("what may change was read again".into()));
+                answer(Ok("the settings that may change were read again".into()));
             }
         }
     }
 
     fn reload(&mut self, reloaded: ReloadedSettings) {
-        let Plan {
+        let CapturePlan {
             capture,
             recording,
             preamble,
@@ -152,7 +156,7 @@ impl CaptureThread {
         changed
     }
 
-    /// Tells the log and who listens what a camera is now; what it is set to goes into the recordings.
+    /// Logs and publishes a camera's new state; its settings go into the recordings.
     fn tell_state(&mut self, id: CameraId) {
         let states = self.rig.states().find(|(camera, ..)| **camera == id);
         match states.map(|(.., state)| state.clone()) {
@@ -194,7 +198,7 @@ impl CaptureThread {
         }
     }
 
-    /// Gives the recorder a piece of work; where it has no room, the one who waits for it hears so.
+    /// Gives the recorder a piece of work. If its queue is full, the client that waits is told so.
     fn hand_over(&mut self, work: Work) -> bool {
         let refused = self.recorder.hand_over(work).err();
         let handed = refused.is_none();

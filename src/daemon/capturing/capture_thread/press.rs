@@ -1,4 +1,5 @@
-//! A press: the shots that it asks for, handed to the recorder. What its client hears is decided in `request_log`.
+//! Carries out a press: takes its shots and hands them to the recorder. `request_log` decides what its client is
+//! told.
 
 use super::super::assemble::assemble;
 use super::CaptureThread;

@@ -1,9 +1,9 @@
-//! Sessions: how they begin, how their captures are named, and what is noted in them.
+//! Sessions: begins them, names their captures, and records notes in them.
 
 use super::{CaptureThread, Naming};
 use crate::daemon::events::Event;
 use crate::daemon::names;
-use crate::daemon::recorder::{Answer, QUEUE_FULL, Work};
+use crate::daemon::recorder::{Answer, NotePlace, QUEUE_FULL, Work};
 use crate::log;
 use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
@@ -38,7 +38,9 @@ impl CaptureThread {
         names::check_session(name)?;
         let mut preamble = self.plan.preamble.clone();
         if let Some(key) = about.keys().find(|key| preamble.about.contains_key(*key)) {
-            return Err(format!("{key:?} is what the rig says of itself"));
+            return Err(format!(
+                "scand itself writes {key:?} about a session: use another key"
+            ));
         }
         preamble.about.extend(about);
         let folder = &self.plan.recording.folder;
@@ -58,7 +60,8 @@ impl CaptureThread {
             && jobs.has_of(name)
         {
             return Err(format!(
-                "models of an earlier session {name} are still to be made: take another name, or wait for them"
+                "models of an earlier session {name} are not made yet: choose another name, or \
+                wait for them"
             ));
         }
         Ok(Box::new(session))
@@ -78,9 +81,20 @@ impl CaptureThread {
         self.session = Some(Naming { name, captures: 0 });
     }
 
+    /// Brings a note to the disk: into the recording in progress if that has the capture, otherwise beside the
+    /// recording that has it. Only then does the note take effect.
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
         let time = self.rig.clock().timestamp();
+        let is_of =
+            |session: &Naming| names::has_capture(&session.name, session.captures, &note.capture);
+        let place = match self.session.as_ref().is_some_and(is_of) {
+            true => NotePlace::Session,
+            false => NotePlace::Beside(self.plan.recording.folder.clone()),
+        };
+        let effects = self.note_effects.clone();
+        let said = note.said(time);
         let events = self.plan.events.clone();
+        let capture = note.capture.clone();
         let event = Event::Note {
             capture: note.capture.clone(),
             kind: note.kind.clone(),
@@ -88,11 +102,12 @@ impl CaptureThread {
         };
         let answer: Answer = Box::new(move |written| {
             if written.is_ok() {
+                effects.carry_out(capture, said);
                 events.publish(event);
             }
             answer(written);
         });
-        self.hand_over(Work::Note(note, time, answer));
+        self.hand_over(Work::Note(note, time, place, answer));
     }
 
     /// Bytes after which a recording is completed and the next one begun.

@@ -1,6 +1,6 @@
 //! A shot of the rig's cameras, and which of its frames make the capture.
 
-use super::super::Plan;
+use super::super::CapturePlan;
 use crate::daemon::rig::{Kind, Rig, ShotResult};
 use crate::daemon::systemd::Heartbeat;
 use crate::frame::{Frame, Timestamp, Trigger};
@@ -23,7 +23,7 @@ pub(super) fn cameras(rig: &Rig) -> sync::Cameras {
 /// Takes a shot and lets `sync` choose from its frames.
 pub(super) fn shoot(
     rig: &mut Rig,
-    plan: &Plan,
+    plan: &CapturePlan,
     synchronizer: &mut Synchronizer<Frame>,
     wanted: impl Fn(Kind) -> bool,
     trigger: Trigger,

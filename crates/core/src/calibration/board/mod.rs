@@ -1,10 +1,12 @@
-//! What a calibration board is: its corners and markers, where they lie and what they are called. How it looks is in
-//! `pattern`, how it is written down in `text`; nothing here draws or detects.
+//! A calibration board: its corners and markers, their positions and ids. `pattern` describes how it looks, `text`
+//! how it is written, `shape` how a print differs from it; nothing here draws or detects.
 
 mod pattern;
+mod shape;
 mod text;
 
 pub use pattern::Rectangle;
+pub use shape::{BoardShape, Surface};
 
 use super::Error;
 use calib_targets_aruco::{Dictionary, builtins};
@@ -60,7 +62,7 @@ pub enum Face {
     Back,
 }
 
-/// A marker's side over its square's, unless something else is said.
+/// The default ratio of a marker's side to its square's.
 const MARKER_PART: f64 = 0.75;
 
 impl Board {

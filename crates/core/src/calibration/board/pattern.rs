@@ -1,4 +1,5 @@
-//! How a face of a board looks: what is black on it, as rectangles in the face's frame, for whoever prints or renders.
+//! How a face of a board looks: its black parts as rectangles in the face's frame, for code that prints or renders
+//! it.
 
 use super::{Board, BoardKind, Face};
 

@@ -1,5 +1,5 @@
-//! Boards written down: the compact text of the command line, `charuco:11x8:25mm:two-sided`, and the pairs of a
-//! recording's metadata.
+//! Boards as text: the compact form of the command line, `charuco:11x8:25mm:two-sided`, and the key-value pairs of
+//! a recording's metadata.
 
 use super::{Board, BoardKind, Error, Markers, bad};
 use calib_targets_aruco::resolve_dictionary;
@@ -193,17 +193,14 @@ fn metres(what: &'static str, text: &str) -> Result<f64, Error> {
     parsed.or_else(|_| bad(what, shown(text), "metres, such as 0.025"))
 }
 
-/// A length with its unit, in metres.
+/// A length in metres. A number without a unit is one of metres, where a board can be so small: `25` is a mistake for
+/// `25mm`.
 fn length(what: &'static str, text: &str) -> Result<f64, Error> {
-    let text = text.trim();
-    let unit = |(unit, power): (&str, &'static str)| {
-        let number = text.strip_suffix(unit)?.trim();
-        let is_plain = number.bytes().all(|b| b.is_ascii_digit() || b == b'.');
-        // Scaled before it is read, so that 47.7 mm is the number nearest to 0.0477 m.
-        is_plain.then(|| format!("{number}{power}").parse().ok())?
-    };
-    let units = [("mm", "e-3"), ("cm", "e-2"), ("m", "")];
-    let value = units.into_iter().find_map(unit);
+    let has_unit = text
+        .trim()
+        .ends_with(|letter: char| letter.is_ascii_alphabetic());
+    let value =
+        crate::range::metres(text).filter(|&value| value >= 0.0 && (has_unit || value < 1.0));
     value.map_or_else(|| bad(what, shown(text), LENGTH), Ok)
 }
 

@@ -1,4 +1,5 @@
-//! Kalibr: the camchain, all cameras of a rig in one file, each with its pose against the one before it, in metres.
+//! Kalibr's camchain: all cameras of a rig in one file, each with its pose relative to the one before it, in
+//! metres.
 
 use super::response_comment;
 use super::yaml::{Tree, exactly, side, word};
@@ -167,7 +168,7 @@ fn pose(m: &[f64; 16]) -> Result<Isometry3<f64>, String> {
     let rotation = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
     let off = (rotation * rotation.transpose() - Matrix3::identity()).norm();
     if off > 1e-3 || rotation.determinant() < 0.0 || m[12..] != [0.0, 0.0, 0.0, 1.0] {
-        return Err("T_cn_cnm1 is no rigid motion".into());
+        return Err("T_cn_cnm1 is not a rigid motion".into());
     }
     let rotation =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));

@@ -1,5 +1,5 @@
-//! Calibrations in the files of others: ROS `camera_info` and Kalibr's camchain, both YAML. What they cannot hold is
-//! said in a comment or refused, never dropped.
+//! Calibrations in the formats of ROS (`camera_info`) and Kalibr (camchain), both YAML. What such a file cannot
+//! hold is written as a comment or refused, never dropped.
 
 mod kalibr;
 mod ros;
@@ -73,7 +73,7 @@ fn import_folder(folder: &Path) -> Result<RigCalibration, FileError> {
         cameras.extend(read.cameras.into_values().map(|(camera, _)| camera));
     }
     let found = if cameras.is_empty() {
-        Err("no YAML file with a camera in it".to_owned())
+        Err("the folder has no YAML file with a camera".to_owned())
     } else {
         collect(cameras)
     };
@@ -88,7 +88,7 @@ fn collect(cameras: Vec<Camera>) -> Result<RigCalibration, String> {
     for camera in cameras {
         let id = camera.id.clone();
         if rig.cameras.insert(id.clone(), (camera, None)).is_some() {
-            return Err(format!("camera {id} is there twice"));
+            return Err(format!("camera {id} appears twice"));
         }
     }
     Ok(rig)

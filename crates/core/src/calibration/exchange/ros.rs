@@ -1,4 +1,5 @@
-//! ROS: `camera_info` as camera_info_manager and camera_calibration_parsers read and write it, a file a camera.
+//! ROS: `camera_info` as camera_info_manager and camera_calibration_parsers read and write it, one file for each
+//! camera.
 
 use super::response_comment;
 use super::yaml::{Tree, exactly, list, side, word};

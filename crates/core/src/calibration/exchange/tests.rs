@@ -1,4 +1,5 @@
-//! What is written for others is read back, what others write is read, and what is wrong is named.
+//! What scand writes for other programs can be read back, what they write can be read, and errors name what is
+//! wrong.
 
 use super::*;
 use crate::calibration::{Distortion, Intrinsics};
@@ -183,5 +184,5 @@ fn a_folder_of_files_is_one_rig() {
     let message = RigCalibration::import(folder.path())
         .unwrap_err()
         .to_string();
-    assert!(message.contains("camera c01 is there twice"), "{message}");
+    assert!(message.contains("camera c01 appears twice"), "{message}");
 }

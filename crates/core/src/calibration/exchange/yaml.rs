@@ -1,5 +1,5 @@
-//! As much of YAML as calibration files use: nested names by indentation, plain values, lists in brackets over one line
-//! or more, and lists of such lists. Everything else is refused with its line.
+//! Parses the part of YAML that calibration files use: names nested by indentation, plain values, lists in brackets
+//! over one line or more, and lists of such lists. Everything else is refused with its line.
 
 use std::collections::BTreeMap;
 
@@ -36,7 +36,7 @@ pub(super) fn read(text: &str) -> Result<Tree, String> {
             let row = numbers(&list).ok_or_else(|| wrong("expected a list of numbers"))?;
             match tree.entry(name).or_insert(Value::Numbers(Vec::new())) {
                 Value::Numbers(all) => all.extend(row),
-                Value::Plain(_) => return Err(wrong("a list below a value")),
+                Value::Plain(_) => return Err(wrong("a list follows a value")),
             }
             continue;
         }

@@ -1,17 +1,21 @@
-//! Bundle adjustment: lenses, camera poses, the board's placements and its back's pose, all at once, by
+//! Bundle adjustment: lenses, camera poses, the board's placements, its back's pose and its shape, all at once, by
 //! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a
 //! modern synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It solves; what is true of the result is
 //! judged elsewhere.
 
 use super::lens::{Lens, PARAMETERS};
+use super::sheet::{PRIOR_VARIANCE, Sheet, TERMS};
+use crate::calibration::BoardShape;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector,
     Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
 };
 use rayon::prelude::*;
 
-/// Columns of a view beside its placement's: the lens, the camera's pose, the back face's pose.
-const SHARED: usize = PARAMETERS + 12;
+/// Columns of a view beside its placement's: the lens, the camera's pose, the back face's pose, the board's shape.
+const SHARED: usize = PARAMETERS + 12 + TERMS;
+/// First of these that is the shape's.
+const SHAPE: usize = PARAMETERS + 12;
 /// Columns of a camera: lens and pose.
 pub(super) const CAMERA: usize = PARAMETERS + 6;
 
@@ -61,6 +65,7 @@ pub(super) struct Bundle {
     pub placements: Vec<PlacementState>,
     pub board_from_back: Isometry3<f64>,
     pub back_free: bool,
+    pub sheet: Sheet,
     pub views: Vec<Observation>,
 }
 
@@ -88,8 +93,6 @@ impl Loss {
 
 /// Squared residual, in px², of a point that is behind its camera.
 const BEHIND: f64 = 1e8;
-/// Variance, in px², that the lenses' priors are weighed against.
-const PRIOR_VARIANCE: f64 = 0.04;
 
 /// A view's share of the normal equations.
 struct Share {
@@ -103,7 +106,7 @@ struct Share {
 
 /// The normal equations with the placements eliminated or about to be.
 pub(super) struct Normal {
-    /// Of the cameras (and the back), all columns, those that are not free with ones on the diagonal.
+    /// Of the cameras (and the back and the shape), all columns, those that are not free with ones on the diagonal.
     shared: DMatrix<f64>,
     gradient: DVector<f64>,
     placements: Vec<Matrix6<f64>>,
@@ -114,8 +117,13 @@ pub(super) struct Normal {
 }
 
 impl Bundle {
-    /// Columns of the cameras and the back.
+    /// Columns of the cameras, the back and the shape.
     fn columns(&self) -> usize {
+        self.shape_column() + TERMS
+    }
+
+    /// The first of the shape's columns.
+    pub(super) fn shape_column(&self) -> usize {
         self.cameras.len() * CAMERA + 6
     }
 
@@ -133,7 +141,10 @@ impl Bundle {
         match self.cameras.get(camera) {
             Some(state) if local < PARAMETERS => state.free[local],
             Some(state) => state.pose_free,
-            None => self.back_free,
+            None => match column.checked_sub(self.shape_column()) {
+                Some(term) => self.sheet.free[term],
+                None => self.back_free,
+            },
         }
     }
 
@@ -143,12 +154,13 @@ impl Bundle {
         shared + 6 * self.placements.iter().filter(|p| p.free).count()
     }
 
-    /// A point of a view's face in the board's frame.
-    fn on_board(&self, view: &Observation, p: Point3<f64>) -> Point3<f64> {
+    /// A point of a view's face, as it is said to be, in the board's frame.
+    pub(super) fn on_board(&self, view: &Observation, p: &Point3<f64>) -> Point3<f64> {
+        let on_face = self.sheet.point(view.back, p);
         if view.back {
-            self.board_from_back * p
+            self.board_from_back * on_face
         } else {
-            p
+            on_face
         }
     }
 
@@ -157,7 +169,7 @@ impl Bundle {
         let camera = &self.cameras[view.camera];
         let pose = camera.camera_from_rig * self.placements[view.placement].rig_from_board;
         let residual = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
-            let in_camera = pose * self.on_board(view, *p);
+            let in_camera = pose * self.on_board(view, p);
             camera
                 .lens
                 .project(in_camera.coords)
@@ -177,7 +189,7 @@ impl Bundle {
     }
 
     fn priors(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        self.cameras.iter().enumerate().flat_map(|(c, camera)| {
+        let of_cameras = self.cameras.iter().enumerate().flat_map(|(c, camera)| {
             let believed = camera.prior.iter().enumerate();
             believed.filter_map(move |(i, prior)| {
                 let prior = (*prior)?;
@@ -185,7 +197,10 @@ impl Bundle {
                 let error = camera.lens.values[i] - prior.value;
                 camera.free[i].then_some((c * CAMERA + i, weight, error))
             })
-        })
+        });
+        let first = self.shape_column();
+        let of_shape = self.sheet.beliefs().map(move |(i, w, e)| (first + i, w, e));
+        of_cameras.chain(of_shape)
     }
 
     fn belief_cost(&self) -> f64 {
@@ -198,6 +213,8 @@ impl Bundle {
         let placement = &self.placements[view.placement].rig_from_board;
         let rig_rotation = camera.camera_from_rig.rotation.to_rotation_matrix();
         let board_rotation = rig_rotation * placement.rotation.to_rotation_matrix();
+        let back_rotation = self.board_from_back.rotation.to_rotation_matrix();
+        let is_shaped = self.sheet.free.contains(&true);
         let mut share = Share {
             aa: SMatrix::zeros(),
             ap: SMatrix::zeros(),
@@ -206,8 +223,9 @@ impl Bundle {
             p: Vector6::zeros(),
             cost: 0.0,
         };
+        let mut sums = Sums::new(self.fitted_columns(view));
         for (p, pixel) in &view.points {
-            let on_board = self.on_board(view, *p);
+            let on_board = self.on_board(view, p);
             let rotated = placement.rotation * on_board.coords;
             let in_rig = rotated + placement.translation.vector;
             let turned = camera.camera_from_rig.rotation * in_rig;
@@ -226,16 +244,36 @@ impl Bundle {
                 .fixed_view_mut::<2, PARAMETERS>(0, 0)
                 .copy_from(&by_lens);
             set_pose(&mut by_shared, PARAMETERS, &by_point, turned);
+            let by_board = by_point * board_rotation.matrix();
+            let by_face = match view.back {
+                true => by_board * back_rotation.matrix(),
+                false => by_board,
+            };
             if view.back {
-                let by_board = by_point * board_rotation.matrix();
-                let from_face = self.board_from_back.rotation * p.coords;
+                let from_face = on_board.coords - self.board_from_back.translation.vector;
                 set_pose(&mut by_shared, CAMERA, &by_board, from_face);
+            }
+            if is_shaped {
+                let by_terms = by_face * self.sheet.by_terms(view.back, p);
+                by_shared
+                    .fixed_view_mut::<2, TERMS>(0, SHAPE)
+                    .copy_from(&by_terms);
             }
             let mut by_placement = SMatrix::<f64, 2, 6>::zeros();
             set_pose(&mut by_placement, 0, &by_rig, rotated);
-            share.add(&by_shared, &by_placement, residual, weight);
+            sums.add(&by_shared, &by_placement, residual, weight);
         }
+        sums.spread(&mut share);
         share
+    }
+
+    /// A view's shared columns that are fitted: nothing is computed for the others, which are half of them.
+    fn fitted_columns(&self, view: &Observation) -> Vec<usize> {
+        let is_fitted = |&local: &usize| {
+            let is_of_back = (CAMERA..SHAPE).contains(&local);
+            (view.back || !is_of_back) && self.is_free(self.column(view, local))
+        };
+        (0..SHARED).filter(is_fitted).collect()
     }
 
     /// The normal equations at the present state.
@@ -329,17 +367,22 @@ impl Bundle {
             let of_placement: Vec<_> = of_placement
                 .filter(|(view, _)| view.placement == placement)
                 .collect();
-            for (view, coupling) in &of_placement {
-                let weighted = *coupling * inverse;
-                let pulled = weighted * normal.placement_gradients[placement];
-                for i in 0..SHARED {
+            // Rows of columns that are not fitted are 0.
+            let of_placement: Vec<_> = of_placement
+                .into_iter()
+                .map(|(view, coupling)| (view, coupling.transpose(), self.fitted_columns(view)))
+                .collect();
+            for (view, coupling, columns) in &of_placement {
+                let weighted = inverse * coupling;
+                let pulled = weighted.transpose() * normal.placement_gradients[placement];
+                for &i in columns {
                     gradient[self.column(view, i)] -= pulled[i];
                 }
-                for (other, other_coupling) in &of_placement {
-                    let block = weighted * other_coupling.transpose();
-                    for i in 0..SHARED {
-                        for j in 0..SHARED {
-                            matrix[(self.column(view, i), self.column(other, j))] -= block[(i, j)];
+                for (other, other_coupling, other_columns) in &of_placement {
+                    for &j in other_columns {
+                        let (pull, column) = (other_coupling.column(j), self.column(other, j));
+                        for &i in columns {
+                            matrix[(self.column(view, i), column)] -= weighted.column(i).dot(&pull);
                         }
                     }
                 }
@@ -383,6 +426,13 @@ impl Bundle {
                 .into_owned();
             next.board_from_back = moved(&self.board_from_back, &pose);
         }
+        let mut terms = self.sheet.shape().terms();
+        for (i, term) in terms.iter_mut().enumerate() {
+            if self.sheet.free[i] {
+                *term += step[self.shape_column() + i];
+            }
+        }
+        next.sheet.set(BoardShape::of_terms(terms));
         let sound = step.iter().all(|v| v.is_finite()) && next.is_sane();
         sound.then_some(next)
     }
@@ -420,8 +470,30 @@ impl Bundle {
         normal.cost
     }
 
-    /// Covariance, in px⁻² units of unit noise, of all cameras' columns and the back's: the inverse of the reduced
-    /// normal equations. Fixed parameters have none. `None` where they cannot be inverted.
+    /// What one placement says of the shape's terms, the cameras being as they are: its part of the normal equations,
+    /// with the placement eliminated. `None` where they cannot be solved.
+    pub(super) fn speaks_of_shape(&self, placement: usize) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+        let mut alone = self.clone();
+        for camera in &mut alone.cameras {
+            camera.pose_free = false;
+            camera.free.fill(false);
+        }
+        alone.back_free = false;
+        alone.sheet.free.fill(true);
+        alone.sheet.deviation.fill(f64::INFINITY);
+        alone.views.retain(|v| v.placement == placement);
+        alone.placements[placement].free = true;
+        let (matrix, gradient, _) = alone.reduced(&alone.normal(Loss::SQUARED), 0.0);
+        let first = alone.shape_column();
+        let (block, pull) = (
+            matrix.fixed_view::<TERMS, TERMS>(first, first).into_owned(),
+            gradient.fixed_rows::<TERMS>(first).into_owned(),
+        );
+        block.iter().all(|v| v.is_finite()).then_some((block, pull))
+    }
+
+    /// Covariance, in px⁻² units of unit noise, of the columns of all cameras, the back and the shape: the inverse of
+    /// the reduced normal equations. Fixed parameters have none. `None` where they cannot be inverted.
     pub(super) fn covariance(&self, loss: Loss) -> Option<DMatrix<f64>> {
         let normal = self.normal(loss);
         let (mut matrix, _, _) = self.reduced(&normal, 0.0);
@@ -445,7 +517,24 @@ impl Bundle {
     }
 }
 
-impl Share {
+/// Sums over a view's corners of the products of derivatives: of its fitted columns, its placement's, and the residual,
+/// one behind the other, on and above the diagonal.
+struct Sums {
+    columns: Vec<usize>,
+    products: [[f64; ALL]; ALL],
+}
+
+/// Columns of a view with its placement's and the residual.
+const ALL: usize = SHARED + 7;
+
+impl Sums {
+    fn new(columns: Vec<usize>) -> Self {
+        Self {
+            columns,
+            products: [[0.0; ALL]; ALL],
+        }
+    }
+
     #[inline]
     fn add(
         &mut self,
@@ -454,13 +543,47 @@ impl Share {
         residual: Vector2<f64>,
         weight: f64,
     ) {
-        let weighted = by_shared.transpose() * weight;
-        self.aa += weighted * by_shared;
-        self.ap += weighted * by_placement;
-        self.a += weighted * residual;
-        let weighted = by_placement.transpose() * weight;
-        self.pp += weighted * by_placement;
-        self.p += weighted * residual;
+        let fitted = self.columns.len();
+        let count = fitted + 7;
+        let mut rows = [[0.0; ALL]; 2];
+        for (axis, row) in rows.iter_mut().enumerate() {
+            for (place, &column) in row.iter_mut().zip(&self.columns) {
+                *place = by_shared[(axis, column)];
+            }
+            for k in 0..6 {
+                row[fitted + k] = by_placement[(axis, k)];
+            }
+            row[fitted + 6] = residual[axis];
+        }
+        let [x, y] = rows;
+        for (i, sums) in self.products[..count].iter_mut().enumerate() {
+            let (a, b) = (weight * x[i], weight * y[i]);
+            for ((sum, x), y) in sums[i..count].iter_mut().zip(&x[i..]).zip(&y[i..]) {
+                *sum += a * x + b * y;
+            }
+        }
+    }
+
+    /// Puts the sums to where the normal equations have them.
+    fn spread(&self, share: &mut Share) {
+        let fitted = self.columns.len();
+        for (i, &row) in self.columns.iter().enumerate() {
+            for (k, &column) in self.columns.iter().enumerate().skip(i) {
+                share.aa[(row, column)] = self.products[i][k];
+                share.aa[(column, row)] = self.products[i][k];
+            }
+            for k in 0..6 {
+                share.ap[(row, k)] = self.products[i][fitted + k];
+            }
+            share.a[row] = self.products[i][fitted + 6];
+        }
+        for i in 0..6 {
+            for k in i..6 {
+                share.pp[(i, k)] = self.products[fitted + i][fitted + k];
+                share.pp[(k, i)] = share.pp[(i, k)];
+            }
+            share.p[i] = self.products[fitted + i][fitted + 6];
+        }
     }
 }
 
@@ -496,6 +619,7 @@ pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Board;
     use proptest::prelude::*;
 
     fn pose(v: [f64; 6]) -> Isometry3<f64> {
@@ -536,11 +660,17 @@ mod tests {
             weight: 0.5 + 1.5 * f64::from(u8::from(back)),
             points: (0..6).map(point).collect(),
         };
+        let board = Board::checkerboard(4, 3, 0.05).unwrap();
+        let shape = BoardShape::of_terms([poses[3][0], poses[3][1], poses[3][2]].map(|v| v * 0.01));
+        let mut sheet = Sheet::of(&board, shape);
+        sheet.free = [true; TERMS];
+        sheet.deviation = [0.01; TERMS];
         Bundle {
             cameras: vec![camera(poses[0]), camera(poses[1])],
             placements: vec![placement],
             board_from_back: moved(&Isometry3::identity(), &(Vector6::from(poses[3]) * 0.1)),
             back_free: true,
+            sheet,
             views: vec![view(0, false), view(1, true)],
         }
     }
@@ -561,9 +691,14 @@ mod tests {
                 *pose = moved(pose, &step(l - PARAMETERS));
             }
             (_, l) if l < 6 => bundle.board_from_back = moved(&bundle.board_from_back, &step(l)),
+            (_, l) if l < 6 + TERMS => {
+                let mut terms = bundle.sheet.shape().terms();
+                terms[l - 6] += by;
+                bundle.sheet.set(BoardShape::of_terms(terms));
+            }
             (_, l) => {
                 let pose = &mut bundle.placements[0].rig_from_board;
-                *pose = moved(pose, &step(l - 6));
+                *pose = moved(pose, &step(l - 6 - TERMS));
             }
         }
         bundle
@@ -577,8 +712,8 @@ mod tests {
             let bundle = bundle(poses, noise);
             let normal = bundle.normal(Loss::SQUARED);
             prop_assert!((normal.cost - bundle.cost(Loss::SQUARED)).abs() < 1e-6 * normal.cost);
-            for column in 0..2 * CAMERA + 12 {
-                let shared = 2 * CAMERA + 6;
+            for column in 0..2 * CAMERA + 12 + TERMS {
+                let shared = 2 * CAMERA + 6 + TERMS;
                 let analytic = match column.checked_sub(shared) {
                     None => normal.gradient[column],
                     Some(local) => normal.placement_gradients[0][local],

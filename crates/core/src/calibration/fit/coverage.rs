@@ -1,10 +1,10 @@
-//! Says what a session still lacks, in words for the person who holds the board.
+//! Lists what a session still lacks, as instructions to the person who holds the board.
 
 use super::result::Fit;
 use super::session::Session;
 use crate::calibration::Camera;
 use crate::frame::CameraId;
-use crate::number;
+use crate::range;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
 
@@ -14,21 +14,21 @@ use std::collections::BTreeSet;
 pub struct Wanted {
     /// Views of each camera.
     /// Default 6, range 0 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub views: usize,
     /// Placements that each camera shares with its nearest partner.
     /// Default 4, range 0 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub shared: usize,
     /// Distances from a depth camera, in metres, between which the board should be seen. Default 0.7 to 1.3.
-    #[serde(deserialize_with = "number::each_within::<_, 0, 20>")]
+    #[serde(deserialize_with = "range::each_within::<_, 0, 20>")]
     pub depths: [f64; 2],
     /// Length of the steps in which these distances should be seen, in metres.
     /// Default 0.15, range 0.01 to 20.
-    #[serde(deserialize_with = "number::from_a_hundredth::<_, _, 20>")]
+    #[serde(deserialize_with = "range::from_a_hundredth::<_, _, 20>")]
     pub depth_step: f64,
     /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
-    #[serde(deserialize_with = "number::each_within::<_, 0, 90>")]
+    #[serde(deserialize_with = "range::each_within::<_, 0, 90>")]
     pub tilts_degrees: [f64; 2],
 }
 
@@ -101,7 +101,7 @@ fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wante
     if views.len() < wanted.views {
         let words = "views of the board";
         found.push(format!(
-            "camera {}: it has {} {words}, {} are wanted",
+            "camera {}: it has {} {words}, expected {} or more",
             subject.id,
             views.len(),
             wanted.views
@@ -209,7 +209,8 @@ fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
     let id = |camera: usize| &session.cameras[camera].id;
     let words = |(one, other, shared): (usize, usize, usize)| {
         format!(
-            "cameras {} and {} share {shared} placements, {} are wanted: show the board to both at once",
+            "cameras {} and {} share {shared} placements, expected {} or more: show the board to \
+            both at once",
             id(one),
             id(other),
             wanted.shared

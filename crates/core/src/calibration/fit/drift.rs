@@ -1,17 +1,16 @@
 //! Finds which cameras of a rig have moved since its calibration, and by how much, from as little as one placement.
 
-use super::adjust::{Bundle, CameraState, Observation, PlacementState, moved};
-use super::lens::{Lens, PARAMETERS};
+use super::adjust::{Bundle, CameraState, Observation, moved};
+use super::as_calibrated::{known_part, off_px, start};
+use super::board_size;
+use super::lens::Lens;
 use super::outliers::mild_loss;
-use super::planar;
-use super::pose_graph::{Comparison, Tree, poses};
 use super::result::Figures;
-use super::session::{Session, View};
-use crate::calibration::{Camera, Face, RigCalibration};
+use super::session::Session;
+use crate::calibration::{Camera, RigCalibration};
 use crate::frame::CameraId;
-use crate::number;
+use crate::range;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
-use rayon::prelude::*;
 
 /// When a camera counts as moved.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -19,12 +18,17 @@ use rayon::prelude::*;
 pub struct Watch {
     /// Root mean square in pixels by which the board is elsewhere in its picture.
     /// Default 0.4, range 0.001 to 1000.
-    #[serde(deserialize_with = "number::from_a_thousandth::<_, _, 1000>")]
+    #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
     /// And how many times what is usual among the cameras, where that is less.
     /// Default 3, range 1 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
+    /// Millimetres at 1 m by which a depth camera may read too deep or too near beyond what its calibration left; it
+    /// grows with the square of the distance.
+    /// Default 5, range 0 to 1000.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
+    pub depth_mm: f64,
 }
 
 impl Default for Watch {
@@ -32,6 +36,7 @@ impl Default for Watch {
         Self {
             moved_px: 0.4,
             ratio: 3.0,
+            depth_mm: 5.0,
         }
     }
 }
@@ -64,18 +69,25 @@ pub struct Motion {
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum CheckError {
     /// Too few cameras saw the board.
-    #[error(
-        "{found} calibrated cameras saw the board, expected at least {needed}, of which two agree"
-    )]
+    #[error("{found} calibrated cameras saw the board, expected at least {needed}")]
     TooFew {
         /// How many did.
         found: usize,
         /// How many are needed.
         needed: usize,
     },
+    /// The board is of another size.
+    #[error("{}", other_board(*larger, board))]
+    OtherBoard {
+        /// By what part it looks larger.
+        larger: f64,
+        /// What it is said to be.
+        board: String,
+    },
     /// Nobody agrees with anybody.
     #[error(
-        "of {seen} cameras that saw the board, {moved} disagree with the calibration ({names}): calibrate the rig anew"
+        "of {seen} cameras that saw the board, {moved} disagree with the calibration ({names}): \
+        calibrate the rig again"
     )]
     Disagree {
         /// Cameras that saw the board.
@@ -87,53 +99,76 @@ pub enum CheckError {
     },
 }
 
+fn other_board(larger: f64, board: &str) -> String {
+    format!(
+        "the board looks {:.1} % {} than {board}, and then no camera moved: show the board that --board names, or say with \
+         --board what it is; if it is that one, the rig was calibrated with a wrong size of the board: calibrate it anew",
+        100.0 * larger.abs(),
+        if larger > 0.0 { "larger" } else { "smaller" },
+    )
+}
+
+/// A rig against its calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checks {
+    /// Each camera that is in both.
+    pub cameras: Vec<Checked>,
+    /// How two cameras moved against each other where no third one tells which of them did.
+    pub against_each_other: Option<PairMotion>,
+    /// From the board's front to the rig, for each of the session's placements that was seen.
+    pub rig_from_board: Vec<Option<Isometry3<f64>>>,
+    /// From each camera as it is now to the rig, in the order of `cameras`.
+    pub rig_from_camera: Vec<Isometry3<f64>>,
+    /// Of a two-sided board: from the back's frame to the front's.
+    pub front_from_back: Isometry3<f64>,
+}
+
+/// How two cameras moved against each other.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct PairMotion {
+    /// The cameras.
+    pub cameras: [CameraId; 2],
+    /// The motion of the second one, if the first one stayed.
+    pub motion: Motion,
+    /// By what part the board would have to be larger than it is said to be to explain it as well; none where that
+    /// does not.
+    pub board_larger: Option<f64>,
+}
+
 /// Checks the cameras of a session against their calibration. Cameras that are not in it are left out.
 ///
 /// # Errors
-/// If fewer than three cameras saw the board, or half of them and more disagree.
+/// If fewer than two cameras saw the board, the board is of another size than it is said to be, or half of three or
+/// more cameras disagree.
 pub fn check(
     session: &Session,
     known: &RigCalibration,
     watch: &Watch,
-) -> Result<Vec<Checked>, CheckError> {
+) -> Result<Checks, CheckError> {
     let (session, cameras) = known_part(session, known);
-    let mut bundle = start(session, &cameras);
+    let mut bundle = start(session.clone(), &cameras);
     let seen: Vec<usize> = (0..cameras.len())
         .filter(|&c| bundle.views.iter().any(|v| v.camera == c))
         .collect();
-    if seen.len() < 3 {
+    if seen.len() < 2 {
         return Err(CheckError::TooFew {
             found: seen.len(),
-            needed: 3,
+            needed: 2,
         });
     }
     bundle.adjust_robustly(4);
-    let mut movers: Vec<usize> = Vec::new();
-    loop {
-        let off: Vec<(f64, usize)> = seen.iter().map(|&c| (off_px(&bundle, c), c)).collect();
-        let still = off.iter().filter(|(_, c)| !movers.contains(c));
-        let usual = Figures::of(still.clone().map(|(off, _)| *off)).median_px;
-        // Where all are far off, that is not usual.
-        let most = watch.moved_px.max(watch.ratio * usual.min(watch.moved_px));
-        let Some((_, worst)) = still
-            .filter(|(off, _)| *off > most)
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-        else {
-            break;
-        };
-        bundle.cameras[*worst].pose_free = true;
-        movers.push(*worst);
-        if 2 * movers.len() >= seen.len() {
-            let names: Vec<&str> = movers.iter().map(|&c| cameras[c].id.as_str()).collect();
-            let (seen, moved) = (seen.len(), movers.len());
-            return Err(CheckError::Disagree {
-                seen,
-                moved,
-                names: names.join(", "),
-            });
-        }
-        bundle.adjust(mild_loss(&bundle), 50);
-    }
+    let watched = Watched {
+        session: &session,
+        cameras: &cameras,
+        seen,
+    };
+    let (movers, against_each_other) = match watched.seen.as_slice() {
+        [first, second] => (
+            Vec::new(),
+            watched.moved_pair(&mut bundle, [*first, *second], watch),
+        ),
+        _ => (watched.movers(&mut bundle, watch)?, None),
+    };
     let checked = |(index, camera): (usize, &Camera)| {
         let views = bundle.views.iter().filter(|v| v.camera == index).count();
         let pairs = in_rig(&bundle, index);
@@ -148,97 +183,106 @@ pub fn check(
                 .then(|| motion(&lens, &pairs, camera, &bundle.cameras[index])),
         }
     };
-    Ok(cameras.iter().enumerate().map(checked).collect())
-}
-
-/// The session without cameras that are not known, and the known ones.
-fn known_part(session: &Session, known: &RigCalibration) -> (Session, Vec<Camera>) {
-    let of = |(index, subject): (usize, &super::SessionCamera)| {
-        let (camera, _) = known.cameras.get(&subject.id)?;
-        let size = [camera.intrinsics.width, camera.intrinsics.height];
-        (size == subject.size).then(|| (index, camera.clone()))
-    };
-    let kept: Vec<(usize, Camera)> = session.cameras.iter().enumerate().filter_map(of).collect();
-    let renumbered = |v: &View| {
-        let camera = kept.iter().position(|(index, _)| *index == v.camera)?;
-        Some(View {
-            camera,
-            ..v.clone()
-        })
-    };
-    let part = Session {
-        board: session.board,
-        cameras: kept
-            .iter()
-            .map(|(index, _)| session.cameras[*index].clone())
+    let placements = bundle.placements.iter();
+    let states = bundle.cameras.iter();
+    Ok(Checks {
+        cameras: cameras.iter().enumerate().map(checked).collect(),
+        against_each_other,
+        rig_from_board: placements
+            .map(|p| p.free.then_some(p.rig_from_board))
             .collect(),
-        placements: session.placements.clone(),
-        views: session.views.iter().filter_map(renumbered).collect(),
-    };
-    (part, kept.into_iter().map(|(_, camera)| camera).collect())
+        rig_from_camera: states.map(|c| c.camera_from_rig.inverse()).collect(),
+        front_from_back: bundle.board_from_back,
+    })
 }
 
-/// All cameras where they were, the board where most of them see it.
-fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
-    let lenses: Vec<Lens> = cameras
-        .iter()
-        .map(|c| Lens::from_intrinsics(&c.intrinsics))
-        .collect();
-    let alone = |v: &View| planar::pose(&lenses[v.camera], &v.pairs(&session.board));
-    let of_views: Vec<_> = session.views.par_iter().map(alone).collect();
-    let poses = poses(&session, &of_views);
-    let camera_from_root = cameras
-        .iter()
-        .map(|c| Some(c.rig_from_camera.inverse()))
-        .collect();
-    let tree = Tree {
-        camera_from_root,
-        links: Vec::new(),
-    };
-    let comparison = Comparison::new(&session);
-    let agreed: Vec<_> = (0..session.placements.len())
-        .map(|p| comparison.agree(&poses, &tree, p))
-        .collect();
-    let board = session.board;
-    session.views.retain_mut(|view| {
-        let turns = agreed[view.placement].as_ref().map(|a| &a.turns);
-        let reading = turns.and_then(|t| t.get(view.camera).copied().flatten());
-        view.turn(&board, reading.map_or(0, |(quarters, _)| quarters));
-        reading.is_some()
-    });
-    let state = |(camera, lens): (&Camera, &Lens)| CameraState {
-        lens: *lens,
-        free: [false; PARAMETERS],
-        camera_from_rig: camera.rig_from_camera.inverse(),
-        pose_free: false,
-        prior: [None; PARAMETERS],
-    };
-    let placement = |agreed: &Option<super::pose_graph::Agreed>| PlacementState {
-        rig_from_board: agreed
-            .as_ref()
-            .map_or_else(Isometry3::identity, |a| a.root_from_board),
-        free: agreed.is_some(),
-    };
-    let seen = |v: &View| Observation {
-        camera: v.camera,
-        placement: v.placement,
-        back: v.face == Face::Back,
-        weight: 1.0,
-        points: v.pairs(&session.board),
-    };
-    Bundle {
-        cameras: cameras.iter().zip(&lenses).map(state).collect(),
-        placements: agreed.iter().map(placement).collect(),
-        board_from_back: session.board.front_from_back(),
-        back_free: false,
-        views: session.views.iter().map(seen).collect(),
+/// Least root mean square in pixels by which two cameras must contradict each other to count as moved.
+const LEAST_OFF: f64 = 0.2;
+
+/// The cameras that are checked.
+struct Watched<'a> {
+    session: &'a Session,
+    cameras: &'a [Camera],
+    /// Those that saw the board.
+    seen: Vec<usize>,
+}
+
+impl Watched<'_> {
+    /// The cameras that moved, freed in `bundle`: the worst one after the other, until the others agree.
+    fn movers(&self, bundle: &mut Bundle, watch: &Watch) -> Result<Vec<usize>, CheckError> {
+        let mut movers: Vec<usize> = Vec::new();
+        loop {
+            let off = self.seen.iter().map(|&c| (off_px(bundle, c), c));
+            let off: Vec<(f64, usize)> = off.collect();
+            let still = off.iter().filter(|(_, c)| !movers.contains(c));
+            let usual = Figures::of(still.clone().map(|(off, _)| *off)).median_px;
+            // Where all are far off, that is not usual.
+            let most = watch.moved_px.max(watch.ratio * usual.min(watch.moved_px));
+            let Some((_, worst)) = still
+                .filter(|(off, _)| *off > most)
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+            else {
+                return Ok(movers);
+            };
+            if movers.is_empty()
+                && let Some(larger) = board_size::explaining(self.session, self.cameras, most)
+            {
+                return Err(CheckError::OtherBoard {
+                    larger,
+                    board: self.session.board.to_string(),
+                });
+            }
+            bundle.cameras[*worst].pose_free = true;
+            movers.push(*worst);
+            if 2 * movers.len() >= self.seen.len() {
+                let names: Vec<&str> = movers
+                    .iter()
+                    .map(|&c| self.cameras[c].id.as_str())
+                    .collect();
+                let (seen, moved) = (self.seen.len(), movers.len());
+                return Err(CheckError::Disagree {
+                    seen,
+                    moved,
+                    names: names.join(", "),
+                });
+            }
+            bundle.adjust(mild_loss(bundle), 50);
+        }
     }
-}
 
-fn off_px(bundle: &Bundle, camera: usize) -> f64 {
-    let views = bundle.views.iter().filter(|v| v.camera == camera);
-    let residuals = views.flat_map(|v| bundle.residuals(v));
-    Figures::of(residuals.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+    /// How two cameras moved against each other, the second one freed in `bundle`; `None` where they did not.
+    fn moved_pair(
+        &self,
+        bundle: &mut Bundle,
+        pair: [usize; 2],
+        watch: &Watch,
+    ) -> Option<PairMotion> {
+        let off = |bundle: &Bundle| {
+            pair.map(|c| off_px(bundle, c))
+                .into_iter()
+                .fold(0.0, f64::max)
+        };
+        let held = off(bundle);
+        let mut freed = bundle.clone();
+        freed.cameras[pair[1]].pose_free = true;
+        freed.adjust_robustly(4);
+        // The board's pose takes up much of what two cameras contradict each other in.
+        let most = (watch.ratio * off(&freed))
+            .max(LEAST_OFF)
+            .min(watch.moved_px);
+        if held <= most {
+            return None;
+        }
+        *bundle = freed;
+        let second = &self.cameras[pair[1]];
+        let lens = Lens::from_intrinsics(&second.intrinsics);
+        let pairs = in_rig(bundle, pair[1]);
+        Some(PairMotion {
+            cameras: pair.map(|c| self.cameras[c].id.clone()),
+            motion: motion(&lens, &pairs, second, &bundle.cameras[pair[1]]),
+            board_larger: board_size::explaining(self.session, self.cameras, most),
+        })
+    }
 }
 
 /// The corners that a camera saw: where they are in the rig, and their pixels.

@@ -1,4 +1,4 @@
-//! Where the rig's frame lies: on the placement that lies flat on the table, its z up.
+//! Chooses the rig's frame: on the placement that lies flat on the table, with z up.
 
 use super::adjust::Bundle;
 use super::session::outermost;

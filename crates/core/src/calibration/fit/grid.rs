@@ -1,5 +1,5 @@
-//! A labelled grid of corners held against the board that it should be: false corners, size, handedness, the colours
-//! of its squares. It repairs or rejects; it looks at no picture but through the brightness it is given.
+//! Compares a labelled grid of corners with the expected board: false corners, size, handedness, the colours of its
+//! squares. It repairs or rejects the grid, and sees the picture only through the brightness that it is given.
 
 use super::planar::homography;
 use super::session::Corner;

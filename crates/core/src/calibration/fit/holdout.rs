@@ -5,9 +5,16 @@ use super::outliers::{mild_loss, placed};
 use super::result::{Figures, HeldOut};
 use rayon::prelude::*;
 
+/// How well placements are predicted that a fit did not see.
+pub(super) struct Prediction {
+    pub held_out: HeldOut,
+    /// Root mean square of their residuals, each weighted as its view is.
+    pub weighted_px: f64,
+}
+
 /// Fits `folds` times without every `folds`-th placement and looks at the placements left out: only the board's pose
 /// is fitted to them. `None` where too little would be left to fit from.
-pub(super) fn held_out(bundle: &Bundle, folds: usize, min_views: usize) -> Option<HeldOut> {
+pub(super) fn held_out(bundle: &Bundle, folds: usize, min_views: usize) -> Option<Prediction> {
     let used: Vec<usize> = (0..bundle.placements.len())
         .filter(|&p| bundle.placements[p].free && bundle.views.iter().any(|v| v.placement == p))
         .collect();
@@ -20,18 +27,33 @@ pub(super) fn held_out(bundle: &Bundle, folds: usize, min_views: usize) -> Optio
         of_fold(bundle, &out, min_views)
     };
     let done: Vec<_> = (0..folds).into_par_iter().map(fold).collect();
-    let done: Vec<(Vec<f64>, Vec<f64>)> = done.into_iter().flatten().collect();
-    let predicted = Figures::of(done.iter().flat_map(|(held, _)| held).copied());
-    let fitted = Figures::of(done.iter().flat_map(|(_, fitted)| fitted).copied());
-    (predicted.corners > 0).then(|| HeldOut {
-        figures: predicted,
-        ratio: predicted.rms_px / fitted.rms_px.max(1e-12),
-        folds: done.len(),
+    let done: Vec<Fold> = done.into_iter().flatten().collect();
+    let predicted = Figures::of(done.iter().flat_map(|fold| &fold.predicted).copied());
+    let fitted = Figures::of(done.iter().flat_map(|fold| &fold.fitted).copied());
+    let sum = |of: fn(&Fold) -> f64| done.iter().map(of).sum::<f64>();
+    (predicted.corners > 0).then(|| Prediction {
+        held_out: HeldOut {
+            figures: predicted,
+            ratio: predicted.rms_px / fitted.rms_px.max(1e-12),
+            folds: done.len(),
+        },
+        weighted_px: (sum(|f| f.squares) / sum(|f| f.weights).max(1e-12)).sqrt(),
     })
 }
 
-/// Residuals of the placements that are held out, and those that they have in the whole fit.
-fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<(Vec<f64>, Vec<f64>)> {
+/// Residuals, in pixels, of the placements that one fit did not see.
+#[derive(Default)]
+struct Fold {
+    predicted: Vec<f64>,
+    /// Those that the same corners have in the whole fit.
+    fitted: Vec<f64>,
+    /// Sums over the predicted ones, weighted as their views are: of squares, and of weights.
+    squares: f64,
+    weights: f64,
+}
+
+/// A fit without the placements of `out`, and what it says of them.
+fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<Fold> {
     let mut rest = bundle.clone();
     rest.retain_views(|_, view| !out.contains(&view.placement));
     let views = |c: usize| rest.views.iter().filter(|v| v.camera == c).count();
@@ -43,7 +65,7 @@ fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<(Vec<f64>
         return None;
     }
     rest.adjust(mild_loss(&rest), 15);
-    let (mut predicted, mut fitted) = (Vec::new(), Vec::new());
+    let mut fold = Fold::default();
     for &placement in out {
         let views: Vec<_> = bundle
             .views
@@ -58,11 +80,16 @@ fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<(Vec<f64>
                 .map(|r| r.norm())
                 .collect::<Vec<_>>()
         };
-        fitted.extend(views.iter().flat_map(|v| of(bundle, v)));
+        fold.fitted.extend(views.iter().flat_map(|v| of(bundle, v)));
         let alone = placed(&rest, placement, views);
-        predicted.extend(alone.views.iter().flat_map(|v| of(&alone, v)));
+        for view in &alone.views {
+            let lengths = of(&alone, view);
+            fold.squares += view.weight * lengths.iter().map(|l| l * l).sum::<f64>();
+            fold.weights += view.weight * lengths.len() as f64;
+            fold.predicted.extend(lengths);
+        }
     }
-    Some((predicted, fitted))
+    Some(fold)
 }
 
 /// Whether all cameras that see anything are joined through placements.

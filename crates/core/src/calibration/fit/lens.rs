@@ -5,10 +5,10 @@ use crate::calibration::{Distortion, Error, Intrinsics};
 use nalgebra::{Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 
 /// Number of a lens' parameters.
-pub const PARAMETERS: usize = 12;
+pub(super) const PARAMETERS: usize = 12;
 
 /// Derivative of a pixel by a lens' parameters.
-pub type ByLens = SMatrix<f64, 2, PARAMETERS>;
+pub(super) type ByLens = SMatrix<f64, 2, PARAMETERS>;
 
 /// Which terms of the distortion are fitted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq, Eq, Default)]

@@ -1,8 +1,10 @@
-//! Fits a rig's calibration to what its cameras saw of a board: lenses, poses and the board's placements, with what
-//! is uncertain of them. It computes from pictures and the corners found in them; it reads no file and draws nothing.
+//! Fits a rig's calibration to its cameras' views of a board: lenses, poses and the board's placements, with their
+//! uncertainties. It computes from pictures and the corners found in them; it reads no file and draws nothing.
 
 mod adjust;
 mod appearance;
+mod as_calibrated;
+mod board_size;
 mod corners;
 mod coverage;
 mod diagnosis;
@@ -15,27 +17,38 @@ mod lens;
 mod outliers;
 mod planar;
 mod pose_graph;
+mod projection;
 mod resize;
 mod result;
 mod robust_weights;
+mod scale;
 mod session;
+mod sheet;
+mod sheet_terms;
 mod single_camera;
 mod solve;
 mod subpixel;
 mod template;
 mod template_refine;
 mod verdict;
+mod verdict_of_lens;
+mod verdict_of_shape;
 mod volume;
 
 pub use corners::find_corners;
 pub use coverage::{Wanted, missing};
 pub use diagnosis::{Finding, diagnose};
-pub use drift::{CheckError, Checked, Motion, Watch, check};
+pub use drift::{CheckError, Checked, Checks, Motion, PairMotion, Watch, check};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
+pub use projection::Projection;
 pub use result::{
-    Figures, Fit, FittedCamera, FittedPlacement, HeldOut, LeftOut, LeftOutShare, Uncertainty,
-    ViewResiduals,
+    Fate, Figures, Fit, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, LeftOutShare,
+    ShapeTerm, Uncertainty, ViewResiduals,
+};
+pub use scale::{
+    CameraDistance, Length, Measured, RulerReading, Slope, Testimony, Witnesses, scale_words,
+    witnesses,
 };
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;
@@ -43,7 +56,7 @@ pub use template_refine::{crowded_views, matched_with_print};
 pub use verdict::{Judgement, Limits, judge};
 
 use crate::frame::CameraId;
-use crate::number;
+use crate::range;
 
 /// How a calibration is fitted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -53,27 +66,35 @@ pub struct Parameters {
     pub model: Model,
     /// Fewest views from which a lens is fitted.
     /// Default 3, range 1 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
     pub min_views: usize,
     /// Fewest corners that make a view.
     /// Default 6, range 4 to 10000.
-    #[serde(deserialize_with = "number::count::<_, _, 4, 10_000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 4, 10_000>")]
     pub min_corners: usize,
     /// The placement that lies flat on the table; by default the one that all others lie above.
     pub table_placement: Option<String>,
     /// How many times the usual residual a view may have before it is left out.
     /// Default 3, range 1 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub outlier_ratio: f64,
     /// How many standard deviations a corner may be off before it is false.
     /// Default 5, range 1 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub false_corner_deviations: f64,
     /// Parts of the placements that are held out in turn to see how well they are predicted; 0 for no
     /// such test.
     /// Default 5, range 0 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub folds: usize,
+    /// How far, in millimetres, a board may be expected to be bent along its rows, and down its columns.
+    /// Default 0.5, range 0.000001 to 100.
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 100>")]
+    pub bend_expected_mm: f64,
+    /// By how many per cent squares may be expected to be longer along the rows than their mean.
+    /// Default 0.05, range 0.000001 to 10.
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 10>")]
+    pub stretch_expected_percent: f64,
 }
 
 impl Default for Parameters {
@@ -86,6 +107,8 @@ impl Default for Parameters {
             outlier_ratio: 3.0,
             false_corner_deviations: 5.0,
             folds: 5,
+            bend_expected_mm: 0.5,
+            stretch_expected_percent: 0.05,
         }
     }
 }
@@ -108,7 +131,7 @@ pub enum Error {
         ambiguous: Vec<[CameraId; 2]>,
     },
     /// No such placement.
-    #[error("the table's placement {name:?} is none of those that were used: {known}")]
+    #[error("the table's placement {name:?} was not used, expected one of {known}")]
     NoSuchPlacement {
         /// What was asked for.
         name: String,
@@ -127,29 +150,31 @@ fn disjoint(groups: &[Vec<CameraId>], ambiguous: &[[CameraId; 2]]) -> String {
         names.join(", ")
     };
     let listed: Vec<String> = groups.iter().map(|g| format!("[{}]", names(g))).collect();
-    let mut words = format!(
-        "the cameras fall into {} groups that no view of the board joins: {}; place the board three times or more \
-         where a camera of each of two groups sees it at once, in different tilts",
-        groups.len(),
-        listed.join(" and "),
-    );
-    if !ambiguous.is_empty() {
-        let pairs: Vec<String> = ambiguous
-            .iter()
-            .take(10)
-            .map(|[a, b]| format!("{a} and {b}"))
-            .collect();
-        words += &format!(
-            " ({} share placements, but these do not agree on one relative pose: pictures of different moments, \
-             exchanged cables or a mirrored picture would do this, and so would a single placement of a board that \
-             looks the same turned by 180°)",
-            pairs.join("; ")
+    let (count, listed) = (groups.len(), listed.join(" and "));
+    if ambiguous.is_empty() {
+        return format!(
+            "the cameras fall into {count} groups that no view of the board joins: {listed}; place the board three times \
+             or more where a camera of each of two groups sees it at once, in different tilts"
         );
     }
-    words
+    let pairs: Vec<String> = ambiguous
+        .iter()
+        .take(10)
+        .map(|[a, b]| format!("{a} and {b}"))
+        .collect();
+    format!(
+        "the cameras cannot be joined ({listed}): {} see the board at the same placements, and these do not agree on how \
+         the cameras lie to each other. Pictures of different moments, exchanged cables, a mirrored picture or a camera \
+         that moved would do this; so would a single placement of a board that looks the same turned by 180°",
+        pairs.join("; ")
+    )
 }
 
+#[cfg(test)]
+mod rig_tests;
 #[cfg(test)]
 mod synthetic;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod trial_tests;

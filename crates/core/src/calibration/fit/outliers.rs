@@ -42,13 +42,14 @@ fn judged(bundle: &Bundle, view: &Observation) -> Judged {
     } else {
         start
     };
-    let alone = planar::refined(&camera.lens, &view.points, &start).map(|alone| {
+    let points = bundle.sheet.shaped(view.back, &view.points);
+    let alone = planar::refined(&camera.lens, &points, &start).map(|alone| {
         let pose = alone.camera_from_plane;
         let length = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
             let seen = camera.lens.project((pose * p).coords);
             seen.map_or(1e3, |seen| (seen - pixel).norm())
         };
-        rms_of_median(median(view.points.iter().map(length)))
+        rms_of_median(median(points.iter().map(length)))
     });
     Judged {
         joint: rms(bundle, view),
@@ -157,6 +158,8 @@ pub(super) fn placed(bundle: &Bundle, placement: usize, views: Vec<Observation>)
         ..view
     });
     let rig_from_board = bundle.placements[placement].rig_from_board;
+    let mut sheet = bundle.sheet.clone();
+    sheet.free.fill(false);
     let mut alone = Bundle {
         cameras,
         placements: vec![PlacementState {
@@ -165,6 +168,7 @@ pub(super) fn placed(bundle: &Bundle, placement: usize, views: Vec<Observation>)
         }],
         board_from_back: bundle.board_from_back,
         back_free: false,
+        sheet,
         views: seen.collect(),
     };
     alone.adjust(alone.robust_loss(), 20);

@@ -1,5 +1,6 @@
-//! What one picture of a plane tells: its homography, focal lengths from several (Zhang, "A flexible new technique
-//! for camera calibration", 2000, section 3.1, with square pixels and a known centre), and the plane's pose.
+//! What one picture of a plane determines: its homography, focal lengths from several (Zhang, "A flexible new
+//! technique for camera calibration", 2000, section 3.1, with square pixels and a known centre), and the plane's
+//! pose.
 
 use super::adjust::moved;
 use super::lens::Lens;

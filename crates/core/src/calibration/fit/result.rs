@@ -1,7 +1,8 @@
-//! What a fit finds. Data, and the figures that are computed from residuals.
+//! The result of a fit: data, and the figures that are computed from residuals.
 
+use super::projection::Projection;
 use super::session::View;
-use crate::calibration::{Board, Camera, Face, Volume};
+use crate::calibration::{Board, BoardShape, Camera, Face, Volume};
 use crate::frame::CameraId;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Point2, Vector2};
@@ -17,6 +18,8 @@ pub struct Fit {
     pub placements: Vec<FittedPlacement>,
     /// Of a two-sided board: from the back's frame to the front's.
     pub front_from_back: Isometry3<f64>,
+    /// How the board differs from what it is said to be.
+    pub shape: FittedShape,
     /// Name of the placement that the rig's frame lies on.
     pub table: String,
     /// Whether nothing of the board was ever seen below that placement.
@@ -44,6 +47,8 @@ pub struct FittedCamera {
     pub camera: Camera,
     /// How uncertain they are.
     pub uncertainty: Uncertainty,
+    /// What that amounts to where objects stand; `None` for a camera that sees nothing of where the board was.
+    pub projection: Option<Projection>,
     /// Its residuals.
     pub figures: Figures,
     /// Views that were used.
@@ -52,6 +57,42 @@ pub struct FittedCamera {
     pub coverage: f64,
     /// Corners that are far from where they should be and were left out.
     pub false_corners: usize,
+}
+
+/// How the board differs from what it is said to be, as [`BoardShape`] says it.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct FittedShape {
+    /// Bends along the rows and down the columns, in metres.
+    pub bend: [ShapeTerm; 2],
+    /// The part by which squares are longer along the rows, and shorter down the columns.
+    pub stretch: ShapeTerm,
+}
+
+/// A term of the board's shape.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq)]
+pub struct ShapeTerm {
+    /// What the fit takes it for: 0 where it was not kept.
+    pub value: f64,
+    /// Its standard deviation; where it was not kept, what it may be all the same.
+    pub deviation: f64,
+    /// What became of it.
+    pub fate: Fate,
+    /// What the first and the last half of the placements say of it, each with its standard deviation; where that was
+    /// asked.
+    pub halves: Option<[[f64; 2]; 2]>,
+}
+
+/// What became of a term of the board's shape.
+#[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+pub enum Fate {
+    /// It predicts placements that were held out no better: it is 0.
+    #[default]
+    NotNeeded,
+    /// It predicts them better, but the two halves of the placements disagree on it, or are too few: it is 0.
+    NotHeld,
+    /// It is part of the fit.
+    Kept,
 }
 
 /// A placement that was used.
@@ -154,6 +195,15 @@ impl LeftOutShare {
 }
 
 impl Fit {
+    /// Standard deviation, in metres at the object, of where the cameras see what stands in the volume: the root mean
+    /// square over all of them.
+    pub fn at_object(&self) -> Option<f64> {
+        let of_cameras = self.cameras.iter().filter_map(|c| c.projection.as_ref());
+        let squares: Vec<f64> = of_cameras.map(|p| p.at_object.powi(2)).collect();
+        let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+        (!squares.is_empty()).then(|| mean.sqrt())
+    }
+
     /// How many views of the board the fit threw out, of all cameras.
     pub fn left_out_share(&self) -> LeftOutShare {
         let left_out = self.left_out.iter().map(|l| l.views.len()).sum();
@@ -172,6 +222,23 @@ impl Fit {
             read: camera.views + left_out,
             left_out,
         }
+    }
+}
+
+impl FittedShape {
+    /// Its terms, in the order of [`BoardShape::terms`].
+    pub fn terms(&self) -> [ShapeTerm; BoardShape::TERMS] {
+        [self.bend[0], self.bend[1], self.stretch]
+    }
+
+    /// The shape that the fit takes the board for.
+    pub fn shape(&self) -> BoardShape {
+        BoardShape::of_terms(self.terms().map(|term| term.value))
+    }
+
+    /// Standard deviation of [`BoardShape::depth`], in metres.
+    pub fn depth_deviation(&self) -> f64 {
+        self.bend[0].deviation.hypot(self.bend[1].deviation)
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a fit starts from: cameras, placements, and which corners of the board each camera saw. Data, no estimation.
+//! The input of a fit: cameras, placements, and which corners of the board each camera saw. Data, no estimation.
 
 use crate::calibration::{Board, BoardKind, Face, Intrinsics};
 use crate::frame::CameraId;

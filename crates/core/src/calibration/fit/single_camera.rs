@@ -5,6 +5,7 @@ use super::adjust::{Bundle, CameraState, Loss, Observation, PlacementState, Prio
 use super::lens::{Lens, Model, PARAMETERS};
 use super::planar::{self, PlanePose};
 use super::session::{SessionCamera, View};
+use super::sheet::Sheet;
 use crate::calibration::Board;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
@@ -32,7 +33,7 @@ pub(super) fn calibrate(
     }
     let fitted = starts(subject, &pairs, model)
         .into_iter()
-        .filter_map(|lens| from_start(&pairs, lens, model));
+        .filter_map(|lens| from_start(board, &pairs, lens, model));
     let (_, lens) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
     Some(Alone { lens, poses })
@@ -74,6 +75,7 @@ fn starts(
 
 /// The lens that fits from this start, and its cost.
 fn from_start(
+    board: &Board,
     pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
     lens: Lens,
     model: Model,
@@ -89,6 +91,7 @@ fn from_start(
         placements: Vec::new(),
         board_from_back: Isometry3::identity(),
         back_free: false,
+        sheet: Sheet::flat(board),
         views: Vec::new(),
     };
     for points in pairs {

@@ -1,17 +1,20 @@
-//! The order of the fit's steps: cameras alone, their tree, one bundle, what does not belong, the rig's frame, and
-//! what is uncertain.
+//! The order of the fit's steps: each camera alone, the tree that joins them, one bundle adjustment, removal of
+//! outliers, the rig's frame, and uncertainties.
 
-use super::adjust::{Bundle, CAMERA, CameraState, Loss, Observation, PlacementState};
+use super::adjust::{Bundle, CAMERA, CameraState, Observation, PlacementState};
 use super::frame::{lowest_placement, rig_from_table};
-use super::holdout::{hangs_together, held_out};
+use super::holdout::hangs_together;
 use super::lens::PARAMETERS;
 use super::outliers::{self, Verdict, mild_loss};
 use super::planar::PlanePose;
 use super::pose_graph::{Comparison, Link, Tree, poses, tree};
+use super::projection::projections;
 use super::result::{
     Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
 };
-use super::session::{Corner, Session, View};
+use super::session::{Corner, Session, View, turns};
+use super::sheet::Sheet;
+use super::sheet_terms::{Folds, settled};
 use super::single_camera::{self, Alone};
 use super::volume::proposed;
 use super::{Error, Parameters};
@@ -249,10 +252,14 @@ impl<'a> Solver<'a> {
             placements,
             board_from_back: session.board.front_from_back(),
             back_free: both_faces_at_once(&session),
+            sheet: sheet(&session, parameters),
             views: session.views.iter().map(|v| seen(&session, v)).collect(),
         };
         bundle.retain_views(|_, _| true);
-        bundle.adjust_robustly(4);
+        bundle.adjust_robustly(2);
+        // What does not belong is to be told from a board that is bent.
+        bundle.sheet.free.fill(true);
+        bundle.adjust_robustly(2);
         let false_corners = vec![0; session.cameras.len()];
         Ok(Self {
             session,
@@ -378,29 +385,40 @@ impl<'a> Solver<'a> {
         }
         self.bundle.placements[table].free = false;
         self.bundle.adjust_weighted();
-        let covariance = self.bundle.covariance(Loss::SQUARED).ok_or_else(|| {
-            Error::Unsolvable("what was seen does not fix all lenses and poses".into())
-        })? * self.bundle.variance();
-        let held_out = held_out(
-            &self.bundle,
-            self.parameters.folds,
-            self.parameters.min_views,
-        );
+        let folds = Folds {
+            count: self.parameters.folds,
+            min_views: self.parameters.min_views,
+        };
+        let is_square = turns(&self.session.board).len() > 2;
+        let settled = settled(self.bundle, folds, is_square).ok_or_else(|| {
+            Error::Unsolvable("the views do not determine all lenses and poses".into())
+        })?;
+        self.bundle = settled.bundle;
+        let covariance = settled.covariance;
         let residuals = self.residuals();
-        let cameras = (0..self.session.cameras.len())
+        let mut cameras = (0..self.session.cameras.len())
             .map(|c| self.camera(c, &residuals, &covariance))
             .collect::<Result<Vec<_>, _>>()?;
+        let volume = self.volume(&cameras);
+        let space = volume.map_or_else(|| self.space(), |v| Some([v.min, v.max]));
+        if let Some(space) = space {
+            let found = projections(&self.bundle.cameras, &covariance, space);
+            for (camera, projection) in cameras.iter_mut().zip(found) {
+                camera.projection = projection;
+            }
+        }
         let placements = self.placements(&residuals);
         let unseen = self.unseen(&left_out);
         left_out.extend(unseen);
         Ok(Fit {
             board: self.session.board,
-            volume: self.volume(&cameras),
+            volume,
             figures: Figures::of(residuals.iter().flat_map(ViewResiduals::lengths)),
             front_from_back: self.bundle.board_from_back,
+            shape: settled.shape,
             table: self.session.placements[table].clone(),
             table_is_lowest,
-            held_out,
+            held_out: settled.held_out,
             left_out,
             views: self.views(),
             links: self.links.clone(),
@@ -497,6 +515,7 @@ impl<'a> Solver<'a> {
             .into_owned();
         Ok(FittedCamera {
             uncertainty: uncertainty(&state.camera_from_rig, &block),
+            projection: None,
             figures: Figures::of(own().flat_map(ViewResiduals::lengths)),
             views: own().count(),
             coverage: coverage(
@@ -521,8 +540,8 @@ impl<'a> Solver<'a> {
         self.used().into_iter().map(of).collect()
     }
 
-    /// What all cameras see of the space in which the board was.
-    fn volume(&self, cameras: &[FittedCamera]) -> Option<crate::calibration::Volume> {
+    /// The box in which the board was.
+    fn space(&self) -> Option<[Point3<f64>; 2]> {
         let corners = self.used().into_iter().flat_map(|p| {
             let pose = self.bundle.placements[p].rig_from_board;
             super::session::outermost(&self.session.board).map(|corner| pose * corner)
@@ -535,6 +554,12 @@ impl<'a> Solver<'a> {
             low = low.inf(&corner);
             high = high.sup(&corner);
         }
+        ((high - low).max() > 1e-3).then_some([low, high])
+    }
+
+    /// What all cameras see of the space in which the board was.
+    fn volume(&self, cameras: &[FittedCamera]) -> Option<crate::calibration::Volume> {
+        let [mut low, mut high] = self.space()?;
         let margin = 0.25 * (high - low).max();
         low -= Vector3::repeat(margin);
         high += Vector3::repeat(margin);
@@ -572,6 +597,14 @@ fn read_alike(
         view.turn(board, quarters);
         true
     });
+}
+
+/// The sheet as it is believed to be before anything is seen.
+fn sheet(session: &Session, parameters: &Parameters) -> Sheet {
+    let bend = 1e-3 * parameters.bend_expected_mm;
+    let mut sheet = Sheet::flat(&session.board);
+    sheet.deviation = [bend, bend, 1e-2 * parameters.stretch_expected_percent];
+    sheet
 }
 
 fn seen(session: &Session, view: &View) -> Observation {

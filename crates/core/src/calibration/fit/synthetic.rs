@@ -1,7 +1,7 @@
 //! A rig without pictures, for tests: cameras around a table, a board in many places, corners with noise.
 
 use super::session::{Corner, Session, SessionCamera, View};
-use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
+use crate::calibration::{Board, BoardShape, Camera, Distortion, Face, Intrinsics, Surface};
 use crate::frame::CameraId;
 use nalgebra::{
     Isometry3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
@@ -36,6 +36,7 @@ pub(super) struct Truth {
     pub placements: Vec<Isometry3<f64>>,
     pub board: Board,
     pub front_from_back: Isometry3<f64>,
+    pub shape: BoardShape,
 }
 
 /// A camera at `from` that looks at `at`.
@@ -133,6 +134,7 @@ impl Truth {
             placements,
             board,
             front_from_back: board.front_from_back() * askew,
+            shape: BoardShape::default(),
         }
     }
 
@@ -157,11 +159,12 @@ impl Truth {
         if away.dot(&sight) < 0.3 {
             return None;
         }
+        let surface = Surface::new(&self.board, face, self.shape);
         let all = (0..self.board.rows)
             .flat_map(|row| (0..self.board.columns).map(move |column| (column, row)));
         all.map(|(column, row)| {
-            let (pixel, _) =
-                camera.project(rig_from_face * self.board.corner_position(column, row))?;
+            let p = self.board.corner_position(column, row);
+            let (pixel, _) = camera.project(rig_from_face * surface.point([p.x, p.y]))?;
             camera
                 .intrinsics
                 .contains(pixel)

@@ -6,7 +6,7 @@ use super::result::Fit;
 use super::session::{Corner, Session, View};
 use super::subpixel;
 use super::template::Template;
-use crate::calibration::{Board, BoardKind, Face, Intrinsics, Rectangle};
+use crate::calibration::{Board, BoardKind, Face, Intrinsics, Rectangle, Surface};
 use crate::image::{Grid, srgb};
 use nalgebra::{Isometry3, Matrix5, Point2, Point3, Vector2, Vector3, Vector5};
 
@@ -69,6 +69,7 @@ struct Print<'a> {
     /// What is black, by square.
     black: Vec<Vec<Rectangle>>,
     lens: &'a Intrinsics,
+    surface: Surface,
     camera_from_face: Isometry3<f64>,
 }
 
@@ -87,13 +88,14 @@ impl<'a> Print<'a> {
             board: &session.board,
             black: session.board.black_by_square(view.face),
             lens: &camera.intrinsics,
+            surface: Surface::new(&session.board, view.face, fit.shape.shape()),
             camera_from_face,
         })
     }
 
-    /// Where a point of the face is seen.
+    /// Where a point of the face, as it is said to be, is seen.
     fn pixel(&self, on_face: Point3<f64>) -> Option<Point2<f64>> {
-        let p = self.camera_from_face * on_face;
+        let p = self.camera_from_face * self.surface.point([on_face.x, on_face.y]);
         self.lens.project(p.x, p.y, p.z)
     }
 
@@ -103,7 +105,7 @@ impl<'a> Print<'a> {
         let pose = &self.camera_from_face;
         let ray = pose.inverse_transform_vector(&Vector3::new(direction.x, direction.y, 1.0));
         let eye = pose.inverse_transform_point(&Point3::origin());
-        Some((eye - ray * (eye.z / ray.z)).xy())
+        self.surface.met(eye, ray).map(Point2::from)
     }
 
     /// Pixels from a corner to the next one, in the direction in which they are nearest.
@@ -212,6 +214,7 @@ fn light(
 mod tests {
     use super::super::synthetic::{color_lens, looking, placed};
     use super::*;
+    use crate::calibration::BoardShape;
 
     #[test]
     fn a_picture_of_something_else_matches_nothing() {
@@ -223,6 +226,7 @@ mod tests {
             board: &board,
             black: board.black_by_square(Face::Front),
             lens: &lens,
+            surface: Surface::new(&board, Face::Front, BoardShape::default()),
             camera_from_face: camera.rig_from_camera.inverse() * pose,
         };
         let flat = Grid::filled(lens.width, lens.height, 120);

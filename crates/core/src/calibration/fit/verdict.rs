@@ -2,9 +2,11 @@
 
 use super::diagnosis::Finding;
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
+use super::verdict_of_lens::beyond_model;
+use super::verdict_of_shape::of_shape;
 use crate::calibration::{Camera, Level};
 use crate::frame::CameraId;
-use crate::number;
+use crate::range;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -13,43 +15,60 @@ use std::collections::BTreeMap;
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// Root mean square residual, in pixels, up to which a calibration is good. Default 0.25.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub good_px: f64,
     /// Up to which it is accepted. Default 0.4.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub accepted_px: f64,
     /// Beyond which it is refused. Default 0.6.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 100>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub refused_px: f64,
     /// How many times the fit's residual that of placements held out may be.
     /// Default 1.3, range 1 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub held_out_ratio: f64,
     /// Part of a camera's picture in which the board should have been seen.
     /// Default 0.2, range 0 to 1.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub coverage: f64,
     /// Fewest views of a camera with which nothing is amiss.
     /// Default 6, range 0 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 0, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub views: usize,
     /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with.
     /// Default 1, range 0 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
     /// Part of the views, of a camera with two or more of them or of all cameras, beyond which a calibration that
     /// threw them out is doubtful.
     /// Default 0.2, from 0 to `left_out_refused`.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub left_out_doubtful: f64,
     /// And beyond which it is refused.
     /// Default 0.4, from `left_out_doubtful` to 1.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub left_out_refused: f64,
     /// Part of a camera's corners beyond which a calibration that dropped them is accepted at best.
     /// Default 0.05, range 0 to 1.
-    #[serde(deserialize_with = "number::within::<_, _, 0, 1>")]
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub dropped_corners: f64,
+    /// How far, in millimetres, the board may be bent; beyond it a calibration is doubtful.
+    /// Default 1, range 0 to 100.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
+    pub bend_mm: f64,
+    /// By how many per cent its squares may be longer in one direction than in the other; beyond it a calibration is
+    /// doubtful.
+    /// Default 0.3, range 0 to 100.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
+    pub stretch_percent: f64,
+    /// Fewest placements with which a calibration is not doubtful.
+    /// Default 4, range 0 to 1000.
+    #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
+    pub placements: usize,
+    /// Standard deviation of a camera's focal length, as a part of it, beyond which a calibration is doubtful.
+    /// Default 0.005, range 0.000001 to 1.
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    pub focal_deviation: f64,
     /// Whether two cameras may look from one place in one direction, as behind a beam splitter. Default no.
     pub same_place: bool,
 }
@@ -74,6 +93,10 @@ impl Default for Limits {
             left_out_doubtful: 0.2,
             left_out_refused: 0.4,
             dropped_corners: 0.05,
+            bend_mm: 1.0,
+            stretch_percent: 0.3,
+            placements: 4,
+            focal_deviation: 0.005,
             same_place: false,
         }
     }
@@ -142,10 +165,14 @@ pub fn judge(
         limits.by_rms(rms),
         format!("rms {rms:.3} px, expected at most {}", limits.good_px),
     ));
-    for camera in &fit.cameras {
+    for (index, camera) in fit.cameras.iter().enumerate() {
         found.extend(of_camera(camera, limits));
+        let words = beyond_model(fit, index, limits.good_px);
+        found.extend(words.map(|words| (Level::Accepted, words)));
     }
     found.extend(of_held_out(fit, limits));
+    found.extend(of_shape(&fit.shape, limits.bend_mm, limits.stretch_percent));
+    found.extend(too_little(fit, limits));
     found.extend(uncalibrated(fit));
     found.extend(
         depths
@@ -273,6 +300,34 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     found
 }
 
+/// What so few views cannot say, however well they fit.
+fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
+    let mut found = Vec::new();
+    let placements = fit.placements.len();
+    if placements < limits.placements {
+        let words = format!(
+            "{placements} placements, expected {} or more",
+            limits.placements
+        );
+        found.push((Level::Doubtful, words));
+    }
+    for camera in &fit.cameras {
+        let (lens, deviation) = (&camera.camera.intrinsics, camera.uncertainty.focal_px);
+        let parts = [0, 1].map(|k| deviation[k] / lens.focal_px[k]);
+        let part = parts[0].max(parts[1]);
+        if part > limits.focal_deviation {
+            let words = format!(
+                "camera {}: its focal length is known to ±{:.2} % alone, expected {:.2} % or better",
+                camera.camera.id,
+                100.0 * part,
+                100.0 * limits.focal_deviation
+            );
+            found.push((Level::Doubtful, words));
+        }
+    }
+    found
+}
+
 fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
     match &fit.held_out {
         Some(held_out) if held_out.ratio > limits.held_out_ratio => Some((
@@ -306,7 +361,7 @@ fn depth_reason(id: &CameraId, found: &Result<f64, String>, limits: &Limits) -> 
     match found {
         Err(why) => Some(format!("depth camera {id} has no response: {why}")),
         Ok(bias) if 1e3 * bias > limits.depth_bias_mm => Some(format!(
-            "depth camera {id}: a bias of {:.2} mm is left, expected at most {}",
+            "depth camera {id}: a bias of up to {:.2} mm is left, expected at most {}",
             1e3 * bias,
             limits.depth_bias_mm
         )),

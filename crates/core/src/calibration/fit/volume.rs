@@ -1,4 +1,4 @@
-//! Proposes the volume: what all cameras see, from the table up.
+//! Proposes the volume: the space that all cameras see, from the table upwards.
 
 use crate::calibration::{Camera, Volume};
 use nalgebra::{Point3, Vector3};

@@ -13,6 +13,20 @@ pub(super) struct Normals {
     pub all: Normal,
     /// Each board's part of it.
     pub of_boards: Vec<Normal>,
+    /// The sum of each board's weighted squared errors.
+    pub squares: Vec<f64>,
+}
+
+/// Standard deviation of the slope, in metres a unit; `None` from fewer than two boards.
+pub(super) fn slope_deviation(normals: &Normals) -> Option<f64> {
+    let of_boards = normals.of_boards.iter();
+    let steps: Vec<f64> = of_boards
+        .filter_map(|own| Some(step_without(normals, own)?[0]))
+        .collect();
+    let count = steps.len() as f64;
+    let mean = steps.iter().sum::<f64>() / count;
+    let squares: f64 = steps.iter().map(|step| (step - mean).powi(2)).sum();
+    (steps.len() >= 2).then(|| ((count - 1.0) / count * squares).sqrt())
 }
 
 /// Standard deviation of the depth that the line gives to these readings, the larger one, in metres.
@@ -62,6 +76,7 @@ mod tests {
         Normals {
             of_boards: of_boards.iter().map(about).collect(),
             all: about(&all),
+            squares: vec![0.0; errors.len()],
         }
     }
 

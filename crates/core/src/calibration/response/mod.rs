@@ -1,14 +1,19 @@
 //! Fits what a depth camera's readings mean: as the paper does, from a table of measurements, and from boards whose
 //! planes its colour picture gives. Pure functions; nothing here reads a recording.
 
+mod check;
 mod correction;
 mod jackknife;
+mod lateral;
+mod misfit;
 mod paper;
 mod plane;
 mod polynomial;
 mod table;
 
+pub use check::{DepthCheck, DepthOff, check_depth};
 pub use correction::Correction;
+pub use misfit::{Cause, Misfit};
 pub use paper::PaperFit;
 pub use plane::{
     DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane, mean_readings,

@@ -1,12 +1,15 @@
-//! The response from boards: where the colour picture says that the board's plane is, each depth pixel on it has a
-//! known depth. A line for the depth and one for the lateral scale are fitted to all of them at once.
+//! Fits a depth camera's response from boards. The colour picture tells where the board's plane is, so each depth
+//! pixel on it has a known depth. A line for the depth and one for the lateral scale are fitted to all of them at
+//! once.
 
 use super::correction::Correction;
-use super::jackknife::{self, Normals};
+use super::jackknife::{self, Normal, Normals};
+use super::lateral::{self, Lateral};
+use super::misfit::{self, Misfit, Patch};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 use crate::image::Grid;
-use crate::number;
+use crate::range;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
@@ -28,29 +31,29 @@ pub struct PlaneView<'a> {
 pub struct PlaneParameters {
     /// Largest angle in degrees between a ray and the board's normal.
     /// Default 60, range 1 to 89.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 89>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 89>")]
     pub steepest_degrees: f64,
     /// Fewest views that say enough.
     /// Default 3, range 1 to 1000.
-    #[serde(deserialize_with = "number::count::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
     pub min_views: usize,
     /// Nearest and farthest board, as a part of the nearest one's distance, that say enough: below it
     /// only the offset is fitted.
     /// Default 1.1, range 1 to 1000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub min_span: f64,
     /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of
     /// the distance.
     /// Default 0.0015, range 0.000001 to 1.
-    #[serde(deserialize_with = "number::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub noise_at_1m: f64,
     /// By how much the scale s(z) may be expected to be off 1, and to change a metre.
     /// Default 0.02, range 0.000001 to 1.
-    #[serde(deserialize_with = "number::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub scale_expected: f64,
     /// Pixels whose errors are one and the same, because a sensor matches windows.
     /// Default 100, range 1 to 1000000.
-    #[serde(deserialize_with = "number::within::<_, _, 1, 1_000_000>")]
+    #[serde(deserialize_with = "range::within::<_, _, 1, 1_000_000>")]
     pub correlated_pixels: f64,
 }
 
@@ -72,6 +75,9 @@ impl Default for PlaneParameters {
 pub struct PlaneFit {
     /// The response; its range reaches a quarter beyond the nearest and the farthest board.
     pub response: DepthResponse,
+    /// Standard deviation of its slope, in metres a unit; `None` where the boards' distances do not say what the slope
+    /// is.
+    pub slope_deviation: Option<f64>,
     /// Bias that is left, by distance, in ascending order.
     pub bias: Vec<DistanceBias>,
     /// Each view that was used, in the order given.
@@ -80,6 +86,8 @@ pub struct PlaneFit {
     pub left_out: Vec<(String, String)>,
     /// A smooth correction a pixel, and whether it would pay.
     pub correction: Correction,
+    /// Why the line does not fit, where it does not and something explains it.
+    pub misfit: Option<Misfit>,
 }
 
 /// Readings at one distance, against the boards' planes.
@@ -127,6 +135,11 @@ const BEYOND: f64 = 0.25;
 const VIEW_DEVIATIONS: f64 = 6.0;
 const VIEW_OFF: f64 = 0.004;
 
+/// How many times what is expected of it the lateral scale may be off 1 anywhere in the response's range.
+const MOST_LATERAL: f64 = 1.5;
+/// Weight of a value that stays.
+const HELD: f64 = 1e18;
+
 /// Least error that is taken for usual, in units of what is expected; and the least uncertainty, in metres, that is
 /// stated.
 const LEAST_USUAL: f64 = 0.3;
@@ -139,15 +152,15 @@ pub(super) struct Sample {
     /// Normalised direction.
     direction: [f64; 2],
     /// Mean of the valid readings.
-    reading: f64,
+    pub reading: f64,
 }
 
 /// A view's pixels and its plane: n·X = offset.
-struct Plane<'a> {
-    placement: &'a str,
+pub(super) struct Plane<'a> {
+    pub placement: &'a str,
     normal: Vector3<f64>,
     offset: f64,
-    samples: Vec<Sample>,
+    pub samples: Vec<Sample>,
     tilt_degrees: f64,
 }
 
@@ -193,17 +206,17 @@ pub fn fit_plane(
                 ),
             );
         }
-        let values = solve(&planes, parameters);
+        let values = solve(&planes, Lateral::Line, parameters);
         match worst(&planes, &values) {
             Some((k, bias)) => {
                 let plane = planes.remove(k);
                 let reason = format!(
-                    "its depth is {:.1} mm off what all others say: did the board move?",
+                    "its depth is {:.1} mm off what all other boards say: did the board move?",
                     1e3 * bias
                 );
                 left_out.push((plane.placement.to_owned(), reason));
             }
-            None => break values,
+            None => break settled(&planes, values, parameters),
         }
     };
     report(lens, &planes, &values, left_out, parameters)
@@ -211,7 +224,7 @@ pub fn fit_plane(
 
 impl<'a> Plane<'a> {
     /// The board's pixels that have readings.
-    fn gather(
+    pub(super) fn gather(
         lens: &Intrinsics,
         board: &Board,
         view: &PlaneView<'a>,
@@ -274,7 +287,7 @@ impl<'a> Plane<'a> {
     }
 
     /// True depth of a sample whose lateral scale is known.
-    fn depth(&self, sample: &Sample, scale: f64) -> f64 {
+    pub(super) fn depth(&self, sample: &Sample, scale: f64) -> f64 {
         self.offset / self.along(sample, scale)
     }
 
@@ -286,6 +299,28 @@ impl<'a> Plane<'a> {
     fn across(&self, sample: &Sample) -> f64 {
         let [x, y] = sample.direction;
         self.normal.x * x + self.normal.y * y
+    }
+
+    /// What its readings are off by where a line turns them into depth and the lateral scale is 1.
+    pub(super) fn patches(&self, lens: &Intrinsics, [slope, intercept]: [f64; 2]) -> Vec<Patch> {
+        let (middle, size) = (lens.center_px, [lens.width as f64, lens.height as f64]);
+        let corner = 0.25 * (size[0].powi(2) + size[1].powi(2));
+        let patch = |sample: &Sample| {
+            let depth = self.depth(sample, 1.0);
+            let steep = -depth * depth / self.offset;
+            let [x, y] = [0, 1].map(|k| sample.pixel[k] - middle[k]);
+            let own = Patch {
+                depth,
+                error: slope * sample.reading + intercept - depth,
+                gradient: [
+                    steep * self.normal.x / lens.focal_px.x,
+                    steep * self.normal.y / lens.focal_px.y,
+                ],
+                radius_squared: (x * x + y * y) / corner,
+            };
+            (sample.pixel, own)
+        };
+        misfit::patches(self.samples.iter().map(patch))
     }
 
     /// Measured less true depth of a sample.
@@ -361,14 +396,14 @@ pub fn mean_readings(frames: &[Grid<u16>]) -> Option<Grid<f32>> {
 }
 
 /// Slope, intercept and scale by weighted least squares with a robust loss, from an offset alone on.
-fn solve(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
+fn solve(planes: &[Plane<'_>], lateral: Lateral, parameters: &PlaneParameters) -> Values {
     const ROUNDS: usize = 12;
     let mut values = start(planes, parameters);
     let is_line = spans(planes, parameters.min_span);
     for _ in 0..ROUNDS {
         // Tukey's and Huber's idea in one: a pixel counts less the farther off it is, in units of what is usual.
         let usual = usual_error(planes, &values, parameters).max(LEAST_USUAL);
-        let mut normal = prior(&values, parameters, is_line);
+        let mut normal = prior(&values, lateral, parameters, is_line);
         for plane in planes {
             for sample in &plane.samples {
                 add(&mut normal, plane, sample, &values, parameters, usual);
@@ -378,27 +413,64 @@ fn solve(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Values {
             Some(solved) => values -= solved.solve(&normal.1),
             None => break,
         }
+        for (k, held) in [(2, 1.0), (3, 0.0)] {
+            if !lateral.is_free()[k - 2] {
+                values[k] = held;
+            }
+        }
     }
     values
 }
 
+/// The values with no more of a lateral scale than boards that are held out bear out, from those with all of it.
+fn settled(planes: &[Plane<'_>], line: Values, parameters: &PlaneParameters) -> Values {
+    let normals = normals(planes, &line, Lateral::Line, parameters);
+    let is_line = spans(planes, parameters.min_span);
+    let [near, far] = distances(planes);
+    let ends = [near * (1.0 - BEYOND), far * (1.0 + BEYOND)];
+    let most = MOST_LATERAL * parameters.scale_expected;
+    for lateral in lateral::in_order_of_merit(&normals, |lateral| {
+        prior(&line, lateral, parameters, is_line)
+    }) {
+        let values = match lateral {
+            Lateral::Line => line,
+            less => solve(planes, less, parameters),
+        };
+        let off = |z: f64| (values[2] + values[3] * z - 1.0).abs();
+        if ends.iter().all(|&z| off(z) <= most) {
+            return values;
+        }
+    }
+    solve(planes, Lateral::One, parameters)
+}
+
 /// What each board says of the values that were found, and all of them together with what is expected.
-fn normals(planes: &[Plane<'_>], values: &Values, parameters: &PlaneParameters) -> Normals {
+fn normals(
+    planes: &[Plane<'_>],
+    values: &Values,
+    lateral: Lateral,
+    parameters: &PlaneParameters,
+) -> Normals {
     let usual = usual_error(planes, values, parameters).max(LEAST_USUAL);
     let of_plane = |plane: &Plane<'_>| {
-        let mut normal = (Matrix4::zeros(), Vector4::zeros());
+        let (mut normal, mut squares) = ((Matrix4::zeros(), Vector4::zeros()), 0.0);
         for sample in &plane.samples {
-            add(&mut normal, plane, sample, values, parameters, usual);
+            squares += add(&mut normal, plane, sample, values, parameters, usual);
         }
-        normal
+        (normal, squares)
     };
-    let of_boards: Vec<_> = planes.par_iter().map(of_plane).collect();
+    let of_planes: Vec<_> = planes.par_iter().map(of_plane).collect();
+    let (of_boards, squares): (Vec<Normal>, Vec<f64>) = of_planes.into_iter().unzip();
     let is_line = spans(planes, parameters.min_span);
-    let expected = prior(values, parameters, is_line);
+    let expected = prior(values, lateral, parameters, is_line);
     let all = of_boards
         .iter()
         .fold(expected, |all, own| (all.0 + own.0, all.1 + own.1));
-    Normals { all, of_boards }
+    Normals {
+        all,
+        of_boards,
+        squares,
+    }
 }
 
 /// Millimetres, with the offset that is right for half of the views.
@@ -438,18 +510,22 @@ fn distances(planes: &[Plane<'_>]) -> [f64; 2] {
 /// stays.
 fn prior(
     values: &Values,
+    lateral: Lateral,
     parameters: &PlaneParameters,
     is_line: bool,
 ) -> (Matrix4<f64>, Vector4<f64>) {
     let expected = Values::new(values[0], values[1], 1.0, 0.0);
     let slope = if is_line { 0.0 } else { 1e-18_f64.recip() };
     let scale = parameters.scale_expected.max(1e-6).powi(-2);
-    let weights = Vector4::new(slope, 0.0, scale, scale);
+    let [constant, change] = lateral
+        .is_free()
+        .map(|free| if free { scale } else { HELD });
+    let weights = Vector4::new(slope, 0.0, constant, change);
     let gradient = weights.component_mul(&(values - expected));
     (Matrix4::from_diagonal(&weights), gradient)
 }
 
-/// Adds a sample's equation.
+/// Adds a sample's equation; gives its weighted squared error.
 fn add(
     normal: &mut (Matrix4<f64>, Vector4<f64>),
     plane: &Plane<'_>,
@@ -457,7 +533,7 @@ fn add(
     values: &Values,
     parameters: &PlaneParameters,
     usual: f64,
-) {
+) -> f64 {
     let z = values[0] * sample.reading + values[1];
     let scale = values[2] + values[3] * z;
     let across = plane.across(sample);
@@ -472,6 +548,7 @@ fn add(
     let weight = robust / (deviation * deviation * parameters.correlated_pixels.max(1.0));
     normal.0 += derivative * derivative.transpose() * weight;
     normal.1 += derivative * (error * weight);
+    error * error * weight
 }
 
 /// Median error of all samples in units of what is expected, times 1.4826: 1 where the noise is as expected.
@@ -518,8 +595,10 @@ fn report(
     let bias = by_distance(planes, values);
     let [near, far] = distances(planes);
     let readings = [near, far].map(|z| (z - values[1]) / values[0]);
-    let doubt =
-        jackknife::deviation(&normals(planes, values, parameters), readings).max(LEAST_DOUBT);
+    let lateral = Lateral::of([values[2], values[3]]);
+    let normals = normals(planes, values, lateral, parameters);
+    let doubt = jackknife::deviation(&normals, readings).max(LEAST_DOUBT);
+    let is_line = spans(planes, parameters.min_span);
     let response = DepthResponse {
         slope: values[0],
         intercept: values[1],
@@ -531,14 +610,19 @@ fn report(
         .iter()
         .map(|plane| view_bias(plane, values))
         .collect();
+    let line = [values[0], values[1]];
+    let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
+    let misfit = misfit::explain(&patches);
     let correction = Correction::weigh(lens, &correction_samples(planes, values));
     let response = response.checked()?;
     Ok(PlaneFit {
         response,
+        slope_deviation: jackknife::slope_deviation(&normals).filter(|_| is_line),
         bias,
         views,
         left_out,
         correction,
+        misfit,
     })
 }
 

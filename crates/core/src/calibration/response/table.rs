@@ -30,7 +30,7 @@ impl DepthTable {
     /// `#` before comments and, if you like, a line of headings first.
     ///
     /// # Errors
-    /// If it cannot be read, or a line is none of these; the message names it.
+    /// If it cannot be read, or has a line of another form; the message names it.
     pub fn load(path: &Path) -> Result<Self, ResponseError> {
         let failed = |cause| ResponseError::Read {
             path: path.into(),

@@ -1,4 +1,4 @@
-//! Responses that are known are found again from boards.
+//! Fits to boards find known responses again.
 
 use super::*;
 use crate::calibration::{Board, DepthResponse, Distortion, Intrinsics};
@@ -191,4 +191,123 @@ fn too_little_is_refused_with_what_there_was() {
         Isometry3::translation(0.0, 0.0, -1.0),
     ];
     assert!(fitted(&away, &frames[..2]).is_err());
+}
+
+/// Boards of a sensor without a fault but what `wrong` makes of the true depth of each pixel.
+fn misread(count: usize, wrong: impl Fn(f64, f64, f64) -> f64) -> PlaneFit {
+    let poses = poses(count);
+    let frames: Vec<_> = poses
+        .iter()
+        .map(|pose| {
+            let truth = readings(pose, &DepthResponse::default(), no_pattern);
+            let lens = lens();
+            vec![Grid::from_fn(640, 480, |x, y| {
+                let n = lens.unproject(Point2::new(x as f64, y as f64)).unwrap();
+                let z = 1e-3 * f64::from(truth[(x, y)]);
+                (1e3 * wrong(z, n.x, n.y)).round() as u16
+            })]
+        })
+        .collect();
+    fitted(&poses, &frames).unwrap()
+}
+
+#[test]
+fn depth_beside_its_colour_picture_is_told_from_a_bowl_and_a_bend() {
+    let poses = poses(14);
+    let frames: Vec<_> = poses
+        .iter()
+        .map(|pose| {
+            let truth = readings(pose, &DepthResponse::default(), no_pattern);
+            let beside = |x: usize, y: usize| truth[((x + 6).min(639), y)];
+            vec![Grid::from_fn(640, 480, beside)]
+        })
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    let misfit = fit.misfit.unwrap();
+    let Cause::Misregistered([x, y]) = misfit.causes[0] else {
+        panic!("{misfit:?}")
+    };
+    assert!((x - 6.0).abs() < 1.0 && y.abs() < 1.0, "{misfit:?}");
+    assert!(
+        misfit
+            .words()
+            .contains("depth that lies beside its colour picture by +"),
+        "{}",
+        misfit.words()
+    );
+
+    let bowl = misread(14, |z, x, y| z + 0.03 * z * z * (x * x + y * y))
+        .misfit
+        .unwrap();
+    assert!(
+        matches!(bowl.causes[0], Cause::Bowl(deeper) if deeper > 0.0),
+        "{bowl:?}"
+    );
+    let bent = misread(14, |z, _, _| z + 0.1 * (z - 1.0).powi(2))
+        .misfit
+        .unwrap();
+    assert!(matches!(bent.causes[0], Cause::Curve(_)), "{bent:?}");
+    assert_eq!(misread(14, |z, _, _| 1.01 * z - 0.02).misfit, None);
+}
+
+#[test]
+fn the_lateral_scale_never_runs_away() {
+    for fit in [
+        misread(14, |z, _, _| {
+            z + 0.006 * (1.0 - 40.0 * (z - 1.0).powi(2) + 300.0 * (z - 1.0).powi(4))
+        }),
+        misread(14, |z, x, y| z + 0.05 * z * z * (x * x + y * y)),
+    ] {
+        let [near, far] = fit.response.range.unwrap();
+        for z in [near, 0.7, 1.0, 1.3, far] {
+            let off = fit.response.scale_at(z) - 1.0;
+            assert!(off.abs() <= 0.03, "{off} at {z}: {:?}", fit.response);
+        }
+    }
+    // Where nothing speaks for it, it is 1.
+    let plain = misread(9, |z, _, _| z - 0.02).response;
+    assert_eq!(plain.scale[1], 0.0, "{plain:?}");
+}
+
+#[test]
+fn readings_that_are_not_those_of_the_calibration_are_told() {
+    let poses = poses(6);
+    let checked = |count: usize, times: f64, beside: usize| {
+        let views: Vec<Grid<f32>> = poses[..count]
+            .iter()
+            .map(|pose| {
+                let truth = readings(pose, &sensor(), no_pattern);
+                Grid::from_fn(640, 480, |x, y| {
+                    times as f32 * f32::from(truth[((x + beside).min(639), y)])
+                })
+            })
+            .collect();
+        let views = poses.iter().zip(&views).map(|(pose, readings)| PlaneView {
+            placement: "p",
+            camera_from_face: *pose,
+            readings,
+        });
+        let views: Vec<PlaneView<'_>> = views.collect();
+        check_depth(&lens(), &board(), &views, &sensor(), 0.005).unwrap()
+    };
+    let sound = checked(1, 1.0, 0);
+    assert!(!sound.is_off && sound.beside_px.is_none(), "{sound:?}");
+    let sound = checked(6, 1.0, 0);
+    assert!(!sound.is_off && sound.beside_px.is_none(), "{sound:?}");
+    let deep = checked(1, 1.03, 0);
+    let expected = 0.03 * (deep.worst.distance - sensor().intercept);
+    assert!(
+        deep.is_off && (deep.worst.off - expected).abs() < 1e-3,
+        "{deep:?}"
+    );
+    let [x, y] = checked(6, 1.0, 6).beside_px.unwrap();
+    assert!((x - 6.0).abs() < 1.5 && y.abs() < 1.5, "{x} {y}");
+    let nothing = Grid::filled(640, 480, 0.0);
+    let view = PlaneView {
+        placement: "p7",
+        camera_from_face: poses[0],
+        readings: &nothing,
+    };
+    let reason = check_depth(&lens(), &board(), &[view], &sensor(), 0.005).unwrap_err();
+    assert!(reason.contains("p7: 0 of"), "{reason}");
 }

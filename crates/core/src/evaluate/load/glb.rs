@@ -1,10 +1,21 @@
 //! Binary glTF 2.0: the triangles of the scene, with nodes' transforms applied, turned from y up to z up.
+//!
+//! The crate `gltf` (1.4.1) has the container, the JSON's types and the reader of an accessor's items. `Root::get`
+//! answers an index that names nothing with `None`, so every lookup here goes through it. Three parts of the crate are
+//! left alone because a damaged file makes them panic: `Document` unwraps each index, the validation indexes with
+//! POSITION's accessor before it has checked that there is one, and `accessor::Iter` computes an accessor's extent
+//! unchecked. The checks of `Reader::items` stand in their place.
 
 use super::{LoadedModel, provenance};
 use crate::reconstruct::Provenance;
-use nalgebra::{Matrix4, Point3, Quaternion, UnitQuaternion, Vector3};
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use gltf::accessor::util::{Item, ItemIter};
+use gltf::accessor::{DataType, Dimensions};
+use gltf::json::accessor::{Accessor, GenericComponentType};
+use gltf::json::validation::Checked;
+use gltf::json::{Index, Node, Root, mesh};
+use gltf::scene::Transform;
+use gltf::{Glb, Semantic};
+use nalgebra::{Matrix4, Point3};
 
 /// Deeper trees of nodes are taken for a loop.
 const MAX_DEPTH: usize = 64;
@@ -14,25 +25,26 @@ const MAX_VISITS: usize = 10_000;
 const MAX_ELEMENTS: usize = 20_000_000;
 
 /// Reads the default scene. `_PROVENANCE` and `_ERROR` are kept where every primitive has them.
-pub fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
-    let (json, binary) = split_chunks(bytes)?;
-    let document: Document =
-        serde_json::from_slice(json).map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
-    if let Some(name) = document.extensions_required.first() {
+pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
+    let glb = container(bytes)?;
+    let root = Root::from_slice(&glb.json);
+    let root = root.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
+    if let Some(name) = root.extensions_required.first() {
         let name: String = name.chars().take(60).collect();
         return Err(format!(
-            "the glTF extension {name} is required and not known here"
+            "the file requires the glTF extension {name}, which scand does not support"
         ));
     }
+    let scene = root.scenes.get(root.scene.map_or(0, |scene| scene.value()));
     let mut reader = Reader {
-        document: &document,
-        binary,
+        root: &root,
+        binary: glb.bin.as_deref().unwrap_or_default(),
         model: LoadedModel::default(),
         provenance: Vec::new(),
         errors: Vec::new(),
         visits: 0,
     };
-    for &node in document.roots()?.iter() {
+    for &node in &scene.ok_or("the file has no scene")?.nodes {
         reader.visit(node, Matrix4::identity(), 0)?;
     }
     let count = reader.model.mesh.vertices.len();
@@ -43,138 +55,18 @@ pub fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     Ok(model)
 }
 
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Document {
-    #[serde(default)]
-    scene: usize,
-    #[serde(default)]
-    scenes: Vec<Scene>,
-    #[serde(default)]
-    nodes: Vec<Node>,
-    #[serde(default)]
-    meshes: Vec<GltfMesh>,
-    #[serde(default)]
-    accessors: Vec<Accessor>,
-    #[serde(default)]
-    buffer_views: Vec<BufferView>,
-    #[serde(default)]
-    extensions_required: Vec<String>,
-}
-
-impl Document {
-    fn roots(&self) -> Result<&[usize], String> {
-        let scene = self.scenes.get(self.scene);
-        Ok(&scene.ok_or("the file has no scene")?.nodes)
+/// The chunks. The crate subtracts the header's length from the file's length as the header gives it, unchecked.
+fn container(bytes: &[u8]) -> Result<Glb<'_>, String> {
+    const HEADER_BYTES: u32 = 12;
+    let length = bytes.get(8..12).and_then(|b| b.try_into().ok());
+    if length.is_some_and(|length| u32::from_le_bytes(length) < HEADER_BYTES) {
+        return Err("the GLB header gives a length that is shorter than itself".to_owned());
     }
-}
-
-#[derive(Deserialize)]
-struct Scene {
-    #[serde(default)]
-    nodes: Vec<usize>,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    mesh: Option<usize>,
-    #[serde(default)]
-    children: Vec<usize>,
-    matrix: Option<[f32; 16]>,
-    translation: Option<[f32; 3]>,
-    rotation: Option<[f32; 4]>,
-    scale: Option<[f32; 3]>,
-}
-
-impl Node {
-    fn parent_from_node(&self) -> Matrix4<f32> {
-        if let Some(columns) = self.matrix {
-            return Matrix4::from_column_slice(&columns);
-        }
-        let translation = Vector3::from(self.translation.unwrap_or_default());
-        let [x, y, z, w] = self.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
-        let rotation = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-        let scale = Vector3::from(self.scale.unwrap_or([1.0; 3]));
-        Matrix4::new_translation(&translation)
-            * rotation.to_homogeneous()
-            * Matrix4::new_nonuniform_scaling(&scale)
-    }
-}
-
-#[derive(Deserialize)]
-struct GltfMesh {
-    primitives: Vec<Primitive>,
-}
-
-#[derive(Deserialize)]
-struct Primitive {
-    attributes: BTreeMap<String, usize>,
-    indices: Option<usize>,
-    #[serde(default = "triangles")]
-    mode: u32,
-}
-
-fn triangles() -> u32 {
-    4
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct Accessor {
-    buffer_view: Option<usize>,
-    #[serde(default)]
-    byte_offset: usize,
-    component_type: u32,
-    #[serde(default)]
-    normalized: bool,
-    count: usize,
-    r#type: String,
-    sparse: Option<serde_json::Value>,
-}
-
-#[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
-struct BufferView {
-    buffer: usize,
-    #[serde(default)]
-    byte_offset: usize,
-    byte_length: usize,
-    byte_stride: Option<usize>,
-}
-
-fn split_chunks(bytes: &[u8]) -> Result<(&[u8], &[u8]), String> {
-    let word = |at: usize| -> Option<u32> {
-        Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
-    };
-    if !bytes.starts_with(b"glTF") {
-        return Err("not a GLB file: it does not begin with \"glTF\"".to_owned());
-    }
-    if word(4) != Some(2) {
-        return Err("glTF is of a version other than 2".to_owned());
-    }
-    let mut chunks: [&[u8]; 2] = [&[], &[]];
-    let mut at = 12;
-    while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
-        let end = at + 8 + length as usize;
-        let chunk = bytes.get(at + 8..end).ok_or_else(|| {
-            let left = bytes.len() - at - 8;
-            format!("a chunk of {length} bytes, where the file has {left} left")
-        })?;
-        match &kind.to_le_bytes() {
-            b"JSON" => chunks[0] = chunk,
-            b"BIN\0" => chunks[1] = chunk,
-            _ => {}
-        }
-        at = end;
-    }
-    if chunks[0].is_empty() {
-        return Err("the GLB file has no JSON chunk".to_owned());
-    }
-    Ok(chunks.into())
+    Glb::from_slice(bytes).map_err(|e| format!("the GLB file cannot be read: {e}"))
 }
 
 struct Reader<'a> {
-    document: &'a Document,
+    root: &'a Root,
     binary: &'a [u8],
     model: LoadedModel,
     provenance: Vec<Provenance>,
@@ -182,10 +74,10 @@ struct Reader<'a> {
     visits: usize,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
     fn visit(
         &mut self,
-        index: usize,
+        index: Index<Node>,
         world_from_parent: Matrix4<f32>,
         depth: usize,
     ) -> Result<(), String> {
@@ -193,78 +85,75 @@ impl Reader<'_> {
         if depth > MAX_DEPTH || self.visits > MAX_VISITS {
             return Err("the tree of nodes is too deep or too large".to_owned());
         }
-        let document = self.document;
-        let node = document.nodes.get(index);
-        let node = node.ok_or_else(|| format!("there is no node {index}"))?;
-        let world_from_node = world_from_parent * node.parent_from_node();
+        let (root, number) = (self.root, index.value());
+        let node = root.get(index);
+        let node = node.ok_or_else(|| format!("there is no node {number}"))?;
+        let world_from_node = world_from_parent * parent_from_node(node);
         if let Some(mesh) = node.mesh {
-            let mesh = document.meshes.get(mesh);
+            let mesh = root.get(mesh);
             let mesh =
-                mesh.ok_or_else(|| format!("node {index} names a mesh that is not there"))?;
+                mesh.ok_or_else(|| format!("node {number} refers to a mesh that does not exist"))?;
             for primitive in &mesh.primitives {
                 self.add(primitive, &world_from_node)?;
             }
         }
-        node.children
-            .iter()
-            .try_for_each(|&child| self.visit(child, world_from_node, depth + 1))
+        let mut children = node.children.iter().flatten();
+        children.try_for_each(|&child| self.visit(child, world_from_node, depth + 1))
     }
 
-    fn add(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f32>) -> Result<(), String> {
-        if primitive.mode != triangles() {
-            let mode = primitive.mode;
-            return Err(format!(
-                "a primitive of mode {mode}, where 4 (triangles) is read"
-            ));
+    fn add(
+        &mut self,
+        primitive: &mesh::Primitive,
+        world_from_node: &Matrix4<f32>,
+    ) -> Result<(), String> {
+        if primitive.mode != Checked::Valid(mesh::Mode::Triangles) {
+            return Err("a primitive has a mode other than 4 (triangles)".to_owned());
         }
-        let attribute = |name: &str| primitive.attributes.get(name).copied();
-        let positions = attribute("POSITION").ok_or("a primitive without POSITION")?;
-        let positions = self.values(positions, 3)?;
+        let attributes = &primitive.attributes;
+        let attribute = |name: Semantic| attributes.get(&Checked::Valid(name)).copied();
+        let positions = attribute(Semantic::Positions).ok_or("a primitive has no POSITION")?;
+        let positions = self.items::<[f32; 3]>(positions, DataType::F32, Dimensions::Vec3)?;
         let base = self.model.mesh.vertices.len();
-        if base + positions.len() / 3 > MAX_ELEMENTS {
-            return Err(format!("more than {MAX_ELEMENTS} vertices"));
-        }
-        let vertices = positions.chunks_exact(3).map(|p| {
-            let local = Point3::new(p[0] as f32, p[1] as f32, p[2] as f32);
-            let p = world_from_node.transform_point(&local);
+        let vertices = positions.map(|p| {
+            let p = world_from_node.transform_point(&Point3::from(p));
             // y up to z up.
             Point3::new(p.x, -p.z, p.y)
         });
         self.model.mesh.vertices.extend(vertices);
-        let count = positions.len() / 3;
+        let count = self.model.mesh.vertices.len() - base;
+        if base + count > MAX_ELEMENTS {
+            return Err(format!("more than {MAX_ELEMENTS} vertices"));
+        }
         self.add_triangles(primitive, base, count, world_from_node.determinant() < 0.0)?;
-        if let Some(accessor) = attribute("_PROVENANCE") {
-            for (vertex, value) in self
-                .values(accessor, 1)?
-                .into_iter()
-                .take(count)
-                .enumerate()
-            {
-                self.provenance.push(provenance(value, vertex)?);
-            }
+        let values = |name: &str| {
+            let accessor = attribute(Semantic::Extras(name.to_owned()));
+            accessor.map_or(Ok(Vec::new()), |accessor| self.numbers(accessor))
+        };
+        let (provenances, errors) = (values("PROVENANCE")?, values("ERROR")?);
+        for (vertex, &value) in provenances.iter().take(count).enumerate() {
+            self.provenance.push(provenance(value, vertex)?);
         }
-        if let Some(accessor) = attribute("_ERROR") {
-            let values = self.values(accessor, 1)?;
-            self.errors
-                .extend(values.iter().take(count).map(|&v| v as f32));
-        }
+        let errors = errors.iter().take(count).map(|&v| v as f32);
+        self.errors.extend(errors);
         Ok(())
     }
 
     /// Triangles of `count` vertices from `base` on; a mirroring transform turns them inside out, and back.
     fn add_triangles(
         &mut self,
-        primitive: &Primitive,
+        primitive: &mesh::Primitive,
         base: usize,
         count: usize,
         mirrored: bool,
     ) -> Result<(), String> {
         let indices = match primitive.indices {
-            Some(accessor) => self.values(accessor, 1)?,
+            Some(accessor) => self.numbers(accessor)?,
             None => (0..count).map(|i| i as f64).collect(),
         };
         if let Some(index) = indices.iter().find(|&&i| !(0.0..count as f64).contains(&i)) {
-            return Err(format!("index {index} names none of {count} vertices"));
+            return Err(format!(
+                "index {index} is out of range for {count} vertices"
+            ));
         }
         let mesh = &mut self.model.mesh;
         if mesh.triangles.len() + indices.len() / 3 > MAX_ELEMENTS {
@@ -280,97 +169,100 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// All components of an accessor of vectors of `width`.
-    fn values(&self, index: usize, width: usize) -> Result<Vec<f64>, String> {
-        let accessor = self.document.accessors.get(index);
-        let accessor = accessor.ok_or_else(|| format!("there is no accessor {index}"))?;
-        let explain = |what: &str| format!("accessor {index} {what}");
-        let found = match accessor.r#type.as_str() {
-            "SCALAR" => 1,
-            "VEC3" => 3,
-            _ => 0,
-        };
-        if found != width {
-            return Err(explain(&format!("does not hold vectors of {width}")));
+    /// All numbers of an accessor of scalars, which are of any type that an index or a value of a model may have.
+    fn numbers(&self, index: Index<Accessor>) -> Result<Vec<f64>, String> {
+        fn gather<T: Into<f64>>(items: impl Iterator<Item = T>) -> Vec<f64> {
+            items.map(Into::into).collect()
         }
-        if accessor.sparse.is_some() {
-            return Err(explain("is sparse, which is not read"));
+        let one = Dimensions::Scalar;
+        match self.root.get(index).and_then(component) {
+            Some(kind @ DataType::U8) => self.items::<u8>(index, kind, one).map(gather),
+            Some(kind @ DataType::U16) => self.items::<u16>(index, kind, one).map(gather),
+            Some(kind @ DataType::U32) => self.items::<u32>(index, kind, one).map(gather),
+            // Whatever else it is, or if it is not there, is refused by name.
+            _ => self.items::<f32>(index, DataType::F32, one).map(gather),
         }
-        let size = component_bytes(accessor.component_type);
-        let size = size.ok_or_else(|| explain("has an unknown component type"))?;
-        let data = self
+    }
+
+    /// An accessor's items, `kind` and `shape` of which are those of `T`; all of them lie within the file.
+    fn items<T: Item>(
+        &self,
+        index: Index<Accessor>,
+        kind: DataType,
+        shape: Dimensions,
+    ) -> Result<impl Iterator<Item = T> + use<'a, T>, String> {
+        let explain = |what: &str| format!("accessor {} {what}", index.value());
+        let accessor = self.root.get(index);
+        let accessor = accessor.ok_or_else(|| explain("is not there"))?;
+        if component(accessor) != Some(kind) {
+            return Err(explain("has a component type that is not read there"));
+        }
+        if accessor.type_ != Checked::Valid(shape) {
+            let width = shape.multiplicity();
+            return Err(explain(&format!(
+                "does not have vectors of {width} components"
+            )));
+        }
+        if accessor.sparse.is_some() || accessor.normalized {
+            return Err(explain("is sparse or normalised, which is not read"));
+        }
+        let (bytes, stride) = self
             .view(accessor)
             .ok_or_else(|| explain("lies outside the file"))?;
-        let element = size * width;
-        let stride = data.1.unwrap_or(element);
-        if stride < element {
+        let size = size_of::<T>();
+        let stride = stride.unwrap_or(size);
+        if stride < size {
             return Err(explain(&format!(
-                "has a stride of {stride} bytes for {element}"
+                "has a stride of {stride} bytes for {size}"
             )));
         }
         // The last element may end where the view does.
-        let room = (data.0.len() + stride).saturating_sub(element) / stride;
-        if accessor.count > room {
-            let count = accessor.count;
+        let room = (bytes.len() + stride).saturating_sub(size) / stride;
+        let count = accessor.count.0;
+        if count > room as u64 {
             return Err(explain(&format!(
-                "promises {count} elements, where there is room for {room}"
+                "says it has {count} elements, but has room for only {room}"
             )));
         }
-        let mut values = Vec::with_capacity(accessor.count * width);
-        for at in (0..accessor.count).map(|i| i * stride) {
-            for component in data.0[at..at + element].chunks_exact(size) {
-                values.push(decode(
-                    component,
-                    accessor.component_type,
-                    accessor.normalized,
-                ));
-            }
-        }
-        Ok(values)
+        Ok(ItemIter::new(bytes, stride).take(count as usize))
     }
 
     /// An accessor's bytes, up to the end of its view, and the view's stride.
-    fn view(&self, accessor: &Accessor) -> Option<(&[u8], Option<usize>)> {
-        let view = self.document.buffer_views.get(accessor.buffer_view?)?;
-        let end = view.byte_offset.checked_add(view.byte_length)?;
-        let bytes = self.binary.get(view.byte_offset..end)?;
-        (view.buffer == 0).then_some((bytes.get(accessor.byte_offset..)?, view.byte_stride))
+    fn view(&self, accessor: &Accessor) -> Option<(&'a [u8], Option<usize>)> {
+        let view = self.root.get(accessor.buffer_view?)?;
+        let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
+        let end = start.checked_add(usize::try_from(view.byte_length.0).ok()?)?;
+        let offset = usize::try_from(accessor.byte_offset.unwrap_or_default().0).ok()?;
+        let bytes = self.binary.get(start..end)?.get(offset..)?;
+        (view.buffer.value() == 0).then_some((bytes, view.byte_stride.map(|stride| stride.0)))
     }
 }
 
-fn component_bytes(kind: u32) -> Option<usize> {
-    match kind {
-        5120 | 5121 => Some(1),
-        5122 | 5123 => Some(2),
-        5125 | 5126 => Some(4),
-        _ => None,
+/// What an accessor's components are; `None` if the specification knows no such kind.
+fn component(accessor: &Accessor) -> Option<DataType> {
+    match accessor.component_type {
+        Checked::Valid(GenericComponentType(kind)) => Some(kind),
+        Checked::Invalid => None,
     }
 }
 
-/// A component's value (glTF 2.0, section 3.6.2.2 and, for normalised ones, 3.11).
-fn decode(bytes: &[u8], kind: u32, normalized: bool) -> f64 {
-    let b = |i: usize| bytes.get(i).copied().unwrap_or(0);
-    let whole = [b(0), b(1), b(2), b(3)];
-    let half = [b(0), b(1)];
-    let (value, most) = match kind {
-        5120 => (f64::from(b(0) as i8), 127.0),
-        5121 => (f64::from(b(0)), 255.0),
-        5122 => (f64::from(i16::from_le_bytes(half)), 32767.0),
-        5123 => (f64::from(u16::from_le_bytes(half)), 65535.0),
-        5125 => (f64::from(u32::from_le_bytes(whole)), 1.0),
-        _ => (f64::from(f32::from_le_bytes(whole)), 1.0),
+fn parent_from_node(node: &Node) -> Matrix4<f32> {
+    if let Some(columns) = node.matrix {
+        return Matrix4::from_column_slice(&columns);
+    }
+    let transform = Transform::Decomposed {
+        translation: node.translation.unwrap_or_default(),
+        rotation: node.rotation.unwrap_or_default().0,
+        scale: node.scale.unwrap_or([1.0; 3]),
     };
-    if normalized {
-        (value / most).max(-1.0)
-    } else {
-        value
-    }
+    Matrix4::from(transform.matrix())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mesh::{check, shapes};
+    use nalgebra::Vector3;
     use proptest::prelude::*;
     use serde_json::{Value, json};
 
@@ -462,14 +354,14 @@ mod tests {
             json!(u64::MAX),
             "18446744073709551615",
         );
-        refuse("/accessors/0/count", json!(5), "room for 4");
+        refuse("/accessors/0/count", json!(5), "room for only 4");
         refuse("/accessors/0/type", json!("VEC4"), "vectors of 3");
         refuse("/accessors/0/componentType", json!(1), "component type");
         refuse("/accessors/1/count", json!(9999), "accessor 1");
         refuse("/bufferViews/0/byteLength", json!(u64::MAX), "outside");
         refuse("/bufferViews/0/byteOffset", json!(1_u64 << 40), "outside");
         refuse("/bufferViews/2/byteStride", json!(0), "accessor 2");
-        refuse("/bufferViews/1/byteOffset", json!(0), "names none");
+        refuse("/bufferViews/1/byteOffset", json!(0), "out of range");
         refuse("/nodes/0/mesh", json!(7), "mesh");
         refuse("/nodes/0", json!({"children": [0]}), "too deep");
         refuse("/nodes/0", json!({"children": [3]}), "no node 3");

@@ -3,14 +3,14 @@
 use super::{LoadedModel, fan, provenance};
 use nalgebra::{Point3, Vector3};
 
-/// A header longer than this is none.
+/// A longer header is refused.
 const MAX_HEADER_BYTES: usize = 64 << 10;
 /// A face of more corners is taken for damage.
 const MAX_CORNERS: usize = 1024;
 
 /// Reads vertices (`x y z`, and where they are `nx ny nz`, `red green blue`, `provenance`, `expected_error`)
 /// and faces (`vertex_indices` or `vertex_index`). Other elements and properties are stepped over.
-pub fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
+pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     let (header, body) = split_header(bytes)?;
     let (format, elements) = read_header(header)?;
     let mut source = Source { rest: body, format };
@@ -21,7 +21,7 @@ pub fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
         if element.count > room {
             let (name, count) = (&element.name, element.count);
             return Err(format!(
-                "the header promises {count} of {name}, where the file has room for at most {room}"
+                "the header lists {count} of {name}, but the file has room for at most {room}"
             ));
         }
         match element.name.as_str() {
@@ -143,7 +143,7 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     }
     let mark = b"end_header";
     let end = start.windows(mark.len()).position(|w| w == mark);
-    let end = end.ok_or("the PLY header has no end")?;
+    let end = end.ok_or("the PLY header does not end")?;
     let header = std::str::from_utf8(&start[..end]).map_err(|_| "the PLY header is not text")?;
     let after = &bytes[end + mark.len()..];
     let line_end = after.iter().position(|&b| b == b'\n');
@@ -169,14 +169,17 @@ fn read_header(header: &str) -> Result<(Format, Vec<Element>), String> {
             }),
             ["property", rest @ ..] => {
                 let property = read_property(rest)?;
-                let element = elements.last_mut().ok_or("a property of no element")?;
+                let element = elements.last_mut().ok_or(
+                    "a property comes before the first \
+                    element",
+                )?;
                 element.properties.push(property);
             }
             [] | ["ply" | "comment" | "obj_info", ..] => {}
             _ => return Err(format!("unknown header line \"{}\"", shorten(line))),
         }
     }
-    Ok((format.ok_or("the PLY header names no format")?, elements))
+    Ok((format.ok_or("the PLY header has no format")?, elements))
 }
 
 fn read_property(words: &[&str]) -> Result<Property, String> {
@@ -240,7 +243,7 @@ impl Source<'_> {
         let room = self.rest.len() / item;
         if count.fract() != 0.0 || !(0.0..=room as f64).contains(&count) {
             return Err(format!(
-                "a list of {count} values, where the file has room for {room}"
+                "a list has {count} values, but the file has room for only {room}"
             ));
         }
         Ok(count as usize)
@@ -266,7 +269,7 @@ fn read_vertices(
     model: &mut LoadedModel,
 ) -> Result<(), String> {
     let position = element.all(["x", "y", "z"]);
-    let position = position.ok_or("vertices without x, y and z")?;
+    let position = position.ok_or("the vertices have no x, y and z")?;
     let normal = element.all(["nx", "ny", "nz"]);
     let color = element.all(["red", "green", "blue"]);
     let origin = element.property("provenance");
@@ -314,7 +317,7 @@ fn read_faces(
         p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
     };
     let Some(indices) = element.properties.iter().position(is_indices) else {
-        return Err("faces without vertex_indices".to_owned());
+        return Err("the faces have no vertex_indices".to_owned());
     };
     let (before, after) = element.properties.split_at(indices);
     let mut polygon = Vec::new();
@@ -336,9 +339,7 @@ fn read_polygon(
     let length = property.length.unwrap_or(property.scalar);
     let count = source.list_length(length, property.scalar)?;
     if count > MAX_CORNERS {
-        return Err(format!(
-            "{count} corners, where at most {MAX_CORNERS} are read"
-        ));
+        return Err(format!("{count} corners, expected at most {MAX_CORNERS}"));
     }
     for _ in 0..count {
         let index = source.next(property.scalar)?;
@@ -445,10 +446,10 @@ mod tests {
         assert!(with("vertex 3", "vertex -3").contains("no count"));
         assert!(with("other 2", "other 99999999").contains("99999999 of other"));
         assert!(with("float x", "quad x").contains("quad"));
-        assert!(with("float x", "float w").contains("without x, y and z"));
+        assert!(with("float x", "float w").contains("no x, y and z"));
         assert!(with("vertex_indices", "corners").contains("vertex_indices"));
         assert!(with("little", "middle").contains("format"));
-        assert!(with("end_header", "no_header!").contains("no end"));
+        assert!(with("end_header", "no_header!").contains("does not end"));
         assert!(with("ply", "pig").contains("not a PLY"));
         let mut provenance = binary(false);
         let body = provenance

@@ -1,5 +1,5 @@
-//! A burst cut to the window that the object can cover and linearised, and its statistics over the frames
-//! (equations 1 and 2). What a hole is filled with is decided elsewhere.
+//! A burst, cut to the window that the object can cover and linearised, and its statistics over the frames
+//! (equations 1 and 2). `fill` decides what holes are filled with.
 
 use super::{Facts, Parameters, Spread};
 use crate::image::{Grid, Mask};
@@ -8,7 +8,7 @@ use crate::statistics::upper_median;
 use rayon::prelude::*;
 
 /// The frames' depth in a window: the bounding rectangle of the region.
-pub struct Burst {
+pub(super) struct Burst {
     /// Column of the window's first pixel.
     pub left: usize,
     /// Row of the window's first pixel.
@@ -37,7 +37,7 @@ pub struct Fused {
 
 impl Burst {
     /// Cuts and linearises.
-    pub fn new(view: &DepthView, region: &Mask) -> Self {
+    pub(super) fn new(view: &DepthView, region: &Mask) -> Self {
         let (left, top, width, height) = bounds(region);
         let inside = Grid::from_fn(width, height, |x, y| region[(x + left, y + top)] >= 128);
         let linearise = |readings: &Grid<u16>| {
@@ -63,7 +63,7 @@ impl Burst {
     }
 
     /// Equations 1 and 2 over the frames as they are.
-    pub fn fuse(&self, parameters: &Parameters) -> Fused {
+    pub(super) fn fuse(&self, parameters: &Parameters) -> Fused {
         let mut fused = Fused {
             depth: Grid::filled(self.width, self.height, 0.0),
             deviation: Grid::filled(self.width, self.height, 0.0),
@@ -131,7 +131,7 @@ impl Burst {
 
 /// Equations 1 and 2 over filtered frames: the mean per pixel of the valid depths, 0 where there is none
 /// or they spread by more than `limit` metres.
-pub fn mean_of_filtered(frames: &[Grid<f32>], limit: f32) -> Grid<f32> {
+pub(super) fn mean_of_filtered(frames: &[Grid<f32>], limit: f32) -> Grid<f32> {
     let Some(first) = frames.first() else {
         return Grid::default();
     };

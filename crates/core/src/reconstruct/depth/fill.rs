@@ -1,6 +1,6 @@
-//! Filling holes. A hole between two depths is either a wall too steep to give readings, and then the depth
-//! runs across it, or an edge that hides what is behind it, and then each of its pixels belongs to one side.
-//! Which of the two it is, the far side tells: where it rises towards the near one, it is a wall's foot.
+//! Fills holes. A hole between two depths is either a wall that is too steep to be read, and then the depth runs
+//! across it, or an edge that hides what is behind it, and then each of its pixels belongs to one side. The far
+//! side distinguishes the two: if it rises towards the near side, it is the foot of a wall.
 
 use super::Parameters;
 use crate::image::Grid;
@@ -36,7 +36,7 @@ struct Neighbour {
 
 /// Fills the pixels of `inside` that have no depth (0). `pixel` is the size of a pixel at 1 m, in metres.
 /// A pixel that no depth reaches stays 0.
-pub fn fill(
+pub(super) fn fill(
     depth: &Grid<f32>,
     inside: &Grid<bool>,
     guide: &Grid<f32>,

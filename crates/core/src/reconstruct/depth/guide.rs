@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Intensity in [0, 1] of a picture in the window: the mean of its three channels.
-pub fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
+pub(super) fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
     Grid::from_fn(burst.width, burst.height, |x, y| {
         let [r, g, b] = color[(x + burst.left, y + burst.top)];
         (f32::from(r) + f32::from(g) + f32::from(b)) / 765.0
@@ -15,7 +15,7 @@ pub fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
 }
 
 /// Mean intensity over a burst's pictures, each counted once however many frames share it.
-pub fn mean(view: &DepthView, burst: &Burst) -> Grid<f32> {
+pub(super) fn mean(view: &DepthView, burst: &Burst) -> Grid<f32> {
     let mut different: Vec<&Arc<RgbImage>> = view.frames.iter().map(|f| &f.color).collect();
     different.dedup_by(|a, b| Arc::ptr_eq(a, b));
     let pictures = different.par_iter().map(|color| intensity(color, burst));

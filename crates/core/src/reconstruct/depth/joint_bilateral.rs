@@ -1,12 +1,12 @@
-//! The joint bilateral filter over pictures with holes: a weighted mean of a pixel's surroundings, where
-//! weights fall with distance and with the guide's difference, and a hole has none. Where there is no hole
-//! it is the filter of the paper's section 2.D and of OpenCV's `ximgproc::jointBilateralFilter`.
+//! The joint bilateral filter over pictures with holes: a weighted mean of a pixel's surroundings. Weights fall
+//! with distance and with the difference in the guide; a hole has weight 0. Without holes it is the filter of the
+//! paper's section 2.D and of OpenCV's `ximgproc::jointBilateralFilter`.
 
 use crate::image::Grid;
 
 /// The filter's kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Kernel {
+pub(super) struct Kernel {
     /// Half-width in pixels: the kernel is the disc of this radius.
     pub half_width_px: usize,
     /// Standard deviation of the spatial weight, in pixels.
@@ -27,7 +27,7 @@ struct Row {
 
 /// Filters `depth` (0 is a hole) guided by the channels of `guide`, all of one size. A hole gets a value
 /// where its surroundings have one; a pixel with nothing but holes within the kernel stays a hole.
-pub fn filter(depth: &Grid<f32>, guide: &[Grid<f32>], kernel: &Kernel) -> Grid<f32> {
+pub(super) fn filter(depth: &Grid<f32>, guide: &[Grid<f32>], kernel: &Kernel) -> Grid<f32> {
     let (width, height) = (depth.width(), depth.height());
     let mut out = Grid::filled(width, height, 0.0);
     let mut row = Row {

@@ -1,6 +1,6 @@
-//! Depth enhancement (the paper's section 2.D): from a burst of raw readings to one depth image with its
-//! holes filled and its expected error. This file has the order of the steps, their parameters and what
-//! comes out; it knows nothing of hulls, only which pixels the object can cover.
+//! Depth enhancement (the paper's section 2.D): from a burst of raw readings to one depth image with its holes
+//! filled and its expected error. This file has the order of the steps, their parameters and their result. It knows
+//! nothing of hulls, only which pixels the object can cover.
 
 mod burst;
 mod fill;
@@ -78,81 +78,81 @@ pub struct Parameters {
     /// Equation 2: a pixel whose readings spread (max − min over the frames) by more than this many
     /// millimetres is left out. The paper's "≈ 30" has no unit.
     /// Default 30, range 0.001 to 1000000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub spread_limit_mm: f32,
     /// Readings within this many millimetres of a pixel's median are its majority.
     /// Default 8, range 0.001 to 1000000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub majority_mm: f32,
     /// A pixel is measured only where at least this share of the frames has a reading. Rims are seen in
     /// some frames and missed in others, and those readings belong to the near side. The paper has no such
     /// test.
     /// Default 0.3, range 0 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub least_share: f32,
 
     /// Levels of the pyramid, the full size included.
     /// Default 4, range 1 to 12.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 1, 12>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 12>")]
     pub levels: usize,
     /// The joint bilateral filter's half-width in pixels: the paper's "kernel size of 10".
     /// Default 10, range 0 to 64.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 64>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub half_width_px: usize,
     /// Its spatial standard deviation in pixels.
     /// Default 3, range 0.001 to 1000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000>")]
     pub spatial_sigma_px: f32,
     /// Its range standard deviation, of an intensity in [0, 1].
     /// Default 0.1, range 0.001 to 1000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000>")]
     pub range_sigma: f32,
     /// Standard deviation in millimetres of a range weight on depth as well; 0 has none, as in the paper.
     /// Default 0, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub depth_sigma_mm: f32,
 
     /// Two depths this many millimetres apart around a hole may be an edge that hides what is behind.
     /// Default 12, range 0.001 to 1000000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub least_step_mm: f32,
     /// Widest hole in pixels that such an edge may leave; a wider one is a wall.
     /// Default 3.5, range 0 to 6.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 6>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 6>")]
     pub widest_step_px: f32,
     /// Steepest slope (metres a metre across the view) towards the edge that what lies behind it may have;
     /// a steeper one is a wall's foot.
     /// Default 1, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub steepest_floor: f32,
 
     /// The plate's stiffness: weight of its bending against its distance from the readings, both in
     /// units of a reading's expected error.
     /// Default 120, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub stiffness: f32,
     /// Bending, in expected errors a pixel squared, at which the plate begins to break; lower than the
     /// noise, for it is what the smoothed plate may do.
     /// Default 0.3, range 0.001 to 1000000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub bend_limit: f32,
     /// The same in the first round, in units of the bending that the readings' noise makes: so that noise
     /// is not taken for edges.
     /// Default 0.3, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub noise_bend: f32,
     /// How often the plate's weights are set anew.
     /// Default 5, range 0 to 100.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 100>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 100>")]
     pub plate_rounds: usize,
     /// Steps of conjugate gradients between.
     /// Default 20, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub plate_steps: usize,
     /// Standard deviation in pixels of the window over which the sensor matches its pattern, and so takes the
     /// mean of a surface: the plate undoes it. 0 for a sensor without one.
     /// Default 2, range 0 to 8.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 8>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 8>")]
     pub window_sigma_px: f32,
 }
 
@@ -319,7 +319,7 @@ fn bilateral(
         range_sigma: parameters.range_sigma,
         depth_sigma: (parameters.depth_sigma_mm > 0.0).then_some(parameters.depth_sigma_mm * 1e-3),
     };
-    let level = pyramid::Level {
+    let level = pyramid::PyramidLevel {
         depth,
         guide,
         inside: burst.inside.clone(),

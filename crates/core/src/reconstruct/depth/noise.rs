@@ -1,5 +1,5 @@
-//! How far a reading of this sensor may be off, as a function of depth and slope, measured on the burst
-//! itself where the surface is smooth.
+//! How far a reading of this sensor may be off, as a function of depth and slope. It is measured on the burst
+//! itself, where the surface is smooth.
 
 use super::burst::Fused;
 use crate::image::Grid;
@@ -76,7 +76,7 @@ impl SensorNoise {
 
 /// Steepness of the depth at a pixel, in metres a pixel: the larger of the differences across it in x and
 /// in y, to the neighbours that have depth.
-pub fn slope(depth: &Grid<f32>, x: usize, y: usize) -> f32 {
+pub(super) fn slope(depth: &Grid<f32>, x: usize, y: usize) -> f32 {
     let here = depth[(x, y)];
     let across = |dx: isize, dy: isize| {
         let at = |s: isize| {

@@ -1,14 +1,15 @@
-//! A weak plate through the depth: the surface that stays near the readings and bends as little as it can,
-//! except where bending is so strong that it must be an edge, which it lets break (a thin plate under a
-//! bounded penalty, after Blake and Zisserman, "Visual Reconstruction", 1987, chapter 2, solved by
-//! iteratively reweighted least squares). It carries slopes into holes and reproduces every plane exactly.
+//! A weak plate through the depth, a thin plate in the mathematical sense: the surface that stays near the readings
+//! and bends as little as it can, except where it would bend so strongly that there must be an edge; there it
+//! breaks (a thin plate under a bounded penalty, after Blake and Zisserman, "Visual Reconstruction", 1987, chapter
+//! 2, solved by iteratively reweighted least squares). It extends slopes into holes and reproduces every plane
+//! exactly.
 
 use super::window::Window;
 use crate::image::Grid;
 
 /// What the plate is made of, in units in which the readings' error is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plate {
+pub(super) struct Plate {
     /// Weight of bending against distance from the readings.
     pub stiffness: f32,
     /// Second difference (errors a pixel squared) at which the plate begins to break.
@@ -52,7 +53,12 @@ struct Fields {
 /// Lays a plate through `start` (0 where there is no surface), which may be depth or inverse depth.
 /// `confidence` is the weight of the reading that `start` has at a pixel, 0 where it was only filled in;
 /// `error` is the readings' expected error in the same unit.
-pub fn lay(start: &Grid<f32>, confidence: &Grid<f32>, error: f32, plate: &Plate) -> Grid<f32> {
+pub(super) fn lay(
+    start: &Grid<f32>,
+    confidence: &Grid<f32>,
+    error: f32,
+    plate: &Plate,
+) -> Grid<f32> {
     let (width, height) = (start.width(), start.height());
     if width == 0 || height == 0 {
         return start.clone();

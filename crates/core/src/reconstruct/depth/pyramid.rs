@@ -5,7 +5,7 @@ use super::joint_bilateral::{Kernel, filter};
 use crate::image::Grid;
 
 /// One level: depth with holes, its guide, and where the object can be.
-pub struct Level {
+pub(super) struct PyramidLevel {
     /// Depth in metres, 0 is a hole.
     pub depth: Grid<f32>,
     /// The guide's channels.
@@ -16,7 +16,12 @@ pub struct Level {
 
 /// Filters `finest` through a pyramid of `levels` levels, itself included. Holes within `inside` are filled
 /// as far as the kernels reach; nothing outside is.
-pub fn filter_pyramid(finest: Level, levels: usize, kernel: &Kernel, step: f32) -> Grid<f32> {
+pub(super) fn filter_pyramid(
+    finest: PyramidLevel,
+    levels: usize,
+    kernel: &Kernel,
+    step: f32,
+) -> Grid<f32> {
     let mut pyramid = vec![finest];
     while pyramid.len() < levels {
         let below = &pyramid[pyramid.len() - 1];
@@ -42,7 +47,7 @@ pub fn filter_pyramid(finest: Level, levels: usize, kernel: &Kernel, step: f32) 
     coarser.unwrap_or_default()
 }
 
-impl Level {
+impl PyramidLevel {
     /// The next coarser level: means of two by two pixels. Where two depths more than `step` apart meet in
     /// one coarse pixel, the nearer alone counts, so that no depth arises between them.
     fn halved(&self, step: f32) -> Self {
@@ -129,8 +134,8 @@ mod tests {
         depth_sigma: None,
     };
 
-    fn level(depth: Grid<f32>) -> Level {
-        Level {
+    fn level(depth: Grid<f32>) -> PyramidLevel {
+        PyramidLevel {
             guide: vec![depth.map(|_| 0.5)],
             inside: depth.map(|_| true),
             depth,

@@ -1,5 +1,5 @@
-//! The window over which a sensor matches its pattern, and how readings are changed to take it back. Knows nothing of
-//! the surface that is laid through them.
+//! Undoes the effect of the window over which a sensor matches its pattern, by correcting the readings. Knows
+//! nothing of the surface that is fitted to them.
 
 /// What a sensor makes of a surface that takes the mean over a window: diffusion along the links between
 /// neighbours that are of one surface.

@@ -1,4 +1,4 @@
-//! A solid carved by depth: what lies before a depth camera's surface, on rays that may carve, is empty.
+//! A solid carved by depth: the space in front of a depth camera's surface is empty, on rays that may carve.
 
 use super::extremes::Extremes;
 use super::solid::Hull;

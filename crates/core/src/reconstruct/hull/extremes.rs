@@ -1,5 +1,5 @@
-//! Smallest and largest value in any rectangle of a picture, from a pyramid of blocks: what tells at a
-//! glance that a whole cell lies inside or outside a silhouette.
+//! The smallest and largest value in any rectangle of a picture, from a pyramid of blocks. They quickly decide that
+//! a whole cell lies inside or outside a silhouette.
 
 use crate::image::Grid;
 

@@ -1,5 +1,5 @@
-//! What a depth camera's calibration left over: a constant offset of its depth, estimated robustly where the
-//! true depth is known, and used no further than the calibration's uncertainty allows.
+//! Estimates the constant offset that a depth camera's calibration left, robustly, where the true depth is known.
+//! It is used no further than the calibration's uncertainty allows.
 
 use super::Parameters;
 use super::front::{Front, stands_on_table};
@@ -77,8 +77,9 @@ impl Bias {
     }
 }
 
-/// An estimate drawn towards zero by as much as its error makes it doubtful: the positive part of James and
-/// Stein's estimator. An offset within its error is none, and would be added to the depth rather than taken off.
+/// An estimate drawn towards zero by as much as its error makes it doubtful: the positive part of James and Stein's
+/// estimator. An offset within its error counts as zero; otherwise it might be added to the depth rather than
+/// subtracted.
 fn shrunk(found: f64, error: f64) -> f64 {
     if found == 0.0 {
         return 0.0;

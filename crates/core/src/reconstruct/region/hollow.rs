@@ -1,7 +1,7 @@
-//! How hollow the measured surface itself is: how far each pixel lies behind the straight lines between
-//! nearer parts of the object. A convex object has none of it, however far the hull stands off, and neither
-//! an offset of the depth nor a misregistration makes any. What lies beside the object is no part of it: the
-//! table next to a box would be hollow else, between the box and the table farther out.
+//! How hollow the measured surface itself is: how far each pixel lies behind the straight lines between nearer
+//! parts of the object. A convex object is nowhere hollow, however far the hull stands off, and neither an offset
+//! of the depth nor a misregistration makes it so. What lies beside the object does not count as a part of it.
+//! Otherwise the table next to a box would be hollow, between the box and the table farther out.
 
 use crate::image::{Grid, Mask};
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};

@@ -29,50 +29,50 @@ pub struct Parameters {
     /// T of equation 4: a vertex belongs to the front where the median of n·d over it and its neighbours is
     /// larger.
     /// Default 0.5, range -1 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, -1, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, -1, 1>")]
     pub front_threshold: f32,
     /// α of equation 5: without a standard deviation of the difference above this there is no region.
     /// Default 2, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub alpha_mm: f32,
     /// Half the window of the adaptive threshold, as a share of the object's extent in the picture. The
     /// paper gives none; a small window would leave flat floors out.
     /// Default 0.5, range 0 to 10.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 10>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 10>")]
     pub window: f32,
     /// Times that erosion and then dilation are applied.
     /// Default 1, range 0 to 100.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 100>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 100>")]
     pub morphology_iterations: usize,
     /// A region begins where the difference exceeds this many standard errors …
     /// Default 3, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub significance: f32,
     /// … and goes on where it exceeds this many: on a wall, known from filled depth alone, the best estimate
     /// is better than none.
     /// Default 1, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub growing_significance: f32,
     /// Nowhere is a difference of fewer millimetres enough.
     /// Default 1, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub least_difference_mm: f32,
     /// A region needs pixels that lie this far behind the measured surface's own rims: a hull that stands
     /// off a flat or convex surface is no concavity.
     /// Default 4, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub least_hollow_mm: f32,
     /// Pixels that a region needs.
     /// Default 12, range 1 to 1000000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 1, 1000000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 1000000>")]
     pub least_pixels: usize,
     /// Pixels by which depth and hull may be misregistered.
     /// Default 0.5, range 0 to 100.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 100>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 100>")]
     pub registration_px: f32,
     /// Bias that a depth camera may have where its recording does not say.
     /// Default 10, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub unstated_uncertainty_mm: f32,
 }
 
@@ -212,7 +212,7 @@ fn beyond_noise(
 }
 
 /// The readings that lie on the object: within the hull, before its far side by more than they may be off. What
-/// lies on the table beside the object, or behind it, is none of it.
+/// lies on the table beside the object, or behind it, does not belong to it.
 fn on_object(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters) -> Grid<bool> {
     let (bias, remaining) = (regions.bias.metres as f32, regions.bias.remaining as f32);
     Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {

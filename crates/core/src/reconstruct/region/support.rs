@@ -1,6 +1,6 @@
-//! Which pixels a region may grow over. Those with a reading may. A hole of the depth may be the wall of a hollow,
-//! too steep to be read; then a reading of that hollow lies at its end. A hole between an object's top and the table
-//! beside it is the object's side, of which the depth filled in there says nothing.
+//! Decides which pixels a region may grow over. Pixels with a reading may. A hole of the depth may be the wall of a
+//! hollow, too steep to be read; then a reading of that hollow lies at its end. A hole between an object's top and
+//! the table beside it is the object's side, and the depth that was filled in there means nothing.
 
 use super::hollow::lines;
 use crate::image::Grid;

@@ -1,4 +1,4 @@
-//! Regions on renderings whose answer is known.
+//! Finding regions on renderings whose regions are known.
 
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};

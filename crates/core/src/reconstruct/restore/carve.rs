@@ -1,5 +1,5 @@
-//! Which rays carve, and how deep: the enhanced depth in the regions, kept from breaking through walls that
-//! a remaining bias or noise would perforate.
+//! Decides which rays carve, and how deep: to the enhanced depth in the regions, but not through walls that a
+//! remaining bias or noise would perforate.
 
 use super::{Parameters, Source};
 use crate::image::{Grid, PixelRect};

@@ -1,5 +1,5 @@
-//! A restored model must still cover every silhouette: where carving opened the object so that a colour
-//! camera would look through it, though it saw object there, the carving was too deep and is undone.
+//! A restored model must still cover every silhouette. If a colour camera saw the object where it would now look
+//! through an opening, the carving was too deep there and is undone.
 
 use crate::calibration::Volume;
 use crate::image::Grid;

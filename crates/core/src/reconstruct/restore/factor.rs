@@ -1,5 +1,5 @@
-//! Screened systems solved at once, however weakly their vertices are held: the sparse Cholesky factorisation of
-//! `nalgebra-sparse`, in the order that an approximate minimum degree gives.
+//! Solves screened systems directly, however weakly their vertices are anchored: the sparse Cholesky factorisation
+//! of `nalgebra-sparse`, in the order that an approximate minimum degree gives.
 
 use super::laplacian::{Patch, Screened, Singular};
 use crate::array::three;
@@ -62,7 +62,7 @@ struct Order {
 }
 
 impl Order {
-    /// An order that keeps the factor sparse; `None` of a pattern that is none.
+    /// An order that keeps the factor sparse; `None` if the pattern is invalid.
     fn new(columns: &[Column]) -> Option<Self> {
         let starts = starts(columns);
         let starts: Vec<i64> = starts.into_iter().map(|s| s as i64).collect();

@@ -1,6 +1,6 @@
-//! Screened systems in which the depth holds every vertex: conjugate gradients, preconditioned by the diagonal
-//! (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.1), the three coordinates side by side. No
-//! factorisation is needed.
+//! Solves screened systems in which the depth anchors every vertex: conjugate gradients, preconditioned by the
+//! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.1), for the three coordinates
+//! side by side. No factorisation is needed.
 
 use super::laplacian::{Patch, Screened, Singular};
 use crate::array::three;

@@ -1,4 +1,4 @@
-//! What is known of each vertex: where it comes from and how far off it may be.
+//! The provenance of each vertex, and its expected error.
 
 use super::Source;
 use crate::mesh::vertex_normals;
@@ -21,7 +21,12 @@ const SHADOWED: f32 = 0.5;
 
 /// Makes a model of a surface of `hull` carved by `carvings`, which come from `sources` with regions, in
 /// their order.
-pub fn describe(surface: Surface, hull: &Hull, carvings: &[Carving], sources: &[Source]) -> Model {
+pub(super) fn describe(
+    surface: Surface,
+    hull: &Hull,
+    carvings: &[Carving],
+    sources: &[Source],
+) -> Model {
     let normals = vertex_normals(&surface.mesh);
     let of_vertex = |(v, &constraint): (usize, &Constraint)| {
         let p = surface.mesh.vertices[v];

@@ -1,6 +1,6 @@
-//! The restored patches that face a depth camera, relaxed towards its depth surface by a screened Laplacian
-//! system: detail comes from the depth, weighted by how well each pixel is known, and what noise and the
-//! pixels' raster leave is smoothed away. Walls and everything else stay where the carving put them.
+//! Relaxes the restored patches that face a depth camera towards its depth surface, by a screened Laplacian system:
+//! detail comes from the depth, weighted by the certainty of each pixel, and the traces of noise and of the pixels'
+//! raster are smoothed away. Walls and everything else stay where the carving put them.
 
 use super::iterate::solve;
 use super::laplacian::{Patch, Screened, Singular};

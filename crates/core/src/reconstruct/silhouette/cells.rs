@@ -1,4 +1,4 @@
-//! Means of picture and plate over small cells: less noise and less work for the coarse decision.
+//! Means of picture and background over small cells: less noise and less work for the coarse decision.
 
 use super::region::Region;
 use crate::array::three;
@@ -13,7 +13,7 @@ pub(super) struct Cells {
     pub region: PixelRect,
     /// Mean sRGB-encoded values of the picture.
     pub picture: Grid<[f32; 3]>,
-    /// Mean sRGB-encoded values of the plate.
+    /// Mean sRGB-encoded values of the background.
     pub plate: Grid<[f32; 3]>,
     /// For each row of cells those that show a part of the volume; the others can only be backdrop.
     pub in_volume: Vec<Range<usize>>,
@@ -21,7 +21,7 @@ pub(super) struct Cells {
 
 impl Cells {
     /// Averages over cells of `size` pixels a side; 0 chooses the size.
-    pub fn new(picture: &RgbImage, plate: &RgbImage, region: &Region, size: usize) -> Self {
+    pub(super) fn new(picture: &RgbImage, plate: &RgbImage, region: &Region, size: usize) -> Self {
         let (width, height) = region.picture;
         let long_side = region.rect.width().max(region.rect.height());
         let size = match size {
@@ -55,7 +55,7 @@ impl Cells {
 
 impl Cells {
     /// The pixels of a cell.
-    pub fn pixels(&self, cx: usize, cy: usize) -> PixelRect {
+    pub(super) fn pixels(&self, cx: usize, cy: usize) -> PixelRect {
         let (x0, y0) = (
             self.region.x0 + cx * self.size,
             self.region.y0 + cy * self.size,
@@ -71,7 +71,7 @@ impl Cells {
 
 impl Cells {
     /// The cells of a rectangle, given in cells.
-    pub fn cropped(&self, part: PixelRect) -> Self {
+    pub(super) fn cropped(&self, part: PixelRect) -> Self {
         let first = self.pixels(part.x0, part.y0);
         let last = self.pixels(part.x1 - 1, part.y1 - 1);
         let shifted = |range: &Range<usize>| {

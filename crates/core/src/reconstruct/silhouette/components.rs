@@ -1,5 +1,5 @@
-//! Connected pieces and holes of a coarse silhouette: what cannot be the object is dropped, what cannot be a
-//! hole is filled, and both are counted.
+//! Connected pieces and holes of a coarse silhouette: drops pieces that cannot be the object, fills holes that
+//! cannot be holes, and counts both.
 
 use super::Parameters;
 use super::cells::Cells;

@@ -44,7 +44,7 @@ pub(super) struct GridCut {
 impl GridCut {
     /// From each cell's preference (positive for the source's side) and the cost of telling it from its
     /// right and its lower neighbour.
-    pub fn new(preference: &Grid<i32>, costs: &Grid<[i32; 2]>) -> Self {
+    pub(super) fn new(preference: &Grid<i32>, costs: &Grid<[i32; 2]>) -> Self {
         let (columns, rows) = (preference.width(), preference.height());
         let width = columns + 2;
         let size = width * (rows + 2);
@@ -94,7 +94,7 @@ impl GridCut {
     }
 
     /// Cuts. True is the source's side; a cell that either side may have at the same cost goes to the source.
-    pub fn solve(mut self, columns: usize, rows: usize) -> Grid<bool> {
+    pub(super) fn solve(mut self, columns: usize, rows: usize) -> Grid<bool> {
         self.plant();
         while let Some(&cell) = self.active.front() {
             let cell = cell as usize;

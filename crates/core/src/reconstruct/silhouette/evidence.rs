@@ -1,6 +1,6 @@
-//! What a cell's colour says by itself: object (positive) or backdrop (negative). The backdrop may stand in
-//! a shadow, which takes light in proportion and keeps the colour nearly, and may catch a little light that
-//! the object throws back.
+//! What a cell's colour tells by itself: object (positive) or backdrop (negative). The backdrop may lie in a
+//! shadow, which removes a share of the light and almost keeps the colour, and may receive a little light that the
+//! object reflects.
 
 use super::Parameters;
 use super::cells::Cells;
@@ -18,7 +18,7 @@ const SLIGHT: f32 = 0.2;
 /// Light added to both sides of a ratio, so that black over black says nothing.
 const DARK: f32 = 0.003;
 
-/// Sum of squared standard deviations (of three channels) below which a cell agrees with the plate and is not
+/// Sum of squared standard deviations (of three channels) below which a cell agrees with the background and is not
 /// looked at more closely: 19 in 20 cells that show the backdrop alone.
 const AGREES: f32 = 7.8;
 
@@ -66,7 +66,7 @@ pub(super) fn suspicious(evidence: &Grid<f32>) -> Option<PixelRect> {
         .map(|rect| rect.grown(MARGIN, columns, rows))
 }
 
-/// How the light of cells compares with the plate's.
+/// How the light of cells compares with the background's.
 pub(super) struct Ratios {
     /// Logarithm of the picture's light over the expected, per channel: flat across a shadow's soft edge,
     /// steep at the object's.
@@ -138,7 +138,7 @@ impl Light {
         (misfit + brightness - threshold).clamp(-STRONGEST, STRONGEST)
     }
 
-    /// The multiple of the plate that is nearest to the picture, and the misfit that remains (a sum of
+    /// The multiple of the background that is nearest to the picture, and the misfit that remains (a sum of
     /// squared standard deviations), where each channel may be off by `tint` of its light.
     fn fit(&self, tint: f32) -> (f32, f32) {
         let variance = |c: usize| self.variance[c] + (tint * self.expected[c]).powi(2);

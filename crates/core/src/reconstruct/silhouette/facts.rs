@@ -1,4 +1,4 @@
-//! What is worth knowing of a silhouette besides its contour: what the verdict and a person judge it by.
+//! Facts about a silhouette besides its contour, by which the verdict and a person judge it.
 
 use super::cells::Cells;
 use super::components::Tidied;
@@ -19,27 +19,27 @@ pub struct Facts {
     pub underexposed: f32,
     /// Standard deviation in pixels of the blur across the contour; `None` where it could not be measured.
     pub blur_px: Option<f32>,
-    /// What the difference to a background plate showed; `None` for a mask.
+    /// What the difference to a background showed; `None` for a mask.
     pub difference: Option<DifferenceFacts>,
 }
 
-/// What the difference to a background plate showed.
+/// What the difference to a background showed.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct DifferenceFacts {
-    /// Light of the picture over that of the plate, where both show the backdrop, per channel.
+    /// Light of the picture over that of the background, where both show the backdrop, per channel.
     pub gain: [f32; 3],
     /// Standard deviation of a pixel's difference, in sRGB units, per channel.
     pub noise: [f32; 3],
     /// The same of the mean over a cell, which tells object from backdrop: larger than a pixel's where the
     /// object was taken for noise.
     pub cell_noise: [f32; 3],
-    /// Mean difference between object and plate, in sRGB units (the largest channel's).
+    /// Mean difference between object and background, in sRGB units (the largest channel's).
     pub mean_difference: f32,
     /// Median contrast of object and backdrop along the contour, in standard deviations of a pixel's noise.
     pub contrast: f32,
     /// Share of the contour whose contrast is too weak to locate it.
     pub weak_contour: f32,
-    /// Share of the backdrop around the volume that is not as the plate shows it.
+    /// Share of the backdrop around the volume that differs from the background.
     pub mismatch: f32,
     /// Share of the object that is no brighter than the backdrop, lit or in a shadow, and told from it by an outline
     /// alone; `None` in a picture with colours.

@@ -1,6 +1,6 @@
-//! Pictures without colour. What is as bright as the plate may be object as well, and what is darker a shadow or
-//! the object, so the outline alone decides: the backdrop, with any shadow on it, changes softly against the
-//! plate, and only the object's outline is abrupt.
+//! Pictures without colour. What is as bright as the background may be object as well, and what is darker may be
+//! shadow or object, so only the outline decides: compared with the background, the backdrop and any shadow on it
+//! change softly, and only the object's outline is abrupt.
 
 use super::Parameters;
 use super::cells::Cells;
@@ -8,14 +8,14 @@ use super::evidence::{LEAN, Ratios};
 use super::segment;
 use crate::image::Grid;
 
-/// Cells beside the rectangle's border that are backdrop: all around it agrees with the plate.
+/// Cells beside the rectangle's border that are backdrop: all around it agrees with the background.
 const BORDER: usize = 2;
 /// How much cheaper a boundary becomes where the light changes; more than beside colours, which decide there.
 const SHARPNESS: i32 = 4;
 /// Evidence below which a cell is not surely object by itself.
 const UNSURE: f32 = 1.0;
 
-/// Whether neither picture nor plate has any colour.
+/// Whether neither picture nor background has any colour.
 pub(super) fn is_grey(cells: &Cells) -> bool {
     let is_grey = |grid: &Grid<[f32; 3]>| grid.pixels().iter().all(|&[r, g, b]| r == g && g == b);
     is_grey(&cells.picture) && is_grey(&cells.plate)

@@ -1,4 +1,4 @@
-//! A mask that was given: used as it is.
+//! A mask that the recording has: it is used as it is.
 
 use super::Silhouette;
 use super::facts::{self, Facts};

@@ -1,9 +1,9 @@
-//! From a picture and a mask or a background plate to a silhouette with a contour located to a fraction of
-//! a pixel. This file holds what comes out and the order of the steps; a step a file:
-//! `region` (where the object can be) → `cells` (coarse means of picture and plate) → `photometry` (exposure
-//! drift and noise) → `evidence` (object or backdrop, per cell) → `segment` (a decision regularised in space;
-//! `grey` without colours) → `components` (specks and pinholes) → `contour` (the mixture of object and backdrop
-//! along the outline).
+//! Makes a silhouette, whose contour is located to a fraction of a pixel, from a picture and a mask or a
+//! background. This file has the result and the order of the steps, which are in one file each: `region` (where the
+//! object can be) → `cells` (coarse means of picture and background) → `photometry` (exposure drift and noise) →
+//! `evidence` (object or backdrop, for each cell) → `segment` (a decision regularised in space; `grey` without
+//! colours) → `components` (specks and pinholes) → `contour` (the mixture of object and backdrop along the
+//! outline).
 
 mod cells;
 mod components;
@@ -34,35 +34,35 @@ pub struct Parameters {
     /// Side of the cells that are segmented before the contour is located, in pixels; 0 chooses 1, 2 or 4
     /// from the size of the object's region.
     /// Default 0, range 0 to 64.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 64>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub cell_px: usize,
-    /// How many standard deviations of noise a cell must differ from the plate to count as object.
+    /// How many standard deviations of noise a cell must differ from the background to count as object.
     /// Default 4, range 0.001 to 1000.
-    #[serde(deserialize_with = "crate::number::from_a_thousandth::<_, f32, 1000>")]
+    #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000>")]
     pub significance: f32,
     /// Darkest shadow that may fall on the backdrop, as a share of its light.
     /// Default 0.12, range 0 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub darkest_shadow: f32,
     /// How much of the light that a shadow takes may be coloured, as a share.
     /// Default 0.15, range 0 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub shadow_tint: f32,
     /// How much light the object may throw onto the backdrop, as a share of its light.
     /// Default 0.06, range 0 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub spill: f32,
     /// Cost of a boundary along one side of a cell, in units of evidence.
     /// Default 12, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub smoothness: f32,
     /// Smallest hole that stays a hole, in pixels.
     /// Default 40, range 0 to 1000000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000000>")]
     pub smallest_hole_px: f32,
     /// Smallest separate piece that is kept, as a share of the largest one's area.
     /// Default 0.005, range 0 to 1.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub smallest_piece: f32,
 }
 
@@ -169,7 +169,7 @@ pub fn extract(
     })
 }
 
-/// The silhouette of what differs from the plate; an error says what was seen instead of an object.
+/// The silhouette of what differs from the background; an error says what was seen instead of an object.
 fn difference(
     picture: &RgbImage,
     plate: &RgbImage,
@@ -215,7 +215,7 @@ fn difference(
 
 /// How much cheaper a boundary becomes where the light changes, beside colours.
 const SHARPNESS: i32 = 2;
-const NO_DIFFERENCE: &str = "the picture does not differ from its background plate";
+const NO_DIFFERENCE: &str = "the picture does not differ from its background";
 
 impl Silhouette {
     /// The level at a pixel between whole ones; `None` outside the picture, where it is unknown.

@@ -1,14 +1,14 @@
-//! How picture and plate differ where both show the backdrop: exposure and white balance that drifted, and
-//! the sensor's noise, both estimated from the pictures themselves.
+//! How picture and background differ where both show the backdrop: the drift of exposure and white balance, and the
+//! sensor's noise, both estimated from the pictures themselves.
 
 use super::cells::Cells;
 use crate::image::{RgbImage, srgb};
 use crate::statistics::upper_median;
 
-/// What turns the plate into the picture of the backdrop.
+/// What turns the background into the picture of the backdrop.
 #[derive(Clone, Debug)]
 pub(super) struct Photometry {
-    /// Linear light of the picture over that of the plate, per channel.
+    /// Linear light of the picture over that of the background, per channel.
     pub gain: [f32; 3],
     /// Standard deviation of a cell's difference, in sRGB units, per channel.
     pub noise: [f32; 3],
@@ -16,9 +16,9 @@ pub(super) struct Photometry {
     pub pixel_noise: [f32; 3],
     /// Reciprocals of `noise`.
     inverse_noise: [f32; 3],
-    /// Encoded values to expect of the picture by the plate's, per channel.
+    /// Encoded values to expect of the picture by the background's, per channel.
     expected: [[f32; 256]; 3],
-    /// Share of the cells around the volume that differ from the plate by more than noise.
+    /// Share of the cells around the volume that differ from the background by more than noise.
     pub mismatch: f32,
 }
 
@@ -29,7 +29,7 @@ const LEAST_NOISE: f32 = 0.4;
 
 impl Photometry {
     /// Learns from the cells around the volume, or where those are few, from all.
-    pub fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
+    pub(super) fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
         let around = sample(cells, true);
         let reference = if around.len() >= FEWEST_REFERENCES {
             around
@@ -64,16 +64,16 @@ impl Photometry {
         this
     }
 
-    /// Variance of the linear light of a cell where the plate has the encoded value `plate`. A channel that
-    /// is overexposed in the plate says less.
+    /// Variance of the linear light of a cell where the background has the encoded value `plate`. A channel that
+    /// is overexposed in the background says less.
     #[inline]
-    pub fn variance_of_light(&self, c: usize, plate: f32) -> f32 {
+    pub(super) fn variance_of_light(&self, c: usize, plate: f32) -> f32 {
         self.variance(c, plate, self.noise[c])
     }
 
     /// The same of a single pixel.
     #[inline]
-    pub fn variance_of_pixel(&self, c: usize, plate: f32) -> f32 {
+    pub(super) fn variance_of_pixel(&self, c: usize, plate: f32) -> f32 {
         self.variance(c, plate, self.pixel_noise[c])
     }
 
@@ -84,24 +84,24 @@ impl Photometry {
         noise * noise + clipped * clipped + 1e-9
     }
 
-    /// How far the picture is from what the plate leads to expect, in encoded units.
+    /// How far the picture is from what the background leads to expect, in encoded units.
     #[inline]
     fn error(&self, picture: f32, plate: f32, c: usize) -> f32 {
         (srgb::decode(picture) - self.gain[c] * srgb::decode(plate)) / slope(plate)
     }
 
-    /// The encoded value to expect of the picture where the plate has the encoded value `plate`.
+    /// The encoded value to expect of the picture where the background has the encoded value `plate`.
     #[inline]
-    pub fn expected(&self, c: usize, plate: f32) -> f32 {
+    pub(super) fn expected(&self, c: usize, plate: f32) -> f32 {
         let low = plate.clamp(0.0, 254.0) as usize;
         let [a, b] = [self.expected[c][low], self.expected[c][low + 1]];
         a + (b - a) * (plate - low as f32)
     }
 
-    /// How far a cell is from what the plate leads to expect, as a sum of squared standard deviations: a
+    /// How far a cell is from what the background leads to expect, as a sum of squared standard deviations: a
     /// quick look that spares most cells a closer one.
     #[inline]
-    pub fn deviation(&self, picture: [f32; 3], plate: [f32; 3]) -> f32 {
+    pub(super) fn deviation(&self, picture: [f32; 3], plate: [f32; 3]) -> f32 {
         let squared = |c: usize| {
             let difference = picture[c] - self.expected(c, plate[c]);
             (difference * self.inverse_noise[c]).powi(2)
@@ -201,7 +201,7 @@ fn pairs(cells: &Cells, outside_only: bool) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// The most frequent ratio of picture to plate, then the median of those near it: half of the cells may be
+/// The most frequent ratio of picture to background, then the median of those near it: half of the cells may be
 /// object, whose ratios spread.
 fn gain_of_channel(cells: &Cells, reference: &[usize], c: usize) -> f32 {
     const BINS: usize = 240;

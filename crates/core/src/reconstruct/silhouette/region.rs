@@ -22,7 +22,7 @@ pub(crate) struct Region {
 impl Region {
     /// The columns from and to which row `y` is within the outline, or nearer than `margin_px` to it; the
     /// second is smaller than the first where none are.
-    pub fn columns(&self, y: f64, margin_px: f64) -> (f64, f64) {
+    pub(super) fn columns(&self, y: f64, margin_px: f64) -> (f64, f64) {
         let n = self.outline.len();
         let mut columns = (f64::NEG_INFINITY, f64::INFINITY);
         for i in 0..n {

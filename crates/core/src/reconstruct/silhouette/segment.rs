@@ -1,6 +1,6 @@
-//! Object or backdrop for every cell, decided for all of them together: the labelling that agrees best with
-//! each cell's evidence and has its boundaries where the light changes abruptly against the plate. A
-//! shadow's soft edge is no such place, an object's outline is, however faint the contrast beside it.
+//! Decides object or backdrop for all cells together: the labelling that agrees best with each cell's evidence and
+//! has its boundaries where the light changes abruptly compared with the background. The soft edge of a shadow is
+//! no such place, but an object's outline is, however faint the contrast.
 
 use super::Parameters;
 use super::cut::GridCut;
@@ -14,7 +14,7 @@ const ABRUPT: f32 = 0.1;
 /// Share of the cost of a boundary that remains where the light changes most.
 const LEAST: f32 = 0.03;
 
-/// Decides all cells from what each says by itself and how its light compares with the plate's; the higher
+/// Decides all cells from what each says by itself and how its light compares with the background's; the higher
 /// `sharpness`, the less a boundary costs where that changes.
 pub(super) fn decide(
     evidence: &Grid<f32>,

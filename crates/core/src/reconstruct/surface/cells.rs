@@ -1,5 +1,5 @@
-//! Numbers for the cells that matter and for their corners, by merging sorted lists: no hash map, so the order
-//! never depends on anything but the cells.
+//! Numbers the cells that the surface may cross, and their corners, by merging sorted lists. There is no hash map,
+//! so the order depends only on the cells.
 //!
 //! Corner i of a cell has x offset i & 1, y offset i >> 1 & 1, z offset i >> 2.
 

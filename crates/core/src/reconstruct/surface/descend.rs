@@ -1,4 +1,5 @@
-//! From coarse to fine: which cells the surface may cross. Work grows with the surface, not with the volume.
+//! Finds the cells that the surface may cross, from coarse to fine. The work grows with the surface, not with the
+//! volume.
 
 use super::{Lattice, Side, Solid, Undecided};
 use nalgebra::{Point3, Vector3};

@@ -1,5 +1,5 @@
-//! The edges of the cells that the surface crosses, and where. Each corner and edge is looked at once, and not
-//! at all where an extraction before has done so.
+//! Finds where the surface crosses the edges of the cells. Each corner and edge is evaluated once, and not at all
+//! if an earlier extraction has done so.
 //!
 //! Edge e of a cell runs along axis e / 4 from the corner [`EDGE_START`]`[e]`.
 

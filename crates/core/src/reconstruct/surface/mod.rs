@@ -1,5 +1,5 @@
-//! From a solid, given as a function of space, to its surface: dual contouring (Ju, Losasso, Schaefer and
-//! Warren 2002) on a sparse grid, one vertex for each sheet of the surface in a cell (Nielson 2004), so that
+//! Extracts the surface of a solid that is given as a function of space: dual contouring (Ju, Losasso, Schaefer and
+//! Warren 2002) on a sparse grid, with one vertex for each sheet of the surface in a cell (Nielson 2004), so that
 //! the mesh is closed, oriented and manifold whatever the solid looks like. Knows neither cameras nor depth.
 //!
 //! - `descend` finds the cells that the surface may cross, from coarse to fine;

@@ -1,4 +1,4 @@
-//! How the surface runs through a cell: which of the cell's cut edges belong together on one sheet.
+//! Decides how the surface runs through a cell: which of the cell's cut edges belong to one sheet.
 //!
 //! Within each face of a cell the surface runs from cut edge to cut edge; followed around the cell these
 //! runs close into loops, one a sheet. A face with four cut edges can be joined in two ways, and the solid's

@@ -1,4 +1,4 @@
-//! Where a sheet's vertex lies: the point that fits the tangent planes of its crossings best.
+//! Places a sheet's vertex: at the point that best fits the tangent planes of its crossings.
 
 use super::Constraint;
 use super::edges::Crossing;

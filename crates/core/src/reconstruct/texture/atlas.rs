@@ -1,5 +1,4 @@
-//! Filling the atlas: each chart is painted by itself, its edge extended into the gutter, and copied into
-//! its place.
+//! Fills the atlas: paints each chart by itself, extends its edge into the gutter, and copies it into its place.
 
 use super::blend::{Blend, Share};
 use super::charts::{Chart, Layout, Plane};
@@ -36,7 +35,7 @@ struct Corners([[f32; 2]; 3]);
 
 impl Paint<'_> {
     /// Paints all charts of a layout. Between them lies the mean colour, which compresses well.
-    pub fn compose(&self, layout: &Layout) -> RgbImage {
+    pub(super) fn compose(&self, layout: &Layout) -> RgbImage {
         let count = self.vertex_colors.len().max(1) as f32;
         let mean = to_bytes(self.vertex_colors.iter().sum::<Vector3<f32>>() / count);
         let tiles = self.tiles(layout, mean);

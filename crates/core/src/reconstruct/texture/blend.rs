@@ -1,6 +1,6 @@
-//! Hiding the borders between cameras, in two bands (Burt and Adelson 1983; on surfaces Baumberg 2002): what
-//! is smooth comes from the mean of all cameras, so that no border is left in it; what is sharp from the best
-//! camera, mixed with its neighbour in a narrow band.
+//! Hides the borders between cameras, in two bands (Burt and Adelson 1983; on surfaces Baumberg 2002). The smooth
+//! part comes from the mean of all cameras, so that it has no borders; the sharp part comes from the best camera,
+//! mixed with its neighbour in a narrow band.
 
 use super::labels::UNSEEN;
 use super::visibility::{Sight, facing};
@@ -35,7 +35,7 @@ pub(super) struct Blend {
 
 impl Blend {
     /// Spreads the triangles' labels over vertices, widens borders into bands, and levels what is smooth.
-    pub fn new(
+    pub(super) fn new(
         surface: &Surface,
         labels: &[u16],
         samples: &[Vec<Vector3<f32>>],
@@ -60,7 +60,7 @@ impl Blend {
     }
 
     /// The views that a vertex is painted from; none if nothing around it is seen.
-    pub fn of(&self, vertex: usize) -> impl Iterator<Item = &Share> {
+    pub(super) fn of(&self, vertex: usize) -> impl Iterator<Item = &Share> {
         self.shares[vertex].iter().take_while(|s| s.label != UNSEEN)
     }
 
@@ -139,7 +139,7 @@ const UNKNOWN: Vector3<f32> = Vector3::new(f32::NAN, f32::NAN, f32::NAN);
 
 impl Share {
     /// The offset, nothing where it is unknown.
-    pub fn known_offset(&self) -> Vector3<f32> {
+    pub(super) fn known_offset(&self) -> Vector3<f32> {
         if self.offset.x.is_finite() {
             self.offset
         } else {

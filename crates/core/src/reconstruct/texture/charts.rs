@@ -1,6 +1,6 @@
-//! The atlas' layout: each connected region of one camera is a chart whose texture coordinates are its
-//! projection into that camera's picture, so that nothing needs unwrapping; what no camera sees is projected
-//! along an axis, coarsely.
+//! The atlas' layout. Each connected region of one camera is a chart whose texture coordinates are its projection
+//! into that camera's picture, so nothing needs unwrapping. What no camera sees is projected along an axis,
+//! coarsely.
 
 use super::labels::{UNSEEN, regions};
 use super::pack::pack;
@@ -49,7 +49,7 @@ const ATTEMPTS: i32 = 40;
 
 impl Layout {
     /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller.
-    pub fn new(surface: &Surface, labels: &[u16], parameters: &Parameters) -> Self {
+    pub(super) fn new(surface: &Surface, labels: &[u16], parameters: &Parameters) -> Self {
         let largest = parameters.largest_side;
         let mut layout = Self {
             charts: charts(surface, labels),
@@ -141,18 +141,18 @@ impl Layout {
     }
 
     /// A vertex in a chart, in texels from the chart's top left texel's centre.
-    pub fn in_chart(&self, surface: &Surface, chart: &Chart, vertex: u32) -> [f32; 2] {
+    pub(super) fn in_chart(&self, surface: &Surface, chart: &Chart, vertex: u32) -> [f32; 2] {
         let p = self.project(surface, chart.plane, vertex);
         two(|i| p[i] - chart.low[i] + self.gutter as f32)
     }
 
     /// The pixel of a view's picture that a chart's texel shows.
-    pub fn pixel(&self, chart: &Chart, texel: [f32; 2]) -> [f32; 2] {
+    pub(super) fn pixel(&self, chart: &Chart, texel: [f32; 2]) -> [f32; 2] {
         two(|i| (texel[i] + chart.low[i] - self.gutter as f32) / self.scale)
     }
 
     /// For each triangle the places of its corners in the atlas, 0 to 1.
-    pub fn corner_uv(&self, surface: &Surface) -> Vec<[[f32; 2]; 3]> {
+    pub(super) fn corner_uv(&self, surface: &Surface) -> Vec<[[f32; 2]; 3]> {
         let mut uv = vec![[[0.5; 2]; 3]; surface.mesh.triangles.len()];
         for chart in &self.charts {
             for &triangle in &chart.triangles {

@@ -1,5 +1,5 @@
-//! Evening out exposures: one gain a camera and channel, so that what two cameras see of one vertex agrees.
-//! Gains act on the encoded values: a power law turns a factor of the light into a factor of them.
+//! Evens out exposures: finds one gain for each camera and channel, so that two cameras agree on a vertex that both
+//! see. Gains act on the encoded values: a power law turns a factor of the light into a factor of them.
 
 use super::Surface;
 use super::view::View;

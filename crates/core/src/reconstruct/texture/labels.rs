@@ -1,5 +1,5 @@
-//! Which camera paints which triangle: the one that sees it best, traded against borders between cameras
-//! (Lempitsky and Ivanov 2007, equation 1, solved by iterated conditional modes), then small regions merged.
+//! Decides which camera paints which triangle: the one that sees it best, balanced against borders between cameras
+//! (Lempitsky and Ivanov 2007, equation 1, solved by iterated conditional modes); then merges small regions.
 
 use super::rings::NONE;
 use super::visibility::{Sight, facing};

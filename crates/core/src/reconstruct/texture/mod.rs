@@ -1,5 +1,5 @@
-//! Paints a model from the pictures: which camera sees each face best, exposures evened out, seams blended,
-//! an atlas packed. This file holds the order of the steps and their parameters; no geometry changes here.
+//! Paints a model from the pictures: chooses the camera that sees each face best, evens out exposures, blends
+//! seams, and packs an atlas. This file has the order of the steps and their parameters; no geometry changes here.
 
 mod atlas;
 mod blend;
@@ -29,39 +29,39 @@ use visibility::Sight;
 pub struct Parameters {
     /// Largest width and height of the atlas in texels; pictures are scaled down to fit.
     /// Default 4096, range 64 to 16384.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 64, 16384>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 64, 16384>")]
     pub largest_side: usize,
     /// How far from an edge, of the silhouette or of what hides the surface, a picture is trusted, in
     /// pixels: nearer it serves only where no other does, and nearer than three quarters of it not at
     /// all, since light from behind mixes in.
     /// Default 2, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub edge_margin_px: f32,
     /// Pixels of the z-buffer that decides what is hidden, at most, a camera.
     /// Default 400000, range 1000 to 100000000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 1000, 100000000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 1000, 100000000>")]
     pub occlusion_pixels: usize,
     /// What a border between cameras costs, against the loss of seeing a face less well, which is at
     /// most 1.
     /// Default 1, range 0 to 1000000.
-    #[serde(deserialize_with = "crate::number::within::<_, f32, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub smoothness: f32,
     /// Regions of one camera with fewer faces go to a neighbour that sees them too.
     /// Default 150, range 0 to 1000000000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000000000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000000000>")]
     pub smallest_chart_faces: usize,
     /// Half the width of the band in which two cameras are mixed, in rings of vertices.
     /// Default 4, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub feather_rings: usize,
     /// How far the difference of a camera to the mean of all is smoothed before it is taken out, in
     /// rings of vertices. 0 leaves differences in.
     /// Default 8, range 0 to 1000.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 1000>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub level_rings: usize,
     /// Texels by which charts are extended beyond their edge, against bleeding in smaller mip levels.
     /// Default 4, range 0 to 64.
-    #[serde(deserialize_with = "crate::number::count::<_, usize, 0, 64>")]
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub gutter_px: usize,
 }
 

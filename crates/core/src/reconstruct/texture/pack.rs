@@ -1,5 +1,5 @@
-//! Packing rectangles into a strip of given width: the highest first, each as low as it goes (skyline,
-//! bottom left; Jylänki 2010).
+//! Packs rectangles into a strip of given width: the highest first, each as low as it goes (skyline, bottom left;
+//! Jylänki 2010).
 
 /// Where each rectangle (width, height) lies in a strip of `width`, and how high the strip becomes; `None`
 /// if a rectangle is wider than the strip. The result depends on the sizes alone.

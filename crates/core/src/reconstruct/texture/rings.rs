@@ -1,4 +1,4 @@
-//! Which triangles lie around a vertex and beside a triangle: what smoothing over the surface needs.
+//! Finds the triangles around a vertex and beside a triangle, for smoothing over the surface.
 
 use crate::mesh::Mesh;
 use nalgebra::Vector3;
@@ -17,7 +17,7 @@ pub(super) struct Rings {
 
 impl Rings {
     /// Sorts a mesh's corners by vertex, in linear time.
-    pub fn new(mesh: &Mesh) -> Self {
+    pub(super) fn new(mesh: &Mesh) -> Self {
         let flat = mesh.triangles.as_flattened();
         let mut starts = vec![0_u32; mesh.vertices.len() + 1];
         for &v in flat {
@@ -49,19 +49,19 @@ impl Rings {
     }
 
     /// The triangles around a vertex.
-    pub fn triangles(&self, vertex: usize) -> impl Iterator<Item = usize> {
+    pub(super) fn triangles(&self, vertex: usize) -> impl Iterator<Item = usize> {
         self.corners[self.range(vertex)]
             .iter()
             .map(|c| *c as usize / 3)
     }
 
     /// The vertices around a vertex: on a closed mesh each of them once.
-    pub fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> {
+    pub(super) fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> {
         self.next[self.range(vertex)].iter().map(|v| *v as usize)
     }
 
     /// For each triangle the ones across its three sides; [`NONE`] where there is none.
-    pub fn across(&self, mesh: &Mesh) -> Vec<[u32; 3]> {
+    pub(super) fn across(&self, mesh: &Mesh) -> Vec<[u32; 3]> {
         let beside = |t: &[u32; 3]| [0, 1, 2].map(|i| self.on_side(t[(i + 1) % 3], t[i]));
         mesh.triangles.par_iter().map(beside).collect()
     }
@@ -73,7 +73,11 @@ impl Rings {
     }
 
     /// Means `values` over each vertex and its neighbours.
-    pub fn smoothed_normals(&self, mesh: &Mesh, normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
+    pub(super) fn smoothed_normals(
+        &self,
+        mesh: &Mesh,
+        normals: &[Vector3<f32>],
+    ) -> Vec<Vector3<f32>> {
         const PASSES: usize = 3;
         let mut current = normals.to_vec();
         for _ in 0..PASSES {

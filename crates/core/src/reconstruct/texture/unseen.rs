@@ -1,5 +1,5 @@
-//! Colours of vertices, and how they spread to where no camera looks: ring by ring from what is seen, then
-//! smoothed until they lie over the gap like a membrane.
+//! Colours of vertices, and how they spread to where no camera looks: ring by ring from what is seen, then smoothed
+//! until they span the gap like a membrane.
 
 use super::Surface;
 use super::blend::Blend;

@@ -134,7 +134,7 @@ pub(super) fn bounds(
 
 impl View<'_> {
     /// Whether a pixel and its neighbours lie in the picture.
-    pub fn contains(&self, [x, y, z]: [f32; 3]) -> bool {
+    pub(super) fn contains(&self, [x, y, z]: [f32; 3]) -> bool {
         // NaN is in no range.
         (1.0..=self.image.width() as f32 - 2.0).contains(&x)
             && (1.0..=self.image.height() as f32 - 2.0).contains(&y)
@@ -143,7 +143,7 @@ impl View<'_> {
 
     /// The picture's colour at a place, interpolated between pixels.
     #[inline]
-    pub fn color(&self, x: f32, y: f32) -> Vector3<f32> {
+    pub(super) fn color(&self, x: f32, y: f32) -> Vector3<f32> {
         let right = (self.image.width() - 2) as f32;
         let bottom = (self.image.height() - 2) as f32;
         let (x, y) = (x.clamp(0.0, right), y.clamp(0.0, bottom));
@@ -162,7 +162,7 @@ impl View<'_> {
     }
 
     /// The mean colour of the 3 x 3 pixels around a place that the picture [`Self::contains`].
-    pub fn mean_color(&self, x: f32, y: f32) -> Vector3<f32> {
+    pub(super) fn mean_color(&self, x: f32, y: f32) -> Vector3<f32> {
         let (column, row) = ((x + 0.5) as usize, (y + 0.5) as usize);
         let mut sum = [0_u32; 3];
         for y in row - 1..=row + 1 {

@@ -1,5 +1,5 @@
-//! What each camera sees of the surface, and where it can be trusted: a z-buffer over the object's rectangle
-//! tells what is hidden; near the edge of what hides, or of the silhouette, colours mix.
+//! What each camera sees of the surface, and where its colours can be trusted. A z-buffer over the object's
+//! rectangle tells what is hidden; near the edge of what hides it, or of the silhouette, colours mix.
 
 use super::Parameters;
 use super::view::{View, bounds};

@@ -1,7 +1,7 @@
-//! The cameras: their figures as a table, and each one's picture with where the board was and what is left.
+//! The cameras: their figures as a table, and a picture for each with the board's positions and the residuals.
 
 use super::html::escaped;
-use super::{CalibrationPage, by_rms};
+use super::{ARROW_PX, CalibrationPage, by_rms};
 use crate::calibration::fit::{Fit, FittedCamera};
 use std::fmt::Write;
 
@@ -9,20 +9,22 @@ use std::fmt::Write;
 const WIDTH: f64 = 320.0;
 /// Cells along each side for which it is shown whether the board was there, as coverage counts them.
 const CELLS: usize = 10;
-/// Length on the page of an arrow for a residual of the median's size, and of the longest.
-const USUAL_ARROW: f64 = 5.0;
-const LONGEST_ARROW: f64 = 40.0;
+/// Length on the page of an arrow for a residual of [`ARROW_PX`], which is a cell's width, and of the longest.
+const ARROW: f64 = WIDTH / CELLS as f64;
+const LONGEST_ARROW: f64 = 64.0;
+/// Height below a picture for the scale of its arrows.
+const SCALE_HEIGHT: f64 = 18.0;
 /// Most arrows a camera: thousands hide each other.
 const MOST_ARROWS: usize = 1500;
 
 pub(super) fn table(html: &mut String, page: &CalibrationPage<'_>) {
-    *html += "<h2>Cameras</h2>\n<table><tr><th>camera</th><th>views</th><th>rms px</th><th>median</th><th>largest</th>\
+    *html += "<h2>Cameras</h2>\n<div class=\"wide\"><table><tr><th>camera</th><th>views</th><th>rms px</th><th>median</th><th>largest</th>\
               <th>false corners</th><th>seen %</th><th>focal px</th><th>&plusmn;</th><th>centre px</th>\
-              <th>&plusmn;</th><th>place &plusmn; mm</th><th>turn &plusmn; &deg;</th></tr>\n";
+              <th>&plusmn;</th><th>place &plusmn; mm</th><th>turn &plusmn; &deg;</th><th>at the object &plusmn; mm</th></tr>\n";
     for camera in &page.fit.cameras {
         row(html, camera, page);
     }
-    *html += "</table>\n";
+    *html += "</table></div>\n";
 }
 
 fn row(html: &mut String, camera: &FittedCamera, page: &CalibrationPage<'_>) {
@@ -32,12 +34,16 @@ fn row(html: &mut String, camera: &FittedCamera, page: &CalibrationPage<'_>) {
         &camera.camera.intrinsics,
     );
     let largest = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
+    let at_object = match &camera.projection {
+        Some(projection) => format!("{:.3}", 1e3 * projection.at_object),
+        None => "&ndash;".to_owned(),
+    };
     let ok = |is_ok: bool| if is_ok { "" } else { "poor" };
     let _ = writeln!(
         html,
         "<tr><td>{}</td><td class=\"{}\">{}</td><td class=\"{}\">{:.3}</td><td>{:.3}</td><td>{:.2}</td><td>{}</td>\
          <td class=\"{}\">{:.0}</td><td>{:.2}, {:.2}</td><td>{:.2}</td><td>{:.2}, {:.2}</td><td>{:.2}</td><td>{:.3}</td>\
-         <td>{:.4}</td></tr>",
+         <td>{:.4}</td><td>{}</td></tr>",
         escaped(camera.camera.id.as_str()),
         ok(camera.views >= page.limits.views),
         camera.views,
@@ -56,13 +62,18 @@ fn row(html: &mut String, camera: &FittedCamera, page: &CalibrationPage<'_>) {
         largest(&u.center_px),
         1e3 * largest(&u.position),
         largest(&u.rotation_degrees),
+        at_object,
     );
 }
 
 /// A picture a camera: cells where the board was seen, and the residuals as arrows.
 pub(super) fn pictures(html: &mut String, fit: &Fit) {
-    *html += "<h2>What each camera saw</h2>\n<p>Grey: where the board was. Arrows: from where a corner was seen to where \
-              it is predicted, many times too long.</p>\n<div class=\"pictures\">";
+    let _ = write!(
+        html,
+        "<h2>What each camera saw</h2>\n<p>Grey: where the board was. Arrows: from where a corner was seen to where it is \
+         predicted, many times too long, the same for all cameras: {ARROW_PX} px are as long as a cell is wide.</p>\n<div \
+         class=\"pictures\">"
+    );
     for index in 0..fit.cameras.len() {
         picture(html, fit, index);
     }
@@ -76,10 +87,11 @@ fn picture(html: &mut String, fit: &Fit, index: usize) {
     let height = lens.height as f64 * scale;
     let of_camera = fit.residuals.iter().filter(|view| view.camera == index);
     let corners: Vec<_> = of_camera.flat_map(|view| &view.corners).collect();
-    let enlarged = USUAL_ARROW / camera.figures.median_px.max(1e-3);
+    let enlarged = ARROW / ARROW_PX;
+    let whole = height + SCALE_HEIGHT;
     let _ = write!(
         html,
-        "<figure><svg width=\"{WIDTH}\" height=\"{height:.0}\" viewBox=\"0 0 {WIDTH} {height:.1}\">"
+        "<figure><svg width=\"{WIDTH}\" height=\"{whole:.0}\" viewBox=\"0 0 {WIDTH} {whole:.1}\">"
     );
     let (w, h) = (WIDTH / CELLS as f64, height / CELLS as f64);
     let mut seen = [[false; CELLS]; CELLS];
@@ -107,11 +119,14 @@ fn picture(html: &mut String, fit: &Fit, index: usize) {
     }
     let _ = writeln!(
         html,
-        "<path d=\"{path}\" stroke=\"#c01616\" stroke-width=\"0.7\" fill=\"none\"/></svg><figcaption>{}: {} corners in {} \
-         views, arrows {:.0} times</figcaption></figure>",
+        "<path d=\"{path}\" stroke=\"#c01616\" stroke-width=\"0.8\" fill=\"none\"/><path d=\"M0 {height:.1}H{WIDTH}\" \
+         stroke=\"#ccc\"/><path d=\"M6 {0:.1}h{ARROW}\" stroke=\"#c01616\" stroke-width=\"1.3\"/><text x=\"{1:.0}\" \
+         y=\"{2:.1}\">{ARROW_PX} px</text></svg><figcaption><b>{3}</b>: {4} corners in {5} views</figcaption></figure>",
+        height + 9.0,
+        ARROW + 12.0,
+        height + 13.0,
         escaped(camera.camera.id.as_str()),
         corners.len(),
         camera.views,
-        enlarged / scale,
     );
 }

@@ -128,7 +128,11 @@ fn table(html: &mut String, fit: &PlaneFit, limits: &Limits) {
 
 fn correction(html: &mut String, fit: &PlaneFit) {
     let c = &fit.correction;
-    let verdict = if c.pays { "would pay" } else { "would not pay" };
+    let verdict = if c.pays {
+        "would help"
+    } else {
+        "would not help"
+    };
     let _ = writeln!(
         html,
         "<p>A smooth correction of each pixel {verdict}: on boards held out {:.2} mm without it, {:.2} mm with it, at 1 \

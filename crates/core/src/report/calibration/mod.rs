@@ -1,16 +1,21 @@
-//! A calibration's report: one HTML page that needs nothing else, with its pictures in it, for the person who has to
-//! decide what to do. It makes text; a command makes a file of it.
+//! A calibration's report: one self-contained HTML page with its pictures, for the person who has to decide what to
+//! do. This room makes the text; a command writes the file.
 
 mod cameras;
 mod depth;
 mod html;
+mod placements;
 mod rig;
+mod views;
+
+pub use views::{Found, ViewPicture};
 
 use crate::calibration::Level;
 use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
 use html::{escaped, style};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// All that a page tells.
@@ -24,14 +29,20 @@ pub struct CalibrationPage<'a> {
     pub limits: &'a Limits,
     /// What the session lacks, in words.
     pub missing: &'a [String],
-    /// Pictures in which no board was found that could be used.
-    pub unread: usize,
+    /// The session's placements, in their order.
+    pub placements: &'a [String],
+    /// Pictures without a board that could be used: camera, placement and why.
+    pub rejected: &'a [(CameraId, String, String)],
+    /// Pictures to look at.
+    pub pictures: &'a [ViewPicture],
     /// What could not be read.
     pub lost: &'a [String],
     /// What the depth cameras' readings mean.
     pub depths: &'a [(CameraId, &'a PlaneFit)],
     /// What else there is to say of depth.
     pub depth_words: &'a [String],
+    /// What sets the scale, and what witnesses say of it.
+    pub scale: &'a [String],
     /// Where it comes from: names of the recordings.
     pub sources: &'a [String],
 }
@@ -50,15 +61,22 @@ pub fn calibration_page(page: &CalibrationPage<'_>) -> String {
     heading(&mut html, page);
     to_do(&mut html, page);
     left_out(&mut html, page);
+    scale(&mut html, page);
+    placements::plot(&mut html, page);
     cameras::table(&mut html, page);
     cameras::pictures(&mut html, fit);
+    views::section(&mut html, page);
+    no_board(&mut html, page);
     rig::top_view(&mut html, fit);
     rig::graph(&mut html, fit);
-    placements(&mut html, page);
+    placements::table(&mut html, page);
     depth::section(&mut html, page);
     html += "</body></html>\n";
     html
 }
+
+/// Residual in pixels whose arrow is drawn as a scale.
+const ARROW_PX: f64 = 0.25;
 
 /// The style of a level.
 fn style_of(level: Level) -> &'static str {
@@ -116,7 +134,11 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
         format!("{} of {}", share.left_out, share.read),
         "views left out",
     );
-    figure("", page.unread.to_string(), "pictures without a board");
+    figure(
+        "",
+        page.rejected.len().to_string(),
+        "pictures without a board",
+    );
     let dropped: usize = fit.cameras.iter().map(|c| c.false_corners).sum();
     let read = dropped + fit.figures.corners;
     figure("", format!("{dropped} of {read}"), "corners dropped");
@@ -137,6 +159,11 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
         let value = format!("{:.3} px", held_out.figures.rms_px);
         figure(if fine { "good" } else { "poor" }, value, &words);
     }
+    if let Some(at_object) = fit.at_object() {
+        let words =
+            "one standard deviation of what is seen of the object, across the line of sight";
+        figure("", format!("{:.3} mm", 1e3 * at_object), words);
+    }
     for (id, depth) in page.depths {
         let value = format!("{:.2} mm", 1e3 * depth.response.uncertainty);
         figure("", value, &format!("bias of {id}'s depth at most"));
@@ -155,17 +182,52 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     for reason in reasons {
         let _ = write!(html, "<li>{}. {}</li>", escaped(reason), advice(reason));
     }
-    for missing in page.missing {
-        let _ = write!(
-            html,
-            "<li class=\"missing\">Show the board once more: {}</li>",
-            escaped(missing)
-        );
-    }
     for lost in page.lost {
         let _ = write!(html, "<li>Not read: {}</li>", escaped(lost));
     }
     *html += "</ul>\n";
+    missing(html, page);
+}
+
+/// What the session lacks, as a table of whom and what.
+fn missing(html: &mut String, page: &CalibrationPage<'_>) {
+    if page.missing.is_empty() {
+        return;
+    }
+    *html += "<p>Show the board once more, and calibrate from both sessions together:</p>\n<table class=\"words\">\
+              <tr><th>whom</th><th>what it lacks</th></tr>\n";
+    for missing in page.missing {
+        let (whom, what) = missing.split_once(": ").unwrap_or(("", missing));
+        let _ = writeln!(
+            html,
+            "<tr><td>{}</td><td>{}</td></tr>",
+            escaped(whom),
+            escaped(what)
+        );
+    }
+    *html += "</table>\n";
+}
+
+/// Why pictures show no board that could be used, and how many of each camera.
+fn no_board(html: &mut String, page: &CalibrationPage<'_>) {
+    if page.rejected.is_empty() {
+        return;
+    }
+    let mut counts: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
+    for (camera, _, why) in page.rejected {
+        *counts.entry((camera, why.as_str())).or_default() += 1;
+    }
+    *html += "<h2>Pictures without a board that could be used</h2>\n<table class=\"words\"><tr><th>camera</th>\
+              <th>pictures</th><th>why</th></tr>\n";
+    for ((camera, why), count) in counts {
+        let _ = writeln!(
+            html,
+            "<tr><td>{}</td><td>{count}</td><td>{}</td></tr>",
+            escaped(camera.as_str()),
+            escaped(why)
+        );
+    }
+    *html += "</table>\n";
 }
 
 /// What helps against a reason.
@@ -173,9 +235,31 @@ fn advice(reason: &str) -> &'static str {
     // By the words of the judgement: they are for people, and so is this.
     let advice = [
         (
+            "beyond the lens model",
+            "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens.",
+        ),
+        (
+            "the board seems",
+            "Show it once more, flat and at rest at each placement; glue the print to something stiff.",
+        ),
+        (
+            "the board is bent",
+            "Glue the print to something flat and stiff: glass, or an aluminium composite.",
+        ),
+        (
+            "the board's squares",
+            "Measure both rulers of the print; the mean of the two sets the scale.",
+        ),
+        (
             "were left out",
-            "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures of \
-             another moment do this: mend it, and show the board again.",
+            "See what was left out, and why, below. A camera that moved or was refocused, \
+            exchanged cables, or pictures of another moment do this: correct it, and show the \
+            board again.",
+        ),
+        (
+            "scale:",
+            "Measure the board's squares over its whole length: the calibration's scale is theirs. Only then is it known \
+             which of the two is wrong.",
         ),
         ("at one place", "Check the cameras' cables and names."),
         (
@@ -199,6 +283,14 @@ fn advice(reason: &str) -> &'static str {
             "Show it the board together with a neighbour, three times or more.",
         ),
         (
+            "placements, expected",
+            "Show the board in more places and tilts, twelve or so.",
+        ),
+        (
+            "focal length is known",
+            "Show it the board more often, tilted by 30° and more to all sides, and into its picture's corners.",
+        ),
+        (
             "views, expected",
             "Show it the board more often, in different tilts.",
         ),
@@ -220,37 +312,14 @@ fn advice(reason: &str) -> &'static str {
     found.map_or("", |(_, advice)| advice)
 }
 
-fn placements(html: &mut String, page: &CalibrationPage<'_>) {
-    *html += "<h2>Placements</h2>\n<table><tr><th>placement</th><th>cameras</th><th>corners</th><th>rms px</th>\
-              <th>median</th><th>largest</th><th>middle, m</th></tr>\n";
-    for placement in &page.fit.placements {
-        let f = &placement.figures;
-        let board = &page.fit.board;
-        let first = board.corner_position(0, 0);
-        let last = board.corner_position(board.columns - 1, board.rows - 1);
-        let middle = placement.rig_from_board * nalgebra::center(&first, &last);
-        let is_table = if placement.name == page.fit.table {
-            " (table)"
-        } else {
-            ""
-        };
-        let _ = writeln!(
-            html,
-            "<tr><td>{}{is_table}</td><td>{}</td><td>{}</td><td class=\"{}\">{:.3}</td><td>{:.3}</td><td>{:.2}</td>\
-             <td>{:.3}, {:.3}, {:.3}</td></tr>",
-            escaped(&placement.name),
-            placement.cameras,
-            f.corners,
-            by_rms(f.rms_px, page.limits),
-            f.rms_px,
-            f.median_px,
-            f.max_px,
-            middle.x,
-            middle.y,
-            middle.z,
-        );
+/// What sets the scale of all lengths, and what witnesses say of it.
+fn scale(html: &mut String, page: &CalibrationPage<'_>) {
+    *html += "<h2>Scale</h2>\n<ul>";
+    for words in page.scale {
+        let words = words.strip_prefix("scale: ").unwrap_or(words);
+        let _ = write!(html, "<li>{}.</li>", escaped(words));
     }
-    *html += "</table>\n";
+    *html += "</ul>\n";
 }
 
 fn left_out(html: &mut String, page: &CalibrationPage<'_>) {

@@ -198,7 +198,7 @@ pub(super) fn graph(html: &mut String, fit: &Fit) {
         );
     }
     *html += "</svg>\n<p>Blue: the links by which the cameras were joined, with the number of placements that both \
-              saw. A camera on one thin line alone hangs by few views.</p>\n";
+              saw. A camera with a single thin line depends on few views.</p>\n";
 }
 
 fn shared_views(fit: &Fit) -> BTreeMap<[usize; 2], usize> {

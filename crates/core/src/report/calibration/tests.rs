@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::calibration::fit::{
-    Figures, FittedCamera, FittedPlacement, HeldOut, LeftOut, Uncertainty, ViewResiduals, judge,
+    Figures, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, Uncertainty,
+    ViewResiduals, judge,
 };
 use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
 use nalgebra::{Isometry3, Point2, Vector2, Vector3};
@@ -15,6 +16,7 @@ fn camera(name: &str, x: f64, rms: f64) -> FittedCamera {
     FittedCamera {
         camera: Camera::new(CameraId::new(name).unwrap(), lens, pose),
         uncertainty: Uncertainty::default(),
+        projection: None,
         figures: Figures {
             corners: 4,
             rms_px: rms,
@@ -51,6 +53,7 @@ fn fit() -> Fit {
             cameras: 2,
         }],
         front_from_back: Isometry3::identity(),
+        shape: FittedShape::default(),
         table: "p".to_owned(),
         table_is_lowest: true,
         figures,
@@ -77,15 +80,34 @@ fn a_page_is_whole_and_names_what_is_red() {
     let fit = fit();
     let limits = Limits::default();
     let judgement = judge(&fit, &[], &BTreeMap::new(), &limits);
+    let id = |name: &str| CameraId::new(name).unwrap();
+    let no_board = "no board was found".to_owned();
+    let rejected = ["p8", "p9", "p7"].map(|p| (id("c01"), p.to_owned(), no_board.clone()));
+    let picture = |found, words: &str| ViewPicture {
+        camera: id("c00"),
+        placement: "p7".to_owned(),
+        found,
+        words: words.to_owned(),
+        jpeg: b"foobar".to_vec(),
+        size: [640, 480],
+        corners: vec![(Point2::new(319.5, 239.5), Some(Vector2::new(0.0, 0.25)))],
+    };
+    let pictures = [
+        picture(Found::LeftOut, "it moved"),
+        picture(Found::Nothing, "no <board>"),
+    ];
     let page = CalibrationPage {
         fit: &fit,
         judgement: &judgement,
         limits: &limits,
         missing: &["camera c00: the board has not been in these parts".to_owned()],
-        unread: 3,
+        placements: &["p6", "p7", "p8", "p9"].map(str::to_owned),
+        rejected: &rejected,
+        pictures: &pictures,
         lost: &[],
         depths: &[],
         depth_words: &[],
+        scale: &["scale: nothing but the board's size sets it".to_owned()],
         sources: &["a&b.mcap".to_owned()],
     };
     let html = calibration_page(&page);
@@ -100,7 +122,16 @@ fn a_page_is_whole_and_names_what_is_red() {
         "<b>1 of 3</b> views left out",
         "1 of 3 views (33 %) were left out, expected at most 20 %. See what",
         "<b>3</b> pictures without a board",
+        "<td>camera c00</td><td>the board has not been in these parts</td>",
+        "<td>c01</td><td>3</td><td>no board was found</td>",
+        "<title>c00, p7: left out</title>",
+        "<title>c01, p8: no board found</title>",
+        "data:image/jpeg;base64,Zm9vYmFy",
+        "<b>c00, p7</b>: no &lt;board&gt;",
+        // A quarter of a pixel is 25 of the page's, from the middle of the picture.
+        "M200.0 150.0l0.0 25.0",
         "&lt;script&gt;",
+        "<h2>Scale</h2>\n<ul><li>nothing but the board",
     ] {
         assert!(html.contains(words), "{words}");
     }
@@ -114,7 +145,7 @@ fn a_page_is_whole_and_names_what_is_red() {
         assert_eq!(opened, html.matches(&format!("</{tag}>")).count(), "{tag}");
     }
     assert!(
-        !html.contains("NaN") && !html.contains("inf"),
+        !html.contains("NaN") && !html.contains(">inf"),
         "numbers are numbers"
     );
 }

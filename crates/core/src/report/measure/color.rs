@@ -1,5 +1,6 @@
-//! How well a colour camera agrees with the others: the hull's projection beside the camera's silhouette, at
-//! a reduced resolution. The hull cannot leave a silhouette, but where cameras disagree it does not fill it.
+//! Measures how well a colour camera agrees with the others, by comparing the hull's projection with the camera's
+//! silhouette at a reduced resolution. The hull never exceeds a silhouette, but where cameras disagree it does not
+//! fill it.
 
 use super::outline;
 use crate::calibration::{Camera, Volume};

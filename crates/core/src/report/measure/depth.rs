@@ -1,5 +1,5 @@
-//! What a depth camera contributed: how much of the concave regions it read, and how well the model agrees
-//! with it there.
+//! Measures what a depth camera contributed: how much of the concave regions it read, and how well the model agrees
+//! with its readings there.
 
 use crate::frame::CameraId;
 use crate::image::Grid;

@@ -1,5 +1,5 @@
-//! What a verdict is made from: figures of each camera and of the model. Here they are measured; what they
-//! mean is decided in `verdict`.
+//! The figures that a verdict is based on, for each camera and for the model. They are measured here; `verdict`
+//! decides what they mean.
 
 mod color;
 mod depth;

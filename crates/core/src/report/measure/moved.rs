@@ -1,6 +1,7 @@
-//! Which camera has moved since the calibration: the one without which the others agree again, and by how much
-//! its silhouette lies beside the hull of the others. Leaving a camera out shows both, because the hull of all
-//! stays within every silhouette and so hides half of what is wrong, and blames the innocent as well.
+//! Finds the camera that has moved since the calibration: the one without which the others agree again. Also
+//! measures by how much its silhouette is displaced against the hull of the others. Both need the camera to be left
+//! out, because the hull of all cameras stays within every silhouette, which hides half of the error and blames
+//! other cameras as well.
 
 use super::color::{ColorMeasures, Consistency};
 use crate::frame::CameraId;
@@ -31,7 +32,7 @@ const LEAST_CAMERAS: usize = 4;
 /// Shift, as a share of the object's longest side, from which on a camera is looked into. Sound captures stay
 /// below (`design/verdict.md`), and cost nothing here.
 const SUSPICIOUS: f64 = 0.003;
-/// Cameras looked into, the most shifted first: who moved is among them.
+/// Cameras looked into, the most shifted first: the one that moved is among them.
 const SUSPECTS: usize = 3;
 /// A camera is to blame if the others disagree this much less without it.
 const BLAMED: f64 = 0.5;

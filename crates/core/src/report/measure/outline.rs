@@ -1,6 +1,6 @@
-//! Where one outline lies beside another that can only be larger: a silhouette beside the hull of the other
-//! cameras. At frontier points, where the hull's outline touches the true one (Cipolla and Giblin, "Visual
-//! Motion of Curves and Surfaces", 2000, chapter 4), the distance between both is the displacement alone.
+//! Measures how far one outline is displaced against another that can only be larger: a silhouette against the hull
+//! of the other cameras. At frontier points, where the hull's outline touches the true one (Cipolla and Giblin,
+//! "Visual Motion of Curves and Surfaces", 2000, chapter 4), the distance between both is the displacement alone.
 
 use crate::image::Grid;
 use nalgebra::{Matrix2, Vector2};

@@ -1,4 +1,4 @@
-//! Drawing on the sheet: rectangles, pictures, words. It knows nothing of what they show.
+//! Draws on the sheet: rectangles, pictures, text. It does not know what they show.
 
 use crate::image::{RgbImage, draw_text, text_size};
 

@@ -1,5 +1,5 @@
-//! What a depth camera gave: its picture, its readings, the enhanced depth, how far it lies behind the hull,
-//! the region that was restored, and the model from there.
+//! A depth camera's panels: its picture, its readings, the enhanced depth, how far this lies behind the hull, the
+//! region that was restored, and the model as the camera would see it.
 
 use super::canvas::{EMPTY, blend, ramp};
 use super::views::{drawn, in_color, provenance_color};

@@ -1,6 +1,6 @@
-//! One picture of a whole reconstruction, so that a person sees in one look what happened: the verdict in
-//! words, the model beside the photographs, what the depth cameras gave, and every silhouette with the
-//! model's outline. This file has the layout; what is on it is drawn in `views`, `depth` and `outlines`.
+//! One picture of a whole reconstruction, so that a person sees at a glance what happened: the verdict's reasons,
+//! the model beside the photographs, the depth cameras' panels, and every silhouette with the model's outline. This
+//! file has the layout; `views`, `depth` and `outlines` draw the panels.
 
 mod canvas;
 mod depth;
@@ -10,9 +10,11 @@ mod window;
 
 use super::coarse::coarse;
 use super::verdict::Verdict;
+use crate::description::Description;
 use crate::image::{RgbImage, text_size};
 use crate::level::Level;
 use crate::mesh::{Mesh, bounding_box};
+use crate::notes::{CaptureNotes, Decision};
 use crate::reconstruct::{Provenance, Reconstruction, Scene};
 use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, wrap, write};
 use depth::DepthPanels;
@@ -48,12 +50,19 @@ fn level_color(level: Level) -> [u8; 3] {
     }
 }
 
-/// Draws the sheet; `title` stands beside the verdict.
-pub fn preview(scene: &Scene, made: &Reconstruction, verdict: &Verdict, title: &str) -> RgbImage {
+/// Draws the sheet; what is known of the object stands beside the verdict. What people said of the capture is added by
+/// [`stamp`].
+pub fn preview(
+    scene: &Scene,
+    made: &Reconstruction,
+    verdict: &Verdict,
+    about: &Description,
+) -> RgbImage {
     let panels = Panels::draw(scene, made, verdict);
     let lines = reason_lines(verdict);
     let mut sheet = RgbImage::filled(WIDTH, panels.height(lines.len()), PAPER);
-    let mut top = header(&mut sheet, verdict, (title, &size_words(made)), &lines);
+    let words = (about.heading(), size_words(made), about_words(about));
+    let mut top = header(&mut sheet, verdict, words, &lines);
     top = panels.place_views(&mut sheet, scene, top);
     top = legend(&mut sheet, made, top);
     top = panels.place_depths(&mut sheet, top);
@@ -234,7 +243,7 @@ fn reason_lines(verdict: &Verdict) -> Vec<(Option<Level>, String)> {
         }
     }
     if verdict.reasons.is_empty() {
-        lines.push((Some(Level::Green), "nothing to remark".to_owned()));
+        lines.push((Some(Level::Green), "no problem was found".to_owned()));
     }
     if verdict.reasons.len() > REASONS {
         let rest = verdict.reasons.len() - REASONS;
@@ -245,15 +254,17 @@ fn reason_lines(verdict: &Verdict) -> Vec<(Option<Level>, String)> {
 
 /// Height of the badge and the title.
 const TITLE: usize = 56;
+/// Height of the strip for what people said, and of the line about the capture, below the title.
+const STRIP: usize = LINE + 6;
 
 fn header_height(lines: usize) -> usize {
-    MARGIN + TITLE + lines * LINE + 2 * GAP
+    MARGIN + TITLE + LINE + STRIP + lines * LINE + 2 * GAP
 }
 
 fn header(
     sheet: &mut RgbImage,
     verdict: &Verdict,
-    (title, size): (&str, &str),
+    (title, size, about): (String, String, String),
     lines: &[(Option<Level>, String)],
 ) -> usize {
     let word = verdict.level.name().to_uppercase();
@@ -272,12 +283,14 @@ fn header(
         (left, MARGIN + 12),
         3,
         INK,
-        (WIDTH - MARGIN - left - 500, title),
+        (WIDTH - MARGIN - left - 500, &title),
     );
-    let (wide, _) = text_size(size, 2);
+    let (wide, _) = text_size(&size, 2);
     let right = WIDTH - MARGIN - wide.min(WIDTH / 2);
-    write(sheet, (right, MARGIN + 16), 2, PALE, (WIDTH / 2, size));
-    let mut top = MARGIN + TITLE;
+    write(sheet, (right, MARGIN + 16), 2, PALE, (WIDTH / 2, &size));
+    let wide = WIDTH - 2 * MARGIN;
+    write(sheet, (MARGIN, MARGIN + TITLE), 2, PALE, (wide, &about));
+    let mut top = MARGIN + TITLE + LINE + STRIP;
     for (level, line) in lines {
         if let Some(level) = level {
             fill(sheet, (MARGIN, top + 1), (12, 12), level_color(*level));
@@ -292,6 +305,52 @@ fn header(
         top += LINE;
     }
     top + 2 * GAP
+}
+
+/// Writes what people said of a capture on its sheet, over what stood there before: the last decision and the last
+/// text. A picture that is no sheet stays as it is.
+pub fn stamp(sheet: &mut RgbImage, notes: &CaptureNotes) {
+    let top = MARGIN + TITLE + LINE;
+    if sheet.width() != WIDTH || sheet.height() < header_height(0) {
+        return;
+    }
+    fill(sheet, (MARGIN, top), (WIDTH - 2 * MARGIN, STRIP), PAPER);
+    let color = match notes.decision {
+        Some(Decision::Accepted) => level_color(Level::Green),
+        Some(Decision::Rejected) => level_color(Level::Red),
+        None => EMPTY,
+    };
+    let lines = notes.lines();
+    let newest = usize::from(notes.decision.is_some());
+    let decision = lines.first().filter(|_| notes.decision.is_some());
+    let text = lines.get(newest..).and_then(<[String]>::last);
+    let words: Vec<&str> = [decision, text]
+        .into_iter()
+        .flatten()
+        .map(String::as_str)
+        .collect();
+    if words.is_empty() {
+        return;
+    }
+    fill(sheet, (MARGIN, top), (12, LINE - 2), color);
+    let wide = WIDTH - 2 * MARGIN - 24;
+    write(sheet, (MARGIN + 24, top), 2, INK, (wide, &words.join("; ")));
+}
+
+/// When, where and by whom the capture was taken.
+fn about_words(about: &Description) -> String {
+    let known = [
+        ("session", &about.session),
+        ("project", &about.project),
+        ("rig", &about.rig),
+        ("operator", &about.operator),
+        ("rights", &about.rights),
+    ];
+    let known = known
+        .into_iter()
+        .filter_map(|(name, text)| Some(format!("{name} {}", text.as_ref()?)));
+    let words: Vec<String> = std::iter::once(about.time.clone()).chain(known).collect();
+    words.join(", ")
 }
 
 /// The model's size, in millimetres and in vertices.

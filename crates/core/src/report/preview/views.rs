@@ -1,7 +1,7 @@
 //! The model beside the photographs: four cameras around the object, and for each of them the photograph,
 //! the model as that camera would see it, and where the model's parts come from.
 
-use super::canvas::EMPTY;
+use super::canvas::{EMPTY, INK, fill, write};
 use super::window::Window;
 use crate::calibration::Camera;
 use crate::image::RgbImage;
@@ -16,7 +16,7 @@ pub(super) const VIEWS: usize = 4;
 /// A model without colours.
 const CLAY: [u8; 3] = [205, 196, 182];
 
-/// The colour of each provenance; told apart by those who do not see red and green (after Okabe and Ito).
+/// The colour of each provenance; distinguishable without seeing red and green (after Okabe and Ito).
 pub(super) fn provenance_color(provenance: Provenance) -> [u8; 3] {
     match provenance {
         Provenance::Hull => [158, 166, 178],
@@ -111,12 +111,49 @@ pub(super) fn draw(
     let window = Window::around(silhouette.bounds, size);
     let project = |p| window.panel_from_picture(view.camera.project_for_raster(p));
     let drawn = drawn(model, &window, view.camera.center().cast(), project);
+    let mut shaded = in_color(model, &drawn);
+    scale_bar(
+        &mut shaded,
+        panel_pixels_per_metre(model, &view.camera, &window),
+    );
     ViewPanels {
         camera,
         photograph: window.crop(&view.image),
-        model: in_color(model, &drawn),
+        model: shaded,
         provenance: by_provenance(model, &drawn),
     }
+}
+
+/// Pixels of the panel to a metre at the distance of the model's middle.
+fn panel_pixels_per_metre(model: &Model, camera: &Camera, window: &Window) -> f64 {
+    let [low, high] = bounding_box(&model.mesh.vertices).unwrap_or_default();
+    let middle: Point3<f64> = center(&low, &high).cast();
+    let distance = nalgebra::distance(&camera.center(), &middle);
+    let focal = 0.5 * (camera.intrinsics.focal_px[0] + camera.intrinsics.focal_px[1]);
+    focal / distance / window.scale
+}
+
+/// Draws a bar of a round length, at most a third of the panel, with its length in millimetres.
+fn scale_bar(panel: &mut RgbImage, pixels_per_metre: f64) {
+    let longest_mm = 1e3 * panel.width() as f64 / 3.0 / pixels_per_metre;
+    let mut round =
+        (-1..=4).flat_map(|power| [1.0, 2.0, 5.0].map(|digit| digit * 10f64.powi(power)));
+    let Some(length_mm) = round.rfind(|&mm| mm <= longest_mm) else {
+        return;
+    };
+    let wide = (length_mm * 1e-3 * pixels_per_metre).round() as usize;
+    let (left, bottom) = (8, panel.height().saturating_sub(10));
+    fill(panel, (left, bottom - 3), (wide, 3), INK);
+    for end in [left, left + wide - 2.min(wide)] {
+        fill(panel, (end, bottom - 7), (2, 7), INK);
+    }
+    write(
+        panel,
+        (left + wide + 8, bottom - 14),
+        2,
+        INK,
+        (120, &format!("{length_mm} mm")),
+    );
 }
 
 /// Draws the model in a window, to be painted.

@@ -20,7 +20,7 @@ pub(super) struct Window {
 
 impl Window {
     /// Shows `rect` with some margin, in the middle of a panel.
-    pub fn around(rect: PixelRect, (width, height): (usize, usize)) -> Self {
+    pub(super) fn around(rect: PixelRect, (width, height): (usize, usize)) -> Self {
         const MARGIN: f64 = 1.12;
         let side = |pixels: usize, panel: usize| MARGIN * pixels.max(1) as f64 / panel as f64;
         let scale = side(rect.width(), width).max(side(rect.height(), height));
@@ -35,13 +35,13 @@ impl Window {
     }
 
     /// Projected pixel coordinates as coordinates of the panel.
-    pub fn panel_from_picture(&self, [x, y, depth]: [f32; 3]) -> [f32; 3] {
+    pub(super) fn panel_from_picture(&self, [x, y, depth]: [f32; 3]) -> [f32; 3] {
         let to = |p: f32, edge: f64| ((f64::from(p) - edge) / self.scale - 0.5) as f32;
         [to(x, self.left), to(y, self.top), depth]
     }
 
     /// The picture's coordinates of a point of the panel.
-    pub fn picture_from_panel(&self, x: f64, y: f64) -> (f64, f64) {
+    pub(super) fn picture_from_panel(&self, x: f64, y: f64) -> (f64, f64) {
         (
             self.left + (x + 0.5) * self.scale,
             self.top + (y + 0.5) * self.scale,
@@ -49,13 +49,13 @@ impl Window {
     }
 
     /// A panel whose pixels are computed from the nearest pixel of the picture.
-    pub fn nearest(&self, color: impl Fn(isize, isize) -> [u8; 3]) -> RgbImage {
+    pub(super) fn nearest(&self, color: impl Fn(isize, isize) -> [u8; 3]) -> RgbImage {
         let (columns, rows) = self.samples(1);
         RgbImage::from_fn(self.width, self.height, |x, y| color(columns[x], rows[y]))
     }
 
     /// The picture's columns and rows nearest to so many evenly spaced samples of each of the panel's.
-    pub fn samples(&self, samples: usize) -> (Vec<isize>, Vec<isize>) {
+    pub(super) fn samples(&self, samples: usize) -> (Vec<isize>, Vec<isize>) {
         let at = |k: usize| {
             let offset = ((k % samples) as f64 + 0.5) / samples as f64 - 0.5;
             (k / samples) as f64 + offset
@@ -69,7 +69,7 @@ impl Window {
     }
 
     /// The picture in the window, the mean of up to 3 x 3 of its pixels to one of the panel's.
-    pub fn crop(&self, picture: &RgbImage) -> RgbImage {
+    pub(super) fn crop(&self, picture: &RgbImage) -> RgbImage {
         let samples = (self.scale.round() as usize).clamp(1, 3);
         let (columns, rows) = self.samples(samples);
         RgbImage::from_fn(self.width, self.height, |x, y| {

@@ -1,6 +1,7 @@
-//! Rules about how the capture came about: its moment, its cameras, its recording.
+//! Rules about how the capture was taken: its time, its cameras, its recording.
 
 use super::{Code, Level, Parameters, Reason, about_cameras};
+use crate::calibration;
 use crate::capture::{CaptureFacts, ColorFacts, Silhouette};
 use crate::frame::CameraId;
 
@@ -22,14 +23,15 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
         &parameters.background_age_h,
         capture.colors.iter().map(|c| (&c.camera, age_h(c))),
         |hours| format!("{hours:.0} h"),
-        |names| format!("the background plate is old: {names}"),
+        |names| format!("the background is old: {names}"),
     ));
+    into.extend(capture.calibration.as_ref().and_then(doubted));
     for left_out in &capture.left_out {
         into.push(Reason {
             level: Level::Amber,
             code: Code::CameraLeftOut,
             cameras: vec![left_out.camera.clone()],
-            words: format!("takes no part: {}", left_out.reason),
+            words: format!("the camera was not used: {}", left_out.reason),
         });
     }
     repeat(
@@ -38,6 +40,27 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
         into,
     );
     repeat(Code::Warning, capture.warnings.iter().cloned(), into);
+}
+
+/// A model is no better than the calibration that it stands on.
+fn doubted(calibration: &calibration::Verdict) -> Option<Reason> {
+    let (level, worth) = match calibration.level {
+        calibration::Level::Good | calibration::Level::Accepted => return None,
+        calibration::Level::Doubtful => (Level::Amber, "is doubtful"),
+        calibration::Level::Refused => (Level::Red, "was refused"),
+    };
+    let reasons = &calibration.reasons;
+    let first = reasons.first().map_or(String::new(), |r| format!(": {r}"));
+    let more = match reasons.len() {
+        0 | 1 => String::new(),
+        more => format!(" ({} reasons in all)", more),
+    };
+    Some(Reason {
+        level,
+        code: Code::CalibrationDoubtful,
+        cameras: Vec::new(),
+        words: format!("the calibration {worth}{first}{more}"),
+    })
 }
 
 /// The camera that was farthest from the trigger.
@@ -54,10 +77,10 @@ fn age_h(camera: &ColorFacts) -> f64 {
     }
 }
 
-/// Passes on what was said elsewhere, each an amber reason.
+/// Makes an amber reason of each warning.
 fn repeat(code: Code, messages: impl ExactSizeIterator<Item = String>, into: &mut Vec<Reason>) {
     let rest = messages.len().saturating_sub(REPEATED);
-    let more = (rest > 0).then(|| format!("and {rest} more of the kind"));
+    let more = (rest > 0).then(|| format!("and {rest} more of this kind"));
     into.extend(messages.take(REPEATED).chain(more).map(|words| Reason {
         level: Level::Amber,
         code,

@@ -1,4 +1,4 @@
-//! Rules about the depth cameras: is there depth, is it true, and does the model follow it.
+//! Rules about the depth cameras: whether there is depth, whether it is right, and whether the model follows it.
 
 use super::{Code, Level, Parameters, Reason, about_cameras, mm, percent};
 use crate::frame::CameraId;
@@ -11,7 +11,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         return into.push(only_a_hull(Code::NoDepthCamera, why, measured, parameters));
     }
     if measured.method == Method::Hull {
-        let why = "no depth was used, as asked";
+        let why = "no depth was used, as requested";
         return into.push(only_a_hull(Code::DepthNotUsed, why, measured, parameters));
     }
     let (blind, seeing): (Vec<_>, Vec<_>) =
@@ -100,7 +100,7 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         &parameters.region_unread,
         each(|r| 1.0 - r.coverage).into_iter(),
         |v| format!("{} without readings", percent(v)),
-        |names| format!("the hollow was hardly read, its form is interpolated: {names}"),
+        |names| format!("the hollow was hardly read, so its shape is interpolated: {names}"),
     ));
     into.extend(about_cameras(
         Code::RegionLarge,
@@ -109,7 +109,8 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         percent,
         |names| {
             format!(
-                "nearly all that the depth camera sees was restored from it, look closely: {names}"
+                "nearly everything that the depth camera sees was restored from its readings, \
+                look closely: {names}"
             )
         },
     ));

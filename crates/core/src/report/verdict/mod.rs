@@ -1,5 +1,5 @@
-//! The verdict: green, amber or red, with its reasons in words. It decides from figures and limits alone;
-//! the rules are in `capture` (how the pictures came about), `silhouettes`, `depth` and `model`.
+//! The verdict: green, amber or red, with its reasons. It depends only on figures and limits. The rules are in
+//! `capture` (how the pictures were taken), `silhouettes`, `depth` and `model`.
 
 mod capture;
 mod depth;
@@ -19,6 +19,7 @@ use serde::Serialize;
 
 /// What a reason is about; for programs, as the words are for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
     /// A silhouette lies beside the place that the other cameras give it: the camera moved.
@@ -33,14 +34,16 @@ pub enum Code {
     Underexposed,
     /// Pictures are out of focus, or something moved.
     Blurred,
-    /// The backdrop is not as its plate shows it.
+    /// The backdrop differs from its background picture.
     BackdropChanged,
     /// Without colours an outline alone tells the object from its shadow.
     ToldByOutline,
-    /// The background plate is old.
+    /// The background is old.
     BackgroundOld,
     /// The cameras did not take their pictures together.
     Skew,
+    /// The calibration is doubtful, or was refused.
+    CalibrationDoubtful,
     /// A camera takes no part.
     CameraLeftOut,
     /// What reading the recording had to say.

@@ -27,7 +27,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             .openings_closed
             .level(model.closed_openings as f64);
         let words = format!(
-            "the depth opened the object in {} places where a colour camera sees it: closed again",
+            "the depth opened the object in {} places where a colour camera sees it; they were \
+            closed again",
             model.closed_openings
         );
         into.push(reason(
@@ -37,12 +38,15 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         ));
     }
     let components = model.mesh.components as f64;
-    into.extend(beyond(&parameters.components, components).map(|(level, v)| {
-        let words = format!(
-            "the model is in {v:.0} pieces that do not hang together: several objects, or one that was cut apart"
-        );
-        reason(level, Code::SeveralComponents, words)
-    }));
+    into.extend(
+        beyond(&parameters.components, components).map(|(level, v)| {
+            let words = format!(
+                "the model is in {v:.0} separate pieces: it shows several objects, or one that was \
+            cut apart"
+            );
+            reason(level, Code::SeveralComponents, words)
+        }),
+    );
     let handles = model.mesh.genus.unwrap_or(0) as f64;
     into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
         let words =
@@ -59,7 +63,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
         let words = format!(
-            "no camera saw {} of the model: its colour there is spread from around",
+            "no camera saw {} of the model: its colour there is copied from the surroundings",
             percent(v)
         );
         reason(level, Code::Unpainted, words)

@@ -44,11 +44,11 @@ pub struct Parameters {
     pub underexposed: Limits,
     /// Standard deviation of the blur across the contour, in pixels. Default 4 and 10.
     pub blur_px: Limits,
-    /// Share of the backdrop around the object that is not as its plate shows it. Default 0.35.
+    /// Share of the backdrop around the object that differs from the background picture. Default 0.35.
     pub backdrop_changed: Limits,
     /// Share of the object that, in a picture without colours, its outline alone tells from a shadow. Default 0.2.
     pub told_by_outline: Limits,
-    /// Hours between the background plate and the capture. Default 24.
+    /// Hours between the background and the capture. Default 24.
     pub background_age_h: Limits,
     /// Milliseconds between the first and the last colour camera. Default 10 and 100.
     pub skew_ms: Limits,
@@ -67,7 +67,7 @@ pub struct Parameters {
     /// Bias of a depth camera over what its calibration leaves possible, in millimetres. Default 2 and 15.
     pub bias_excess_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
-    #[serde(deserialize_with = "crate::number::within::<_, f64, 0, 1000000>")]
+    #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub unstated_uncertainty_mm: f64,
     /// Places where carving contradicted a colour camera and was undone; fewer are a note. Default 2000.
     pub openings_closed: Limits,

@@ -1,4 +1,4 @@
-//! Rules about the colour cameras: do their silhouettes agree, and are their pictures fit for it.
+//! Rules about the colour cameras: whether their silhouettes agree, and whether their pictures are good enough.
 
 use super::{Code, Parameters, Reason, about_cameras, percent};
 use crate::frame::CameraId;
@@ -50,7 +50,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         })
         .into_iter(),
         percent,
-        |names| format!("the backdrop is not as the background plate shows it: {names}"),
+        |names| format!("the backdrop differs from its background picture: {names}"),
     ));
     into.extend(about_cameras(
         Code::ToldByOutline,
@@ -73,7 +73,7 @@ fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason>
         &parameters.displaced,
         [(&moved.camera, moved.shift_share)].into_iter(),
         |v| format!("by {} of the object's size", percent(v)),
-        |names| format!("the silhouette lies beside where the other cameras put it: {names}"),
+        |names| format!("the silhouette is not where the other cameras place it: {names}"),
     )?;
     let [dx, dy] = moved.shift_px;
     reason.words += &format!(

@@ -66,10 +66,33 @@ fn capture() -> CaptureFacts {
         skew_ns: 0,
         colors: ["c00", "c01", "c02"].map(color).to_vec(),
         depths: Vec::new(),
+        calibration: None,
         left_out: Vec::new(),
         warnings: Vec::new(),
         damage: Vec::new(),
     }
+}
+
+#[test]
+fn a_model_is_no_better_than_its_calibration() {
+    use crate::calibration::{Level as Worth, Verdict as Judged};
+    let level = |worth| {
+        let mut capture = capture();
+        capture.calibration = Some(Judged {
+            level: worth,
+            reasons: vec!["camera c02 moved by 0.70°".into(), "rms 0.5 px".into()],
+        });
+        let verdict = judged(&measured(), &capture);
+        let mut doubts = verdict.reasons.iter();
+        let doubt = doubts.find(|r| r.code == Code::CalibrationDoubtful);
+        (verdict.level, doubt.map(|r| r.words.clone()))
+    };
+    assert_eq!(level(Worth::Good), (Level::Green, None));
+    assert_eq!(level(Worth::Accepted), (Level::Green, None));
+    let words = "the calibration is doubtful: camera c02 moved by 0.70° (2 reasons in all)";
+    let doubtful = (Level::Amber, Some(words.to_owned()));
+    assert_eq!(level(Worth::Doubtful), doubtful);
+    assert_eq!(level(Worth::Refused).0, Level::Red);
 }
 
 /// Of a rig of which no more than hulls is wanted, for that of [`measured`] has no depth camera.
@@ -121,7 +144,7 @@ fn a_model_in_several_pieces_is_to_be_looked_at() {
     measured.model.mesh.components = 4;
     let verdict = judged(&measured, &capture());
     assert_eq!(codes(&verdict, Level::Amber), [Code::SeveralComponents]);
-    assert!(verdict.reasons[0].words.contains("in 4 pieces"));
+    assert!(verdict.reasons[0].words.contains("in 4 separate pieces"));
 }
 
 #[test]
@@ -245,4 +268,28 @@ fn limits_are_read_from_a_file_and_misspelt_ones_refused() {
         toml::from_str::<Parameters>(&written).unwrap(),
         Parameters::default()
     );
+}
+
+#[test]
+fn the_schema_of_the_report_knows_each_reason_and_no_other() {
+    use serde::de::{Deserialize, IntoDeserializer};
+
+    let schema = include_str!("../../../../../docs/report.schema.json");
+    let schema: serde_json::Value = serde_json::from_str(schema).unwrap();
+    let schema = &schema["$defs"]["reason"]["properties"]["code"]["enum"];
+    // Serde answers a word that it does not know with all that it knows, in backticks.
+    let refused: Result<Code, serde::de::value::Error> =
+        Code::deserialize("unheard of".into_deserializer());
+    let refused = refused.unwrap_err().to_string();
+    let codes: Vec<&str> = refused.split('`').skip(3).step_by(2).collect();
+    assert!(codes.len() > 2, "{refused}");
+    assert_eq!(schema, &serde_json::json!(codes));
+    // The page that explains them to people has an entry for each, and for no other.
+    let page = include_str!("../../../../../docs/results.md");
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| `"));
+    let mut explained: Vec<&str> = rows.filter_map(|row| row.split('`').next()).collect();
+    let mut known = codes.clone();
+    explained.sort_unstable();
+    known.sort_unstable();
+    assert_eq!(explained, known);
 }

@@ -1,6 +1,7 @@
 //! Asks the views that contradict a rig whether they agree with each other: on another pose of their camera, another
 //! lens, another camera's place, another moment, or a mirrored picture. It names causes; it changes no fit.
 
+mod exchange;
 mod moment;
 mod split;
 mod suspects;
@@ -11,6 +12,7 @@ use super::Parameters;
 use super::result::Fit;
 use super::session::Session;
 use crate::frame::CameraId;
+use exchange::Exchange;
 use moment::Moment;
 use split::{Change, Split};
 use suspects::Reference;
@@ -45,19 +47,11 @@ fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> 
             None => splits.extend(split::of(reference, camera, parameters)),
         }
     }
-    while let Some(split) = splits.pop() {
-        let partner = splits
-            .iter()
-            .position(|other| split.is_exchange_with(other));
-        let finding = match partner.map(|index| splits.remove(index)) {
-            Some(partner) => exchanged(reference, [partner.camera, split.camera], &split),
-            None if reference.is_relative && split.is_inverted(reference) => {
-                exchanged(reference, [reference.cameras[0], split.camera], &split)
-            }
-            None => changed(reference, &split),
-        };
-        findings.push(finding);
+    while let Some(found) = exchange::of(reference, &splits) {
+        findings.push(exchanged(reference, &found, &splits));
+        splits.retain(|split| !found.takes_part(split.camera));
     }
+    findings.extend(splits.iter().map(|split| changed(reference, split)));
     findings.sort_by(|a, b| a.cameras.cmp(&b.cameras));
     findings
 }
@@ -76,9 +70,13 @@ fn of_moment(reference: &Reference, camera: usize, moment: &Moment) -> Finding {
                 Some(from) => format!(" from {} on", reference.session.placements[*from]),
                 None => String::new(),
             };
+            let count = match by.abs() {
+                1 => "one placement".to_owned(),
+                more => format!("{more} placements"),
+            };
             format!(
-                "camera {id}: its pictures are one placement {order}{from}: each shows the board where it was one \
-                 placement {moment}; press the pedal with all cameras ready, and show the board again"
+                "camera {id}: its pictures are {count} {order}{from}: each shows the board where it was {count} {moment}; \
+                 press the pedal with all cameras ready, and show the board again"
             )
         }
     };
@@ -88,19 +86,33 @@ fn of_moment(reference: &Reference, camera: usize, moment: &Moment) -> Finding {
     }
 }
 
-fn exchanged(reference: &Reference, cameras: [usize; 2], split: &Split) -> Finding {
-    let mut cameras = cameras.map(|c| reference.id(c).clone());
-    cameras.sort();
-    let [first, second] = &cameras;
+fn exchanged(reference: &Reference, found: &Exchange, splits: &[Split]) -> Finding {
+    let mut pairs: Vec<[&CameraId; 2]> = found
+        .shows
+        .iter()
+        .map(|pair| pair.map(|camera| reference.id(camera)))
+        .collect();
+    pairs.sort();
+    let cameras: Vec<CameraId> = pairs.iter().map(|[id, _]| (*id).clone()).collect();
+    let names: Vec<&str> = cameras.iter().map(CameraId::as_str).collect();
+    let (last, others) = names.split_last().unwrap_or((&"", &[]));
+    let ring = match pairs.len() {
+        2 => String::new(),
+        _ => {
+            let shows = pairs
+                .iter()
+                .map(|[id, as_before]| format!("{id} shows what {as_before} did"));
+            format!(" ({})", shows.collect::<Vec<_>>().join(", "))
+        }
+    };
+    let split = &splits[found.split];
     let from = &reference.session.placements[split.first_late];
     let words = format!(
-        "cameras {first} and {second} are exchanged from {from} on: check their cables and names; {}",
+        "cameras {} and {last} are exchanged from {from} on{ring}: check their cables and names; {}",
+        others.join(", "),
         split.advice(reference)
     );
-    Finding {
-        cameras: cameras.into(),
-        words,
-    }
+    Finding { cameras, words }
 }
 
 fn changed(reference: &Reference, split: &Split) -> Finding {

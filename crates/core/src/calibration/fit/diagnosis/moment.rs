@@ -15,6 +15,8 @@ pub(super) enum Moment {
     Mirrored,
 }
 
+/// By how many placements pictures may be late (less than 0) or early, the likeliest first.
+const SHIFTS: [isize; 6] = [-1, 1, -2, 2, -3, 3];
 /// Part of the views that must agree on a cause, and that may agree without it.
 const MOST_AGREE: f64 = 0.8;
 const FEW_AGREE: f64 = 0.5;
@@ -36,7 +38,7 @@ pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) 
     let agrees = |vote: Option<Vote>| {
         vote.is_some_and(|v| v.part() >= MOST_AGREE && v.agreeing.len() >= FEWEST_VIEWS)
     };
-    for by in [-1, 1] {
+    for by in SHIFTS {
         if is_unlikely && agrees(vote(reference, &comparison, &solo, by)) {
             return Some(Moment::Shifted { by, from: None });
         }

@@ -8,6 +8,7 @@ use super::super::lens::{Lens, PARAMETERS};
 use super::super::outliers::rms;
 use super::super::pose_graph::{AGREES, Comparison};
 use super::super::session::View;
+use super::super::sheet::Sheet;
 use super::super::single_camera::{free_parameters, priors};
 use super::suspects::{FEWEST_VIEWS, Reference, Solo};
 use crate::calibration::Face;
@@ -49,22 +50,23 @@ pub(super) struct Split {
 }
 
 impl Split {
-    /// Whether each camera of the two is, after the change, where the other was before it.
-    pub(super) fn is_exchange_with(&self, other: &Self) -> bool {
-        let overlap = self.last_early < other.first_late && other.last_early < self.first_late;
-        overlap
-            && is_near(&self.poses[0], &other.poses[1], self.distance())
-            && is_near(&self.poses[1], &other.poses[0], self.distance())
+    /// Whether both changes may be of one moment.
+    pub(super) fn overlaps(&self, other: &Self) -> bool {
+        self.last_early < other.first_late && other.last_early < self.first_late
     }
 
-    /// Whether, seen from the one camera of the reference, the change turns the pair round: both were exchanged.
-    pub(super) fn is_inverted(&self, reference: &Reference) -> bool {
-        let rig_from_other = reference.fit.cameras[0].camera.rig_from_camera;
-        let [early, late] = self.poses.map(|pose| pose * rig_from_other);
-        is_near(&early.inverse(), &late, self.distance())
+    /// The camera before the change, from the rig's frame.
+    pub(super) fn early(&self) -> &Isometry3<f64> {
+        &self.poses[0]
     }
 
-    fn distance(&self) -> f64 {
+    /// The camera after the change, from the rig's frame.
+    pub(super) fn late(&self) -> &Isometry3<f64> {
+        &self.poses[1]
+    }
+
+    /// By how many metres the camera's centre went.
+    pub(super) fn distance(&self) -> f64 {
         change_of(&self.poses)[1]
     }
 
@@ -75,7 +77,7 @@ impl Split {
                 "show the board again, or calibrate from {from} on (--from-placement {from})"
             ),
             false => format!(
-                "most views are of the rig since {from}: calibrate from there on (--from-placement {from})"
+                "this is the rig since {from}: calibrate from there on (--from-placement {from})"
             ),
         }
     }
@@ -92,42 +94,58 @@ fn change_of([early, late]: &[Isometry3<f64>; 2]) -> [f64; 2] {
 }
 
 /// Whether two poses are the same, to a tenth of how far their camera went.
-fn is_near(a: &Isometry3<f64>, b: &Isometry3<f64>, went: f64) -> bool {
+pub(super) fn is_near(a: &Isometry3<f64>, b: &Isometry3<f64>, went: f64) -> bool {
     let [degrees, metres] = change_of(&[*a, *b]);
     went > 0.02 && metres < 0.1 * went && degrees < 3.0
 }
 
-/// The split after which a camera's views agree; `None` where they agree without one, or with none.
-pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Option<Split> {
-    let subject = &reference.session.cameras[camera];
-    let all = reference.views(camera);
-    let solo = Solo::of(reference, subject, &all, parameters)?;
-    let seen = |view: &View| reference.rig_from_board[view.placement].is_some();
-    let views: Vec<_> = solo
-        .views
-        .iter()
-        .filter(|(view, _)| seen(view))
-        .cloned()
-        .collect();
-    if views.len() < FEWEST_VIEWS {
-        return None;
+/// The splits after which a camera's views agree, two at most; none where they agree without one, or with none.
+pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Vec<Split> {
+    let Some(resection) = Resection::of(reference, camera, parameters) else {
+        return Vec::new();
+    };
+    let all = &resection.views[..];
+    let Some((_, at)) = resection.best_split(all) else {
+        return Vec::new();
+    };
+    let (early, late) = all.split_at(at);
+    if let Some(split) = resection.explained(camera, early, late) {
+        return vec![split];
     }
-    let lens = match &subject.known {
-        Some(known) => Lens::from_intrinsics(known),
-        None => solo.lens,
-    };
-    let resection = Resection {
-        reference,
-        lens,
-        lens_free: match subject.known {
-            Some(_) => [false; PARAMETERS],
-            None => free_parameters(parameters.model),
-        },
-        most_px: parameters.outlier_ratio * solo.usual_px,
-        views,
-    };
-    let at = resection.best_split()?;
-    resection.explained(camera, at)
+    resection.twice(camera, early, late).unwrap_or_default()
+}
+
+impl<'a> Resection<'a> {
+    /// A camera's views; `None` where too few can be held against the reference.
+    fn of(reference: &'a Reference<'a>, camera: usize, parameters: &Parameters) -> Option<Self> {
+        let subject = &reference.session.cameras[camera];
+        let all = reference.views(camera);
+        let solo = Solo::of(reference, subject, &all, parameters)?;
+        let seen = |view: &View| reference.rig_from_board[view.placement].is_some();
+        let views: Vec<_> = solo
+            .views
+            .iter()
+            .filter(|(view, _)| seen(view))
+            .cloned()
+            .collect();
+        if views.len() < FEWEST_VIEWS {
+            return None;
+        }
+        let lens = match &subject.known {
+            Some(known) => Lens::from_intrinsics(known),
+            None => solo.lens,
+        };
+        Some(Self {
+            reference,
+            lens,
+            lens_free: match subject.known {
+                Some(_) => [false; PARAMETERS],
+                None => free_parameters(parameters.model),
+            },
+            most_px: parameters.outlier_ratio * solo.usual_px,
+            views,
+        })
+    }
 }
 
 /// The views of one camera against boards whose places are known.
@@ -152,8 +170,8 @@ enum Free {
 
 impl Resection<'_> {
     /// The split that makes the views' residuals least likely to be chance, with the placements as they are.
-    fn best_split(&self) -> Option<usize> {
-        let n = self.views.len();
+    fn best_split(&self, views: &[(View, Isometry3<f64>)]) -> Option<(f64, usize)> {
+        let n = views.len();
         let surprise = |part: &[(View, Isometry3<f64>)]| -> f64 {
             let Some(start) = self.start(part) else {
                 return f64::MAX;
@@ -165,10 +183,36 @@ impl Resection<'_> {
                 .sum()
         };
         let splits = (FEWEST..=n.saturating_sub(FEWEST)).map(|at| {
-            let (early, late) = self.views.split_at(at);
+            let (early, late) = views.split_at(at);
             (surprise(early) + surprise(late), at)
         });
-        splits.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, at)| at)
+        splits.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Two changes, where one of these parts splits once more and each of the three agrees with itself.
+    fn twice(
+        &self,
+        camera: usize,
+        early: &[(View, Isometry3<f64>)],
+        late: &[(View, Isometry3<f64>)],
+    ) -> Option<Vec<Split>> {
+        let both = |first, second, third| {
+            let changes = [self.explained(camera, first, second)?];
+            let last = self.explained(camera, second, third)?;
+            Some(changes.into_iter().chain([last]).collect::<Vec<_>>())
+        };
+        let in_early = || {
+            let (first, second) = early.split_at(self.best_split(early)?.1);
+            both(first, second, late)
+        };
+        let in_late = || {
+            let (second, third) = late.split_at(self.best_split(late)?.1);
+            both(early, second, third)
+        };
+        match early.len() >= late.len() {
+            true => in_early().or_else(in_late),
+            false => in_late().or_else(in_early),
+        }
     }
 
     /// The lens and, by vote, the place on which most of these views agree.
@@ -255,6 +299,7 @@ impl Resection<'_> {
             placements,
             board_from_back: fit.front_from_back,
             back_free: false,
+            sheet: Sheet::of(board, fit.shape.shape()),
             views,
         };
         bundle.adjust_robustly(2);
@@ -271,8 +316,12 @@ impl Resection<'_> {
 
     /// What explains the shorter part of the views by a change from the longer one; `None` if nothing needs to, or
     /// does.
-    fn explained(&self, camera: usize, at: usize) -> Option<Split> {
-        let (early, late) = self.views.split_at(at);
+    fn explained(
+        &self,
+        camera: usize,
+        early: &[(View, Isometry3<f64>)],
+        late: &[(View, Isometry3<f64>)],
+    ) -> Option<Split> {
         let is_mostly_early = early.len() >= late.len();
         let (longer, shorter) = match is_mostly_early {
             true => (early, late),

@@ -14,7 +14,7 @@ use nalgebra::Isometry3;
 const FEWEST_LEFT_OUT: usize = 2;
 /// Most cameras that are tried as the one that is sound.
 const MOST_CANDIDATES: usize = 4;
-/// Fewest views from which something is said of a camera.
+/// Fewest views of a camera from which a cause is derived.
 pub(super) const FEWEST_VIEWS: usize = 4;
 
 /// A rig of the cameras that are not suspected.

@@ -1,4 +1,4 @@
-//! How blurred a picture is across the contour. A single place is too noisy or too textured to tell; the median
+//! Measures how blurred a picture is across the contour. A single place is too noisy or too textured; the median
 //! profile of many is the edge's spread function.
 
 use super::Colors;

@@ -1,5 +1,5 @@
-//! Which side a pixel of the band is on: the one whose nearest colours it resembles. Several colours stand
-//! for the object, so that a bright rim beside a dark wall hides neither.
+//! Decides on which side a pixel of the band is: that whose nearest colours it resembles. Several colours stand for
+//! the object, so that a bright rim beside a dark wall hides neither.
 
 use super::{Band, Colors};
 use crate::array::three;

@@ -1,6 +1,6 @@
-//! The contour to a fraction of a pixel, from the coarse decision: every pixel of a band around it goes to
-//! the side whose colours nearby it resembles (`classify`), then the pixels that the contour crosses are
-//! taken apart into object and backdrop (`mixture`).
+//! Locates the contour to a fraction of a pixel, from the coarse decision: each pixel of a band around it goes to
+//! the side whose colours nearby it resembles (`classify`); then the pixels that the contour crosses are separated
+//! into object and backdrop (`mixture`).
 
 mod blur;
 mod classify;
@@ -130,13 +130,13 @@ fn clip(first: isize, last: isize, range: std::ops::Range<usize>) -> std::ops::R
     bound(first)..bound(last + 1)
 }
 
-/// Picture and plate in linear light.
+/// Picture and background in linear light.
 struct Colors<'a> {
     picture: &'a RgbImage,
     plate: &'a RgbImage,
-    /// Linear light of the backdrop by the plate's encoded value, per channel.
+    /// Linear light of the backdrop by the background's encoded value, per channel.
     expected: [[f32; 256]; 3],
-    /// Reciprocal variance of a pixel's light by the plate's encoded value, per channel.
+    /// Reciprocal variance of a pixel's light by the background's encoded value, per channel.
     weight: [[f32; 256]; 3],
 }
 

@@ -1,11 +1,48 @@
-//! Numbers of configurations that are refused while they are read, so that the message has their line and field.
+//! Parses the numbers of configurations and refuses bad ones while the file is read, so that the message has their
+//! line and field.
 
 use serde::de::{Deserialize, Deserializer, Error, IntoDeserializer};
+
+/// A length in metres, from a number with its unit (`2mm`, `0.2 cm`, `1in`, `500um`) or from a plain number of metres.
+pub fn metres(text: &str) -> Option<f64> {
+    let text = text.trim();
+    let number = |number: &str, power: &str| {
+        let number = number.trim();
+        let is_plain = number
+            .bytes()
+            .all(|b| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+'));
+        // Scaled before it is read, so that 47.7 mm is the number nearest to 0.0477 m.
+        format!("{number}{power}")
+            .parse::<f64>()
+            .ok()
+            .filter(|_| is_plain)
+    };
+    if let Some(inches) = text.strip_suffix("in") {
+        return number(inches, "").map(|inches| inches * 0.0254);
+    }
+    let units = [("um", "e-6"), ("mm", "e-3"), ("cm", "e-2"), ("m", "")];
+    let unit = |(unit, power): (&str, &str)| number(text.strip_suffix(unit)?, power);
+    let with_unit = units.into_iter().find_map(unit);
+    let plain = || text.parse::<f64>().ok().filter(|metres| metres.is_finite());
+    with_unit.or_else(plain)
+}
+
+/// A length in millimetres, from a number with its unit or from a plain number of millimetres.
+///
+/// # Errors
+/// If it is none, in words for the command line.
+pub fn millimetres(text: &str) -> Result<f64, String> {
+    let plain = text.trim().parse::<f64>().ok().filter(|mm| mm.is_finite());
+    let with_unit = || metres(text).map(|metres| 1e3 * metres);
+    plain
+        .or_else(with_unit)
+        .ok_or_else(|| "expected a length, such as 2mm, 0.1in or a number of millimetres".into())
+}
 
 /// A count from `LEAST` to `MOST`.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u32>(
     from: D,
 ) -> Result<Option<u32>, D::Error> {
@@ -15,7 +52,7 @@ pub fn optional_count<'de, D: Deserializer<'de>, const LEAST: u32, const MOST: u
 /// The same of a count that has a default, of any type that has room for it.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn count<'de, D: Deserializer<'de>, T: TryFrom<i64>, const LEAST: u32, const MOST: u32>(
     from: D,
 ) -> Result<T, D::Error> {
@@ -73,10 +110,7 @@ pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
 /// # Errors
 /// If they are not, or no number.
 pub fn milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    let found = f64::deserialize(from)?;
-    // Not a number is in no range.
-    let holds = (0.0..=3.6e6).contains(&found);
-    checked(found, holds, "milliseconds from 0 to 3600000")
+    check(f64::deserialize(from)?, [0.0, 3.6e6], " milliseconds").map_err(D::Error::custom)
 }
 
 /// Seconds from 0 to a day's.
@@ -84,15 +118,13 @@ pub fn milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error>
 /// # Errors
 /// If they are not, or no number.
 pub fn seconds_of_a_day<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    let found = f64::deserialize(from)?;
-    let holds = (0.0..=86_400.0).contains(&found);
-    checked(found, holds, "seconds from 0 to 86400")
+    check(f64::deserialize(from)?, [0.0, 86_400.0], " seconds").map_err(D::Error::custom)
 }
 
 /// A number from `LEAST` to `MOST`, of any type that has room for it.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn within<'de, D, T, const LEAST: i32, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
@@ -104,7 +136,7 @@ where
 /// The same from 0.01.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn from_a_hundredth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
@@ -116,7 +148,7 @@ where
 /// The same from 0.001: of what would divide by 0.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn from_a_thousandth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
@@ -128,7 +160,7 @@ where
 /// The same from 0.000001.
 ///
 /// # Errors
-/// If it is none.
+/// If it is not such a value.
 pub fn from_a_millionth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
@@ -137,16 +169,38 @@ where
     between(from, 1e-6, MOST.into())
 }
 
+/// Whether a number lies from `least` to `most`, for those that come from elsewhere than a configuration.
+///
+/// # Errors
+/// What was found and what was expected, in `unit`, which begins with a space unless it is empty.
+pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, NotWithin> {
+    // Not a number is in no range.
+    if (least..=most).contains(&found) {
+        return Ok(found);
+    }
+    Err(NotWithin {
+        found,
+        expected: format!("{least} to {most}{unit}"),
+    })
+}
+
+/// A number that is not within its range.
+#[derive(Debug, thiserror::Error)]
+#[error("{found} found, expected {expected}")]
+pub struct NotWithin {
+    /// The number.
+    pub found: f64,
+    /// Its range, in words.
+    pub expected: String,
+}
+
 fn between<'de, D, T>(from: D, least: f64, most: f64) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
     T: Deserialize<'de>,
 {
-    let found = f64::deserialize(from)?;
-    // Not a number is in no range.
-    let holds = (least..=most).contains(&found);
-    let found = checked(found, holds, &format!("{least} to {most}"))?;
-    T::deserialize(found.into_deserializer())
+    let found = check(f64::deserialize(from)?, [least, most], "");
+    T::deserialize(found.map_err(D::Error::custom)?.into_deserializer())
 }
 
 /// Two numbers, each from `LEAST` to `MOST`.
@@ -206,4 +260,32 @@ fn checked<E: Error>(value: f64, holds: bool, expected: &str) -> Result<f64, E> 
         return Ok(value);
     }
     Err(E::custom(format!("{value} found, expected {expected}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_read_with_each_unit_and_without_one() {
+        for (text, expected) in [
+            ("2mm", Some(0.002)),
+            (" 47.7 mm ", Some(0.0477)),
+            ("0.2cm", Some(0.002)),
+            ("1in", Some(0.0254)),
+            ("500um", Some(0.0005)),
+            ("1.5m", Some(1.5)),
+            ("0.002", Some(0.002)),
+            ("-3mm", Some(-0.003)),
+            ("mm", None),
+            ("2 furlongs", None),
+            ("nan", None),
+            ("1e3mm", None),
+            ("", None),
+        ] {
+            assert_eq!(metres(text), expected, "{text}");
+        }
+        assert_eq!([millimetres("2"), millimetres("0.2cm")], [Ok(2.0), Ok(2.0)]);
+        assert!(millimetres("two").unwrap_err().contains("2mm"));
+    }
 }

@@ -1,0 +1,134 @@
+//! Packages that are whole, and each way in which one can be broken or meant to do harm.
+
+use super::*;
+use std::fs;
+use std::path::Path;
+
+fn bag(folder: &Path) -> PathBuf {
+    let target = folder.join("bag");
+    let mut bag = Bag::create(&target).unwrap();
+    bag.put("a.txt", b"a").unwrap();
+    bag.put("models/100 %\n/model.ply", b"ply").unwrap();
+    bag.put_file("again.txt", &folder.join("file")).unwrap();
+    assert!(bag.put("a.txt", b"b").is_err());
+    bag.finish(&[
+        ("Bagging-Date", "2026-01-31".into()),
+        ("Title", "two\nlines".into()),
+    ])
+    .unwrap();
+    target
+}
+
+fn words(folder: &Path) -> String {
+    let findings = verify(folder).unwrap();
+    findings
+        .iter()
+        .map(|finding| format!("{finding}\n"))
+        .collect()
+}
+
+/// What is found in a package after a change.
+fn after(change: impl Fn(&Path)) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "x".repeat(600_000)).unwrap();
+    let target = bag(folder.path());
+    change(&target);
+    words(&target)
+}
+
+#[test]
+fn a_package_is_whole_and_is_never_replaced() {
+    assert_eq!(after(|_| ()), "");
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "").unwrap();
+    let target = bag(folder.path());
+    assert!(matches!(Bag::create(&target), Err(Error::Exists(_))));
+    let info = fs::read_to_string(target.join("bag-info.txt")).unwrap();
+    assert_eq!(
+        info,
+        "Bagging-Date: 2026-01-31\nTitle: two lines\nPayload-Oxum: 4.3\n"
+    );
+}
+
+#[test]
+fn changed_missing_and_extra_files_are_named() {
+    let changed = after(|bag| fs::write(bag.join("data/a.txt"), "b").unwrap());
+    assert!(
+        changed.contains("data/a.txt is not what it was"),
+        "{changed}"
+    );
+    let missing = after(|bag| fs::remove_file(bag.join("data/a.txt")).unwrap());
+    assert!(
+        missing.contains("data/a.txt is listed and is not there"),
+        "{missing}"
+    );
+    assert!(missing.contains("bag-info.txt says"), "{missing}");
+    let extra = after(|bag| fs::write(bag.join("data/b.txt"), "b").unwrap());
+    assert!(
+        extra.contains("data/b.txt is there and is not listed"),
+        "{extra}"
+    );
+    let tag = after(|bag| fs::write(bag.join("bag-info.txt"), "x").unwrap());
+    assert!(tag.contains("bag-info.txt is not what it was"), "{tag}");
+}
+
+/// Adds a line for `path` to the list of the payload.
+fn list(bag: &Path, path: &str) {
+    let file = bag.join("manifest-sha512.txt");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, format!("{text}{}  {path}\n", "0".repeat(128))).unwrap();
+}
+
+#[test]
+fn a_package_that_is_meant_to_do_harm_is_refused() {
+    for path in [
+        "data/../../secret",
+        "/etc/passwd",
+        "data//a",
+        "data/./a",
+        "~/secret",
+        "data\\..\\secret",
+        "C:/secret",
+        "data/%0A/../../x",
+    ] {
+        let found = after(|bag| list(bag, path));
+        assert!(
+            found.contains("manifest-sha512.txt: line 4"),
+            "{path}: {found}"
+        );
+    }
+    for (path, named) in [
+        ("data/a.txt", "listed twice"),
+        ("data/A.TXT", "capitals"),
+        ("bagit.txt", "does not belong"),
+    ] {
+        let found = after(|bag| list(bag, path));
+        assert!(found.contains(named), "{path}: {found}");
+    }
+    let fetch =
+        after(|bag| fs::write(bag.join("fetch.txt"), "http://example.org/x - data/x").unwrap());
+    assert!(fetch.contains("fetch.txt"), "{fetch}");
+    let link =
+        after(|bag| std::os::unix::fs::symlink("/etc/passwd", bag.join("data/link")).unwrap());
+    assert!(link.contains("data/link is a link"), "{link}");
+    let linked = after(|bag| {
+        fs::remove_file(bag.join("data/a.txt")).unwrap();
+        std::os::unix::fs::symlink("/etc/passwd", bag.join("data/a.txt")).unwrap();
+    });
+    assert!(linked.contains("data/a.txt is a link"), "{linked}");
+}
+
+#[test]
+fn what_is_no_package_says_so() {
+    let empty = tempfile::tempdir().unwrap();
+    assert!(words(empty.path()).contains("not a BagIt package"));
+    let version = after(|bag| fs::write(bag.join("bagit.txt"), "BagIt-Version: 2.0\n").unwrap());
+    assert!(version.contains("version"), "{version}");
+    let weak = after(|bag| fs::write(bag.join("manifest-md5.txt"), "").unwrap());
+    assert!(weak.contains("manifest-md5.txt: only SHA-512"), "{weak}");
+    let none = after(|bag| fs::remove_file(bag.join("manifest-sha512.txt")).unwrap());
+    assert!(none.contains("no manifest-sha512.txt"), "{none}");
+    let torn = after(|bag| fs::write(bag.join("manifest-sha512.txt"), "abc  data/a.txt").unwrap());
+    assert!(torn.contains("128 hexadecimal digits"), "{torn}");
+    assert!(verify(Path::new("/nonexistent")).is_err());
+}

@@ -1,0 +1,273 @@
+//! Checks a package, whoever made it. Nothing outside its folder is read: a list that names a path outside, a link
+//! and a list of files to fetch are refused before any digest is computed.
+
+use super::Error;
+use super::manifest::{Algorithm, parse};
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Largest list that is read, in bytes.
+const LARGEST_LIST: u64 = 64 << 20;
+/// Deepest folder that is looked into.
+const DEEPEST: usize = 32;
+/// Most files that a package may have.
+const MOST_FILES: usize = 1_000_000;
+
+/// What is wrong with a package.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case", tag = "problem")]
+pub enum Finding {
+    /// The package must not be trusted to be read at all.
+    Refused {
+        /// What it has, and why that is refused.
+        words: String,
+    },
+    /// A file that is listed is not there.
+    Missing {
+        /// Its path.
+        path: String,
+    },
+    /// A file under `data/` is not listed.
+    Extra {
+        /// Its path.
+        path: String,
+    },
+    /// A file is not what it was.
+    Changed {
+        /// Its path.
+        path: String,
+    },
+    /// The package has more or less in it than its description says.
+    Oxum {
+        /// What is there and what should be.
+        words: String,
+    },
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Refused { words } | Self::Oxum { words } => f.write_str(words),
+            Self::Missing { path } => write!(f, "{path} is listed and is not there"),
+            Self::Extra { path } => write!(f, "{path} is there and is not listed"),
+            Self::Changed { path } => {
+                write!(f, "{path} is not what it was: its digest is another one")
+            }
+        }
+    }
+}
+
+fn refused(words: impl Into<String>) -> Finding {
+    Finding::Refused {
+        words: words.into(),
+    }
+}
+
+/// Checks the package in a folder: what is wrong with it, nothing if it is whole.
+///
+/// # Errors
+/// If the folder or a file in it cannot be read.
+pub fn verify(folder: &Path) -> Result<Vec<Finding>, Error> {
+    let mut tree = Tree::default();
+    tree.walk(folder, "", 0)?;
+    if !tree.findings.is_empty() {
+        return Ok(tree.findings);
+    }
+    let lists = match lists(folder, &tree.files)? {
+        Ok(lists) => lists,
+        Err(finding) => return Ok(vec![finding]),
+    };
+    let mut findings = Vec::new();
+    for path in tree.files.keys().filter(|path| path.starts_with("data/")) {
+        let is_listed = |list: &List| !list.of_payload || list.files.contains_key(path);
+        if !lists.iter().all(is_listed) {
+            findings.push(Finding::Extra { path: path.clone() });
+        }
+    }
+    for list in &lists {
+        for (path, digest) in &list.files {
+            if !tree.files.contains_key(path) {
+                findings.push(Finding::Missing { path: path.clone() });
+                continue;
+            }
+            let file = folder.join(path);
+            let mut file = File::open(&file).map_err(Error::io(&file))?;
+            let found = list
+                .algorithm
+                .digest(&mut file)
+                .map_err(Error::io(folder))?;
+            if found != *digest {
+                findings.push(Finding::Changed { path: path.clone() });
+            }
+        }
+    }
+    findings.extend(oxum(folder, &tree.files)?);
+    findings.sort();
+    findings.dedup();
+    Ok(findings)
+}
+
+/// Everything in a package's folder.
+#[derive(Default)]
+struct Tree {
+    /// Lengths of the files, by their paths.
+    files: BTreeMap<String, u64>,
+    findings: Vec<Finding>,
+}
+
+impl Tree {
+    fn walk(&mut self, root: &Path, below: &str, depth: usize) -> Result<(), Error> {
+        let folder = root.join(below);
+        let mut entries = Vec::new();
+        for entry in fs::read_dir(&folder).map_err(Error::io(&folder))? {
+            entries.push(entry.map_err(Error::io(&folder))?);
+        }
+        entries.sort_by_key(fs::DirEntry::file_name);
+        for entry in entries {
+            let name = entry.file_name();
+            let Some(name) = name.to_str() else {
+                self.findings
+                    .push(refused(format!("{:?} has no name in UTF-8", entry.path())));
+                continue;
+            };
+            let path = match below {
+                "" => name.to_owned(),
+                below => format!("{below}/{name}"),
+            };
+            let about = entry
+                .path()
+                .symlink_metadata()
+                .map_err(Error::io(&folder))?;
+            if about.is_dir() && depth < DEEPEST {
+                self.walk(root, &path, depth + 1)?;
+            } else if about.is_file() && self.files.len() < MOST_FILES {
+                self.files.insert(path, about.len());
+            } else if about.is_symlink() {
+                self.findings.push(refused(format!(
+                    "{path} is a link, which a package must not have"
+                )));
+            } else {
+                self.findings.push(refused(format!(
+                    "{path} is neither a file nor a folder, lies too deep, or is one of too many"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A list of digests.
+struct List {
+    of_payload: bool,
+    algorithm: Algorithm,
+    files: BTreeMap<String, String>,
+}
+
+/// The lists of a package, whose declaration is checked.
+fn lists(
+    folder: &Path,
+    files: &BTreeMap<String, u64>,
+) -> Result<Result<Vec<List>, Finding>, Error> {
+    if files.contains_key("fetch.txt") {
+        let words = "fetch.txt names files on other machines, which are never fetched";
+        return Ok(Err(refused(words)));
+    }
+    let Some(declaration) = text(folder, files, "bagit.txt")? else {
+        return Ok(Err(refused(
+            "bagit.txt is missing or too large: this is not a BagIt package",
+        )));
+    };
+    let declaration = declaration.trim_start_matches('\u{feff}');
+    let has = |wanted: &[&str]| {
+        declaration
+            .lines()
+            .any(|line| wanted.contains(&line.trim_end()))
+    };
+    if !has(&["BagIt-Version: 1.0", "BagIt-Version: 0.97"]) {
+        return Ok(Err(refused(
+            "bagit.txt does not say that its version is 1.0 or 0.97",
+        )));
+    }
+    if !has(&["Tag-File-Character-Encoding: UTF-8"]) {
+        return Ok(Err(refused(
+            "bagit.txt does not say that its encoding is UTF-8",
+        )));
+    }
+    let mut lists = Vec::new();
+    for name in files.keys().filter(|name| !name.contains('/')) {
+        let of_tags = name.strip_prefix("tagmanifest-");
+        let Some(rest) = of_tags.or_else(|| name.strip_prefix("manifest-")) else {
+            continue;
+        };
+        let Some(algorithm) = rest.strip_suffix(".txt").and_then(Algorithm::of) else {
+            return Ok(Err(refused(format!(
+                "{name}: only SHA-512 and SHA-256 can be checked"
+            ))));
+        };
+        let Some(text) = text(folder, files, name)? else {
+            return Ok(Err(refused(format!(
+                "{name} is larger than {LARGEST_LIST} bytes, or not UTF-8"
+            ))));
+        };
+        let files = match parse(&text, algorithm) {
+            Ok(files) => files,
+            Err(problem) => return Ok(Err(refused(format!("{name}: {problem}")))),
+        };
+        let of_payload = of_tags.is_none();
+        if let Some(path) = files
+            .keys()
+            .find(|path| path.starts_with("data/") != of_payload)
+        {
+            return Ok(Err(refused(format!(
+                "{name}: {path:?} does not belong into this list"
+            ))));
+        }
+        lists.push(List {
+            of_payload,
+            algorithm,
+            files,
+        });
+    }
+    if !lists.iter().any(|list| list.of_payload) {
+        return Ok(Err(refused(
+            "there is no manifest-sha512.txt or manifest-sha256.txt",
+        )));
+    }
+    Ok(Ok(lists))
+}
+
+/// The text of a file of the package; `None` if it is not there, too large or not UTF-8.
+fn text(folder: &Path, files: &BTreeMap<String, u64>, name: &str) -> Result<Option<String>, Error> {
+    if files.get(name).is_none_or(|&length| length > LARGEST_LIST) {
+        return Ok(None);
+    }
+    let path: PathBuf = folder.join(name);
+    let mut bytes = Vec::new();
+    let file = File::open(&path).map_err(Error::io(&path))?;
+    file.take(LARGEST_LIST)
+        .read_to_end(&mut bytes)
+        .map_err(Error::io(&path))?;
+    Ok(String::from_utf8(bytes).ok())
+}
+
+/// Whether the bytes and files under `data/` are as many as `bag-info.txt` says.
+fn oxum(folder: &Path, files: &BTreeMap<String, u64>) -> Result<Option<Finding>, Error> {
+    let info = text(folder, files, "bag-info.txt")?.unwrap_or_default();
+    let Some(said) = info
+        .lines()
+        .find_map(|line| line.strip_prefix("Payload-Oxum:"))
+    else {
+        return Ok(None);
+    };
+    let payload = files.iter().filter(|(path, _)| path.starts_with("data/"));
+    let (bytes, count) = payload.fold((0, 0), |(bytes, count), (_, length)| {
+        (bytes + length, count + 1)
+    });
+    let found = format!("{bytes}.{count}");
+    let said = said.trim();
+    Ok((said != found).then(|| Finding::Oxum {
+        words: format!("data/ has {found} (bytes.files), where bag-info.txt says {said:?}"),
+    }))
+}

@@ -1,0 +1,103 @@
+//! A rig's cameras held where their calibration has them, and the board where most of them see it.
+
+use super::adjust::{Bundle, CameraState, Observation, PlacementState};
+use super::lens::{Lens, PARAMETERS};
+use super::planar;
+use super::pose_graph::{Comparison, Tree, poses};
+use super::result::Figures;
+use super::session::{Session, View};
+use super::sheet::Sheet;
+use crate::calibration::{Camera, Face, RigCalibration};
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+/// The session without cameras that are not known, and the known ones.
+pub(super) fn known_part(session: &Session, known: &RigCalibration) -> (Session, Vec<Camera>) {
+    let of = |(index, subject): (usize, &super::SessionCamera)| {
+        let (camera, _) = known.cameras.get(&subject.id)?;
+        let size = [camera.intrinsics.width, camera.intrinsics.height];
+        (size == subject.size).then(|| (index, camera.clone()))
+    };
+    let kept: Vec<(usize, Camera)> = session.cameras.iter().enumerate().filter_map(of).collect();
+    let renumbered = |v: &View| {
+        let camera = kept.iter().position(|(index, _)| *index == v.camera)?;
+        Some(View {
+            camera,
+            ..v.clone()
+        })
+    };
+    let part = Session {
+        board: session.board,
+        cameras: kept
+            .iter()
+            .map(|(index, _)| session.cameras[*index].clone())
+            .collect(),
+        placements: session.placements.clone(),
+        views: session.views.iter().filter_map(renumbered).collect(),
+    };
+    (part, kept.into_iter().map(|(_, camera)| camera).collect())
+}
+
+/// All cameras where they were, the board where most of them see it.
+pub(super) fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
+    let lenses: Vec<Lens> = cameras
+        .iter()
+        .map(|c| Lens::from_intrinsics(&c.intrinsics))
+        .collect();
+    let alone = |v: &View| planar::pose(&lenses[v.camera], &v.pairs(&session.board));
+    let of_views: Vec<_> = session.views.par_iter().map(alone).collect();
+    let poses = poses(&session, &of_views);
+    let camera_from_root = cameras
+        .iter()
+        .map(|c| Some(c.rig_from_camera.inverse()))
+        .collect();
+    let tree = Tree {
+        camera_from_root,
+        links: Vec::new(),
+    };
+    let comparison = Comparison::new(&session);
+    let agreed: Vec<_> = (0..session.placements.len())
+        .map(|p| comparison.agree(&poses, &tree, p))
+        .collect();
+    let board = session.board;
+    session.views.retain_mut(|view| {
+        let turns = agreed[view.placement].as_ref().map(|a| &a.turns);
+        let reading = turns.and_then(|t| t.get(view.camera).copied().flatten());
+        view.turn(&board, reading.map_or(0, |(quarters, _)| quarters));
+        reading.is_some()
+    });
+    let state = |(camera, lens): (&Camera, &Lens)| CameraState {
+        lens: *lens,
+        free: [false; PARAMETERS],
+        camera_from_rig: camera.rig_from_camera.inverse(),
+        pose_free: false,
+        prior: [None; PARAMETERS],
+    };
+    let placement = |agreed: &Option<super::pose_graph::Agreed>| PlacementState {
+        rig_from_board: agreed
+            .as_ref()
+            .map_or_else(Isometry3::identity, |a| a.root_from_board),
+        free: agreed.is_some(),
+    };
+    let seen = |v: &View| Observation {
+        camera: v.camera,
+        placement: v.placement,
+        back: v.face == Face::Back,
+        weight: 1.0,
+        points: v.pairs(&session.board),
+    };
+    Bundle {
+        cameras: cameras.iter().zip(&lenses).map(state).collect(),
+        placements: agreed.iter().map(placement).collect(),
+        board_from_back: session.board.front_from_back(),
+        back_free: false,
+        sheet: Sheet::flat(&board),
+        views: session.views.iter().map(seen).collect(),
+    }
+}
+
+pub(super) fn off_px(bundle: &Bundle, camera: usize) -> f64 {
+    let views = bundle.views.iter().filter(|v| v.camera == camera);
+    let residuals = views.flat_map(|v| bundle.residuals(v));
+    Figures::of(residuals.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+}

@@ -1,0 +1,71 @@
+//! Whether a board of another size than it is said to be explains what the cameras of a calibrated rig see.
+
+use super::as_calibrated::{off_px, start};
+use super::lens::Lens;
+use super::planar;
+use super::session::Session;
+use crate::calibration::Camera;
+use nalgebra::{Point3, Vector3};
+
+/// Part by which a board must differ from what it is said to be.
+const LEAST: f64 = 0.005;
+/// Step in which the size is refined, as a part of it.
+const STEP: f64 = 0.002;
+
+/// By what part the board would have to be larger than it is said to be for no camera to be off by more than `most_px`;
+/// `None` where no size does that.
+pub(super) fn explaining(session: &Session, cameras: &[Camera], most_px: f64) -> Option<f64> {
+    let rough = by_rays(session, cameras)?;
+    if !(0.2..=5.0).contains(&rough) {
+        return None;
+    }
+    let costs = [rough - STEP, rough, rough + STEP].map(|times| off(session, cameras, times));
+    let squares = costs.map(|c| c * c);
+    let curve = squares[0] - 2.0 * squares[1] + squares[2];
+    let step = match curve > 0.0 {
+        true => (0.5 * (squares[0] - squares[2]) / curve).clamp(-1.0, 1.0),
+        false => 0.0,
+    };
+    let times = rough + STEP * step;
+    let explains = (times - 1.0).abs() > LEAST && off(session, cameras, times) <= most_px;
+    explains.then_some(times - 1.0)
+}
+
+/// How many times as large the board must be for the cameras' lines of sight to its middle to meet: each camera by
+/// itself sees it the farther away, the larger it is.
+fn by_rays(session: &Session, cameras: &[Camera]) -> Option<f64> {
+    let board = &session.board;
+    let last = board.corner_position(board.columns - 1, board.rows - 1);
+    let middle = nalgebra::center(&board.corner_position(0, 0), &last);
+    let mut seen: Vec<Vec<(Point3<f64>, Vector3<f64>)>> =
+        vec![Vec::new(); session.placements.len()];
+    for view in &session.views {
+        let camera = &cameras[view.camera];
+        let lens = Lens::from_intrinsics(&camera.intrinsics);
+        if let Some(pose) = planar::pose(&lens, &view.pairs(board)) {
+            let to_middle = camera.rig_from_camera * (pose.camera_from_plane * middle).coords;
+            seen[view.placement].push((camera.center(), to_middle));
+        }
+    }
+    let (mut along, mut squares) = (0.0, 0.0);
+    for views in &seen {
+        for (index, (center, to_middle)) in views.iter().enumerate() {
+            for (other_center, other_to_middle) in &views[index + 1..] {
+                let (apart, between) = (center - other_center, to_middle - other_to_middle);
+                along -= apart.dot(&between);
+                squares += between.norm_squared();
+            }
+        }
+    }
+    (squares > 0.0).then(|| along / squares)
+}
+
+/// The largest root mean square of a camera's residuals with a board that is so many times as large.
+fn off(session: &Session, cameras: &[Camera], times: f64) -> f64 {
+    let mut scaled = session.clone();
+    scaled.board.square *= times;
+    let mut bundle = start(scaled, cameras);
+    bundle.adjust_robustly(4);
+    let seen = (0..cameras.len()).filter(|&c| bundle.views.iter().any(|v| v.camera == c));
+    seen.map(|c| off_px(&bundle, c)).fold(0.0, f64::max)
+}

@@ -1,0 +1,206 @@
+//! A calibrated rig that is checked, and witnesses of its scale.
+
+use super::synthetic::{Random, Truth, color_lens, looking, placements};
+use super::*;
+use crate::calibration::{Board, Camera, Level, RigCalibration};
+use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// So many cameras around a board of squares of 25 mm that is shown so often.
+fn rig(cameras: usize, shown: usize) -> Truth {
+    let board = Board::checkerboard(9, 6, 0.025).unwrap();
+    let at = Point3::new(0.0, 0.0, 0.1);
+    let camera = |i: usize| {
+        let from = Point3::new(0.25 * i as f64 - 0.3, -0.3 - 0.1 * (i % 2) as f64, 0.75);
+        looking(&format!("c{i:02}"), color_lens(), from, at)
+    };
+    let placements = placements(&board, shown, &mut Random(1));
+    Truth::new(board, (0..cameras).map(camera).collect(), placements)
+}
+
+fn calibration(truth: &Truth) -> RigCalibration {
+    let entry = |c: &Camera| (c.id.clone(), (c.clone(), None));
+    RigCalibration {
+        cameras: truth.cameras.iter().map(entry).collect(),
+        ..RigCalibration::default()
+    }
+}
+
+/// The rig with a camera turned.
+fn turned(mut truth: Truth, camera: usize, axis: Vector3<f64>, degrees: f64) -> Truth {
+    let turn = Isometry3::rotation(axis.normalize() * degrees.to_radians());
+    let before = &truth.cameras[camera];
+    let pose = before.rig_from_camera * turn;
+    truth.cameras[camera] = Camera::new(before.id.clone(), before.intrinsics, pose);
+    truth
+}
+
+#[test]
+fn two_cameras_that_moved_against_each_other_are_told_so() {
+    for shown in [1, 4] {
+        let known = calibration(&rig(2, shown));
+        let still = rig(2, shown).session(0.1, &mut Random(3));
+        let checks = check(&still, &known, &Watch::default()).unwrap();
+        assert_eq!(checks.against_each_other, None);
+        let moved = turned(rig(2, shown), 1, Vector3::new(1.0, 0.2, 0.4), 0.3);
+        let session = moved.session(0.1, &mut Random(3));
+        let checks = check(&session, &known, &Watch::default()).unwrap();
+        let pair = checks.against_each_other.unwrap();
+        assert_eq!(
+            pair.cameras.each_ref().map(CameraId::as_str),
+            ["c00", "c01"]
+        );
+        assert!(
+            (pair.motion.turn_degrees - 0.3).abs() < 0.05,
+            "{shown}: {pair:?}"
+        );
+        assert_eq!(pair.board_larger, None, "{pair:?}");
+    }
+}
+
+#[test]
+fn a_board_of_another_size_is_told_from_cameras_that_moved() {
+    let truth = rig(4, 1);
+    let known = calibration(&truth);
+    let mut session = truth.session(0.1, &mut Random(3));
+    session.board.square = 0.024;
+    let error = check(&session, &known, &Watch::default()).unwrap_err();
+    let words = error.to_string();
+    assert!(
+        words.contains("the board looks 4.2 % larger than checkerboard:9x6:24mm"),
+        "{words}"
+    );
+    session.board.square = 0.026;
+    let words = check(&session, &known, &Watch::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        words.contains("the board looks 3.8 % smaller than"),
+        "{words}"
+    );
+    // Of two cameras it may be that they moved.
+    let truth = rig(2, 1);
+    let mut session = truth.session(0.1, &mut Random(3));
+    session.board.square = 0.024;
+    let checks = check(&session, &calibration(&truth), &Watch::default()).unwrap();
+    let larger = checks.against_each_other.unwrap().board_larger.unwrap();
+    assert!((larger - 1.0 / 24.0).abs() < 0.002, "{larger}");
+}
+
+/// What witnesses say of a rig whose board is said to have squares of this size, and the verdict.
+fn testified(square: f64, slope: Option<f64>, measured: &Measured) -> (Vec<Testimony>, Judgement) {
+    let mut session = rig(3, 12).session(0.1, &mut Random(7));
+    session.board.square = square;
+    let parameters = Parameters {
+        folds: 0,
+        ..Parameters::default()
+    };
+    let fit = fit(&session, &parameters).unwrap();
+    let slope = slope.map(|value| {
+        let deviation = 1e-6;
+        (CameraId::new("kinect").unwrap(), Slope { value, deviation })
+    });
+    let slopes = slope.into_iter().collect();
+    let found = witnesses(&fit, &slopes, measured, &Witnesses::default());
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+    (found.clone(), judgement.with_witnesses(&found))
+}
+
+fn distance(metres: f64, deviation: f64) -> Measured {
+    let camera = |name| CameraId::new(name).unwrap();
+    Measured {
+        distances: vec![CameraDistance {
+            cameras: [camera("c00"), camera("c02")],
+            measured: Length { metres, deviation },
+        }],
+        rulers: Vec::new(),
+    }
+}
+
+#[test]
+fn a_board_of_a_wrong_size_is_contradicted_by_a_distance_with_both_explanations() {
+    // c00 and c02 are 500 mm apart.
+    let (found, judgement) = testified(0.025, None, &distance(0.5, 0.001));
+    assert!(
+        !found[0].contradicts && judgement.level < Level::Doubtful,
+        "{found:?}"
+    );
+    let (found, judgement) = testified(0.024, None, &distance(0.5, 0.001));
+    assert_eq!(judgement.level, Level::Doubtful);
+    let words = &found[0].words;
+    for part in [
+        "cameras c00 and c02 are 480",
+        "500 mm ±1 mm was measured",
+        "either the board's squares have 25",
+        "not 24 mm",
+        "or the distance was measured wrongly",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    assert!(judgement.reasons.contains(words));
+    // A tape measure that is no better than this board is wrong says nothing, and says so.
+    let (found, _) = testified(0.024, None, &distance(0.5, 0.015));
+    assert!(
+        !found[0].contradicts && found[0].words.contains("allows"),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn a_depth_cameras_slope_contradicts_a_wrong_board_and_its_own_scale() {
+    let none = Measured::default();
+    for (slope, contradicts) in [
+        (0.00096, true),
+        (0.00097, true),
+        (0.00103, true),
+        (0.00104, true),
+        (0.000985, false),
+        (0.00101, false),
+    ] {
+        let (found, judgement) = testified(0.025, Some(slope), &none);
+        assert_eq!(found[0].contradicts, contradicts, "{slope}: {found:?}");
+        assert_eq!(judgement.level >= Level::Doubtful, contradicts, "{slope}");
+    }
+    let (found, _) = testified(0.024, Some(0.00096), &none);
+    let words = &found[0].words;
+    for part in [
+        "0.000960",
+        "0.001 ±1.0 %",
+        "squares have 25 mm and not 24 mm",
+        "reads 4.2 % too deep",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    // Of a sensor that counts tenths of millimetres nothing is known.
+    assert!(testified(0.025, Some(0.0001), &none).0.is_empty());
+}
+
+#[test]
+fn a_ruler_tells_a_print_that_is_not_true_to_scale() {
+    let reading = |measured: f64| Measured {
+        rulers: vec![RulerReading {
+            printed: 0.2,
+            measured: Length {
+                metres: measured,
+                deviation: 0.0005,
+            },
+        }],
+        distances: Vec::new(),
+    };
+    let (found, judgement) = testified(0.025, None, &reading(0.1992));
+    assert!(judgement.level < Level::Doubtful);
+    assert!(found[0].words.contains("would have 24.9 mm"), "{found:?}");
+    let (found, judgement) = testified(0.025, None, &reading(0.194));
+    assert_eq!(judgement.level, Level::Doubtful);
+    assert!(found[0].words.contains("have 24.25 mm"), "{found:?}");
+}
+
+#[test]
+fn without_a_witness_nothing_but_the_board_is_said_to_set_the_scale() {
+    let board = Board::checkerboard(9, 6, 0.025).unwrap();
+    let words = scale_words(&[], &board);
+    assert!(
+        words[0].contains("nothing but the board's size (25 mm a square)"),
+        "{words:?}"
+    );
+}

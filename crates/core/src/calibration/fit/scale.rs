@@ -1,0 +1,266 @@
+//! Holds the board's size, which sets the scale of all lengths, against what else knows a length: a depth camera's
+//! slope, a ruler's reading of the printed ruler, the distance of two cameras. It says which of them contradict it;
+//! which one is wrong cannot be known.
+
+use super::result::Fit;
+use super::verdict::Judgement;
+use crate::calibration::{Board, Level};
+use crate::frame::CameraId;
+use crate::range;
+use std::collections::BTreeMap;
+
+/// What witnesses of the scale are expected to know.
+#[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Witnesses {
+    /// Metres a unit of depth cameras as their factory set them; 0 where that is not known.
+    /// Default 0.001, range 0 to 1.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
+    pub nominal_slope: f64,
+    /// Standard deviation of a factory's slope, as a part of it.
+    /// Default 0.01, range 0.000001 to 1.
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    pub slope_deviation: f64,
+    /// Part by which a witness and the board's size may differ, however sure the witness is.
+    /// Default 0.01, range 0.000001 to 1.
+    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    pub tolerance: f64,
+    /// Standard deviations by which they may differ.
+    /// Default 2.5, range 0 to 1000.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
+    pub deviations: f64,
+}
+
+impl Default for Witnesses {
+    fn default() -> Self {
+        Self {
+            nominal_slope: 0.001,
+            slope_deviation: 0.01,
+            tolerance: 0.01,
+            deviations: 2.5,
+        }
+    }
+}
+
+/// A slope that is more than so many times the nominal one, or less than its inverse, is of another unit.
+const SAME_UNIT: f64 = 1.5;
+
+/// A length with its standard deviation, in metres.
+#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq)]
+pub struct Length {
+    /// The length.
+    pub metres: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+}
+
+/// A reading of the ruler that is printed on the board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RulerReading {
+    /// The length that is printed beside it, in metres.
+    pub printed: f64,
+    /// What was measured.
+    pub measured: Length,
+}
+
+/// The distance of two cameras' optical centres, measured by hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraDistance {
+    /// The cameras.
+    pub cameras: [CameraId; 2],
+    /// What was measured.
+    pub measured: Length,
+}
+
+/// What was measured by hand.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Readings of the printed ruler.
+    pub rulers: Vec<RulerReading>,
+    /// Distances of cameras.
+    pub distances: Vec<CameraDistance>,
+}
+
+/// The slope of a depth camera's response, and its standard deviation, in metres a unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slope {
+    /// The slope.
+    pub value: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+}
+
+/// What a witness says of the scale.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct Testimony {
+    /// By what part the calibration's lengths, which the board's size sets, are larger than the witness says.
+    pub off: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+    /// Whether it contradicts the board's size.
+    pub contradicts: bool,
+    /// Both numbers and, where they contradict each other, both explanations.
+    pub words: String,
+}
+
+/// Asks all witnesses of the scale; `slopes` are those of depth cameras that the boards determine. A distance of a
+/// camera that could not be fitted says nothing.
+pub fn witnesses(
+    fit: &Fit,
+    slopes: &BTreeMap<CameraId, Slope>,
+    measured: &Measured,
+    parameters: &Witnesses,
+) -> Vec<Testimony> {
+    let mut found = Vec::new();
+    let of_slopes = slopes.iter();
+    found.extend(of_slopes.filter_map(|(id, slope)| of_slope(fit, id, *slope, parameters)));
+    let of_rulers = measured.rulers.iter();
+    found.extend(of_rulers.map(|reading| of_ruler(&fit.board, reading, parameters)));
+    let of_distances = measured.distances.iter();
+    found.extend(of_distances.filter_map(|distance| of_distance(fit, distance, parameters)));
+    found
+}
+
+/// What there is to say of the scale, a line each.
+pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
+    if testimonies.is_empty() {
+        return vec![format!(
+            "scale: nothing but the board's size ({} a square) sets it: a board that is 1 % larger makes every length 1 % \
+             wrong, and nothing here shows it; --measured or --distance would",
+            millimetres(board.square)
+        )];
+    }
+    let words = testimonies.iter().map(|t| t.words.clone());
+    words.collect()
+}
+
+impl Judgement {
+    /// Takes what witnesses of the scale say into account.
+    pub fn with_witnesses(mut self, testimonies: &[Testimony]) -> Self {
+        for testimony in testimonies.iter().filter(|t| t.contradicts) {
+            self.level = self.level.max(Level::Doubtful);
+            self.reasons.push(testimony.words.clone());
+        }
+        self
+    }
+}
+
+impl Witnesses {
+    fn testimony(&self, off: f64, deviation: f64) -> Testimony {
+        let most = self.tolerance.max(self.deviations * deviation);
+        Testimony {
+            off,
+            deviation,
+            contradicts: off.abs() > most,
+            words: String::new(),
+        }
+    }
+}
+
+fn of_slope(fit: &Fit, id: &CameraId, slope: Slope, parameters: &Witnesses) -> Option<Testimony> {
+    let nominal = parameters.nominal_slope;
+    let ratio = slope.value / nominal;
+    // Nothing is known of a camera that counts in another unit.
+    if !(ratio.is_finite() && (1.0 / SAME_UNIT..=SAME_UNIT).contains(&ratio)) {
+        return None;
+    }
+    let deviation = parameters
+        .slope_deviation
+        .hypot(slope.deviation / slope.value);
+    let mut found = parameters.testimony(ratio - 1.0, deviation);
+    let numbers = format!(
+        "scale: depth camera {id} has {:.6} m a unit, and {nominal} ±{:.1} % is nominal",
+        slope.value,
+        100.0 * parameters.slope_deviation
+    );
+    found.words = match found.contradicts {
+        true => format!(
+            "{numbers}: {}, or the depth camera reads {:.1} % too {}",
+            other_board(&fit.board, found.off),
+            100.0 * (1.0 / ratio - 1.0).abs(),
+            if ratio < 1.0 { "deep" } else { "near" },
+        ),
+        false => agrees(numbers, &found),
+    };
+    Some(found)
+}
+
+fn of_ruler(board: &Board, reading: &RulerReading, parameters: &Witnesses) -> Testimony {
+    let RulerReading { printed, measured } = *reading;
+    let ratio = measured.metres / printed;
+    let mut found = parameters.testimony(1.0 / ratio - 1.0, measured.deviation / measured.metres);
+    let numbers = format!(
+        "scale: the ruler that is printed as {} measures {} ±{}",
+        millimetres(printed),
+        millimetres(measured.metres),
+        millimetres(measured.deviation)
+    );
+    let square = millimetres(board.square * ratio);
+    found.words = match found.contradicts {
+        true => format!(
+            "{numbers}: the sheet was not printed at 100 %, and squares drawn with {} have {square} (if so, give --board \
+             with that, without --measured), or the ruler was misread",
+            millimetres(board.square)
+        ),
+        false => format!(
+            "{}; squares drawn with {} would have {square}",
+            agrees(numbers, &found),
+            millimetres(board.square)
+        ),
+    };
+    found
+}
+
+fn of_distance(fit: &Fit, distance: &CameraDistance, parameters: &Witnesses) -> Option<Testimony> {
+    let find = |id: &CameraId| fit.cameras.iter().find(|c| c.camera.id == *id);
+    let [a, b] = [find(&distance.cameras[0])?, find(&distance.cameras[1])?];
+    let between = b.camera.center() - a.camera.center();
+    let length = between.norm();
+    // Along the line between them; the two errors are taken for independent.
+    let along = between.map(|v| (v / length.max(1e-9)).powi(2));
+    let variance = [a, b].map(|c| {
+        let position = c.uncertainty.position;
+        (0..3).map(|k| along[k] * position[k].powi(2)).sum::<f64>()
+    });
+    let measured = distance.measured;
+    let deviation = (variance[0] + variance[1] + measured.deviation.powi(2)).sqrt();
+    let mut found =
+        parameters.testimony(length / measured.metres - 1.0, deviation / measured.metres);
+    let numbers = format!(
+        "scale: cameras {} and {} are {} apart, and {} ±{} was measured",
+        a.camera.id,
+        b.camera.id,
+        millimetres(length),
+        millimetres(measured.metres),
+        millimetres(measured.deviation)
+    );
+    found.words = match found.contradicts {
+        true => format!(
+            "{numbers}: {}, or the distance was measured wrongly (it is that of the optical centres)",
+            other_board(&fit.board, found.off)
+        ),
+        false => agrees(numbers, &found),
+    };
+    Some(found)
+}
+
+/// The board that would be right if the witness is.
+fn other_board(board: &Board, off: f64) -> String {
+    format!(
+        "either the board's squares have {} and not {}",
+        millimetres(board.square / (1.0 + off)),
+        millimetres(board.square)
+    )
+}
+
+fn agrees(numbers: String, found: &Testimony) -> String {
+    format!(
+        "{numbers}: they differ by {:+.2} %, which ±{:.2} % allows",
+        100.0 * found.off,
+        100.0 * found.deviation
+    )
+}
+
+fn millimetres(metres: f64) -> String {
+    format!("{} mm", (metres * 1e5).round() / 1e2)
+}

@@ -1,0 +1,97 @@
+//! Whether a camera's residuals show that its lens is beyond the lens model: they point to the middle of its picture,
+//! or away from it, as much as the distance from the middle says.
+
+use super::result::{Fit, ViewResiduals};
+use nalgebra::Vector2;
+
+/// Rings of the picture, each with as many corners.
+const RINGS: usize = 8;
+/// Fewest corners for which something is said.
+const FEWEST: usize = 200;
+/// Part of the residuals' squares, from 0 to 1, that the rings explain with a lens that is beyond its model.
+const SYSTEMATIC: f64 = 0.25;
+
+/// What to say of a camera whose residuals are larger than `good_px`; `None` where its lens is not the reason.
+pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<String> {
+    let fitted = &fit.cameras[camera];
+    if fitted.figures.rms_px <= good_px {
+        return None;
+    }
+    let own = fit.residuals.iter().filter(|view| view.camera == camera);
+    let part = radial_part(own, fitted.camera.intrinsics.center_px)?;
+    (part >= SYSTEMATIC).then(|| {
+        format!(
+            "camera {}: {:.0} % of its residuals' squares go with the distance from the middle of its picture: the lens is \
+             beyond the lens model, as a fisheye lens is",
+            fitted.camera.id,
+            100.0 * part
+        )
+    })
+}
+
+/// The part of the residuals' squares that the mean of each ring's components along its radius explains.
+fn radial_part<'a>(
+    views: impl Iterator<Item = &'a ViewResiduals>,
+    center: Vector2<f64>,
+) -> Option<f64> {
+    let along = |(pixel, residual): &(nalgebra::Point2<f64>, Vector2<f64>)| {
+        let from = pixel.coords - center;
+        let radius = from.norm();
+        let outward = from
+            .try_normalize(1e-9)
+            .map_or(0.0, |out| out.dot(residual));
+        (radius, outward, residual.norm_squared())
+    };
+    let mut all: Vec<(f64, f64, f64)> = views
+        .flat_map(|view| view.corners.iter().map(along))
+        .collect();
+    if all.len() < FEWEST {
+        return None;
+    }
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = all.iter().map(|(_, _, squared)| squared).sum();
+    let explained = all.chunks(all.len().div_ceil(RINGS)).map(|ring| {
+        let sum: f64 = ring.iter().map(|(_, outward, _)| outward).sum();
+        sum * sum / ring.len() as f64
+    });
+    Some(explained.sum::<f64>() / total.max(1e-300))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::synthetic::Random;
+    use super::*;
+    use crate::calibration::Face;
+    use nalgebra::Point2;
+
+    /// Residuals over a picture of 640 x 480: noise, and what goes with the radius.
+    fn residuals(noise: f64, systematic: f64) -> ViewResiduals {
+        let mut random = Random(5);
+        let corner = |_| {
+            let pixel = Point2::new(random.between(0.0, 640.0), random.between(0.0, 480.0));
+            let from = pixel.coords - Vector2::new(320.0, 240.0);
+            let wave = systematic * (from.norm() / 40.0).sin();
+            let random_part = Vector2::new(random.normal(), random.normal()) * noise;
+            (pixel, from.normalize() * wave + random_part)
+        };
+        ViewResiduals {
+            camera: 0,
+            placement: 0,
+            face: Face::Front,
+            corners: (0..1000).map(corner).collect(),
+        }
+    }
+
+    #[test]
+    fn residuals_that_go_with_the_radius_are_told_from_noise() {
+        let part = |noise, systematic| {
+            let view = residuals(noise, systematic);
+            radial_part(std::iter::once(&view), Vector2::new(320.0, 240.0)).unwrap()
+        };
+        assert!(part(0.3, 0.0) < 0.05, "{}", part(0.3, 0.0));
+        assert!(part(0.3, 1.0) > SYSTEMATIC, "{}", part(0.3, 1.0));
+        let mut few = residuals(0.3, 1.0);
+        few.corners.truncate(FEWEST - 1);
+        assert_eq!(radial_part(std::iter::once(&few), Vector2::zeros()), None);
+    }
+}

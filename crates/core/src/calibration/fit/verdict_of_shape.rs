@@ -1,0 +1,171 @@
+//! What the board's shape means for a calibration, in words.
+
+use super::result::{Fate, FittedShape, ShapeTerm};
+use crate::calibration::Level;
+
+/// A reason, and what a calibration is worth at best because of it.
+type Reason = (Level, String);
+
+/// What is amiss with the board's shape: with a bend of more than `most_bent_mm`, and with squares that are longer in
+/// one direction by more than `most_stretched_percent`, more than with others.
+pub(super) fn of_shape(
+    shape: &FittedShape,
+    most_bent_mm: f64,
+    most_stretched_percent: f64,
+) -> Vec<Reason> {
+    let bend = bent(shape, most_bent_mm).into_iter();
+    let found = bend.chain(stretched(&shape.stretch, most_stretched_percent));
+    let names = ["along its rows", "down its columns"];
+    let bends = shape.bend.iter().zip(names);
+    let unheld = bends.filter_map(|(term, name)| {
+        let words = halves(term, 1e3, "mm")?;
+        let subject = format!("the board seems to be bent {name}, and was taken for flat");
+        Some((Level::Doubtful, format!("{subject}: {words}")))
+    });
+    let stretch = halves(&shape.stretch, 2e2, "%").map(|words| {
+        let subject =
+            "the board's squares seem to be longer in one direction, and were taken for equal";
+        (Level::Doubtful, format!("{subject}: {words}"))
+    });
+    found.chain(unheld).chain(stretch).collect()
+}
+
+fn bent(shape: &FittedShape, most_mm: f64) -> Option<Reason> {
+    let (found, deviation) = (1e3 * shape.shape().depth(), 1e3 * shape.depth_deviation());
+    let is_kept = shape.bend.iter().any(|term| term.fate == Fate::Kept);
+    is_kept.then(|| match found > most_mm {
+        true => (
+            Level::Doubtful,
+            format!(
+                "the board is bent by {found:.2} ± {deviation:.3} mm, expected at most {most_mm}"
+            ),
+        ),
+        false => (
+            Level::Accepted,
+            format!(
+                "the board is bent by {found:.2} ± {deviation:.3} mm, which the fit allows for"
+            ),
+        ),
+    })
+}
+
+/// Lengths along the rows over those down the columns.
+fn stretched(stretch: &ShapeTerm, most_percent: f64) -> Option<Reason> {
+    let percent = 2e2 * stretch.value;
+    let longer = match percent < 0.0 {
+        true => "down its columns than along its rows",
+        false => "along its rows than down its columns",
+    };
+    let words = format!(
+        "the board's squares are {:.2} ± {:.3} % longer {longer}",
+        percent.abs(),
+        2e2 * stretch.deviation
+    );
+    (stretch.fate == Fate::Kept).then(|| match percent.abs() > most_percent {
+        true => (
+            Level::Doubtful,
+            format!(
+                "{words}, expected at most {most_percent} %; which of the two is as long as was said is not known"
+            ),
+        ),
+        false => (Level::Accepted, format!("{words}; the fit takes their mean for what was said")),
+    })
+}
+
+/// What two halves of the placements say of a term that was needed and not held.
+fn halves(term: &ShapeTerm, scale: f64, unit: &str) -> Option<String> {
+    let is_unheld = term.fate == Fate::NotHeld;
+    is_unheld.then(|| match term.halves {
+        Some([[first, a], [last, b]]) => {
+            let [first, a, last, b] = [first, a, last, b].map(|v| scale * v);
+            format!(
+                "the first half of the placements says {first:+.2} ± {a:.2} {unit}, the last {last:+.2} ± {b:.2} {unit}"
+            )
+        }
+        None => "there are too few placements to hold it against".to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept(value: f64) -> ShapeTerm {
+        ShapeTerm {
+            value,
+            deviation: 1e-5,
+            fate: Fate::Kept,
+            halves: None,
+        }
+    }
+
+    fn words(shape: FittedShape) -> Vec<Reason> {
+        of_shape(&shape, 1.0, 0.3)
+    }
+
+    #[test]
+    fn a_bend_is_told_and_a_large_one_doubted() {
+        assert_eq!(words(FittedShape::default()), []);
+        let bend = |mm: f64| FittedShape {
+            bend: [kept(1e-3 * mm), ShapeTerm::default()],
+            ..FittedShape::default()
+        };
+        let told = "the board is bent by 0.40 ± 0.010 mm, which the fit allows for";
+        assert_eq!(words(bend(-0.4)), [(Level::Accepted, told.to_owned())]);
+        let told = "the board is bent by 1.20 ± 0.010 mm, expected at most 1";
+        assert_eq!(words(bend(1.2)), [(Level::Doubtful, told.to_owned())]);
+    }
+
+    #[test]
+    fn unequal_squares_are_told_and_doubted_beyond_their_limit() {
+        let stretch = |part: f64| FittedShape {
+            stretch: kept(part),
+            ..FittedShape::default()
+        };
+        let [(level, told)] = &words(stretch(-5e-4))[..] else {
+            panic!("one reason")
+        };
+        assert_eq!(*level, Level::Accepted);
+        assert!(
+            told.contains("0.10 ± 0.002 % longer down its columns"),
+            "{told}"
+        );
+        let [(level, told)] = &words(stretch(2e-3))[..] else {
+            panic!("one reason")
+        };
+        assert_eq!(*level, Level::Doubtful);
+        assert!(
+            told.contains("0.40 ± 0.002 % longer along its rows"),
+            "{told}"
+        );
+        assert!(told.contains("is not known"), "{told}");
+    }
+
+    #[test]
+    fn a_term_that_is_needed_and_not_held_is_doubted_with_what_each_half_says() {
+        let unheld = ShapeTerm {
+            fate: Fate::NotHeld,
+            halves: Some([[4e-4, 5e-5], [-1e-4, 5e-5]]),
+            ..ShapeTerm::default()
+        };
+        let shape = FittedShape {
+            bend: [ShapeTerm::default(), unheld],
+            ..FittedShape::default()
+        };
+        let told = "the board seems to be bent down its columns, and was taken for flat: the first half of the \
+                    placements says +0.40 ± 0.05 mm, the last -0.10 ± 0.05 mm";
+        assert_eq!(words(shape), [(Level::Doubtful, told.to_owned())]);
+        let untold = FittedShape {
+            stretch: ShapeTerm {
+                halves: None,
+                ..unheld
+            },
+            ..FittedShape::default()
+        };
+        let [(level, told)] = &words(untold)[..] else {
+            panic!("one reason")
+        };
+        assert_eq!(*level, Level::Doubtful);
+        assert!(told.contains("too few placements"), "{told}");
+    }
+}

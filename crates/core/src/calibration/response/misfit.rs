@@ -1,0 +1,282 @@
+//! Why readings do not fit a line in the distance: each cause leaves a pattern of its own over boards that lie tilted
+//! this way and that. The pattern that predicts boards best to which it was not fitted is the most likely cause.
+
+use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
+
+/// A cause of depth that does not fit.
+#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// Depth lies beside the colour picture by so many pixels in x and y.
+    Misregistered([f64; 2]),
+    /// The picture's corners read so many metres deeper than its middle, at 1 m.
+    Bowl(f64),
+    /// Readings bend with the distance: by so many metres at most from the line, where boards were.
+    Curve(f64),
+}
+
+/// What boards leave that a line was fitted to, and what would explain it.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+pub struct Misfit {
+    /// Root mean square error of boards that were held out, at 1 m, in metres.
+    pub held_out: f64,
+    /// The same with the most likely cause.
+    pub explained: f64,
+    /// The most likely cause first, then those that would do nearly as well.
+    pub causes: Vec<Cause>,
+}
+
+impl Misfit {
+    /// The causes in words.
+    pub fn words(&self) -> String {
+        let words: Vec<String> = self.causes.iter().map(Cause::words).collect();
+        let rest = 100.0 * (1.0 - self.explained / self.held_out);
+        format!(
+            "{} would explain {rest:.0} % of what is left",
+            words.join(", or ")
+        )
+    }
+}
+
+impl Cause {
+    fn words(&self) -> String {
+        match self {
+            Self::Misregistered([x, y]) => format!(
+                "depth that lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y"
+            ),
+            Self::Bowl(metres) => format!(
+                "a bowl, with the picture's corners {:.1} mm {} than its middle at 1 m",
+                1e3 * metres.abs(),
+                if *metres > 0.0 { "deeper" } else { "nearer" }
+            ),
+            Self::Curve(metres) => format!(
+                "readings that bend with the distance, by {:.1} mm from a line",
+                1e3 * metres
+            ),
+        }
+    }
+}
+
+/// Some neighbouring pixels of a board: what they are off, and what a cause would make of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    /// True depth in metres.
+    pub depth: f64,
+    /// Measured less true depth in metres.
+    pub error: f64,
+    /// By how much the true depth grows a pixel, in x and in y.
+    pub gradient: [f64; 2],
+    /// Squared distance from the picture's middle, 1 at its corner.
+    pub radius_squared: f64,
+}
+
+/// Side in pixels of patches, and pixels that make one.
+const SIDE: f64 = 16.0;
+const FEWEST: usize = 64;
+
+/// Means over patches of the picture; each pixel with its patch.
+pub(super) fn patches(pixels: impl Iterator<Item = ([f64; 2], Patch)>) -> Vec<Patch> {
+    let mut sums: BTreeMap<[usize; 2], (usize, Patch)> = BTreeMap::new();
+    for (pixel, own) in pixels {
+        let key = pixel.map(|v| (v / SIDE).max(0.0) as usize);
+        let entry = sums.entry(key).or_insert((0, Patch::zero()));
+        entry.0 += 1;
+        entry.1.add(&own);
+    }
+    let full = sums.into_values().filter(|(count, _)| *count >= FEWEST);
+    full.map(|(count, sum)| sum.over(count as f64)).collect()
+}
+
+impl Patch {
+    fn zero() -> Self {
+        Self {
+            depth: 0.0,
+            error: 0.0,
+            gradient: [0.0; 2],
+            radius_squared: 0.0,
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.depth += other.depth;
+        self.error += other.error;
+        self.gradient = [0, 1].map(|k| self.gradient[k] + other.gradient[k]);
+        self.radius_squared += other.radius_squared;
+    }
+
+    fn over(self, count: f64) -> Self {
+        Self {
+            depth: self.depth / count,
+            error: self.error / count,
+            gradient: self.gradient.map(|g| g / count),
+            radius_squared: self.radius_squared / count,
+        }
+    }
+}
+
+/// Least error of boards held out, at 1 m, that is looked into, and the part of it that a cause must leave at most.
+const LEAST_ERROR: f64 = 0.4e-3;
+const EXPLAINS: f64 = 0.7;
+/// Another cause that leaves no more than so many times what the most likely one does is named too.
+const AS_WELL: f64 = 1.15;
+/// Fewest boards that tell causes apart.
+const FEWEST_BOARDS: usize = 5;
+
+/// What a model adds to a line in the depth.
+type Terms = fn(&Patch, f64) -> Vec<f64>;
+/// The cause that coefficients of these terms mean.
+type ToCause = fn(&[f64], &[&Vec<Patch>]) -> Cause;
+
+fn line(_: &Patch, _: f64) -> Vec<f64> {
+    Vec::new()
+}
+
+fn misregistered(patch: &Patch, _: f64) -> Vec<f64> {
+    patch.gradient.to_vec()
+}
+
+fn bowl(patch: &Patch, _: f64) -> Vec<f64> {
+    vec![patch.radius_squared * patch.depth.powi(2)]
+}
+
+fn curve(patch: &Patch, middle: f64) -> Vec<f64> {
+    let z = patch.depth - middle;
+    vec![z.powi(2), z.powi(3), z.powi(4)]
+}
+
+/// Looks for the cause of what a line leaves of these boards; `None` where little is left, or nothing explains it.
+pub(super) fn explain(boards: &[Vec<Patch>]) -> Option<Misfit> {
+    let boards: Vec<&Vec<Patch>> = boards.iter().filter(|b| !b.is_empty()).collect();
+    if boards.len() < FEWEST_BOARDS {
+        return None;
+    }
+    let held_out = held_out(&boards, line)?;
+    if held_out < LEAST_ERROR {
+        return None;
+    }
+    let models: [(Terms, ToCause); 3] = [
+        (misregistered, |found, _| {
+            Cause::Misregistered([found[0], found[1]])
+        }),
+        (bowl, |found, _| Cause::Bowl(found[0])),
+        (curve, bend),
+    ];
+    let mut left: Vec<(f64, usize)> = Vec::new();
+    for (index, (terms, _)) in models.iter().enumerate() {
+        left.extend(self::held_out(&boards, *terms).map(|rms| (rms, index)));
+    }
+    left.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let explained = left.first()?.0;
+    if explained > EXPLAINS * held_out {
+        return None;
+    }
+    let likely = left.iter().filter(|(rms, _)| *rms <= AS_WELL * explained);
+    let causes = likely.filter_map(|(_, index)| {
+        let (terms, cause) = models[*index];
+        Some(cause(&solved(&boards, None, terms)?[2..], &boards))
+    });
+    Some(Misfit {
+        held_out,
+        explained,
+        causes: causes.collect(),
+    })
+}
+
+/// By how many pixels in x and y depth lies beside its colour picture, where that explains what boards are off far
+/// better than an offset and a slope do.
+pub(super) fn shift(boards: &[Vec<Patch>]) -> Option<[f64; 2]> {
+    explain(boards)?
+        .causes
+        .iter()
+        .find_map(|cause| match cause {
+            Cause::Misregistered(shift) => Some(*shift),
+            _ => None,
+        })
+}
+
+/// How far the curve lies from the straight line that fits it best over the boards' distances.
+fn bend(found: &[f64], boards: &[&Vec<Patch>]) -> Cause {
+    let depths = boards.iter().flat_map(|b| b.iter().map(|p| p.depth));
+    let (near, far) = depths.fold((f64::MAX, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
+    let middle = middle(boards);
+    let at = |z: f64| {
+        let z = z - middle;
+        found[0] * z.powi(2) + found[1] * z.powi(3) + found[2] * z.powi(4)
+    };
+    const STEPS: usize = 20;
+    let steps = (0..=STEPS).map(|k| near + (far - near) * k as f64 / STEPS as f64);
+    let points: Vec<[f64; 2]> = steps.map(|z| [z, at(z)]).collect();
+    let count = points.len() as f64;
+    let mean = |a: usize| points.iter().map(|p| p[a]).sum::<f64>() / count;
+    let (x, y) = (mean(0), mean(1));
+    let slope = points.iter().map(|p| (p[0] - x) * (p[1] - y)).sum::<f64>()
+        / points
+            .iter()
+            .map(|p| (p[0] - x).powi(2))
+            .sum::<f64>()
+            .max(1e-12);
+    let off = points.iter().map(|p| (p[1] - y - slope * (p[0] - x)).abs());
+    Cause::Curve(off.fold(0.0, f64::max))
+}
+
+/// Mean depth of all patches.
+fn middle(boards: &[&Vec<Patch>]) -> f64 {
+    let count: usize = boards.iter().map(|b| b.len()).sum();
+    let sum: f64 = boards.iter().flat_map(|b| b.iter().map(|p| p.depth)).sum();
+    sum / count.max(1) as f64
+}
+
+/// Root mean square error at 1 m of boards, each predicted from the others.
+fn held_out(boards: &[&Vec<Patch>], terms: Terms) -> Option<f64> {
+    let middle = middle(boards);
+    let (mut squares, mut count) = (0.0, 0.0);
+    for (index, board) in boards.iter().enumerate() {
+        let found = solved(boards, Some(index), terms)?;
+        for patch in *board {
+            let predicted: f64 = row(patch, middle, terms)
+                .iter()
+                .zip(&found)
+                .map(|(t, c)| t * c)
+                .sum();
+            squares += (patch.error / patch.depth.powi(2) - predicted).powi(2);
+            count += 1.0;
+        }
+    }
+    Some((squares / f64::max(count, 1.0)).sqrt())
+}
+
+/// The terms of a patch at 1 m: noise grows with the square of the distance.
+fn row(patch: &Patch, middle: f64, terms: Terms) -> Vec<f64> {
+    let all = [1.0, patch.depth].into_iter().chain(terms(patch, middle));
+    all.map(|term| term / patch.depth.powi(2)).collect()
+}
+
+/// Coefficients of offset, slope and terms, from all boards but one; each board counts as much as any other.
+fn solved(boards: &[&Vec<Patch>], without: Option<usize>, terms: Terms) -> Option<Vec<f64>> {
+    let middle = middle(boards);
+    let used = boards
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| Some(*index) != without);
+    let mut rows: Vec<Vec<f64>> = Vec::new();
+    let mut errors: Vec<f64> = Vec::new();
+    for (_, board) in used {
+        let weight = (board.len() as f64).sqrt().recip();
+        for patch in *board {
+            rows.push(
+                row(patch, middle, terms)
+                    .iter()
+                    .map(|t| t * weight)
+                    .collect(),
+            );
+            errors.push(patch.error / patch.depth.powi(2) * weight);
+        }
+    }
+    let columns = rows.first()?.len();
+    let matrix = DMatrix::from_fn(rows.len(), columns, |i, k| rows[i][k]);
+    let solution = matrix
+        .svd(true, true)
+        .solve(&DVector::from_vec(errors), 1e-12);
+    solution.ok().map(|found| found.iter().copied().collect())
+}

@@ -1,0 +1,220 @@
+//! Picture files as a calibration session: the n-th file of each camera is of one placement.
+
+use super::error::Error;
+use crate::frame::{CameraId, Picture};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Largest picture file, in bytes.
+const LARGEST_FILE: u64 = 1 << 30;
+
+/// The pictures of some cameras, placement after placement.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PictureFiles {
+    cameras: BTreeMap<CameraId, Vec<PathBuf>>,
+    placements: Vec<String>,
+    warnings: Vec<String>,
+}
+
+impl PictureFiles {
+    /// The pictures of each camera in the order of the placements.
+    ///
+    /// # Errors
+    /// If a camera has no pictures, or two have unequal numbers of them.
+    pub fn new(cameras: BTreeMap<CameraId, Vec<PathBuf>>) -> Result<Self, Error> {
+        let counts: BTreeSet<usize> = cameras.values().map(Vec::len).collect();
+        let count = match counts.iter().collect::<Vec<_>>()[..] {
+            [&count] if count > 0 => count,
+            _ => {
+                let of = |(id, files): (&CameraId, &Vec<PathBuf>)| format!("{id} {}", files.len());
+                let counts: Vec<String> = cameras.iter().map(of).collect();
+                return Err(Error::PictureCounts {
+                    counts: counts.join(", "),
+                });
+            }
+        };
+        let at = |placement: usize| -> Vec<&Path> {
+            cameras
+                .values()
+                .map(|files| files[placement].as_path())
+                .collect()
+        };
+        let numbers: Vec<Option<String>> = (0..count).map(|p| common_number(&at(p))).collect();
+        let warnings = (0..count).filter(|&p| numbers[p].is_none()).filter_map(|p| {
+            let names: Vec<String> = at(p).into_iter().map(file_name).collect();
+            let numbered = names.iter().filter_map(|name| number(name)).count();
+            (numbered == names.len()).then(|| {
+                format!(
+                    "{} are taken for one placement, and have different numbers: is a picture missing?",
+                    names.join(" and ")
+                )
+            })
+        });
+        Ok(Self {
+            warnings: warnings.collect(),
+            placements: names(&numbers),
+            cameras,
+        })
+    }
+
+    /// The placements' names.
+    pub fn placements(&self) -> &[String] {
+        &self.placements
+    }
+
+    /// What a person should know of the files.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The cameras.
+    pub fn cameras(&self) -> impl Iterator<Item = &CameraId> {
+        self.cameras.keys()
+    }
+
+    /// The file of each camera, placement after placement.
+    pub fn files(&self) -> impl Iterator<Item = (&str, &CameraId, &Path)> {
+        let all = self.placements.iter().enumerate();
+        all.flat_map(|(index, placement)| {
+            let files = self.cameras.iter();
+            files.map(move |(id, files)| (placement.as_str(), id, files[index].as_path()))
+        })
+    }
+}
+
+/// A file as a camera would hand it over; what it is, its first bytes say.
+///
+/// # Errors
+/// If it cannot be read, or is larger than any picture.
+pub(super) fn read(path: &Path) -> Result<Picture, Error> {
+    let failed = |cause| Error::PictureFile {
+        path: path.into(),
+        cause,
+    };
+    let length = std::fs::metadata(path).map_err(failed)?.len();
+    if length > LARGEST_FILE {
+        let words = format!("{length} bytes, expected at most {LARGEST_FILE}");
+        return Err(failed(std::io::Error::other(words)));
+    }
+    let data = std::fs::read(path).map_err(failed)?;
+    let format = match &data[..] {
+        [0xff, 0xd8, ..] => "jpeg".to_owned(),
+        [0x89, b'P', b'N', b'G', ..] => "png".to_owned(),
+        _ => path
+            .extension()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .to_lowercase(),
+    };
+    Ok(Picture::Compressed {
+        format,
+        data: data.into(),
+    })
+}
+
+/// Placements by the number that their files have in common, where each has one of its own; else counted.
+fn names(numbers: &[Option<String>]) -> Vec<String> {
+    let own: BTreeSet<&String> = numbers.iter().flatten().collect();
+    let digits = numbers.len().to_string().len().max(2);
+    let is_numbered = own.len() == numbers.len();
+    let name = |(index, number): (usize, &Option<String>)| match number {
+        Some(number) if is_numbered => format!("p{number}"),
+        _ => format!("p{:0digits$}", index + 1),
+    };
+    numbers.iter().enumerate().map(name).collect()
+}
+
+/// The number that all of these files have.
+fn common_number(files: &[&Path]) -> Option<String> {
+    let numbers: Vec<_> = files.iter().map(|file| number(&file_name(file))).collect();
+    let first = numbers.first().cloned().flatten()?;
+    let is_common = numbers.iter().all(|other| other.as_deref() == Some(&first));
+    (is_common && first.len() <= 32).then_some(first)
+}
+
+/// The last digits of a file's name before its ending.
+fn number(name: &str) -> Option<String> {
+    let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
+    let end = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let start = end.trim_end_matches(|c: char| c.is_ascii_digit());
+    let digits = &end[start.len()..];
+    (!digits.is_empty()).then(|| digits.to_owned())
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files(cameras: &[(&str, &[&str])]) -> Result<PictureFiles, Error> {
+        let of = |(id, files): &(&str, &[&str])| {
+            let files = files.iter().map(PathBuf::from).collect();
+            (CameraId::new(id).unwrap(), files)
+        };
+        PictureFiles::new(cameras.iter().map(of).collect())
+    }
+
+    #[test]
+    fn placements_are_named_by_the_number_of_their_files() {
+        let numbered = files(&[
+            ("left", &["l09.jpg", "l11.jpg"]),
+            ("right", &["r09.jpg", "r11.jpg"]),
+        ]);
+        let numbered = numbered.unwrap();
+        assert_eq!(numbered.placements(), ["p09", "p11"]);
+        assert!(numbered.warnings().is_empty());
+        let all: Vec<_> = numbered
+            .files()
+            .map(|(p, id, f)| (p, id.as_str(), f.to_str().unwrap()))
+            .collect();
+        assert_eq!(all[2], ("p11", "left", "l11.jpg"));
+        let unnumbered = files(&[("a", &["one.png", "two.png"])]).unwrap();
+        assert_eq!(unnumbered.placements(), ["p01", "p02"]);
+        assert!(unnumbered.warnings().is_empty());
+        // The same number twice names nothing.
+        let twice = files(&[("a", &["x/1.png", "y/1.png"])]).unwrap();
+        assert_eq!(twice.placements(), ["p01", "p02"]);
+    }
+
+    #[test]
+    fn files_that_do_not_belong_together_are_named() {
+        let shifted = files(&[
+            ("left", &["l1.jpg", "l2.jpg"]),
+            ("right", &["r1.jpg", "r3.jpg"]),
+        ])
+        .unwrap();
+        assert_eq!(shifted.warnings().len(), 1);
+        assert!(
+            shifted.warnings()[0].starts_with("l2.jpg and r3.jpg are taken"),
+            "{:?}",
+            shifted.warnings()
+        );
+        let message = files(&[("left", &["1", "2"]), ("right", &["1"])])
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("left 2, right 1"), "{message}");
+        let message = files(&[("left", &[])]).unwrap_err().to_string();
+        assert!(message.contains("left 0"), "{message}");
+    }
+
+    #[test]
+    fn what_a_file_is_its_first_bytes_say() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dat");
+        std::fs::write(&path, [0xff, 0xd8, 0xff]).unwrap();
+        let Picture::Compressed { format, .. } = read(&path).unwrap() else {
+            panic!("files are compressed pictures")
+        };
+        assert_eq!(format, "jpeg");
+        let message = read(&folder.path().join("none.png"))
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("none.png"), "{message}");
+    }
+}

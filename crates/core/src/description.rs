@@ -1,0 +1,130 @@
+//! What a model's files say of the object and of how the model came about. Only what the recording and the program
+//! decide: no time of making, no path, no host, and no note or verdict, which may change. The names follow Dublin Core
+//! where that has one; `design/metadata.md` has the mapping. Data only.
+
+/// Letters of a text that are kept.
+const LONGEST: usize = 400;
+
+/// What is known of a model.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Description {
+    /// The capture's id.
+    pub capture: String,
+    /// The object's number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subject: Option<String>,
+    /// The object's title.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub title: Option<String>,
+    /// Who ran the rig.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+    /// What the captures were taken for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub project: Option<String>,
+    /// Who holds which rights, or the licence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rights: Option<String>,
+    /// The session's name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub session: Option<String>,
+    /// The rig's name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
+    /// When the capture was triggered, in ISO 8601 (UTC).
+    pub time: String,
+    /// SHA-256 of what the model is made of: pictures, cameras and volume. The same at the rig and in a later replay.
+    pub input_sha256: String,
+    /// SHA-256 of the calibration that was used, of which `input_sha256` is a function too.
+    pub calibration_sha256: String,
+    /// Name and version of the program.
+    pub program: String,
+}
+
+impl Description {
+    /// Everything that is known, by name, in a fixed order.
+    pub fn pairs(&self) -> Vec<(&'static str, &str)> {
+        let known = [
+            ("subject", &self.subject),
+            ("title", &self.title),
+            ("operator", &self.operator),
+            ("project", &self.project),
+            ("rights", &self.rights),
+            ("session", &self.session),
+            ("rig", &self.rig),
+        ];
+        let known = known
+            .into_iter()
+            .filter_map(|(name, text)| Some((name, text.as_deref()?)));
+        std::iter::once(("capture", self.capture.as_str()))
+            .chain(known)
+            .chain([
+                ("time", self.time.as_str()),
+                ("input_sha256", self.input_sha256.as_str()),
+                ("calibration_sha256", self.calibration_sha256.as_str()),
+                ("program", self.program.as_str()),
+            ])
+            .collect()
+    }
+
+    /// The object in a line: its number and title, or the capture's id if neither is known.
+    pub fn heading(&self) -> String {
+        let known: Vec<&str> = [&self.subject, &self.title]
+            .into_iter()
+            .filter_map(|t| t.as_deref())
+            .collect();
+        match known[..] {
+            [] => self.capture.clone(),
+            _ => format!("{} ({})", known.join(", "), self.capture),
+        }
+    }
+}
+
+/// A text of a recording as files for people may carry it: one line, not endless; `None` if nothing is left.
+pub fn clean(text: &str) -> Option<String> {
+    let letter = |c: char| if c.is_control() { ' ' } else { c };
+    let kept: String = text.chars().take(LONGEST).map(letter).collect();
+    let kept = kept.trim();
+    (!kept.is_empty()).then(|| kept.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_becomes_one_line_that_ends() {
+        assert_eq!(
+            clean(" krater\nend_header\r\u{1b}[2J "),
+            Some("krater end_header  [2J".into())
+        );
+        assert_eq!(clean("\n \t"), None);
+        assert_eq!(
+            clean(&"x".repeat(9999)).map(|text| text.len()),
+            Some(LONGEST)
+        );
+    }
+
+    #[test]
+    fn only_what_is_known_is_said() {
+        let known = Description {
+            capture: "a-0001".into(),
+            subject: Some("1884.3".into()),
+            time: "1970-01-01T00:00:00.000Z".into(),
+            ..Description::default()
+        };
+        let names: Vec<&str> = known.pairs().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(
+            names,
+            [
+                "capture",
+                "subject",
+                "time",
+                "input_sha256",
+                "calibration_sha256",
+                "program"
+            ]
+        );
+        assert_eq!(known.heading(), "1884.3 (a-0001)");
+    }
+}

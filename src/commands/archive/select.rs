@@ -1,0 +1,125 @@
+//! Finds the captures that are named, by a capture's id, an object's number, a session's name or a recording's file.
+
+use crate::capture::{CaptureSession, CaptureSummary};
+use crate::recording::{Recording, finished_name};
+use crate::sync;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// A recording and those of its captures that are wanted.
+pub(super) struct Chosen {
+    pub(super) path: PathBuf,
+    pub(super) session: CaptureSession,
+    pub(super) captures: Vec<ChosenCapture>,
+}
+
+/// A capture that is wanted.
+pub(super) struct ChosenCapture {
+    pub(super) summary: CaptureSummary,
+    /// Whether it was named by its own id.
+    pub(super) is_named: bool,
+}
+
+/// The recordings and captures that the words name.
+///
+/// # Errors
+/// If a word names nothing, or a recording is not complete or cannot be read.
+pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Chosen>> {
+    let mut chosen: BTreeMap<PathBuf, Chosen> = BTreeMap::new();
+    let (files, names): (Vec<&String>, Vec<&String>) =
+        words.iter().partition(|word| Path::new(word).is_file());
+    for file in files {
+        let path = PathBuf::from(file);
+        if finished_name(&path).is_some() {
+            anyhow::bail!(
+                "{file}: the recording is not complete: complete it with scand recover first"
+            );
+        }
+        take(&mut chosen, &path, open(&path)?, |_, _| Some(false));
+    }
+    let recordings = if names.is_empty() {
+        Vec::new()
+    } else {
+        recordings(folder)?
+    };
+    let mut found = vec![false; names.len()];
+    for path in recordings {
+        let session = open(&path)?;
+        let name = session.recording().session_pair("name").map(str::to_owned);
+        take(&mut chosen, &path, session, |stem, capture| {
+            let mut is_named = None;
+            for (word, found) in names.iter().zip(&mut found) {
+                let by_id = capture.id.as_str() == *word;
+                let by_object = capture.subject.as_ref() == Some(*word);
+                let by_session = name.as_ref() == Some(*word) || stem == word.as_str();
+                if by_id || by_object || by_session {
+                    *found = true;
+                    is_named = Some(is_named.unwrap_or(false) || by_id);
+                }
+            }
+            is_named
+        });
+    }
+    if let Some((word, _)) = names.iter().zip(&found).find(|(_, found)| !**found) {
+        anyhow::bail!(
+            "no capture, object or session in the recordings of {} is named {word:?}: give another folder with \
+             --recordings, or a recording's file",
+            folder.display()
+        );
+    }
+    Ok(chosen.into_values().collect())
+}
+
+/// Adds the captures of a recording that are wanted: `Some(true)` for one that is named by its id.
+fn take(
+    chosen: &mut BTreeMap<PathBuf, Chosen>,
+    path: &Path,
+    session: CaptureSession,
+    mut wanted: impl FnMut(&str, &CaptureSummary) -> Option<bool>,
+) {
+    let stem = path
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let captures = session.captures().into_iter();
+    let captures: Vec<ChosenCapture> = captures
+        .filter_map(|summary| {
+            let is_named = wanted(&stem, &summary)?;
+            Some(ChosenCapture { summary, is_named })
+        })
+        .collect();
+    let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if !captures.is_empty() && !chosen.contains_key(&key) {
+        let path = path.to_owned();
+        chosen.insert(
+            key,
+            Chosen {
+                path,
+                session,
+                captures,
+            },
+        );
+    }
+}
+
+fn open(path: &Path) -> anyhow::Result<CaptureSession> {
+    Ok(CaptureSession::of_any(
+        Recording::open(path)?,
+        &sync::Parameters::default(),
+    )?)
+}
+
+/// The complete recordings in a folder, in the order of their names.
+fn recordings(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let at = |error: std::io::Error| anyhow::anyhow!("{}: {error}", folder.display());
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(at)? {
+        let path = entry.map_err(at)?.path();
+        if path.extension().is_some_and(|ending| ending == "mcap") && path.is_file() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}

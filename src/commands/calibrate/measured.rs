@@ -1,0 +1,115 @@
+//! The options of a calibration that say what was measured by hand: the printed ruler, and distances of cameras.
+
+use crate::calibration::fit::{CameraDistance, Length, Measured, RulerReading};
+use crate::frame::CameraId;
+
+/// Standard deviations of what is measured by hand, in metres: with a ruler, and between two cameras.
+const RULER: f64 = 0.5e-3;
+const DISTANCE: f64 = 15e-3;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct MeasuredArgs {
+    /// What a ruler says of the ruler that is printed on the board, such as 200mm=199.2mm or 200mm=199.2mm±0.3mm (or
+    /// +-; 0.5 mm without): it tells whether the sheet was printed at its size
+    #[arg(long, value_name = "PRINTED=MEASURED", value_parser = ruler)]
+    measured: Vec<RulerReading>,
+    /// The measured distance of two cameras' lenses, such as left right 1200mm±1mm (or +-; 15 mm without)
+    #[arg(long, num_args = 3, value_names = ["CAMERA", "CAMERA", "LENGTH"])]
+    distance: Vec<String>,
+}
+
+impl MeasuredArgs {
+    /// All that was measured.
+    ///
+    /// # Errors
+    /// If a distance names no camera or no length.
+    pub(super) fn all(&self) -> anyhow::Result<Measured> {
+        let distances = self.distance.chunks_exact(3).map(|given| {
+            let id =
+                |name: &String| CameraId::new(name).map_err(|e| anyhow::anyhow!("--distance: {e}"));
+            let measured = measured(&given[2], DISTANCE);
+            anyhow::ensure!(
+                given[0] != given[1],
+                "--distance: {} twice, expected two cameras",
+                given[0]
+            );
+            Ok(CameraDistance {
+                cameras: [id(&given[0])?, id(&given[1])?],
+                measured: measured.map_err(|e| anyhow::anyhow!("--distance: {e}"))?,
+            })
+        });
+        Ok(Measured {
+            rulers: self.measured.clone(),
+            distances: distances.collect::<anyhow::Result<_>>()?,
+        })
+    }
+}
+
+/// `200mm=199.2mm`.
+fn ruler(text: &str) -> Result<RulerReading, String> {
+    let (printed, read) = text
+        .split_once('=')
+        .ok_or_else(|| format!("{text:?} is not PRINTED=MEASURED, such as 200mm=199.2mm"))?;
+    Ok(RulerReading {
+        printed: length(printed)?,
+        measured: measured(read, RULER)?,
+    })
+}
+
+/// `1200mm±1mm`, `1200mm+-1mm` or `1200mm`.
+fn measured(text: &str, usual: f64) -> Result<Length, String> {
+    let parts = text.split_once('±').or_else(|| text.split_once("+-"));
+    let (value, deviation) = match parts {
+        Some((value, deviation)) => (value, length(deviation)?),
+        None => (text, usual),
+    };
+    Ok(Length {
+        metres: length(value)?,
+        deviation,
+    })
+}
+
+/// A length with its unit, in metres.
+fn length(text: &str) -> Result<f64, String> {
+    let text = text.trim();
+    let expected = || format!("{text:?} is no length with its unit, such as 199.2mm");
+    let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
+    let in_unit = |(unit, metres): (&str, f64)| {
+        let number: f64 = text.strip_suffix(unit)?.trim().parse().ok()?;
+        Some(number * metres)
+    };
+    let metres = units.into_iter().find_map(in_unit).ok_or_else(expected)?;
+    match metres.is_finite() && metres > 0.0 && metres <= 1e3 {
+        true => Ok(metres),
+        false => Err(expected()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_measured_is_read_with_and_without_its_deviation() {
+        let near = |found: Length, metres: f64, deviation: f64| {
+            assert!((found.metres - metres).abs() < 1e-12, "{found:?}");
+            assert!((found.deviation - deviation).abs() < 1e-12, "{found:?}");
+        };
+        near(measured("1200mm±1mm", DISTANCE).unwrap(), 1.2, 0.001);
+        near(measured("1.2m +- 0.2cm", DISTANCE).unwrap(), 1.2, 0.002);
+        near(measured("1200mm", DISTANCE).unwrap(), 1.2, 0.015);
+        let reading = ruler("200mm=199.2mm").unwrap();
+        assert!((reading.printed - 0.2).abs() < 1e-12);
+        near(reading.measured, 0.1992, 0.0005);
+        for bad in [
+            "200mm",
+            "200=199.2",
+            "200mm=-1mm",
+            "200mm=199.2mm±",
+            "0mm=1mm",
+            "200mm=nanmm",
+        ] {
+            assert!(ruler(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! Reads the command line, and adds to clap's errors what a person who typed that most likely wanted.
+
+use super::Cli;
+use clap::Parser;
+use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
+use std::ffi::OsString;
+use std::path::Path;
+
+/// Reads the command line. Ends the process where it asks for help or cannot be read.
+pub fn parse() -> Cli {
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    Cli::try_parse_from(&arguments).unwrap_or_else(|error| {
+        let tip = tip(&error);
+        let _ = error.print();
+        if let Some(tip) = tip {
+            eprintln!("\n  tip: {tip}");
+        }
+        std::process::exit(error.exit_code())
+    })
+}
+
+/// What else is to be said of an error.
+fn tip(error: &Error) -> Option<String> {
+    if error.kind() != ErrorKind::InvalidSubcommand {
+        return None;
+    }
+    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else {
+        return None;
+    };
+    let is_recording = [".mcap", ".part"]
+        .iter()
+        .any(|ending| word.ends_with(ending));
+    if is_recording || Path::new(word).exists() {
+        return Some(format!("to reconstruct a recording: scand replay {word}"));
+    }
+    let known = match word.as_str() {
+        "version" => "scand --version",
+        "convert" | "export-ros" => "scand calibrate --from FILE --ros DIR",
+        "reconstruct" | "model" | "scan" => "scand replay FILE, or scand trigger at a rig",
+        "start" | "daemon" | "serve" => "scand run --config FILE, or systemctl start scand",
+        "capture" | "press" | "shoot" => "scand trigger",
+        "accept" | "reject" | "clear" => "scand note CAPTURE accept|reject|clear",
+        "repair" | "fix" => "scand recover FILE",
+        "bag" | "bagit" | "package" => "scand archive NAME --out DIR",
+        "completions" | "completion" => "scand generate completions SHELL",
+        _ => return None,
+    };
+    Some(format!("you may want: {known}"))
+}

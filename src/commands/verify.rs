@@ -1,0 +1,53 @@
+//! `scand verify`: checks a package for an archive, whoever made it.
+
+use crate::bag::verify;
+use crate::words::count;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Check a package for an archive (BagIt): every file against its digest
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  scand verify /archive/1884.3")]
+pub struct Args {
+    /// The folders of packages
+    #[arg(required = true, value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Print a line of JSON for each package
+    #[arg(long)]
+    json: bool,
+}
+
+/// Checks each package. The exit code is 1 if one is not whole.
+///
+/// # Errors
+/// None: what cannot be read is told here, and the next package is checked.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let mut code = ExitCode::SUCCESS;
+    for folder in &args.folders {
+        let name = folder.display();
+        let (findings, error) = match verify(folder) {
+            Ok(findings) => (findings, None),
+            Err(error) => (Vec::new(), Some(error.to_string())),
+        };
+        let is_whole = findings.is_empty() && error.is_none();
+        if !is_whole {
+            code = ExitCode::FAILURE;
+        }
+        if args.json {
+            let line = serde_json::json!({
+                "package": folder, "whole": is_whole, "findings": findings, "error": error,
+            });
+            outln!("{line}");
+            continue;
+        }
+        match error {
+            Some(error) => eprintln!("scand: {name}: {error}"),
+            None if is_whole => outln!("{name}: whole: every file is what it was"),
+            None => {
+                eprintln!("scand: {name}: {}", count(findings.len(), "problem"));
+                findings.iter().for_each(|finding| eprintln!("  {finding}"));
+            }
+        }
+    }
+    Ok(code)
+}

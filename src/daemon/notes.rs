@@ -1,0 +1,153 @@
+//! What becomes of a note: one on a capture of a session that is closed is written beside its recording, and each one
+//! that is on the disk takes effect. A reject takes back the capture's job while that waits, and a clear or an accept
+//! offers it again. A model that is made stays, marked with what was said.
+
+use super::dispatcher::Dispatcher;
+use super::names;
+use super::request_log::Input;
+use crate::frame::Timestamp;
+use crate::log;
+use crate::make_model::mark_also;
+use crate::notes::{NoteKind, Said};
+use crate::recording::{Note, Recording, note_beside};
+use crate::trigger::Event;
+use crate::workers::Jobs;
+use parking_lot::Mutex;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Writes a note beside the complete recording that has its capture, and answers. A recording is opened on a thread of
+/// its own, for a large damaged one is read whole.
+pub(super) fn write_beside(
+    folder: PathBuf,
+    note: Note,
+    time: Timestamp,
+    answer: impl FnOnce(Result<String, String>) + Send + 'static,
+) {
+    let candidates = candidates(&folder, &note.capture);
+    if candidates.is_empty() {
+        let capture = &note.capture;
+        return answer(Err(format!(
+            "no recording in {} has {capture:?} by its name: if the recording has another name, give that to scand note \
+             --recording",
+            folder.display()
+        )));
+    }
+    let write = move || answer(write_to_one(&candidates, &note, time));
+    if let Err(error) = std::thread::Builder::new().name("note".into()).spawn(write) {
+        log::error!("a note is lost, for no thread can be started: {error}");
+    }
+}
+
+/// Complete recordings whose names say that they are of the session of a capture, or of the session itself.
+fn candidates(folder: &Path, name: &str) -> Vec<PathBuf> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_of = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let is_complete = path.extension().is_some_and(|ending| ending == "mcap");
+        is_complete
+            && [name, names::session_of(name)]
+                .iter()
+                .any(|session| names::is_of(&stem, session))
+    };
+    let mut found: Vec<PathBuf> = files.map(|file| file.path()).filter(is_of).collect();
+    found.sort();
+    found
+}
+
+fn write_to_one(candidates: &[PathBuf], note: &Note, time: Timestamp) -> Result<String, String> {
+    let mut refused = String::new();
+    for path in candidates {
+        let written =
+            Recording::open(path).and_then(|recording| note_beside(&recording, note, time));
+        match written {
+            Ok(file) => return Ok(format!("the note is in {}", file.display())),
+            Err(error) => refused = error.to_string(),
+        }
+    }
+    Err(refused)
+}
+
+/// Lets notes take effect.
+pub(super) struct NoteEffects {
+    pub(super) jobs: Option<Arc<Jobs>>,
+    /// Where models go.
+    pub(super) models: Option<PathBuf>,
+    /// Notes on captures whose models are being made, which may not have read them.
+    pub(super) late: Mutex<BTreeMap<String, Vec<Said>>>,
+    pub(super) dispatcher: Arc<Dispatcher>,
+}
+
+impl NoteEffects {
+    /// Does what a note that is on the disk asks for.
+    pub(super) fn carry_out(&self, capture: String, said: Said) {
+        if let Some(jobs) = &self.jobs {
+            match said.kind {
+                NoteKind::Reject => self.withdraw(jobs, &capture),
+                NoteKind::Accept | NoteKind::Clear => jobs.offer_again(&capture),
+                NoteKind::Text => {}
+            }
+            if jobs.is_running(&capture) {
+                self.late
+                    .lock()
+                    .entry(capture.clone())
+                    .or_default()
+                    .push(said.clone());
+            }
+        }
+        let folders = self
+            .models
+            .iter()
+            .flat_map(|models| folders(models, &capture));
+        for folder in folders {
+            tell(mark_also(&folder, std::slice::from_ref(&said)), &capture);
+        }
+    }
+
+    /// Takes a waiting job back; its press hears that there will be no model.
+    fn withdraw(&self, jobs: &Jobs, capture: &str) {
+        if let Some(recording) = jobs.withdraw(capture) {
+            log::notice!("capture {capture}: rejected before its model was made");
+            self.dispatcher.on(Input::JobEnded(Event::JobFailed {
+                capture: capture.into(),
+                recording: Some(recording),
+                reason: "the capture was rejected before its model was made".into(),
+            }));
+        }
+    }
+
+    /// Marks a model that was just made with what was said meanwhile.
+    pub(super) fn job_ended(&self, event: &Event) {
+        let (Event::Done { capture, .. } | Event::JobFailed { capture, .. }) = event else {
+            return;
+        };
+        let said = self.late.lock().remove(capture);
+        if let (Some(said), Event::Done { model, .. }) = (said, event) {
+            tell(mark_also(model, &said), capture);
+        }
+    }
+}
+
+/// The folders of a capture's models.
+fn folders(models: &Path, capture: &str) -> Vec<PathBuf> {
+    let session = names::session_of(capture);
+    let stems = std::fs::read_dir(models).into_iter().flatten().flatten();
+    let is_of = |path: &PathBuf| {
+        names::is_of(
+            &path.file_name().unwrap_or_default().to_string_lossy(),
+            session,
+        )
+    };
+    let of_session = stems.map(|stem| stem.path()).filter(is_of);
+    let folders = of_session.map(|stem| stem.join(capture));
+    folders
+        .filter(|folder| folder.join("report.json").is_file())
+        .collect()
+}
+
+fn tell(marked: Result<(), crate::make_model::Error>, capture: &str) {
+    if let Err(error) = marked {
+        log::error!("capture {capture}: its model is not marked: {error}");
+    }
+}

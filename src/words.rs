@@ -1,0 +1,69 @@
+//! Words that several rooms say: counts with their plurals, and which known word is close to a wrong one.
+
+/// A count with its noun: `1 capture`, `2 captures`.
+pub fn count(number: usize, noun: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
+}
+
+/// The known word that is closest to `word`, if it is close: at most a third of the letters differ, and at most three.
+pub fn closest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let word = word.to_lowercase();
+    let most = (word.chars().count() / 3).clamp(1, 3);
+    let distances = known
+        .into_iter()
+        .map(|known| (distance(&word, known), known));
+    let closest = distances.min_by_key(|(distance, _)| *distance)?;
+    (closest.0 <= most).then_some(closest.1)
+}
+
+/// How many letters must be put in, taken out, changed or swapped with their neighbour to make one word of the other.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![(0..=b.len()).collect::<Vec<usize>>()];
+    for i in 1..=a.len() {
+        let mut row = vec![i];
+        for j in 1..=b.len() {
+            let change = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut least = change.min(rows[i - 1][j] + 1).min(row[j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                least = least.min(rows[i - 2][j - 2] + 1);
+            }
+            row.push(least);
+        }
+        rows.push(row);
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn close_words_are_found_and_far_ones_are_not() {
+        let known = ["accept", "reject", "clear"];
+        for (word, expected) in [
+            ("accpt", Some("accept")),
+            ("Accept", Some("accept")),
+            ("rejcet", Some("reject")),
+            ("rejected", Some("reject")),
+            ("cleer", Some("clear")),
+            ("a hand in the picture", None),
+            ("blurred", None),
+            ("", None),
+        ] {
+            assert_eq!(closest(word, known), expected, "{word}");
+        }
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("xy", "yx"), 1);
+    }
+
+    #[test]
+    fn one_has_no_plural() {
+        assert_eq!(
+            [0, 1, 2].map(|n| count(n, "image")),
+            ["0 images", "1 image", "2 images"]
+        );
+    }
+}

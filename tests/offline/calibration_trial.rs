@@ -1,0 +1,436 @@
+//! Sessions with a fault each, rendered, recorded and calibrated by the command: what is said of each, and the exit
+//! code. No fault that a session can show may end in *good* or *accepted*. The same faults are tried on corners
+//! without pictures beside the code that finds them; this takes minutes and is run by `make calibration-trial`, with
+//! eleven cameras of 5 megapixels where `SCAND_TRIAL=full` is in the environment.
+
+use assert_cmd::Command;
+use scand::calibration::Board;
+use scand::frame::{Frame, Picture, Stream};
+use scand::recording::{Compression, Writer};
+use scand_lab::{BoardOptions, BoardSession, CameraFault, Capture, Encoding, Options};
+use std::path::{Path, PathBuf};
+
+const PLACEMENTS: usize = 19;
+
+fn is_full() -> bool {
+    std::env::var_os("SCAND_TRIAL").is_some_and(|size| size == "full")
+}
+
+/// What the cameras of a rig hand over, with whatever is changed of it.
+fn captures(change: impl Fn(&mut Options, &mut BoardOptions)) -> (Vec<Capture>, Board) {
+    let mut options = Options::for_boards();
+    let mut boards = BoardOptions {
+        board: "checkerboard:9x6:25mm".into(),
+        ..BoardOptions::default()
+    };
+    if !is_full() {
+        (options.width, options.height, options.cameras) = (1280, 960, 6);
+        boards.placements = PLACEMENTS;
+    }
+    options.color.encoding = Encoding::Mono;
+    change(&mut options, &mut boards);
+    let session = BoardSession::new(options, boards).unwrap();
+    let count = session.placements().len();
+    let captures = (0..count).map(|index| session.capture(index).unwrap());
+    (captures.collect(), *session.board())
+}
+
+/// The session in which a camera was changed, of that camera alone.
+fn only(camera: &str, change: impl Fn(&mut Options)) -> Vec<Capture> {
+    let all = captures(|options, _| {
+        let others = (0..options.cameras).map(|k| format!("c{k:02}"));
+        let others = others.chain(["kinect".to_owned()]);
+        options.faults.missing = others.filter(|id| id != camera).collect();
+        change(options);
+    });
+    all.0
+}
+
+/// A rig that has no fault, and the folder of its sessions.
+struct Trial {
+    folder: tempfile::TempDir,
+    base: Vec<Capture>,
+    board: Board,
+}
+
+/// What the command said.
+struct Told {
+    code: Option<i32>,
+    words: String,
+}
+
+impl Trial {
+    fn new() -> Self {
+        let (base, board) = captures(|_, _| {});
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            base,
+            board,
+        }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn write(&self, captures: &[Capture], name: &str) -> PathBuf {
+        let path = self.path(name);
+        let _ = std::fs::remove_file(&path);
+        let mut writer = Writer::create(&path, "a trial", Compression::None).unwrap();
+        writer.board(&self.board).unwrap();
+        for capture in captures {
+            writer.trigger(&capture.trigger).unwrap();
+            for frame in &capture.frames {
+                writer.frame(frame).unwrap();
+            }
+        }
+        writer.finish().unwrap();
+        path
+    }
+
+    /// The base with each frame of a placement changed or taken from elsewhere.
+    fn with(&self, change: impl Fn(usize, &mut Frame)) -> Vec<Capture> {
+        let mut all = self.base.clone();
+        for (index, capture) in all.iter_mut().enumerate() {
+            capture
+                .frames
+                .iter_mut()
+                .for_each(|frame| change(index, frame));
+        }
+        all
+    }
+
+    /// The base with a camera's frames of another session from a placement on.
+    fn starting_at(&self, camera: &str, from: usize, other: &[Capture]) -> Vec<Capture> {
+        self.with(|index, frame| {
+            if index >= from && frame.camera.as_str() == camera {
+                let found = other[index].frames.iter();
+                let mut same =
+                    found.filter(|f| f.camera == frame.camera && f.stream == frame.stream);
+                // Depth frames keep their order.
+                let nth = same
+                    .position(|f| f.timestamp == frame.timestamp)
+                    .unwrap_or(0);
+                let mut same = other[index]
+                    .frames
+                    .iter()
+                    .filter(|f| f.camera == frame.camera && f.stream == frame.stream);
+                frame.picture = same.nth(nth).unwrap().picture.clone();
+            }
+        })
+    }
+
+    fn calibrate(&self, captures: &[Capture], more: &[&str]) -> Told {
+        let session = self.write(captures, "session.mcap");
+        let out = self.path("out.toml");
+        let mut arguments = vec!["calibrate", session.to_str().unwrap(), "--force"];
+        arguments.extend(["--out", out.to_str().unwrap()]);
+        arguments.extend(more);
+        run(&arguments)
+    }
+
+    /// Tries a fault: what must be said, and with which exit code.
+    fn row(&self, fault: &str, captures: &[Capture], more: &[&str], code: i32, said: &[&str]) {
+        let told = self.calibrate(captures, more);
+        println!("shown: {fault}: exit {:?}: {}", told.code, told.summary());
+        assert_eq!(told.code, Some(code), "{fault}: {}", told.words);
+        for words in said {
+            assert!(
+                told.words.contains(words),
+                "{fault}: {words}: {}",
+                told.words
+            );
+        }
+    }
+}
+
+impl Told {
+    /// The verdict and its first reason.
+    fn summary(&self) -> String {
+        let levels = ["good:", "accepted:", "doubtful:", "refused:"];
+        let mut lines = self.words.lines();
+        let verdict = lines.find(|line| levels.iter().any(|level| line.starts_with(level)));
+        let verdict = verdict.map_or("", |line| line.split(',').next().unwrap_or(line));
+        format!("{verdict} | {}", lines.next().unwrap_or_default().trim())
+    }
+}
+
+fn run(arguments: &[&str]) -> Told {
+    let output = Command::new(env!("CARGO_BIN_EXE_scand"))
+        .args(arguments)
+        .output()
+        .unwrap();
+    let [out, errors] =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    Told {
+        code: output.status.code(),
+        words: out + &errors,
+    }
+}
+
+/// A picture's rows, mirrored.
+fn mirrored(picture: &Picture) -> Picture {
+    let mut mirrored = picture.clone();
+    if let Picture::Raw { step, data, .. } = &mut mirrored {
+        let rows = data.chunks_exact(*step as usize);
+        let turned: Vec<u8> = rows.flat_map(|row| row.iter().rev().copied()).collect();
+        *data = turned.into();
+    }
+    mirrored
+}
+
+/// A picture whose focal length is larger, by so many times.
+fn zoomed(picture: &Picture, times: f64) -> Picture {
+    let mut zoomed = picture.clone();
+    if let Picture::Raw {
+        width,
+        height,
+        step,
+        data,
+        ..
+    } = &mut zoomed
+    {
+        let (w, h, step) = (*width as usize, *height as usize, *step as usize);
+        let at = |x: f64, y: f64| {
+            let (x, y) = (
+                x.clamp(0.0, w as f64 - 1.001),
+                y.clamp(0.0, h as f64 - 1.001),
+            );
+            let (i, j) = (x as usize, y as usize);
+            let (u, v) = (x - i as f64, y - j as f64);
+            let pixel = |i: usize, j: usize| f64::from(data[j * step + i]);
+            (1.0 - v) * ((1.0 - u) * pixel(i, j) + u * pixel(i + 1, j))
+                + v * ((1.0 - u) * pixel(i, j + 1) + u * pixel(i + 1, j + 1))
+        };
+        let (cx, cy) = (0.5 * (w as f64 - 1.0), 0.5 * (h as f64 - 1.0));
+        let row = |j: usize| (0..step).map(move |i| (i, j));
+        let pixels = (0..h).flat_map(row).map(|(i, j)| {
+            at(cx + (i as f64 - cx) / times, cy + (j as f64 - cy) / times).round() as u8
+        });
+        *data = pixels.collect::<Vec<u8>>().into();
+    }
+    zoomed
+}
+
+/// Readings of a depth frame, so many times as large.
+fn deeper(picture: &Picture, times: f64) -> Picture {
+    let mut deeper = picture.clone();
+    if let Picture::Raw { data, .. } = &mut deeper {
+        let readings = data
+            .chunks_exact(2)
+            .map(|b| u16::from_le_bytes([b[0], b[1]]));
+        let scaled = readings.flat_map(|r| ((f64::from(r) * times).round() as u16).to_le_bytes());
+        *data = scaled.collect::<Vec<u8>>().into();
+    }
+    deeper
+}
+
+fn turned(camera: &str, degrees: f64) -> Vec<Capture> {
+    only(camera, |options| {
+        options.faults.turned_deg.push(CameraFault {
+            camera: camera.into(),
+            amount: degrees,
+        });
+    })
+}
+
+fn is(frame: &Frame, camera: &str) -> bool {
+    frame.camera.as_str() == camera
+}
+
+#[test]
+#[ignore = "takes minutes: make calibration-trial"]
+fn every_fault_that_a_session_can_show_is_doubted_and_named() {
+    let trial = Trial::new();
+    let count = trial.base.len();
+    let last = count - 6;
+    let name = |index: usize| format!("placement-{index:03}");
+
+    let told = trial.calibrate(&trial.base, &[]);
+    println!("shown: sound: exit {:?}: {}", told.code, told.summary());
+    assert_eq!(told.code, Some(0), "{}", told.words);
+    assert!(
+        told.words
+            .contains("m a unit, and 0.001 ±1.0 % is nominal: they differ by"),
+        "{}",
+        told.words
+    );
+    let sound = trial.path("sound.toml");
+    std::fs::rename(trial.path("out.toml"), &sound).unwrap();
+
+    for degrees in [0.1, 0.7] {
+        let other = turned("c03", degrees);
+        let moved = format!("camera c03 moved by {degrees:.2}°");
+        let late = trial.starting_at("c03", last, &other);
+        let from = format!("--from-placement {}", name(last));
+        trial.row(
+            &format!("bumped by {degrees}° late"),
+            &late,
+            &[],
+            3,
+            &[&moved, &from],
+        );
+        let early = trial.with(|index, frame| {
+            if index < 4 && is(frame, "c03") {
+                frame.picture = other[index].frames[0].picture.clone();
+            }
+        });
+        let since = format!("this is the rig since {}", name(4));
+        trial.row(
+            &format!("bumped by {degrees}° early"),
+            &early,
+            &[],
+            3,
+            &[&moved, &since],
+        );
+        let advised = ["--from-placement", &name(4)];
+        trial.row("the sound part of it", &early, &advised, 0, &[]);
+    }
+
+    let exchanged = trial.with(|index, frame| {
+        let other = ["c01", "c02"].iter().position(|id| is(frame, id));
+        if let (Some(k), true) = (other, index >= count / 2) {
+            let source = ["c02", "c01"][k];
+            let frames = trial.base[index].frames.iter();
+            frame.picture = frames
+                .clone()
+                .find(|f| is(f, source))
+                .unwrap()
+                .picture
+                .clone();
+        }
+    });
+    let told = trial.calibrate(&exchanged, &[]);
+    println!("shown: exchanged: exit {:?}: {}", told.code, told.summary());
+    assert_ne!(told.code, Some(0));
+    let words = format!("cameras c01 and c02 are exchanged from {}", name(count / 2));
+    assert!(told.words.contains(&words), "{}", told.words);
+
+    let late = trial.with(|index, frame| {
+        if is(frame, "c04") && index > 0 {
+            let before = trial.base[index - 1].frames.iter();
+            frame.picture = before
+                .clone()
+                .find(|f| is(f, "c04"))
+                .unwrap()
+                .picture
+                .clone();
+        }
+    });
+    let told = trial.calibrate(&late, &[]);
+    println!(
+        "shown: late by one: exit {:?}: {}",
+        told.code,
+        told.summary()
+    );
+    assert_ne!(told.code, Some(0));
+    assert!(
+        told.words
+            .contains("camera c04: its pictures are one placement late"),
+        "{}",
+        told.words
+    );
+
+    let mirror = trial.with(|_, frame| {
+        if is(frame, "c02") {
+            frame.picture = mirrored(&frame.picture);
+        }
+    });
+    let told = trial.calibrate(&mirror, &[]);
+    println!("shown: mirrored: exit {:?}: {}", told.code, told.summary());
+    assert_ne!(told.code, Some(0));
+    assert!(
+        told.words.contains("c02") && told.words.contains("mirrored"),
+        "{}",
+        told.words
+    );
+
+    let refocused = trial.with(|index, frame| {
+        if is(frame, "c03") && index >= last {
+            frame.picture = zoomed(&frame.picture, 1.005);
+        }
+    });
+    trial.row("refocused by 0.5 %", &refocused, &[], 3, &["c03"]);
+
+    let few = &trial.base[..3];
+    let told = trial.calibrate(few, &[]);
+    println!(
+        "shown: three placements: exit {:?}: {}",
+        told.code,
+        told.summary()
+    );
+    assert_ne!(told.code, Some(0));
+
+    let wrong = ["--board", "checkerboard:9x6:24mm"];
+    let both = [
+        "either the board's squares have 2",
+        "and not 24 mm",
+        "or the depth camera reads 4.",
+    ];
+    trial.row("squares of 24 for 25 mm", &trial.base, &wrong, 3, &both);
+    for times in [1.03, 1.04] {
+        let deep = trial.with(|_, frame| {
+            if frame.stream == Stream::Depth {
+                frame.picture = deeper(&frame.picture, times);
+            }
+        });
+        let percent = format!("depth {:.0} % too deep", 100.0 * (times - 1.0));
+        trial.row(
+            &percent,
+            &deep,
+            &[],
+            3,
+            &["or the depth camera reads", "too deep"],
+        );
+        let today = trial.write(&deep[4..6], "today.mcap");
+        let told = check(&today, &sound);
+        println!("shown: {percent}, --check: exit {:?}", told.code);
+        assert_eq!(told.code, Some(1), "{}", told.words);
+        assert!(told.words.contains("mm too deep at"), "{}", told.words);
+    }
+    let beside = only("kinect", |options| options.depth.misregistration_px = 6.0);
+    let beside = trial.starting_at("kinect", 0, &beside);
+    trial.row(
+        "depth beside its colour",
+        &beside,
+        &[],
+        3,
+        &["depth that lies beside its colour picture"],
+    );
+    let whole = trial.write(&trial.base, "whole.mcap");
+    let told = check(&whole, &sound);
+    println!("shown: sound, --check: exit {:?}", told.code);
+    assert_eq!(told.code, Some(0), "{}", told.words);
+}
+
+fn check(session: &Path, against: &Path) -> Told {
+    let [session, against] = [session, against].map(|path| path.to_str().unwrap());
+    run(&["calibrate", "--check", session, "--against", against])
+}
+
+#[test]
+#[ignore = "takes minutes: make calibration-trial"]
+fn no_sound_session_is_doubted() {
+    for seed in 0..20 {
+        let (base, board) = captures(|options, boards| {
+            options.seed = seed;
+            if !is_full() {
+                (options.width, options.height, options.cameras) = (800, 600, 5);
+                boards.placements = 17;
+            }
+            options.depth.bias_mm = 12.0;
+        });
+        let trial = Trial {
+            folder: tempfile::tempdir().unwrap(),
+            base,
+            board,
+        };
+        let told = trial.calibrate(&trial.base, &[]);
+        println!(
+            "shown: seed {seed}: exit {:?}: {}",
+            told.code,
+            told.summary()
+        );
+        assert_eq!(told.code, Some(0), "{}", told.words);
+    }
+}

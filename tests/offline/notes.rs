@@ -1,0 +1,209 @@
+//! What people say of captures of a complete recording: `scand note --recording`, and what `info` and `replay` make
+//! of it.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::path::PathBuf;
+
+/// Two captures of a ball, and a folder for what is made of them.
+struct Ball {
+    folder: tempfile::TempDir,
+}
+
+impl Ball {
+    fn new() -> Self {
+        let ball = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        #[rustfmt::skip]
+        ball.scand(&[
+            "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
+            "--captures", "2", "--out", "ball.mcap",
+        ]);
+        ball
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::cargo_bin("scand").unwrap();
+        command.current_dir(self.folder.path()).args(arguments);
+        command
+    }
+
+    /// What a command that succeeds prints.
+    fn scand(&self, arguments: &[&str]) -> String {
+        let output = self.command(arguments).output().unwrap();
+        assert!(output.status.success(), "{arguments:?}: {output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    fn note(&self, capture: &str, words: &[&str]) -> String {
+        let arguments = [&["note", capture], words, &["--recording", "ball.mcap"]].concat();
+        self.scand(&arguments)
+    }
+
+    /// The captures of a replay as their lines say: id, how it ended, and the decision.
+    fn replay(&self, more: &[&str]) -> Vec<[String; 3]> {
+        let arguments = [
+            "replay",
+            "ball.mcap",
+            "--json",
+            "-q",
+            "--set",
+            "hull.resolution=40",
+        ];
+        let told = self.scand(&[&arguments[..], more].concat());
+        let lines = told.lines().map(|line| serde_json::from_str(line).unwrap());
+        let word = |value: &Value| value.as_str().unwrap_or("-").to_owned();
+        let line = |line: Value| {
+            [
+                &line["capture"],
+                &line["result"],
+                &line["notes"]["decision"],
+            ]
+            .map(word)
+        };
+        lines.map(line).collect()
+    }
+
+    fn report(&self, capture: &str) -> Value {
+        let bytes = std::fs::read(self.path("out/ball").join(capture).join("report.json")).unwrap();
+        serde_json::from_slice(&bytes).unwrap()
+    }
+
+    fn digest(&self) -> Vec<u8> {
+        Sha256::digest(std::fs::read(self.path("ball.mcap")).unwrap()).to_vec()
+    }
+}
+
+#[test]
+fn a_rejected_capture_is_left_out_until_that_is_taken_back() {
+    let ball = Ball::new();
+    let before = ball.digest();
+    let told = ball.note(
+        "ball-000",
+        &["reject", "a hand is in it", "--author", "Ann"],
+    );
+    assert!(told.contains("ball.notes.jsonl"), "{told}");
+    let info = ball.scand(&["info", "ball.mcap"]);
+    let line = info.lines().find(|line| line.contains("ball-000")).unwrap();
+    assert!(
+        line.contains("rejected by Ann on 20") && line.contains("a hand is in it"),
+        "{line}"
+    );
+    let line = |id: &str, result: &str, decision: &str| [id, result, decision].map(str::to_owned);
+    let rejected = line("ball-000", "rejected", "rejected");
+    assert_eq!(
+        ball.replay(&[]),
+        [rejected.clone(), line("ball-001", "done", "-")]
+    );
+    assert!(!ball.path("out/ball/ball-000").exists());
+    let words = ball.scand(&["replay", "ball.mcap", "--set", "hull.resolution=40"]);
+    assert!(
+        words.contains("left out, because it was rejected"),
+        "{words}"
+    );
+    assert!(
+        words.contains("1 done, 0 failed, 1 rejected and left out"),
+        "{words}"
+    );
+    // A text changes nothing of that, and who wants the capture gets it.
+    ball.note("ball-000", &["the light was late"]);
+    let all = ball.replay(&["--rejected"]);
+    assert_eq!(all[0], line("ball-000", "done", "rejected"));
+    let report = ball.report("ball-000");
+    assert_eq!(report["notes"]["decision"], "rejected");
+    assert_eq!(report["notes"]["said"][1]["text"], "the light was late");
+    let model = std::fs::read(ball.path("out/ball/ball-000/model.glb")).unwrap();
+    // Taken back: the model that is there says so, and is otherwise what it was.
+    ball.note("ball-000", &["clear"]);
+    assert_eq!(ball.replay(&[])[0], line("ball-000", "unchanged", "-"));
+    let report = ball.report("ball-000");
+    assert_eq!(report["notes"]["decision"], Value::Null);
+    assert_eq!(
+        std::fs::read(ball.path("out/ball/ball-000/model.glb")).unwrap(),
+        model
+    );
+    // A model that was made before its capture is rejected stays and is marked.
+    let preview = std::fs::read(ball.path("out/ball/ball-001/preview.png")).unwrap();
+    ball.note("ball-001", &["reject"]);
+    assert_eq!(ball.replay(&[])[1..], [line("ball-000", "unchanged", "-")]);
+    assert_eq!(ball.report("ball-001")["notes"]["decision"], "rejected");
+    assert_ne!(
+        std::fs::read(ball.path("out/ball/ball-001/preview.png")).unwrap(),
+        preview
+    );
+    assert_eq!(ball.digest(), before, "the recording never changes");
+    // Packing takes nothing from the notes.
+    ball.scand(&["pack", "ball.mcap"]);
+    assert_eq!(
+        ball.replay(&["--capture", "ball-001"]),
+        [line("ball-001", "unchanged", "rejected")]
+    );
+}
+
+#[test]
+fn a_word_close_to_a_decision_is_asked_about() {
+    let ball = Ball::new();
+    for (what, close) in [
+        ("accpt", "accept"),
+        ("Reject", "reject"),
+        ("rejected: a hand", "reject"),
+        ("cleer", "clear"),
+    ] {
+        let mut note = ball.command(&["note", "ball-000", what, "--recording", "ball.mcap"]);
+        let output = note.output().unwrap();
+        let words = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{what}: {words}");
+        assert!(
+            words.contains(&format!("close to {close:?}")) && words.contains("--text"),
+            "{words}"
+        );
+        assert!(!ball.path("ball.notes.jsonl").exists(), "{what}");
+    }
+    ball.note("ball-000", &["rejcet", "--text"]);
+    let notes = std::fs::read_to_string(ball.path("ball.notes.jsonl")).unwrap();
+    assert!(
+        notes.contains(r#""kind":"text","text":"rejcet""#),
+        "{notes}"
+    );
+    let unknown = ball
+        .command(&["note", "ball-7", "accept", "--recording", "ball.mcap"])
+        .output()
+        .unwrap();
+    let words = String::from_utf8(unknown.stderr).unwrap();
+    assert!(
+        words.contains("ball.mcap") && words.contains("ball-7"),
+        "{words}"
+    );
+}
+
+#[test]
+fn notes_of_another_recording_and_without_one_are_named() {
+    let ball = Ball::new();
+    ball.note("ball-000", &["reject"]);
+    let notes = ball.path("ball.notes.jsonl");
+    let text = std::fs::read_to_string(&notes).unwrap();
+    let at = text.find("\"trigger\":\"").unwrap() + 11;
+    std::fs::write(&notes, format!("{}9{}", &text[..at], &text[at + 1..])).unwrap();
+    let info = ball.scand(&["info", "ball.mcap"]);
+    assert!(
+        info.contains("ball.notes.jsonl: line 1") && info.contains("another recording"),
+        "{info}"
+    );
+    assert_eq!(ball.replay(&[])[0][1], "done");
+    std::fs::write(ball.path("gone.notes.jsonl"), "").unwrap();
+    let replay = ball
+        .command(&["replay", ".", "--set", "hull.resolution=40"])
+        .output()
+        .unwrap();
+    let words = String::from_utf8(replay.stderr).unwrap();
+    assert!(
+        words.contains("gone.notes.jsonl") && words.contains("gone.mcap is not there"),
+        "{words}"
+    );
+}

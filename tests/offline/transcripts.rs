@@ -1,0 +1,227 @@
+//! Mistakes that people make at the command line, and what they are told: a table of commands, exit codes and words.
+
+use assert_cmd::Command;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixListener;
+use std::path::PathBuf;
+use std::process::Output;
+
+struct Desk(tempfile::TempDir);
+
+impl Desk {
+    /// A recording of a ball, a copy of it that was cut off, and files that are none.
+    fn new() -> Self {
+        let desk = Self(tempfile::tempdir().unwrap());
+        #[rustfmt::skip]
+        let made = desk.run(&[
+            "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
+            "--captures", "2", "--out", "ball.mcap",
+        ]);
+        assert!(made.status.success(), "{made:?}");
+        let whole = std::fs::read(desk.path("ball.mcap")).unwrap();
+        std::fs::write(desk.path("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+        std::fs::write(desk.path("picture.mcap"), b"\x89PNG\r\n\x1a\n").unwrap();
+        std::fs::write(desk.path("camchain.yaml"), "cam0:\n  intrinsics: [1, 2]\n").unwrap();
+        std::fs::create_dir(desk.path("empty")).unwrap();
+        std::fs::create_dir(desk.path("other")).unwrap();
+        std::fs::copy(desk.path("ball.mcap"), desk.path("other/ball.mcap")).unwrap();
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("scand").unwrap();
+        command
+            .current_dir(self.0.path())
+            .args(arguments)
+            .output()
+            .unwrap()
+    }
+
+    /// Runs a command line and holds its exit code and what it says.
+    fn hold(&self, line: &str, code: i32, words: &[&str]) -> String {
+        let output = self.run(&line.split(' ').collect::<Vec<_>>());
+        let said = String::from_utf8_lossy(&output.stdout).into_owned()
+            + &String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{line}: {word:?} is not in: {said}");
+        }
+        said
+    }
+}
+
+#[test]
+fn mistakes_are_answered_with_what_to_do() {
+    let desk = Desk::new();
+    for (line, code, words) in [
+        ("ball.mcap", 2, &["scand replay ball.mcap"][..]),
+        ("help replay", 0, &["FILE|FOLDER", "Examples:"]),
+        ("version", 2, &["scand --version"]),
+        (
+            "replay ball.mcap --set hull.resolutoin=100",
+            78,
+            &["did you mean \"resolution\"?"],
+        ),
+        ("replay ball.mcap --set hull.resolution=abc", 78, &["abc"]),
+        (
+            "replay ball.mcap --set hull.cell_size=1 -o large",
+            1,
+            &["hull.cell_size is 1 m", "or less"],
+        ),
+        ("replay ball.mcap --set hull.cell_size=4mm -q", 0, &[]),
+        (
+            "replay ball.mcap --calibration ball.mcap",
+            78,
+            &["is a recording", "scand info RECORDING --calibration"],
+        ),
+        (
+            "replay ball.mcap --calibration camchain.yaml",
+            78,
+            &["is YAML, expected TOML"],
+        ),
+        (
+            "replay ball.mcap -o ball.mcap/out",
+            1,
+            &["nothing was reconstructed", "--out"],
+        ),
+        ("replay ball.mcap other/ball.mcap", 1, &["the same name"]),
+        ("replay empty", 1, &["has no recording"]),
+        ("info picture.mcap", 1, &["is a PNG picture"]),
+        (
+            "info ball.mcap other/ball.mcap",
+            0,
+            &["2 captures", "5 cameras"],
+        ),
+        ("pack cut.mcap", 1, &["cut.mcap"]),
+        ("evaluate . ball.mcap", 1, &[]),
+        (
+            "archive ball -o package --recordings empty",
+            1,
+            &["\"ball\"", "--recordings"],
+        ),
+        (
+            "trigger --socket none.sock",
+            69,
+            &["is the daemon running", "systemctl start scand"],
+        ),
+    ] {
+        desk.hold(line, code, words);
+    }
+    if !cfg!(feature = "live") {
+        for line in ["run", "check --json", "pedal --device /dev/null"] {
+            desk.hold(line, 2, &["no cameras", "make deb", "--features rig"]);
+        }
+    }
+}
+
+#[test]
+fn completions_and_man_pages_know_the_commands() {
+    let desk = Desk::new();
+    for shell in ["bash", "zsh", "fish"] {
+        desk.hold(
+            &format!("generate completions {shell}"),
+            0,
+            &["replay", "archive"],
+        );
+    }
+    desk.hold("generate man pages", 0, &[]);
+    let page = std::fs::read_to_string(desk.path("pages/scand-replay.1")).unwrap();
+    assert!(page.contains("rejected"), "{page}");
+}
+
+#[test]
+fn a_calibration_in_millimetres_is_told_as_such() {
+    let desk = Desk::new();
+    desk.hold(
+        "info ball.mcap --calibration metres.toml",
+        0,
+        &["the calibration is in metres.toml"],
+    );
+    let text = std::fs::read_to_string(desk.path("metres.toml")).unwrap();
+    let thousandfold = |line: &str| match line.strip_prefix("translation = [") {
+        Some(numbers) => {
+            let numbers = numbers.trim_end_matches(']').split(", ");
+            let numbers = numbers.map(|n| format!("{:?}", 1e3 * n.parse::<f64>().unwrap()));
+            let numbers: Vec<String> = numbers.collect();
+            format!("translation = [{}]", numbers.join(", "))
+        }
+        None => line.to_owned(),
+    };
+    let lines: Vec<String> = text.lines().map(thousandfold).collect();
+    std::fs::write(desk.path("mm.toml"), lines.join("\n")).unwrap();
+    desk.hold(
+        "replay ball.mcap --calibration mm.toml",
+        78,
+        &["looks like millimetres", "m from the rig's origin"],
+    );
+}
+
+#[test]
+fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
+    let desk = Desk::new();
+    let before = std::fs::read(desk.path("cut.mcap")).unwrap();
+    let info = desk.hold("info cut.mcap", 3, &["scand recover cut.mcap"]);
+    assert!(info.starts_with("cut.mcap: cut off:"), "{info}");
+    let replay = desk.run(&["replay", "cut.mcap", "--set", "hull.resolution=40"]);
+    let said = String::from_utf8_lossy(&replay.stderr).into_owned();
+    assert!(said.starts_with("cut.mcap: cut off:"), "{said}");
+    let recovered = desk.run(&["recover", "cut.mcap"]);
+    let said = String::from_utf8_lossy(&recovered.stdout).into_owned();
+    assert!(
+        matches!(recovered.status.code(), Some(0 | 3)),
+        "{recovered:?}"
+    );
+    assert!(said.contains("cut.recovered.mcap: recovered"), "{said}");
+    assert!(
+        std::fs::read(desk.path("cut.mcap")).unwrap() == before,
+        "the copy itself is never touched"
+    );
+    desk.hold("info cut.recovered.mcap", 0, &["Captures"]);
+    desk.hold("recover ball.mcap", 1, &["is not cut off"]);
+    desk.hold("recover cut.mcap", 1, &["cut.recovered.mcap"]);
+}
+
+/// A daemon that gives each press one answer.
+fn answering(desk: &Desk, answer: &'static str) -> std::thread::JoinHandle<()> {
+    let _ = std::fs::remove_file(desk.path("s.sock"));
+    let listener = UnixListener::bind(desk.path("s.sock")).unwrap();
+    std::thread::spawn(move || {
+        let (stream, _) = listener.accept().unwrap();
+        let mut line = String::new();
+        BufReader::new(&stream).read_line(&mut line).unwrap();
+        assert!(line.contains("trigger"), "{line}");
+        writeln!(&stream, "{answer}").unwrap();
+    })
+}
+
+#[test]
+fn what_became_of_a_press_is_in_the_exit_code() {
+    let desk = Desk::new();
+    for (answer, code, word) in [
+        (r#"{"type":"busy"}"#, 75, "busy"),
+        (r#"{"type":"ending"}"#, 75, "ending"),
+        (
+            r#"{"type":"failed","capture":"a-0001","reason":"camera c03: away"}"#,
+            1,
+            "c03",
+        ),
+        (
+            r#"{"type":"refused","reason":"the disk is full"}"#,
+            1,
+            "full",
+        ),
+        (
+            r#"{"type":"durable","capture":"a-0001","recording":"/a.mcap"}"#,
+            0,
+            "durable",
+        ),
+    ] {
+        let daemon = answering(&desk, answer);
+        desk.hold("trigger --socket s.sock", code, &[word]);
+        daemon.join().unwrap();
+    }
+}
