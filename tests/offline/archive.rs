@@ -1,46 +1,16 @@
 //! Packages for archives: what `scand archive` puts into one, and what `scand verify` says of it.
 
-use assert_cmd::Command;
+use super::desk::Desk;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::path::Path;
 
-struct Home(tempfile::TempDir);
-
-impl Home {
-    /// A recording of two captures of a ball, and the model of the first one.
-    fn new() -> Self {
-        let home = Self(tempfile::tempdir().unwrap());
-        #[rustfmt::skip]
-        home.done(&[
-            "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
-            "--captures", "2", "--out", "ball.mcap",
-        ]);
-        #[rustfmt::skip]
-        home.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
-        home
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("scand").unwrap();
-        command
-            .current_dir(self.0.path())
-            .args(arguments)
-            .output()
-            .unwrap()
-    }
-
-    fn done(&self, arguments: &[&str]) -> String {
-        let output = self.run(arguments);
-        assert!(output.status.success(), "{arguments:?}: {output:?}");
-        String::from_utf8_lossy(&output.stdout).into_owned()
-            + &String::from_utf8_lossy(&output.stderr)
-    }
+/// A desk with the model of its recording's first capture.
+fn desk_with_a_model() -> Desk {
+    let desk = Desk::new();
+    #[rustfmt::skip]
+    desk.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
+    desk
 }
 
 /// All files below a folder.
@@ -68,8 +38,8 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 
 #[test]
 fn a_package_holds_all_that_is_known_and_is_the_same_again() {
-    let home = Home::new();
-    home.done(&[
+    let desk = desk_with_a_model();
+    desk.done(&[
         "note",
         "ball-000",
         "accept",
@@ -78,12 +48,12 @@ fn a_package_holds_all_that_is_known_and_is_the_same_again() {
         "--recording",
         "ball.mcap",
     ]);
-    let told = home.done(&["archive", "ball.mcap", "-o", "one", "--date", "2026-01-31"]);
+    let told = desk.done(&["archive", "ball.mcap", "-o", "one", "--date", "2026-01-31"]);
     assert!(told.contains("2 captures of 1 recording"), "{told}");
     assert!(told.contains("ball-001: no model"), "{told}");
-    let verified = home.done(&["verify", "one"]);
+    let verified = desk.done(&["verify", "one"]);
     assert!(verified.contains("one: whole"), "{verified}");
-    let one = files(&home.path("one"));
+    let one = files(&desk.path("one"));
     for name in [
         "bagit.txt",
         "data/README.txt",
@@ -99,14 +69,14 @@ fn a_package_holds_all_that_is_known_and_is_the_same_again() {
     ] {
         assert!(one.contains_key(name), "{name}");
     }
-    assert!(one["data/recordings/ball.mcap"] == std::fs::read(home.path("ball.mcap")).unwrap());
+    assert!(one["data/recordings/ball.mcap"] == std::fs::read(desk.path("ball.mcap")).unwrap());
     let sheet: Value = serde_json::from_slice(&one["data/paradata/ball/ball-000.json"]).unwrap();
     assert_eq!(sheet["by_whom"]["notes"]["decision"], "accepted");
     assert_eq!(sheet["environment"]["lighting"], "not recorded");
     assert!(sheet["how_exact"]["verdict"]["level"].is_string());
     let absent: Value = serde_json::from_slice(&one["data/paradata/ball/ball-001.json"]).unwrap();
     assert_eq!(absent["processing"]["method"], "no model is in the package");
-    home.done(&[
+    desk.done(&[
         "archive",
         "ball.mcap",
         "-o",
@@ -115,52 +85,52 @@ fn a_package_holds_all_that_is_known_and_is_the_same_again() {
         "2026-01-31",
     ]);
     assert!(
-        files(&home.path("again")) == one,
+        files(&desk.path("again")) == one,
         "the same files make the same package"
     );
-    let refused = home.run(&["archive", "ball.mcap", "-o", "one"]);
+    let refused = desk.run(&["archive", "ball.mcap", "-o", "one"]);
     assert_eq!(refused.status.code(), Some(1));
 }
 
 #[test]
 fn captures_and_sessions_are_found_by_their_names() {
-    let home = Home::new();
-    home.done(&["archive", "ball-000", "-o", "capture"]);
-    let capture = files(&home.path("capture"));
+    let desk = desk_with_a_model();
+    desk.done(&["archive", "ball-000", "-o", "capture"]);
+    let capture = files(&desk.path("capture"));
     assert!(capture.contains_key("data/paradata/ball/ball-000.json"));
     assert!(!capture.contains_key("data/paradata/ball/ball-001.json"));
-    home.done(&["archive", "ball", "-o", "session"]);
-    assert!(files(&home.path("session")).contains_key("data/paradata/ball/ball-001.json"));
-    let unknown = home.run(&["archive", "1884.3", "-o", "none"]);
+    desk.done(&["archive", "ball", "-o", "session"]);
+    assert!(files(&desk.path("session")).contains_key("data/paradata/ball/ball-001.json"));
+    let unknown = desk.run(&["archive", "1884.3", "-o", "none"]);
     let words = String::from_utf8(unknown.stderr).unwrap();
     assert!(
         words.contains("\"1884.3\"") && words.contains("--recordings"),
         "{words}"
     );
-    assert!(!home.path("none").exists());
+    assert!(!desk.path("none").exists());
 }
 
 #[test]
 fn a_rejected_model_stays_out_unless_its_capture_is_named() {
-    let home = Home::new();
-    home.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
-    let told = home.done(&["archive", "ball", "-o", "session"]);
+    let desk = desk_with_a_model();
+    desk.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
+    let told = desk.done(&["archive", "ball", "-o", "session"]);
     assert!(
         told.contains("stays out, because the capture was rejected"),
         "{told}"
     );
-    assert!(!files(&home.path("session")).contains_key("data/models/ball/ball-000/model.glb"));
-    home.done(&["archive", "ball-000", "-o", "capture"]);
-    assert!(files(&home.path("capture")).contains_key("data/models/ball/ball-000/model.glb"));
+    assert!(!files(&desk.path("session")).contains_key("data/models/ball/ball-000/model.glb"));
+    desk.done(&["archive", "ball-000", "-o", "capture"]);
+    assert!(files(&desk.path("capture")).contains_key("data/models/ball/ball-000/model.glb"));
 }
 
 #[test]
 fn a_package_that_is_not_whole_is_told_so() {
-    let home = Home::new();
-    home.done(&["archive", "ball-000", "-o", "bag"]);
-    std::fs::write(home.path("bag/data/extra"), "").unwrap();
-    std::fs::remove_file(home.path("bag/data/README.txt")).unwrap();
-    let output = home.run(&["verify", "bag"]);
+    let desk = desk_with_a_model();
+    desk.done(&["archive", "ball-000", "-o", "bag"]);
+    std::fs::write(desk.path("bag/data/extra"), "").unwrap();
+    std::fs::remove_file(desk.path("bag/data/README.txt")).unwrap();
+    let output = desk.run(&["verify", "bag"]);
     let words = String::from_utf8(output.stderr).unwrap();
     assert_eq!(output.status.code(), Some(1), "{words}");
     assert!(
@@ -171,9 +141,9 @@ fn a_package_that_is_not_whole_is_told_so() {
         words.contains("data/README.txt is listed and is not there"),
         "{words}"
     );
-    let json = home.run(&["verify", "bag", "--json"]);
+    let json = desk.run(&["verify", "bag", "--json"]);
     let line: Value = serde_json::from_slice(&json.stdout).unwrap();
     assert_eq!(line["whole"], false);
     assert!(line["findings"].as_array().unwrap().len() >= 2);
-    assert_eq!(home.run(&["verify", "nowhere"]).status.code(), Some(1));
+    assert_eq!(desk.run(&["verify", "nowhere"]).status.code(), Some(1));
 }

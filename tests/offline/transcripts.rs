@@ -1,62 +1,36 @@
 //! Mistakes that people make at the command line, and what they are told: a table of commands, exit codes and words.
 
-use assert_cmd::Command;
+use super::desk::{Desk, said};
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixListener;
-use std::path::PathBuf;
-use std::process::Output;
 
-struct Desk(tempfile::TempDir);
+/// A desk with a copy of its recording that was cut off, and with files that are no recordings.
+fn desk_with_mistakes() -> Desk {
+    let desk = Desk::new();
+    let whole = std::fs::read(desk.path("ball.mcap")).unwrap();
+    std::fs::write(desk.path("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+    std::fs::write(desk.path("picture.mcap"), b"\x89PNG\r\n\x1a\n").unwrap();
+    std::fs::write(desk.path("camchain.yaml"), "cam0:\n  intrinsics: [1, 2]\n").unwrap();
+    std::fs::create_dir(desk.path("empty")).unwrap();
+    std::fs::create_dir(desk.path("other")).unwrap();
+    std::fs::copy(desk.path("ball.mcap"), desk.path("other/ball.mcap")).unwrap();
+    desk
+}
 
-impl Desk {
-    /// A recording of a ball, a copy of it that was cut off, and files that are none.
-    fn new() -> Self {
-        let desk = Self(tempfile::tempdir().unwrap());
-        #[rustfmt::skip]
-        let made = desk.run(&[
-            "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
-            "--captures", "2", "--out", "ball.mcap",
-        ]);
-        assert!(made.status.success(), "{made:?}");
-        let whole = std::fs::read(desk.path("ball.mcap")).unwrap();
-        std::fs::write(desk.path("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
-        std::fs::write(desk.path("picture.mcap"), b"\x89PNG\r\n\x1a\n").unwrap();
-        std::fs::write(desk.path("camchain.yaml"), "cam0:\n  intrinsics: [1, 2]\n").unwrap();
-        std::fs::create_dir(desk.path("empty")).unwrap();
-        std::fs::create_dir(desk.path("other")).unwrap();
-        std::fs::copy(desk.path("ball.mcap"), desk.path("other/ball.mcap")).unwrap();
-        desk
+/// Runs a command line and holds its exit code and what it says.
+fn hold(desk: &Desk, line: &str, code: i32, words: &[&str]) -> String {
+    let output = desk.run(&line.split(' ').collect::<Vec<_>>());
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+    for word in words {
+        assert!(said.contains(word), "{line}: {word:?} is not in: {said}");
     }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn run(&self, arguments: &[&str]) -> Output {
-        let mut command = Command::cargo_bin("scand").unwrap();
-        command
-            .current_dir(self.0.path())
-            .args(arguments)
-            .output()
-            .unwrap()
-    }
-
-    /// Runs a command line and holds its exit code and what it says.
-    fn hold(&self, line: &str, code: i32, words: &[&str]) -> String {
-        let output = self.run(&line.split(' ').collect::<Vec<_>>());
-        let said = String::from_utf8_lossy(&output.stdout).into_owned()
-            + &String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{line}: {said}");
-        for word in words {
-            assert!(said.contains(word), "{line}: {word:?} is not in: {said}");
-        }
-        said
-    }
+    said
 }
 
 #[test]
 fn mistakes_are_answered_with_what_to_do() {
-    let desk = Desk::new();
+    let desk = desk_with_mistakes();
     for (line, code, words) in [
         ("ball.mcap", 2, &["scand replay ball.mcap"][..]),
         ("help replay", 0, &["FILE|FOLDER", "Examples:"]),
@@ -109,11 +83,16 @@ fn mistakes_are_answered_with_what_to_do() {
             &["is the daemon running", "systemctl start scand"],
         ),
     ] {
-        desk.hold(line, code, words);
+        hold(&desk, line, code, words);
     }
     if !cfg!(feature = "live") {
         for line in ["run", "check --json", "pedal --device /dev/null"] {
-            desk.hold(line, 2, &["no cameras", "make deb", "--features rig"]);
+            hold(
+                &desk,
+                line,
+                2,
+                &["no cameras", "make deb", "--features rig"],
+            );
         }
     }
 }
@@ -122,13 +101,14 @@ fn mistakes_are_answered_with_what_to_do() {
 fn completions_and_man_pages_know_the_commands() {
     let desk = Desk::new();
     for shell in ["bash", "zsh", "fish"] {
-        desk.hold(
+        hold(
+            &desk,
             &format!("generate completions {shell}"),
             0,
             &["replay", "archive"],
         );
     }
-    desk.hold("generate man pages", 0, &[]);
+    hold(&desk, "generate man pages", 0, &[]);
     let page = std::fs::read_to_string(desk.path("pages/scand-replay.1")).unwrap();
     assert!(page.contains("rejected"), "{page}");
 }
@@ -136,7 +116,8 @@ fn completions_and_man_pages_know_the_commands() {
 #[test]
 fn a_calibration_in_millimetres_is_told_as_such() {
     let desk = Desk::new();
-    desk.hold(
+    hold(
+        &desk,
         "info ball.mcap --calibration metres.toml",
         0,
         &["the calibration is in metres.toml"],
@@ -153,7 +134,8 @@ fn a_calibration_in_millimetres_is_told_as_such() {
     };
     let lines: Vec<String> = text.lines().map(thousandfold).collect();
     std::fs::write(desk.path("mm.toml"), lines.join("\n")).unwrap();
-    desk.hold(
+    hold(
+        &desk,
         "replay ball.mcap --calibration mm.toml",
         78,
         &["looks like millimetres", "m from the rig's origin"],
@@ -162,9 +144,9 @@ fn a_calibration_in_millimetres_is_told_as_such() {
 
 #[test]
 fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
-    let desk = Desk::new();
+    let desk = desk_with_mistakes();
     let before = std::fs::read(desk.path("cut.mcap")).unwrap();
-    let info = desk.hold("info cut.mcap", 3, &["scand recover cut.mcap"]);
+    let info = hold(&desk, "info cut.mcap", 3, &["scand recover cut.mcap"]);
     assert!(info.starts_with("cut.mcap: cut off:"), "{info}");
     let replay = desk.run(&["replay", "cut.mcap", "--set", "hull.resolution=40"]);
     let said = String::from_utf8_lossy(&replay.stderr).into_owned();
@@ -180,9 +162,9 @@ fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
         std::fs::read(desk.path("cut.mcap")).unwrap() == before,
         "the copy itself is never touched"
     );
-    desk.hold("info cut.recovered.mcap", 0, &["Captures"]);
-    desk.hold("recover ball.mcap", 1, &["is not cut off"]);
-    desk.hold("recover cut.mcap", 1, &["cut.recovered.mcap"]);
+    hold(&desk, "info cut.recovered.mcap", 0, &["Captures"]);
+    hold(&desk, "recover ball.mcap", 1, &["is not cut off"]);
+    hold(&desk, "recover cut.mcap", 1, &["cut.recovered.mcap"]);
 }
 
 /// A daemon that gives each press one answer.
@@ -221,7 +203,7 @@ fn what_became_of_a_press_is_in_the_exit_code() {
         ),
     ] {
         let daemon = answering(&desk, answer);
-        desk.hold("trigger --socket s.sock", code, &[word]);
+        hold(&desk, "trigger --socket s.sock", code, &[word]);
         daemon.join().unwrap();
     }
 }

@@ -94,20 +94,29 @@ fn normalized(truth: &Truth, fit: &Fit, all: &mut Errors) {
     }
 }
 
+/// The points for which the fit states how far off its cameras see them, as the truth has them.
+fn stated_points(fit: &Fit, fit_from_truth: Isometry3<f64>) -> Vec<Point3<f64>> {
+    let volume = fit.volume.expect("all cameras share a volume");
+    let part = |k: usize| (k as f64 + 0.5) / 5.0;
+    let at = |k: usize| Vector3::new(part(k % 5), part(k / 5 % 5), part(k / 25));
+    let inside = |k| volume.min + (volume.max - volume.min).component_mul(&at(k));
+    (0..125)
+        .map(|k| fit_from_truth.inverse() * inside(k))
+        .collect()
+}
+
 /// How far each camera sees points of the volume from where they are, as a root mean square in metres at the object,
 /// once the rig is laid on the truth as well as it can be.
 fn seen_off(truth: &Truth, fit: &Fit, fit_from_truth: Isometry3<f64>) -> Vec<f64> {
-    let at = |k: usize| 0.1 * (k as f64 / 4.0 - 0.5);
-    let points = (0..125).map(|k| Point3::new(at(k % 5), at(k / 5 % 5), 0.1 + at(k / 25)));
-    let points: Vec<Point3<f64>> = points.collect();
+    let points = stated_points(fit, fit_from_truth);
     let off = |pose: &Isometry3<f64>| -> Vec<Vec<Vector2<f64>>> {
         let of = |(found, true_one): (&super::FittedCamera, &Camera)| {
             let error = |p: &Point3<f64>| {
-                let (seen, depth) = true_one.project(*p).unwrap();
-                let (predicted, _) = found.camera.project(pose * p).unwrap();
-                (predicted - seen) * (depth / true_one.intrinsics.focal_px.x)
+                let (seen, depth) = true_one.project(*p)?;
+                let (predicted, _) = found.camera.project(pose * p)?;
+                Some((predicted - seen) * (depth / true_one.intrinsics.focal_px.x))
             };
-            points.iter().map(error).collect()
+            points.iter().filter_map(error).collect()
         };
         fit.cameras.iter().zip(&truth.cameras).map(of).collect()
     };
