@@ -74,8 +74,8 @@ trait Way {
 /// All of them, in the order of [`WAYS`].
 fn open_all(folder: &Path) -> [Box<dyn Way>; 2] {
     let begin = Timestamp(1);
-    let preamble = SessionHeader::default();
-    let session = RecordingSession::begin(folder, "session", "bench", begin, u64::MAX, preamble);
+    let header = SessionHeader::default();
+    let session = RecordingSession::begin(folder, "session", "bench", begin, u64::MAX, header);
     [
         Box::new(File::create_new(folder.join("plain")).unwrap()),
         Box::new(session.unwrap()),

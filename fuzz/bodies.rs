@@ -15,7 +15,7 @@ use scand::reconstruct::{
 };
 use scand::recording::Recording;
 use scand::sync;
-use scand::trigger::{Event, LONGEST_LINE, Reply, Request};
+use scand::trigger::{Event, LONGEST_REQUEST, Reply, Request};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -100,7 +100,7 @@ pub fn recording(bytes: &[u8]) {
 
 /// As a line that a client sends, and as one that it receives. What is understood is written again as it was.
 pub fn socket(bytes: &[u8]) {
-    let line = &bytes[..bytes.len().min(LONGEST_LINE)];
+    let line = &bytes[..bytes.len().min(LONGEST_REQUEST)];
     if let Ok(request) = serde_json::from_slice::<Request>(line) {
         let text = serde_json::to_vec(&request).expect("a request has a text");
         let again: Request = serde_json::from_slice(&text).expect("it can be read again");

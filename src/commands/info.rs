@@ -1,6 +1,6 @@
 //! `scand info`: lists the contents of a recording, its cameras and captures, and its damage.
 
-use super::{EXIT_LOST, refuse_to_replace, wrong_usage};
+use super::{EXIT_INCOMPLETE, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::capture::{CaptureSession, CaptureSummary, LeftOut, RigAt};
@@ -63,7 +63,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     Ok(if info.damage.is_empty() {
         ExitCode::SUCCESS
     } else {
-        ExitCode::from(EXIT_LOST)
+        ExitCode::from(EXIT_INCOMPLETE)
     })
 }
 
@@ -91,7 +91,7 @@ fn lines(args: &Args) -> ExitCode {
         match info {
             Ok(info) => {
                 if !info.damage.is_empty() {
-                    code = ExitCode::from(EXIT_LOST);
+                    code = ExitCode::from(EXIT_INCOMPLETE);
                 }
                 match args.json {
                     true => outln!("{}", serde_json::to_string(&info).unwrap_or_default()),
@@ -99,7 +99,7 @@ fn lines(args: &Args) -> ExitCode {
                 }
             }
             Err(error) => {
-                code = ExitCode::from(EXIT_LOST);
+                code = ExitCode::from(EXIT_INCOMPLETE);
                 eprintln!("scand: {error:#}");
             }
         }

@@ -36,7 +36,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use crate::trigger;
-pub use crate::workers::protocol::EXIT_LOST;
+pub use crate::workers::protocol::EXIT_INCOMPLETE;
 
 /// Exit code of a call with arguments that cannot be met, as clap has it.
 pub const EXIT_USAGE: u8 = 2;

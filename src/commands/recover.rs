@@ -1,6 +1,6 @@
 //! `scand recover`: completes recordings that a crash or a power cut left unfinished.
 
-use super::EXIT_LOST;
+use super::EXIT_INCOMPLETE;
 use crate::recording::{
     Error, Recovered, finished_name, interrupted, recover, recover_copy, unfinished,
 };
@@ -54,7 +54,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     Ok(match (failed, lost) {
         (true, _) => ExitCode::FAILURE,
-        (_, true) => ExitCode::from(EXIT_LOST),
+        (_, true) => ExitCode::from(EXIT_INCOMPLETE),
         _ => ExitCode::SUCCESS,
     })
 }

@@ -40,7 +40,7 @@ fn play(folder: tempfile::TempDir) -> tempfile::TempDir {
     let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
     let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |plan| {
         plan.capture.retry = 1;
-        plan.preamble.about.insert("rig".into(), "a test's".into());
+        plan.header.about.insert("rig".into(), "a test's".into());
     });
     let script = Script { clock, stand };
     assert!(matches!(script.press(), Reply::Durable { .. }));

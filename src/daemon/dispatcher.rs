@@ -1,10 +1,10 @@
-//! Carries out what `request_log` decides: answers clients, writes the journal, publishes events and enqueues jobs.
+//! Carries out what `presses` decides: answers clients, writes the journal, publishes events and enqueues jobs.
 //! Each input is decided under a lock. The thread that brought it carries the effects out after the lock is
 //! released, so that no client waits for a disk.
 
 use super::events::Events;
-use super::request_log::journal::{self, Journal};
-use super::request_log::{Effect, Input, Press, PressKey, RequestLog, recorded};
+use super::presses::journal::{self, Journal};
+use super::presses::{Effect, Input, Press, PressKey, Presses, recorded};
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp};
 use crate::log;
@@ -27,7 +27,7 @@ pub(super) struct Dispatcher {
 }
 
 struct State {
-    log: RequestLog,
+    presses: Presses,
     /// What each press was answered so far.
     replies: BTreeMap<PressKey, watch::Sender<Vec<Reply>>>,
 }
@@ -45,9 +45,9 @@ impl Dispatcher {
         let (journal, lines) = Journal::open(folder);
         let lines = lines.into_iter().map(|line| (line.press_id, line.reply));
         let recorded = recorded::captures(interrupted);
-        let (log, effects) = RequestLog::restore(clock.now(), lines, &recorded);
+        let (presses, effects) = Presses::restore(clock.now(), lines, &recorded);
         let state = State {
-            log,
+            presses,
             replies: BTreeMap::new(),
         };
         let dispatcher = Arc::new(Self {
@@ -64,7 +64,7 @@ impl Dispatcher {
     /// Asks for a press, or again for one that is known. Also what the capture thread gets, if it is to begin it.
     pub(super) fn ask(self: &Arc<Self>, press: Press) -> (ReplyStream, Option<ReplyGuard>) {
         let mut state = self.state.lock();
-        let (key, effects) = state.log.ask(self.clock.now(), press);
+        let (key, effects) = state.presses.ask(self.clock.now(), press);
         let replies = state.replies.entry(key).or_default().subscribe();
         drop(state);
         let begins = effects.contains(&Effect::Begin(key));
@@ -81,13 +81,13 @@ impl Dispatcher {
 
     /// Decides an input and carries out what follows from it; the capture to be taken next, if it is one.
     pub(super) fn on(&self, input: Input) -> Option<CaptureId> {
-        let effects = self.log().on(self.clock.now(), input);
+        let effects = self.presses().on(self.clock.now(), input);
         self.carry_out(effects)
     }
 
     /// The presses themselves: whether there is room for another order, and their figures.
-    pub(super) fn log(&self) -> MappedMutexGuard<'_, RequestLog> {
-        MutexGuard::map(self.state.lock(), |state| &mut state.log)
+    pub(super) fn presses(&self) -> MappedMutexGuard<'_, Presses> {
+        MutexGuard::map(self.state.lock(), |state| &mut state.presses)
     }
 
     /// Where it is told what happens.

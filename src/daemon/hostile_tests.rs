@@ -4,7 +4,7 @@ use super::scripted::Behaviour;
 use super::service_tests::{
     Dice, PATIENCE, be_a_daemon, daemon, inside, replies, service, trigger, until,
 };
-use crate::trigger::{Client, Event, LONGEST_LINE, Reply, Request, Until};
+use crate::trigger::{Client, Event, LONGEST_REQUEST, Reply, Request, Until};
 use std::io::{BufRead, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
@@ -26,7 +26,7 @@ fn heard(mut stream: impl Read) -> String {
 fn nonsense_is_answered_and_ends_one_connection_alone() {
     let service = service(|_| ());
     let deep = "[".repeat(4000);
-    let long = format!("{{\"type\":\"{}\"}}", "x".repeat(LONGEST_LINE));
+    let long = format!("{{\"type\":\"{}\"}}", "x".repeat(LONGEST_REQUEST));
     let nonsense = [
         "",
         " ",

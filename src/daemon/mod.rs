@@ -13,7 +13,7 @@ cfg_if::cfg_if! {
     if #[cfg(feature = "live")] {
         mod backgrounds;
         mod capturing;
-        mod control;
+        mod socket;
         #[cfg(test)]
         mod digest_tests;
         #[cfg(test)]
@@ -29,7 +29,7 @@ cfg_if::cfg_if! {
         mod probe;
         mod readiness;
         mod recorder;
-        mod request_log;
+        mod presses;
         mod rig;
         #[cfg(test)]
         mod scripted;
@@ -42,7 +42,7 @@ cfg_if::cfg_if! {
         mod tests;
 
         pub use capturing::{Capturing, InterruptedRecordings, CapturePlan, ReloadedSettings};
-        pub use control::{Clients, ControlError, serve};
+        pub use socket::{Clients, SocketError, serve};
         pub use dispatcher::ReplyStream;
         pub use hooks::Hooks;
         pub use packing::Packing;

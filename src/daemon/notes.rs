@@ -4,7 +4,7 @@
 
 use super::dispatcher::Dispatcher;
 use super::names;
-use super::request_log::Input;
+use super::presses::Input;
 use crate::frame::Timestamp;
 use crate::log;
 use crate::make_model::mark_also;

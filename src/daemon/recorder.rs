@@ -2,7 +2,7 @@
 
 use super::dispatcher::ReplyGuard;
 use super::notes;
-use super::request_log::Input;
+use super::presses::Input;
 use super::systemd::Heartbeat;
 use crate::frame::Timestamp;
 use crate::log;
@@ -150,10 +150,10 @@ impl Writing {
                 self.session = Some(*session);
                 answer(Ok("done".into()));
             }
-            Work::Change(preamble, largest_file, time) => {
+            Work::Change(header, largest_file, time) => {
                 if let Some(session) = &mut self.session {
                     session.limit_files(largest_file);
-                    if let Err(error) = session.change(*preamble, time) {
+                    if let Err(error) = session.change(*header, time) {
                         log::error!("{error}");
                     }
                 }

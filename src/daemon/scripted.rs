@@ -197,7 +197,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> CapturePlan {
             keep_free_mb: 1,
             ..RecordingParameters::default()
         },
-        preamble: SessionHeader {
+        header: SessionHeader {
             configuration: "# a test".into(),
             ..SessionHeader::default()
         },

@@ -23,7 +23,7 @@ use tokio::sync::watch;
 
 /// Why the socket cannot be served.
 #[derive(Debug, thiserror::Error)]
-pub enum ControlError {
+pub enum SocketError {
     /// Another daemon is there.
     #[error("{}: another daemon listens there", path.display())]
     Taken {
@@ -78,7 +78,7 @@ pub fn serve(
     handed_over: Option<std::os::unix::net::UnixListener>,
     capturing: &Arc<Capturing>,
     service: &mut Service,
-) -> Result<Clients, ControlError> {
+) -> Result<Clients, SocketError> {
     let own = handed_over.is_none();
     let path = &socket.path;
     let shared = Arc::new(Shared {
@@ -89,7 +89,7 @@ pub fn serve(
         in_progress: AtomicUsize::new(0),
         ending: watch::Sender::new(false),
     });
-    let io = |cause| ControlError::Io {
+    let io = |cause| SocketError::Io {
         path: path.into(),
         cause,
     };
@@ -151,8 +151,8 @@ fn adopt(listener: std::os::unix::net::UnixListener) -> std::io::Result<UnixList
 }
 
 /// Makes the socket, in the place of one that a daemon left which is gone.
-pub(super) fn listen(path: &Path) -> Result<UnixListener, ControlError> {
-    let io = |cause| ControlError::Io {
+pub(super) fn listen(path: &Path) -> Result<UnixListener, SocketError> {
+    let io = |cause| SocketError::Io {
         path: path.into(),
         cause,
     };
@@ -160,7 +160,7 @@ pub(super) fn listen(path: &Path) -> Result<UnixListener, ControlError> {
         std::fs::create_dir_all(folder).map_err(io)?;
     }
     match std::os::unix::net::UnixStream::connect(path) {
-        Ok(_) => return Err(ControlError::Taken { path: path.into() }),
+        Ok(_) => return Err(SocketError::Taken { path: path.into() }),
         Err(cause) if cause.kind() == ErrorKind::ConnectionRefused => {
             // What is no socket refuses connections as well.
             let found = path.symlink_metadata().map_err(io)?;

@@ -1,6 +1,6 @@
 //! The daemon's status, as clients see it. This file only gathers it.
 
-use super::request_log::Percentiles;
+use super::presses::Percentiles;
 use super::rig::{Kind, Rig, State};
 use crate::workers::Backlog;
 use std::collections::BTreeMap;

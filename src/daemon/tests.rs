@@ -67,7 +67,7 @@ fn depth_cameras_that_take_turns_have_a_window_each() {
 
 #[test]
 fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
-    let stand = start(|plan| drop(plan.preamble.about.insert("rig".into(), "a".into())));
+    let stand = start(|plan| drop(plan.header.about.insert("rig".into(), "a".into())));
     let about = BTreeMap::from([("rig".into(), "b".into())]);
     let refused = stand.ask(|answer| Order::Begin("s".into(), about.clone(), answer));
     assert!(refused.unwrap_err().contains("\"rig\""));
@@ -120,7 +120,7 @@ fn a_file_that_is_no_socket_is_not_removed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, "a recording").unwrap();
-    let refused = control::listen(&path).unwrap_err().to_string();
+    let refused = socket::listen(&path).unwrap_err().to_string();
     assert!(
         refused.contains("a.mcap") && refused.contains("not a socket"),
         "{refused}"

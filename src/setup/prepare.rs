@@ -55,7 +55,7 @@ pub struct Prepared {
     /// The cameras with their drivers.
     pub rig_cameras: Vec<RigCamera>,
     /// What every recording begins with.
-    pub preamble: SessionHeader,
+    pub header: SessionHeader,
     /// Memory for frames.
     pub pool: Pool,
     /// Where the calibration is.
@@ -92,19 +92,20 @@ impl ConfigSource {
         let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
         let rig_cameras = rig_cameras(&config, &calibration, clock, &pool).map_err(named)?;
-        let mut preamble = preamble(&config, &calibration, &rig_cameras, text).map_err(named)?;
+        let mut header =
+            session_header(&config, &calibration, &rig_cameras, text).map_err(named)?;
         let sha256 = digest(&file)?;
-        let about = &mut preamble.about;
+        let about = &mut header.about;
         about.insert("calibration_sha256".into(), sha256.clone());
         // Of a file that does not say what it is worth, nothing is said.
-        preamble.calibration = calibration.verdict.map(|verdict| CalibrationRecord {
+        header.calibration = calibration.verdict.map(|verdict| CalibrationRecord {
             verdict,
             file_sha256: Some(sha256),
         });
         Ok(Prepared {
             config,
             rig_cameras,
-            preamble,
+            header,
             pool,
             calibration: file,
         })
@@ -133,7 +134,7 @@ fn unread(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {
 }
 
 /// What every recording begins with.
-fn preamble(
+fn session_header(
     config: &Config,
     calibration: &RigCalibration,
     rig_cameras: &[RigCamera],

@@ -42,7 +42,7 @@ pub struct Running {
     /// The configuration.
     pub config: Config,
     /// What every recording begins with.
-    pub preamble: SessionHeader,
+    pub header: SessionHeader,
     /// Where models' settings go.
     pub jobs: Option<Arc<Jobs>>,
     /// Bytes of the disk that models and packing leave to others.
@@ -62,7 +62,7 @@ impl Running {
             let keys = fixed.into_iter().collect::<Vec<_>>().join(", ");
             return Err(format!("{keys}: a change needs a restart"));
         }
-        same_sizes(&self.preamble, &now.preamble)?;
+        same_sizes(&self.header, &now.header)?;
         if let Some(jobs) = &self.jobs {
             let settings = now.config.replay_toml().map_err(|e| e.to_string())?;
             jobs.set_settings(&settings).map_err(|e| e.to_string())?;
@@ -72,7 +72,7 @@ impl Running {
         let reloaded = ReloadedSettings {
             capture: now.config.capture,
             recording: now.config.recording,
-            preamble: now.preamble,
+            header: now.header,
         };
         Ok((reloaded, now.config.service))
     }
@@ -110,9 +110,9 @@ fn compare(within: &str, before: &Table, now: &Table, keys: &mut BTreeSet<String
 
 /// The cameras' pictures must stay as large as memory and links were planned for.
 fn same_sizes(before: &SessionHeader, now: &SessionHeader) -> Result<(), String> {
-    let sizes = |preamble: &SessionHeader| {
-        let depths = preamble.depths.iter().map(|d| &d.camera);
-        let cameras = preamble.colors.iter().chain(depths);
+    let sizes = |header: &SessionHeader| {
+        let depths = header.depths.iter().map(|d| &d.camera);
+        let cameras = header.colors.iter().chain(depths);
         let size = |c: &crate::calibration::Camera| {
             (c.id.clone(), [c.intrinsics.width, c.intrinsics.height])
         };

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 pub const SOCKET: &str = "/run/scand/scand.sock";
 
 /// Longest line that is read, in bytes.
-pub const LONGEST_LINE: usize = 4096;
+pub const LONGEST_REQUEST: usize = 4096;
 
 /// What a client asks.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

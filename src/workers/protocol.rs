@@ -15,7 +15,7 @@ pub const NICE: &str = "nice";
 
 /// Exit code of a run that did what was asked but lost something on the way: damage in a recording, or some captures
 /// that failed.
-pub const EXIT_LOST: u8 = 3;
+pub const EXIT_INCOMPLETE: u8 = 3;
 
 /// What a line on standard error begins with.
 const LINE: &str = "scand: ";
@@ -72,7 +72,7 @@ pub fn warn(missing: &str) {
 
 /// Whether a process with this exit code left a model. Its recording may be damaged elsewhere.
 pub fn left_a_model(code: Option<i32>) -> bool {
-    code == Some(0) || code == Some(i32::from(EXIT_LOST))
+    code == Some(0) || code == Some(i32::from(EXIT_INCOMPLETE))
 }
 
 /// What the system could not do for the process that said these words.

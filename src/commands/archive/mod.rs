@@ -5,7 +5,7 @@ mod page;
 mod paradata;
 mod select;
 
-use super::EXIT_LOST;
+use super::EXIT_INCOMPLETE;
 use crate::bag::Bag;
 use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
@@ -129,7 +129,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         count(chosen.len(), "recording")
     );
     Ok(match packing.damaged {
-        true => ExitCode::from(EXIT_LOST),
+        true => ExitCode::from(EXIT_INCOMPLETE),
         false => ExitCode::SUCCESS,
     })
 }

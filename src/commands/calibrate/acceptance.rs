@@ -2,7 +2,7 @@
 
 use crate::calibrate::Outcome;
 use crate::calibration::Level;
-use crate::commands::EXIT_LOST;
+use crate::commands::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -47,8 +47,8 @@ impl Acceptance {
         };
         match self {
             Self::Nothing => ExitCode::FAILURE,
-            Self::Aside => ExitCode::from(EXIT_LOST),
-            Self::Whole if lost => ExitCode::from(EXIT_LOST),
+            Self::Aside => ExitCode::from(EXIT_INCOMPLETE),
+            Self::Whole if lost => ExitCode::from(EXIT_INCOMPLETE),
             Self::Whole => ExitCode::SUCCESS,
         }
     }

@@ -3,7 +3,7 @@
 use crate::calibrate::{Check, Detections};
 use crate::calibration::fit::{Checked, Motion, PairMotion};
 use crate::calibration::response::{DepthCheck, DepthOff};
-use crate::commands::EXIT_LOST;
+use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CameraId;
 use std::process::ExitCode;
 
@@ -44,7 +44,9 @@ pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: b
         || check.misreading().next().is_some();
     match is_other {
         true => ExitCode::FAILURE,
-        false if !check.is_whole() || !detections.lost.is_empty() => ExitCode::from(EXIT_LOST),
+        false if !check.is_whole() || !detections.lost.is_empty() => {
+            ExitCode::from(EXIT_INCOMPLETE)
+        }
         false => ExitCode::SUCCESS,
     }
 }

@@ -3,7 +3,7 @@
 use super::config_args::ConfigArgs;
 use super::models::Models;
 use crate::clock::Clock;
-use crate::commands::EXIT_LOST;
+use crate::commands::EXIT_INCOMPLETE;
 use crate::daemon::events::Events;
 use crate::daemon::{
     CapturePlan, Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Rig, RigCamera,
@@ -58,7 +58,7 @@ fn serve_rig(
     let Prepared {
         config,
         rig_cameras,
-        preamble,
+        header,
         pool,
         ..
     } = prepared;
@@ -71,7 +71,7 @@ fn serve_rig(
         sync: config.sync.clone(),
         capture: config.capture.clone(),
         recording: config.recording.clone(),
-        preamble: preamble.clone(),
+        header: header.clone(),
         pool,
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
         events: Events::default(),
@@ -103,7 +103,7 @@ fn serve_rig(
     let running = Running {
         source,
         config,
-        preamble,
+        header,
         jobs,
         keep_free,
     };
@@ -123,7 +123,7 @@ fn serve_rig(
     Ok(if stuck.is_empty() {
         ExitCode::SUCCESS
     } else {
-        ExitCode::from(EXIT_LOST)
+        ExitCode::from(EXIT_INCOMPLETE)
     })
 }
 

@@ -1,7 +1,7 @@
 //! The outcome of each capture, for the summary of a replay, and the exit code for all of them.
 
 use crate::capture::CaptureSession;
-use crate::commands::EXIT_LOST;
+use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::make_model::{self, Model};
@@ -139,7 +139,7 @@ pub(super) fn exit_code(outcomes: &[Outcome], strict: bool) -> ExitCode {
     if all_failed || (strict && outcomes.iter().any(Outcome::is_red)) {
         ExitCode::FAILURE
     } else if outcomes.iter().any(Outcome::has_lost) {
-        ExitCode::from(EXIT_LOST)
+        ExitCode::from(EXIT_INCOMPLETE)
     } else {
         ExitCode::SUCCESS
     }

@@ -8,8 +8,8 @@ mod capture_thread;
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
 use super::notes::NoteEffects;
+use super::presses::{Input, Press};
 use super::recorder::{Answer, Recorder};
-use super::request_log::{Input, Press};
 use super::rig::Rig;
 use super::status::Status;
 use super::systemd::Watchdog;
@@ -55,7 +55,7 @@ pub struct ReloadedSettings {
     /// Where they are kept; the folder stays as it was.
     pub recording: RecordingParameters,
     /// What every recording begins with, from the next capture on.
-    pub preamble: SessionHeader,
+    pub header: SessionHeader,
 }
 
 /// What the thread works with.
@@ -67,7 +67,7 @@ pub struct CapturePlan {
     /// Where they are kept.
     pub recording: RecordingParameters,
     /// What every recording begins with; settings and backgrounds are added here.
-    pub preamble: SessionHeader,
+    pub header: SessionHeader,
     /// Where drivers take memory from.
     pub pool: Pool,
     /// Name and version of the program.
@@ -172,11 +172,11 @@ impl Capturing {
 
     /// Gives an order that is no press, unless one is being carried out.
     pub(super) fn order(&self, order: Order) {
-        if !self.dispatcher.log().claim() {
+        if !self.dispatcher.presses().claim() {
             return order.decline("a capture is being taken");
         }
         if let Err(order) = self.send(order) {
-            self.dispatcher.log().release();
+            self.dispatcher.presses().release();
             order.decline(ENDING);
         }
     }
@@ -201,13 +201,13 @@ impl Capturing {
 
     /// Whether an order is being carried out.
     pub(super) fn is_busy(&self) -> bool {
-        self.dispatcher.log().is_busy()
+        self.dispatcher.presses().is_busy()
     }
 
     /// Whether there is nothing to do: no order, no capture that waits for the disk, no model to be made.
     pub(super) fn is_idle(&self) -> bool {
         let jobs = || self.jobs.as_ref().is_none_or(|jobs| jobs.is_idle());
-        self.dispatcher.log().is_idle() && jobs()
+        self.dispatcher.presses().is_idle() && jobs()
     }
 
     /// Whether a press may wait for its model.
@@ -218,7 +218,7 @@ impl Capturing {
     /// What is known now.
     pub fn status(&self) -> Status {
         let status = self.status.lock().clone();
-        let figures = self.dispatcher.log().figures();
+        let figures = self.dispatcher.presses().figures();
         Status {
             complete: figures.complete,
             failed: figures.failed,

@@ -21,8 +21,8 @@
 //!  Durable ── JobEnded ────────▶ "done" or "job_failed", Ended
 //! ```
 //!
-//! One order is carried out at a time: a press from `ask` until its last attempt is taken, see [`RequestLog::claim`]
-//! for the others. A press that its thread drops is refused or has failed. After a restart [`RequestLog::restore`]
+//! One order is carried out at a time: a press from `ask` until its last attempt is taken, see [`Presses::claim`]
+//! for the others. A press that its thread drops is refused or has failed. After a restart [`Presses::restore`]
 //! brings each press to where the journal and the recordings that were interrupted have it; one that was cut short
 //! gets its end there.
 
@@ -148,7 +148,7 @@ pub(super) struct Figures {
 }
 
 /// All presses, see the head of this file.
-pub(super) struct RequestLog {
+pub(super) struct Presses {
     requests: BTreeMap<PressKey, TrackedPress>,
     by_id: BTreeMap<String, PressKey>,
     by_capture: BTreeMap<String, PressKey>,
@@ -165,7 +165,7 @@ pub(super) struct RequestLog {
     effects: Vec<Effect>,
 }
 
-impl RequestLog {
+impl Presses {
     /// A client asks for a press, or again for one that is known; it follows the press of this key.
     pub(super) fn ask(&mut self, now: Instant, press: Press) -> (PressKey, Vec<Effect>) {
         self.now = now;

@@ -1,13 +1,13 @@
 //! Restores the presses of earlier runs from the journal's lines and from the captures of interrupted recordings.
 
 use super::recorded::Recorded;
-use super::{Effect, Figures, PressState, RequestLog, check_id};
+use super::{Effect, Figures, PressState, Presses, check_id};
 use crate::trigger::Event;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
 
-impl RequestLog {
+impl Presses {
     /// The presses of earlier runs: from the journal's lines, and from the captures of the recordings that were open
     /// when the last run ended. Each has its end, and the effects bring it to its client and into the journal.
     pub(in crate::daemon) fn restore(
@@ -15,7 +15,7 @@ impl RequestLog {
         journal: impl IntoIterator<Item = (String, Event)>,
         recorded: &[Recorded],
     ) -> (Self, Vec<Effect>) {
-        let mut log = Self {
+        let mut presses = Self {
             requests: BTreeMap::new(),
             by_id: BTreeMap::new(),
             by_capture: BTreeMap::new(),
@@ -29,14 +29,14 @@ impl RequestLog {
             effects: Vec::new(),
         };
         for (press_id, event) in journal {
-            log.restore_from_journal(press_id, event);
+            presses.restore_from_journal(press_id, event);
         }
         for capture in recorded {
-            log.restore_from_recording(capture, recorded);
+            presses.restore_from_recording(capture, recorded);
         }
-        log.resolve_interrupted(recorded);
-        let effects = std::mem::take(&mut log.effects);
-        (log, effects)
+        presses.resolve_interrupted(recorded);
+        let effects = std::mem::take(&mut presses.effects);
+        (presses, effects)
     }
 
     fn restore_from_journal(&mut self, press_id: String, event: Event) {

@@ -1,13 +1,13 @@
 //! Finds presses by their press ids and by their captures, and decides which ones to forget.
 
-use super::{Effect, Press, PressKey, PressState, RequestLog, TrackedPress};
+use super::{Effect, Press, PressKey, PressState, Presses, TrackedPress};
 use crate::frame::Timestamp;
 use crate::trigger::Event;
 
 /// Presses that are remembered; the oldest beyond them are forgotten.
 pub(super) const MOST_PRESSES: usize = 10_000;
 
-impl RequestLog {
+impl Presses {
     /// Enters a press, and forgets the oldest that has its end and that nobody follows if there are too many.
     pub(super) fn insert(&mut self, press: Press) -> PressKey {
         let key = PressKey(self.next);

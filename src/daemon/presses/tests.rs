@@ -8,8 +8,8 @@ use crate::level::Level;
 use proptest::prelude::*;
 use std::collections::BTreeSet;
 
-fn log() -> RequestLog {
-    RequestLog::restore(Instant::now(), Vec::new(), &[]).0
+fn presses() -> Presses {
+    Presses::restore(Instant::now(), Vec::new(), &[]).0
 }
 
 fn press(id: Option<&str>) -> Press {
@@ -78,9 +78,9 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-/// A log, and all that came of it.
+/// The presses, and all that came of them.
 struct Watched {
-    log: RequestLog,
+    presses: Presses,
     now: Instant,
     keys: Vec<PressKey>,
     ids: BTreeMap<String, PressKey>,
@@ -101,7 +101,7 @@ struct Watched {
 impl Watched {
     fn new() -> Self {
         Self {
-            log: log(),
+            presses: presses(),
             now: Instant::now(),
             keys: Vec::new(),
             ids: BTreeMap::new(),
@@ -158,7 +158,7 @@ impl Watched {
 
     fn ask(&mut self, id: Option<u8>) {
         let id = id.map(|id| format!("p-{id}"));
-        let (key, effects) = self.log.ask(self.now, press(id.as_deref()));
+        let (key, effects) = self.presses.ask(self.now, press(id.as_deref()));
         *self.followers.entry(key).or_default() += 1;
         let known = id.as_ref().and_then(|id| self.ids.get(id)).copied();
         let was_rejected = |key| self.replies[&key].last().is_some_and(Event::is_rejection);
@@ -184,13 +184,13 @@ impl Watched {
 
     fn claim(&mut self) {
         let free = self.in_hand.is_none() && !self.claimed;
-        assert_eq!(self.log.claim(), free);
+        assert_eq!(self.presses.claim(), free);
         self.claimed |= free;
     }
 
     fn release(&mut self) {
         if std::mem::take(&mut self.claimed) {
-            self.log.release();
+            self.presses.release();
         }
     }
 
@@ -201,7 +201,7 @@ impl Watched {
         if let Input::Left(press) = &input {
             *self.followers.get_mut(press).unwrap() -= 1;
         }
-        let effects = self.log.on(self.now, input.clone());
+        let effects = self.presses.on(self.now, input.clone());
         let shoots = effects.iter().any(|e| matches!(e, Effect::Shoot(_)));
         let (Input::Taken(press, ..)
         | Input::Refused(press, _)
@@ -343,13 +343,13 @@ proptest! {
             let replies = &watched.replies[key];
             prop_assert_eq!(ends(replies), 1, "{:?}", replies);
         }
-        prop_assert!(watched.log.is_idle());
+        prop_assert!(watched.presses.is_idle());
         // Each durable capture, and no other, had its job.
         let told = watched.replies.values().flatten();
         let durable = told.filter(|event| matches!(event, Event::Durable { .. }));
         let durable: BTreeSet<_> = durable.map(|e| e.capture().unwrap().to_owned()).collect();
         prop_assert_eq!(&durable, &watched.enqueued);
-        let figures = watched.log.figures();
+        let figures = watched.presses.figures();
         prop_assert_eq!(figures.complete as usize, durable.len());
     }
 
@@ -375,8 +375,8 @@ proptest! {
             (durable || (!failed && on_disk >> (i % 64) & 1 == 1)).then_some(Recorded { capture: capture.clone(), press_id, end })
         }).collect();
         let before = told(&journal);
-        let (log, effects) = RequestLog::restore(Instant::now(), journal.clone(), &recorded);
-        prop_assert!(log.is_idle());
+        let (presses, effects) = Presses::restore(Instant::now(), journal.clone(), &recorded);
+        prop_assert!(presses.is_idle());
         let mut journal = journal;
         for effect in &effects {
             prop_assert!(!matches!(effect, Effect::Publish(_) | Effect::Shoot(_) | Effect::Begin(_)));
@@ -398,10 +398,10 @@ proptest! {
             }
         }
         // Another restart changes nothing.
-        let (mut log, again) = RequestLog::restore(Instant::now(), journal, &recorded);
+        let (mut presses, again) = Presses::restore(Instant::now(), journal, &recorded);
         prop_assert!(again.iter().all(|effect| matches!(effect, Effect::Reply(..))));
         for id in after.keys() {
-            let (_, effects) = log.ask(Instant::now(), press(Some(id)));
+            let (_, effects) = presses.ask(Instant::now(), press(Some(id)));
             prop_assert_eq!(effects, [], "{} is known", id);
         }
     }
@@ -416,10 +416,10 @@ fn told(journal: &[(String, Event)]) -> BTreeMap<String, Vec<Event>> {
     told
 }
 
-fn begin(log: &mut RequestLog, id: Option<&str>, capture: &str) -> PressKey {
-    let (key, effects) = log.ask(Instant::now(), press(id));
+fn begin(presses: &mut Presses, id: Option<&str>, capture: &str) -> PressKey {
+    let (key, effects) = presses.ask(Instant::now(), press(id));
     assert_eq!(effects.last(), Some(&Effect::Begin(key)));
-    let effects = log.on(Instant::now(), Input::Admitted(key, capture.into(), 1));
+    let effects = presses.on(Instant::now(), Input::Admitted(key, capture.into(), 1));
     assert!(
         matches!(effects.last(), Some(Effect::Shoot(_))),
         "{effects:?}"
@@ -427,20 +427,20 @@ fn begin(log: &mut RequestLog, id: Option<&str>, capture: &str) -> PressKey {
     key
 }
 
-fn taken(log: &mut RequestLog, press: PressKey, result: Result<u64, String>) -> Vec<Effect> {
-    log.on(Instant::now(), Input::Taken(press, Timestamp(5), result))
+fn taken(presses: &mut Presses, press: PressKey, result: Result<u64, String>) -> Vec<Effect> {
+    presses.on(Instant::now(), Input::Taken(press, Timestamp(5), result))
 }
 
 #[test]
 fn a_name_that_a_retry_would_be_too_long_for_ends_the_attempts() {
-    let mut log = log();
+    let mut presses = presses();
     let name = "a".repeat(62);
-    let press = begin(&mut log, None, &name);
-    assert_eq!(taken(&mut log, press, Err("c03".into())), []);
-    assert!(!log.is_busy() && !log.is_idle());
-    let key = log.ask(Instant::now(), self::press(None)).0;
+    let press = begin(&mut presses, None, &name);
+    assert_eq!(taken(&mut presses, press, Err("c03".into())), []);
+    assert!(!presses.is_busy() && !presses.is_idle());
+    let key = presses.ask(Instant::now(), self::press(None)).0;
     let admitted = Input::Admitted(key, "a".repeat(65), 0);
-    let refused = log.on(Instant::now(), admitted);
+    let refused = presses.on(Instant::now(), admitted);
     assert!(
         matches!(&refused[0], Effect::Reply(_, Event::Refused { reason }) if reason.contains("too long")),
         "{refused:?}"
@@ -449,23 +449,23 @@ fn a_name_that_a_retry_would_be_too_long_for_ends_the_attempts() {
 
 #[test]
 fn everybody_hears_of_one_refusal_a_second_and_its_client_of_each() {
-    let (mut log, begin) = (log(), Instant::now());
+    let (mut presses, begin) = (presses(), Instant::now());
     let mut published = 0;
     for ms in [0, 10, 900, 1000, 1500, 2100] {
         let now = begin + Duration::from_millis(ms);
-        let (press, _) = log.ask(now, press(None));
-        let effects = log.on(now, Input::Refused(press, "no room".into()));
+        let (press, _) = presses.ask(now, press(None));
+        let effects = presses.on(now, Input::Refused(press, "no room".into()));
         assert!(matches!(effects[0], Effect::Reply(..)));
         published += usize::from(matches!(effects.last(), Some(Effect::Publish(_))));
     }
-    assert_eq!((published, log.figures().refused), (3, 6));
+    assert_eq!((published, presses.figures().refused), (3, 6));
 }
 
 #[test]
 fn names_that_are_none_are_refused() {
-    let mut log = log();
+    let mut presses = presses();
     for name in ["", "a\nb", &"x".repeat(65)] {
-        let (_, effects) = log.ask(Instant::now(), press(Some(name)));
+        let (_, effects) = presses.ask(Instant::now(), press(Some(name)));
         let [
             Effect::Reply(_, Event::Refused { reason }),
             Effect::Forget(_),
@@ -475,14 +475,14 @@ fn names_that_are_none_are_refused() {
         };
         assert!(reason.contains("press_id"), "{reason}");
     }
-    let (key, effects) = log.ask(Instant::now(), press(Some(&"ä".repeat(64))));
+    let (key, effects) = presses.ask(Instant::now(), press(Some(&"ä".repeat(64))));
     assert_eq!(effects, [Effect::Begin(key)]);
 }
 
 #[test]
 fn what_was_cut_short_has_failed_and_stays_so() {
     let line = |event: Event| ("p-1".to_owned(), event);
-    let (_, effects) = RequestLog::restore(Instant::now(), [line(accepted("a-0001"))], &[]);
+    let (_, effects) = Presses::restore(Instant::now(), [line(accepted("a-0001"))], &[]);
     let [
         Effect::Reply(..),
         Effect::Journal { event, .. },
@@ -497,19 +497,19 @@ fn what_was_cut_short_has_failed_and_stays_so() {
         "{event:?}"
     );
     let lines = [accepted("a-0001"), event.clone(), done("a-0001")].map(line);
-    let (mut log, effects) = RequestLog::restore(Instant::now(), lines, &[]);
+    let (mut presses, effects) = Presses::restore(Instant::now(), lines, &[]);
     // A press that has its last answer gets no more; only listeners to events are still told.
     assert_eq!(effects.len(), 2, "{effects:?}");
-    let ended = log.on(Instant::now(), Input::JobEnded(done("a-0001")));
+    let ended = presses.on(Instant::now(), Input::JobEnded(done("a-0001")));
     assert_eq!(ended, [Effect::Publish(done("a-0001"))]);
 }
 
 #[test]
 fn a_model_that_is_made_after_a_restart_answers_its_press_once() {
     let lines = [accepted("a-0001"), durable("a-0001")].map(|e| ("p-1".to_owned(), e));
-    let (mut log, _) = RequestLog::restore(Instant::now(), lines, &[]);
+    let (mut presses, _) = Presses::restore(Instant::now(), lines, &[]);
     for replies in [1, 0] {
-        let effects = log.on(Instant::now(), Input::JobEnded(done("a-0001")));
+        let effects = presses.on(Instant::now(), Input::JobEnded(done("a-0001")));
         let told = effects.iter().filter(|e| matches!(e, Effect::Reply(..)));
         assert_eq!(told.count(), replies, "{effects:?}");
     }
@@ -517,23 +517,27 @@ fn a_model_that_is_made_after_a_restart_answers_its_press_once() {
 
 #[test]
 fn the_oldest_are_forgotten_but_for_those_that_somebody_follows() {
-    let mut log = log();
-    let end = |log: &mut RequestLog, id: &str, capture: String| {
-        let press = begin(log, Some(id), &capture);
-        taken(log, press, Ok(1));
+    let mut presses = presses();
+    let end = |presses: &mut Presses, id: &str, capture: String| {
+        let press = begin(presses, Some(id), &capture);
+        taken(presses, press, Ok(1));
         let written = Input::Written(capture, Ok("/r/a.mcap".into()));
-        log.on(Instant::now(), written);
+        presses.on(Instant::now(), written);
         press
     };
-    let followed = end(&mut log, "followed", "f".into());
+    let followed = end(&mut presses, "followed", "f".into());
     for i in 0..MOST_PRESSES + 5 {
-        let press = end(&mut log, &i.to_string(), format!("a-{i}"));
-        log.on(Instant::now(), Input::Left(press));
+        let press = end(&mut presses, &i.to_string(), format!("a-{i}"));
+        presses.on(Instant::now(), Input::Left(press));
     }
-    let sizes = [log.requests.len(), log.by_id.len(), log.by_capture.len()];
+    let sizes = [
+        presses.requests.len(),
+        presses.by_id.len(),
+        presses.by_capture.len(),
+    ];
     assert_eq!(sizes, [MOST_PRESSES; 3]);
-    let (again, effects) = log.ask(Instant::now(), press(Some("followed")));
+    let (again, effects) = presses.ask(Instant::now(), press(Some("followed")));
     assert_eq!((again, &effects[..]), (followed, &[][..]));
-    let (new, effects) = log.ask(Instant::now(), press(Some("0")));
+    let (new, effects) = presses.ask(Instant::now(), press(Some("0")));
     assert!(effects.contains(&Effect::Begin(new)), "{effects:?}");
 }

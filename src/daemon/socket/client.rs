@@ -6,7 +6,7 @@ use super::super::dispatcher::ReplyStream;
 use super::super::recorder::Answer;
 use super::Shared;
 use crate::recording::Note;
-use crate::trigger::{Event, LONGEST_LINE, Reply, Request, Until};
+use crate::trigger::{Event, LONGEST_REQUEST, Reply, Request, Until};
 use std::io::{Error, ErrorKind};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -46,10 +46,12 @@ pub(super) async fn serve(stream: UnixStream, shared: &Shared) {
 /// What is wrong with it, in words; none where the client has gone.
 async fn line(read: &mut BufReader<OwnedReadHalf>) -> Result<Vec<u8>, Option<String>> {
     let mut line = Vec::new();
-    let mut limited = read.take(LONGEST_LINE as u64);
+    let mut limited = read.take(LONGEST_REQUEST as u64);
     let length = limited.read_until(b'\n', &mut line).await;
-    if length.is_ok_and(|l| l == LONGEST_LINE) && line.last() != Some(&b'\n') {
-        return Err(Some(format!("a line is longer than {LONGEST_LINE} bytes")));
+    if length.is_ok_and(|l| l == LONGEST_REQUEST) && line.last() != Some(&b'\n') {
+        return Err(Some(format!(
+            "a line is longer than {LONGEST_REQUEST} bytes"
+        )));
     }
     (line.pop() == Some(b'\n')).then_some(line).ok_or(None)
 }

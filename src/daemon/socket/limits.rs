@@ -1,6 +1,6 @@
 //! Limits what clients may use: a rate of requests shared by all of them, served in order of arrival, and a number of
 //! lines in the daemon's log. The number of clients is in `connection_limit`, the longest line in
-//! `trigger::LONGEST_LINE`.
+//! `trigger::LONGEST_REQUEST`.
 
 use crate::log;
 use parking_lot::Mutex;

@@ -58,7 +58,7 @@ pub struct RecordingSession {
     begin: Timestamp,
     /// Bytes after which a file is completed and the next one begun.
     largest_file: u64,
-    preamble: SessionHeader,
+    header: SessionHeader,
     files: usize,
     open: Option<Open>,
     unfinished: Option<Error>,
@@ -83,7 +83,7 @@ impl RecordingSession {
         program: &str,
         begin: Timestamp,
         largest_file: u64,
-        preamble: SessionHeader,
+        header: SessionHeader,
     ) -> Result<Self, Error> {
         let session = Self {
             folder: folder.into(),
@@ -91,7 +91,7 @@ impl RecordingSession {
             program: program.into(),
             begin,
             largest_file,
-            preamble,
+            header,
             files: 0,
             open: None,
             unfinished: None,
@@ -168,20 +168,20 @@ impl RecordingSession {
     ///
     /// # Errors
     /// As for [`Self::append`]; the next file begins with what is new all the same.
-    pub fn change(&mut self, mut preamble: SessionHeader, time: Timestamp) -> Result<(), Error> {
+    pub fn change(&mut self, mut header: SessionHeader, time: Timestamp) -> Result<(), Error> {
         // The client's facts about the session stay as they were given; the rig's own facts are the present ones.
-        for (key, value) in &self.preamble.about {
-            let about = preamble.about.entry(key.clone());
+        for (key, value) in &self.header.about {
+            let about = header.about.entry(key.clone());
             about.or_insert_with(|| value.clone());
         }
-        let before = std::mem::replace(&mut self.preamble, preamble);
-        if begins_otherwise(&before, &self.preamble) {
+        let before = std::mem::replace(&mut self.header, header);
+        if begins_otherwise(&before, &self.header) {
             return self.finish_file();
         }
         let Some(open) = &mut self.open else {
             return Ok(());
         };
-        let written = changed(&mut open.writer, &before, &self.preamble, time);
+        let written = changed(&mut open.writer, &before, &self.header, time);
         if written.is_err() {
             self.open = None;
         }
@@ -237,8 +237,8 @@ impl RecordingSession {
             None => {
                 let path = self.next_path()?;
                 let mut writer = Writer::create(&path, &self.program, Compression::None)?;
-                begin_file(&mut writer, &self.preamble, &self.name, self.begin)?;
-                backgrounds(&mut writer, &SessionHeader::default(), &self.preamble, time)?;
+                begin_file(&mut writer, &self.header, &self.name, self.begin)?;
+                backgrounds(&mut writer, &SessionHeader::default(), &self.header, time)?;
                 Open {
                     path,
                     writer,
@@ -264,28 +264,28 @@ fn is_taken(path: &Path) -> Result<bool, Error> {
 /// Writes what every file begins with.
 fn begin_file(
     writer: &mut Writer,
-    preamble: &SessionHeader,
+    header: &SessionHeader,
     name: &str,
     time: Timestamp,
 ) -> Result<(), Error> {
-    let mut about = preamble.about.clone();
+    let mut about = header.about.clone();
     about.insert("name".into(), name.into());
     writer.metadata("session", &about)?;
-    if let Some(calibration) = &preamble.calibration {
+    if let Some(calibration) = &header.calibration {
         writer.calibration_record(calibration)?;
     }
-    let text = preamble.configuration.as_bytes();
+    let text = header.configuration.as_bytes();
     writer.attach("rig.toml", "application/toml", time, text)?;
-    for camera in &preamble.colors {
+    for camera in &header.colors {
         writer.color_camera(camera, time)?;
     }
-    for camera in &preamble.depths {
+    for camera in &header.depths {
         writer.depth_camera(camera, time)?;
     }
-    if let Some(volume) = &preamble.volume {
+    if let Some(volume) = &header.volume {
         writer.volume(volume, time)?;
     }
-    settings(writer, &SessionHeader::default(), preamble, time)
+    settings(writer, &SessionHeader::default(), header, time)
 }
 
 /// Whether a file would begin with something that cannot be said later in it.

@@ -7,7 +7,7 @@ use crate::frame::{Stream, Timestamp};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-fn preamble(rig: &Rig) -> SessionHeader {
+fn session_header(rig: &Rig) -> SessionHeader {
     let plate = |ms| frame(rig.colors[0].id.clone(), Stream::Color, ms).picture;
     let colors = rig.colors.iter();
     SessionHeader {
@@ -60,7 +60,7 @@ fn begin(folder: &Path, rig: &Rig, largest_file: u64) -> RecordingSession {
         "scand test",
         at(2),
         largest_file,
-        preamble(rig),
+        session_header(rig),
     )
     .unwrap()
 }
@@ -121,7 +121,7 @@ fn what_is_kept_is_on_the_disk_before_the_file_is_complete() {
 fn plates_that_a_wrong_clock_put_into_the_future_count_from_the_capture_on() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
-    let mut ahead = preamble(&rig);
+    let mut ahead = session_header(&rig);
     for (time, _) in ahead.backgrounds.values_mut() {
         *time = at(7_200_000);
     }
@@ -142,7 +142,7 @@ fn plates_that_a_wrong_clock_put_into_the_future_count_from_the_capture_on() {
 fn what_the_rig_says_of_itself_is_what_it_says_now() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::new();
-    let mut before = preamble(&rig);
+    let mut before = session_header(&rig);
     before
         .about
         .insert("calibration_sha256".into(), "old".into());
@@ -152,7 +152,7 @@ fn what_the_rig_says_of_itself_is_what_it_says_now() {
     let about = BTreeMap::from([("calibration_sha256".into(), "new".into())]);
     let now = SessionHeader {
         about,
-        ..preamble(&rig)
+        ..session_header(&rig)
     };
     session.change(now, at(15_000)).unwrap();
     let path = session.append(&kept(&rig, "b", 20_000)).unwrap();
@@ -171,7 +171,7 @@ fn new_plates_count_from_the_next_capture_on_and_in_every_file() {
     let one = kept(&rig, "a", 10_000).bytes();
     let mut session = begin(folder.path(), &rig, 2 * one);
     session.append(&kept(&rig, "a", 10_000)).unwrap();
-    let mut changed = preamble(&rig);
+    let mut changed = session_header(&rig);
     for (time, _) in changed.backgrounds.values_mut() {
         *time = at(15_000);
     }
@@ -196,7 +196,7 @@ fn another_calibration_begins_another_file_of_the_same_session() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = begin(folder.path(), &rig, u64::MAX);
     session.append(&kept(&rig, "a", 10_000)).unwrap();
-    let mut changed = preamble(&rig);
+    let mut changed = session_header(&rig);
     changed.configuration = "[rig]\nname = \"other\"\n".into();
     changed.colors[0].intrinsics.focal_px.x += 1.0;
     changed.about.clear();
@@ -236,7 +236,14 @@ fn a_session_of_the_same_name_is_refused_and_no_file_of_another_is_in_the_way() 
     let path = session.append(&kept(&rig, "c", 30_000)).unwrap();
     assert_eq!(path, folder.path().join("s-005.mcap"));
     session.close().unwrap();
-    let again = RecordingSession::begin(folder.path(), "s", "scand test", at(2), 1, preamble(&rig));
+    let again = RecordingSession::begin(
+        folder.path(),
+        "s",
+        "scand test",
+        at(2),
+        1,
+        session_header(&rig),
+    );
     assert!(again.err().unwrap().to_string().contains("s.mcap"));
 }
 

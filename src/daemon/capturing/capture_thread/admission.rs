@@ -46,7 +46,7 @@ impl CaptureThread {
 
     /// Bytes of the backgrounds that a file begins with.
     fn backgrounds_bytes(&self) -> u64 {
-        let backgrounds = self.plan.preamble.backgrounds.values();
+        let backgrounds = self.plan.header.backgrounds.values();
         backgrounds.map(|(_, picture)| picture.bytes() as u64).sum()
     }
 

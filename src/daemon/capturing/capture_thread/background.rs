@@ -51,8 +51,8 @@ impl CaptureThread {
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
         let words = format!("{} backgrounds in {}", backgrounds.len(), path.display());
-        self.plan.preamble.backgrounds = backgrounds::detached(backgrounds);
-        self.preamble_changed();
+        self.plan.header.backgrounds = backgrounds::detached(backgrounds);
+        self.header_changed();
         let told = words.clone();
         self.plan.events.publish(Event::Plates { words: told });
         Ok(words)
@@ -60,7 +60,7 @@ impl CaptureThread {
 
     /// Hours since the oldest background; `None` where a camera has none.
     pub(super) fn backgrounds_age_h(&self) -> Option<f64> {
-        let backgrounds = &self.plan.preamble.backgrounds;
+        let backgrounds = &self.plan.header.backgrounds;
         let colors = self.rig.states().filter(|(_, k, _)| *k == Kind::Color);
         let times: Option<Vec<Timestamp>> = colors
             .map(|(id, ..)| backgrounds.get(id).map(|(time, _)| *time))

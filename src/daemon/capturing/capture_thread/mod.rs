@@ -61,7 +61,7 @@ impl CaptureThread {
         plan.sync.window_ms *= rig.turns() as f64;
         let cameras = cameras(&rig);
         let colors: Vec<CameraId> = cameras.colors.iter().cloned().collect();
-        plan.preamble.backgrounds =
+        plan.header.backgrounds =
             backgrounds::newest(&plan.recording.folder, &colors, rig.clock().timestamp());
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
@@ -106,13 +106,13 @@ impl CaptureThread {
         // Only shots keep others waiting. All other orders are done at once, so that a client that hears the answer and
         // asks again finds the daemon free.
         if !matches!(order, Order::Press(..) | Order::Background(_)) {
-            self.dispatcher.log().release();
+            self.dispatcher.presses().release();
         }
         match order {
             Order::Press(press, guard) => self.press(&press, &guard),
             Order::Background(answer) => {
                 let taken = self.take_backgrounds();
-                self.dispatcher.log().release();
+                self.dispatcher.presses().release();
                 answer(taken);
             }
             Order::Begin(name, about, answer) => self.begin(&name, about, answer),
@@ -133,17 +133,17 @@ impl CaptureThread {
         let CapturePlan {
             capture,
             recording,
-            preamble,
+            header,
             ..
         } = &mut self.plan;
         *capture = reloaded.capture;
         *recording = reloaded.recording;
-        *preamble = SessionHeader {
-            settings: std::mem::take(&mut preamble.settings),
-            backgrounds: std::mem::take(&mut preamble.backgrounds),
-            ..reloaded.preamble
+        *header = SessionHeader {
+            settings: std::mem::take(&mut header.settings),
+            backgrounds: std::mem::take(&mut header.backgrounds),
+            ..reloaded.header
         };
-        self.preamble_changed();
+        self.header_changed();
     }
 
     /// Notes what a camera says, and tells the log when that changes what can be done; whether it does.
@@ -164,8 +164,8 @@ impl CaptureThread {
                 log::notice!("camera {id}: ready, {}", info.identity);
                 self.tell_camera(&id, "ready", info.identity);
                 if let Some(settings) = info.settings {
-                    self.plan.preamble.settings.insert(id, settings);
-                    self.preamble_changed();
+                    self.plan.header.settings.insert(id, settings);
+                    self.header_changed();
                 }
             }
             Some(State::Away(fault)) => {

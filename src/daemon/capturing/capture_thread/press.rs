@@ -1,12 +1,12 @@
-//! Carries out a press: takes its shots and hands them to the recorder. `request_log` decides what its client is
+//! Carries out a press: takes its shots and hands them to the recorder. `presses` decides what its client is
 //! told.
 
 use super::super::assemble::assemble;
 use super::CaptureThread;
 use super::shot::shoot;
 use crate::daemon::dispatcher::ReplyGuard;
+use crate::daemon::presses::{Input, Press};
 use crate::daemon::recorder::Work;
-use crate::daemon::request_log::{Input, Press};
 use crate::frame::{CaptureId, Trigger};
 use crate::recording::{FinishedCapture, Outcome};
 

@@ -36,13 +36,13 @@ impl CaptureThread {
         about: BTreeMap<String, String>,
     ) -> Result<Box<RecordingSession>, String> {
         names::check_session(name)?;
-        let mut preamble = self.plan.preamble.clone();
-        if let Some(key) = about.keys().find(|key| preamble.about.contains_key(*key)) {
+        let mut header = self.plan.header.clone();
+        if let Some(key) = about.keys().find(|key| header.about.contains_key(*key)) {
             return Err(format!(
                 "scand itself writes {key:?} about a session: use another key"
             ));
         }
-        preamble.about.extend(about);
+        header.about.extend(about);
         let folder = &self.plan.recording.folder;
         let session = RecordingSession::begin(
             folder,
@@ -50,7 +50,7 @@ impl CaptureThread {
             &self.plan.program,
             self.rig.clock().timestamp(),
             self.largest_file(),
-            preamble,
+            header,
         );
         let session = session.map_err(|e| e.to_string())?;
         if let Some(models) = &self.plan.models {
@@ -115,9 +115,9 @@ impl CaptureThread {
         self.plan.recording.largest_file_mb * 1_000_000
     }
 
-    pub(super) fn preamble_changed(&mut self) {
-        let preamble = Box::new(self.plan.preamble.clone());
-        let work = Work::Change(preamble, self.largest_file(), self.rig.clock().timestamp());
+    pub(super) fn header_changed(&mut self) {
+        let header = Box::new(self.plan.header.clone());
+        let work = Work::Change(header, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.hand_over(work) {
             // Rather a session of its own than one whose later captures have old backgrounds.
             log::warning!("{QUEUE_FULL}: the next capture begins a session");
