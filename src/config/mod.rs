@@ -76,19 +76,17 @@ pub struct Config {
 
 /// Why a configuration is refused.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The file cannot be read.
     #[error("configuration {}: {cause}", path.display())]
     Read {
-        /// Which file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// The file is not what it should be: the message has the line and the field.
     #[error("configuration {}: {message}", path.display())]
     Parse {
-        /// Which file.
         path: PathBuf,
         /// Line, field and what was expected.
         message: String,
@@ -96,7 +94,6 @@ pub enum Error {
     /// A value set on the command line is not what it should be.
     #[error("--set {setting}: {message}")]
     Setting {
-        /// The argument.
         setting: String,
         /// What is wrong with it.
         message: String,

@@ -23,19 +23,15 @@ use tokio::sync::watch;
 
 /// Why the socket cannot be served.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum SocketError {
     /// Another daemon is there.
     #[error("{}: another daemon listens there", path.display())]
-    Taken {
-        /// The socket.
-        path: PathBuf,
-    },
+    Taken { path: PathBuf },
     /// The socket cannot be created, or signals cannot be received.
     #[error("{}: {cause}", path.display())]
     Io {
-        /// The socket.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
 }

@@ -8,19 +8,17 @@ use std::time::SystemTime;
 
 /// Why a foot switch cannot be read.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// It cannot be opened as an input device.
     #[error("{}: cannot open it as an input device: {cause}; check the path, and that this user may read it", path.display())]
     Open {
-        /// The device.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// It has no keys.
     #[error("{}: {name} has no keys, expected a foot switch or a keyboard", path.display())]
     NoKeys {
-        /// The device.
         path: PathBuf,
         /// The name that the device reports.
         name: String,
@@ -28,25 +26,18 @@ pub enum Error {
     /// Another program holds it.
     #[error("{}: another program uses this foot switch: {cause}", path.display())]
     Taken {
-        /// The device.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// Its keys cannot be read any more.
     #[error("{}: cannot read the foot switch: {cause}", path.display())]
     Read {
-        /// The device.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// It was unplugged.
     #[error("{}: the foot switch was unplugged", path.display())]
-    Gone {
-        /// The device.
-        path: PathBuf,
-    },
+    Gone { path: PathBuf },
 }
 
 /// A key went up (0) or down (1), or repeats itself (2).

@@ -26,6 +26,7 @@ pub struct ConfigSource {
 
 /// Why a rig cannot be run.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The configuration cannot be read, or a value is not what it should be.
     #[error(transparent)]
@@ -33,19 +34,13 @@ pub enum Error {
     /// A configuration, or the calibration that it names, that no rig can have.
     #[error("configuration {}: {problem}", file.display())]
     Refused {
-        /// The configuration.
         file: PathBuf,
         /// The field, what was found, and what was expected.
         problem: String,
     },
     /// A file or the working folder that cannot be read.
     #[error("{what}: {cause}")]
-    Read {
-        /// Which.
-        what: String,
-        /// Why.
-        cause: std::io::Error,
-    },
+    Read { what: String, cause: std::io::Error },
 }
 
 /// A rig that could be run.

@@ -11,27 +11,23 @@ const LONGEST_REPLY: u64 = 4 << 20;
 
 /// Why the daemon could not be asked.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// Nobody listens.
     #[error("{}: {cause}: is the daemon running? Start it with `systemctl start scand` on an installed rig, otherwise with `scand run`", path.display())]
     Away {
-        /// The socket.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// The connection broke, or took too long.
     #[error("{}: {cause}", path.display())]
     Broken {
-        /// The socket.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// It says what no daemon says.
     #[error("{}: found {line:?}, expected {expected}", path.display())]
     Senseless {
-        /// The socket.
         path: PathBuf,
         /// What it said, shortened.
         line: String,

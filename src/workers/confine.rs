@@ -27,6 +27,7 @@ pub struct Limits {
 
 /// Why a process cannot be confined.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ConfineError {
     /// Who started it is gone.
     #[error("the process that started this one has ended")]
@@ -34,9 +35,7 @@ pub enum ConfineError {
     /// A limit cannot be set.
     #[error("cannot set {what}: {cause}")]
     Limit {
-        /// Which.
         what: &'static str,
-        /// Why.
         cause: std::io::Error,
     },
     /// The filter of system calls is refused.

@@ -13,13 +13,12 @@ use std::time::{Duration, Instant};
 
 /// Why a job cannot be kept.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The folder of jobs cannot be made or read.
     #[error("{}: {cause}", path.display())]
     Io {
-        /// The folder.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// Its file cannot be written.

@@ -187,8 +187,8 @@ pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, Not
 /// A number that is not within its range.
 #[derive(Debug, thiserror::Error)]
 #[error("{found} found, expected {expected}")]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub struct NotWithin {
-    /// The number.
     pub found: f64,
     /// Its range, in words.
     pub expected: String,

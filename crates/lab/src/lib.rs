@@ -42,15 +42,13 @@ use scand_core::{calibration, recording};
 
 /// Why nothing is simulated.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// An option that cannot be met.
     #[error("{what} is {found}, expected {expected}")]
     BadOption {
-        /// Which.
         what: &'static str,
-        /// What was asked.
         found: String,
-        /// What would do.
         expected: String,
     },
     /// A camera that cannot be.

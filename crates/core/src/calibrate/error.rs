@@ -25,6 +25,7 @@ pub struct Rejected {
 
 /// Why a rig cannot be calibrated or checked.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A recording that is not a session of placements, or a picture of one that cannot be read.
     #[error(transparent)]
@@ -41,7 +42,6 @@ pub enum Error {
     /// A recording whose metadata describe a board that cannot be.
     #[error("{}: metadata record board: {cause}", path.display())]
     BadBoard {
-        /// The recording.
         path: PathBuf,
         /// What is wrong with it.
         cause: calibration::Error,
@@ -50,9 +50,7 @@ pub enum Error {
     #[error("{}: the board is {found}, but {before} in an earlier recording: give \
         --board", path.display())]
     OtherBoard {
-        /// The recording.
         path: PathBuf,
-        /// Its board.
         found: String,
         /// The board of a recording before it.
         before: String,
@@ -70,7 +68,6 @@ pub enum Error {
         lens[0], lens[1], found[0], found[1]
     )]
     LensSize {
-        /// The camera.
         camera: CameraId,
         /// Width and height for which its lens is known.
         lens: [usize; 2],
@@ -99,7 +96,6 @@ pub enum Error {
     NoSuchPlacement {
         /// The name that was given.
         name: String,
-        /// Those there are.
         known: String,
     },
     /// A last placement before the first one.
@@ -107,18 +103,12 @@ pub enum Error {
         "the last placement, {until:?}, comes before the first one, {from:?}: exchange \
         --from-placement and --until-placement"
     )]
-    NoPlacements {
-        /// The first one.
-        from: String,
-        /// The last one.
-        until: String,
-    },
+    NoPlacements { from: String, until: String },
     /// A distance of a camera that is not in the session.
     #[error("--distance: no camera {camera} in the recordings, expected one of {known}")]
     NoSuchCamera {
         /// The camera that was named.
         camera: CameraId,
-        /// Those there are.
         known: String,
     },
     /// A depth table that cannot be read.
@@ -126,16 +116,10 @@ pub enum Error {
     Table(ResponseError),
     /// A depth table from which no response can be fitted.
     #[error("depth table {}: {cause}", path.display())]
-    Response {
-        /// The table.
-        path: PathBuf,
-        /// Why.
-        cause: ResponseError,
-    },
+    Response { path: PathBuf, cause: ResponseError },
     /// Views that do not determine the rig.
     #[error("{cause}{}", details(.causes, .missing, .reasons))]
     Unfitted {
-        /// Why.
         cause: fit::Error,
         /// What the views that contradict each other agree on.
         causes: Vec<String>,

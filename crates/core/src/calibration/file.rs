@@ -8,19 +8,17 @@ use std::path::{Path, PathBuf};
 
 /// Why a calibration file is refused.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum FileError {
     /// It cannot be read.
     #[error("calibration {}: {cause}", path.display())]
     Read {
-        /// Which file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// It is not what it should be.
     #[error("calibration {}: {message}", path.display())]
     Parse {
-        /// Which file.
         path: PathBuf,
         /// Line or camera, field, what was found and expected.
         message: String,

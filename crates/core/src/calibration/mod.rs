@@ -22,15 +22,13 @@ use nalgebra::{Point2, Point3};
 
 /// Why a calibration is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A number that cannot be what it stands for.
     #[error("{what} is {found}, expected {expected}")]
     BadValue {
-        /// Which number.
         what: &'static str,
-        /// What was there.
         found: String,
-        /// What would do.
         expected: &'static str,
     },
     /// A lens model that is not read.

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 /// Why a capture cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The recording, or a message in it.
     #[error(transparent)]
@@ -14,11 +15,8 @@ pub enum Error {
     /// A picture that cannot be decoded.
     #[error("{path}: {topic} at {} ns: {problem}", timestamp.0)]
     Picture {
-        /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
-        /// The picture's timestamp.
         timestamp: Timestamp,
         /// What is wrong with it.
         problem: DecodeError,
@@ -26,15 +24,12 @@ pub enum Error {
     /// A picture file that cannot be read.
     #[error("picture {}: {cause}", path.display())]
     PictureFile {
-        /// The file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// A picture file that cannot be decoded.
     #[error("picture {}: {problem}", path.display())]
     BadPictureFile {
-        /// The file.
         path: PathBuf,
         /// What is wrong with it.
         problem: DecodeError,
@@ -51,7 +46,6 @@ pub enum Error {
     /// No captures.
     #[error("{path}: has no /trigger that can be read, expected one for each capture{details}")]
     NoTrigger {
-        /// The file.
         path: PathBuf,
         /// What may be the reason.
         details: String,
@@ -62,7 +56,6 @@ pub enum Error {
         at most {most} as their product"
     )]
     TooMany {
-        /// The file.
         path: PathBuf,
         /// Triggers and records of captures.
         triggers: usize,
@@ -78,7 +71,6 @@ pub enum Error {
         trigger.0, largest.0, largest.1.0, largest.1.1
     )]
     TooLarge {
-        /// The file.
         path: PathBuf,
         /// Time of the trigger.
         trigger: Timestamp,
@@ -94,7 +86,6 @@ pub enum Error {
     /// No capture of this name.
     #[error("{path}: has no capture {id}, only {known}")]
     NoSuchCapture {
-        /// The file.
         path: PathBuf,
         /// The name that was asked for.
         id: CaptureId,
@@ -104,9 +95,7 @@ pub enum Error {
     /// A capture that is not complete.
     #[error("{path}: capture {id} failed: {reason}")]
     Failed {
-        /// The file.
         path: PathBuf,
-        /// The capture.
         id: CaptureId,
         /// Why, naming the cameras.
         reason: String,
@@ -114,9 +103,7 @@ pub enum Error {
     /// Too few colour cameras.
     #[error("{path}: capture {id} has {found} colour cameras, expected at least 2{details}")]
     TooFewCameras {
-        /// The file.
         path: PathBuf,
-        /// The capture.
         id: CaptureId,
         /// How many there are.
         found: usize,
@@ -127,9 +114,7 @@ pub enum Error {
     #[error("{path}: {topic} has no message at or before the trigger at {} ns{}", trigger.0,
             first.map_or_else(String::new, |t| format!(", its first is at {} ns", t.0)))]
     NothingYet {
-        /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
         /// Time of the trigger.
         trigger: Timestamp,
@@ -139,9 +124,7 @@ pub enum Error {
     /// A pose that is missing or that no camera has.
     #[error("{path}: /tf: pose of camera {camera}: {problem}")]
     Pose {
-        /// The file.
         path: PathBuf,
-        /// The camera.
         camera: CameraId,
         /// What is wrong with it.
         problem: String,
@@ -152,9 +135,7 @@ pub enum Error {
          before the trigger, expected one of them", timestamp.0
     )]
     NoSilhouette {
-        /// The file.
         path: PathBuf,
-        /// The camera.
         camera: CameraId,
         /// Timestamp of its frame.
         timestamp: Timestamp,

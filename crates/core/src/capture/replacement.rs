@@ -6,6 +6,7 @@ use crate::reconstruct::Scene;
 
 /// Why a calibration does not fit a scene.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CalibrationMismatch {
     /// A camera of the scene that the calibration lacks.
     #[error("the calibration has no camera {0}")]
@@ -16,11 +17,9 @@ pub enum CalibrationMismatch {
         {expected:?}"
     )]
     Size {
-        /// Whose.
         camera: CameraId,
         /// The pictures' width and height.
         found: [usize; 2],
-        /// The calibration's.
         expected: [usize; 2],
     },
 }

@@ -27,39 +27,27 @@ use std::path::PathBuf;
 
 /// What can be wrong with what is to be evaluated.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A file cannot be read.
     #[error("{}: {cause}", path.display())]
     Io {
-        /// The file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// A file's name ends in an unknown extension.
     #[error("{}: the file's name ends in {extension}, expected ply or glb", path.display())]
-    UnknownFormat {
-        /// The file.
-        path: PathBuf,
-        /// Its ending.
-        extension: String,
-    },
+    UnknownFormat { path: PathBuf, extension: String },
     /// A file is not what its ending says.
     #[error("{}: {what}", path.display())]
     Format {
-        /// The file.
         path: PathBuf,
         /// What is wrong, and where.
         what: String,
     },
     /// A mesh has nothing to measure.
     #[error("the {what} has no surface above {floor_mm} mm of height")]
-    NoSurface {
-        /// Which mesh.
-        what: &'static str,
-        /// The floor.
-        floor_mm: f64,
-    },
+    NoSurface { what: &'static str, floor_mm: f64 },
 }
 
 /// What is measured, and how closely.

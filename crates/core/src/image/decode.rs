@@ -15,13 +15,12 @@ use zune_jpeg::JpegDecoder;
 
 /// Why a picture cannot be decoded.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum DecodeError {
     /// An encoding that is not read here.
     #[error("encoding is {found:?}, expected {expected}")]
     Encoding {
-        /// What was there.
         found: String,
-        /// What would do.
         expected: &'static str,
     },
     /// Not the size it should have.
@@ -42,16 +41,10 @@ pub enum DecodeError {
     },
     /// Too few bytes.
     #[error("data has {found} bytes, expected {expected}")]
-    Short {
-        /// Bytes there.
-        found: usize,
-        /// Bytes needed.
-        expected: usize,
-    },
+    Short { found: usize, expected: usize },
     /// A picture file that is broken.
     #[error("{format} data: {reason}")]
     Broken {
-        /// Format.
         format: &'static str,
         /// What the decoder said.
         reason: String,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 /// Why no model was made of a capture.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The capture cannot be loaded.
     #[error(transparent)]
@@ -33,9 +34,7 @@ pub enum Error {
     /// The finished folder cannot get its name.
     #[error("{}: {cause}", folder.display())]
     NotPlaced {
-        /// Its name.
         folder: PathBuf,
-        /// Why.
         cause: storage::Error,
     },
     /// The report cannot become text.

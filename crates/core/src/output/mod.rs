@@ -19,15 +19,14 @@ pub use png::{decode_png, encode_png};
 
 /// Why the bytes of a file could not be made.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A model that does not hold together.
     #[error("the model's {what} is {found}, expected {expected}")]
     BadModel {
         /// Which part of it.
         what: &'static str,
-        /// What was there.
         found: String,
-        /// What would do.
         expected: String,
     },
     /// The atlas could not be compressed.

@@ -6,76 +6,51 @@ use std::path::PathBuf;
 
 /// Why a recording, or something in it, cannot be read or written.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The operating system refused.
     #[error("{path}: {cause}")]
     Io {
-        /// The file.
         path: PathBuf,
         /// What the system said.
         cause: std::io::Error,
     },
     /// A folder, a pipe or a device.
     #[error("{path}: is not a regular file, expected an MCAP recording")]
-    NotAFile {
-        /// What was given.
-        path: PathBuf,
-    },
+    NotAFile { path: PathBuf },
     /// Nothing that a crash left behind.
     #[error("{path}: is not an interrupted recording: its name should end in .mcap.part")]
-    NotUnfinished {
-        /// The file.
-        path: PathBuf,
-    },
+    NotUnfinished { path: PathBuf },
     /// Nothing is missing at its end.
     #[error(
         "{path}: is not cut off, and so there is nothing to complete: scand info tells what of it is damaged"
     )]
-    NotCutOff {
-        /// The file.
-        path: PathBuf,
-    },
+    NotCutOff { path: PathBuf },
     /// A recording that is not lost.
     #[error("{path}: is still being written: close its session first, or stop the daemon")]
-    BeingWritten {
-        /// The file.
-        path: PathBuf,
-    },
+    BeingWritten { path: PathBuf },
     /// Not an MCAP file at all.
     #[error(
         "{path}: is not an MCAP file: {found}, expected the magic bytes 89 4d 43 41 50 30 0d 0a"
     )]
-    NotMcap {
-        /// The file.
-        path: PathBuf,
-        /// How it begins.
-        found: String,
-    },
+    NotMcap { path: PathBuf, found: String },
     /// A recording of another version.
     #[error(
         "{path}: has the unknown format {found:?}, expected \"1\": a newer version of scand \
         may read it"
     )]
     UnknownFormat {
-        /// The file.
         path: PathBuf,
         /// The version it names.
         found: String,
     },
     /// A part of the file that cannot be read.
     #[error("{path}: {damage}")]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// Where and what.
-        damage: Damage,
-    },
+    Damaged { path: PathBuf, damage: Damage },
     /// A message that does not hold what its topic promises.
     #[error("{path}: {topic} at {log_time} ns: {problem}")]
     Message {
-        /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
         /// Log time in nanoseconds.
         log_time: u64,
@@ -85,9 +60,7 @@ pub enum Error {
     /// A metadata record that does not hold what its name promises.
     #[error("{path}: metadata record {name}: {cause}")]
     Metadata {
-        /// The file.
         path: PathBuf,
-        /// The record's name.
         name: &'static str,
         /// What is wrong with it.
         cause: calibration::Error,
@@ -95,15 +68,11 @@ pub enum Error {
     /// A channel whose messages are of another kind than its topic promises.
     #[error("{path}: {topic} has schema {found:?} in {encoding:?}, expected {expected}")]
     Schema {
-        /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
         /// Name of its schema.
         found: String,
-        /// Its message encoding.
         encoding: String,
-        /// What would do.
         expected: String,
     },
     /// A note about something that the recording does not have.
@@ -111,7 +80,6 @@ pub enum Error {
         "{path}: has neither a capture nor a session named {name:?}: a note must be about one of them"
     )]
     NothingToNote {
-        /// The file.
         path: PathBuf,
         /// What the note is about, shortened.
         name: String,
@@ -119,7 +87,6 @@ pub enum Error {
     /// The file could not be written.
     #[error("{path}: cannot write the recording: {cause}")]
     Write {
-        /// The file.
         path: PathBuf,
         /// What the system said.
         cause: std::io::Error,
@@ -127,9 +94,7 @@ pub enum Error {
     /// A message that is not fit to be written.
     #[error("{path}: {topic}: {problem}")]
     Unwritable {
-        /// The file.
         path: PathBuf,
-        /// The topic.
         topic: String,
         /// What is wrong with it.
         problem: MessageError,
@@ -138,11 +103,11 @@ pub enum Error {
 
 /// What is wrong with one message.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum MessageError {
     /// It cannot be decoded.
     #[error("is not a {schema} message: {reason}")]
     Malformed {
-        /// The schema's name.
         schema: &'static str,
         /// What the decoder said.
         reason: String,
@@ -150,11 +115,8 @@ pub enum MessageError {
     /// A member that cannot be what it stands for.
     #[error("{field} is {found}, expected {expected}")]
     BadField {
-        /// The member's name.
         field: &'static str,
-        /// What was there.
         found: String,
-        /// What would do.
         expected: String,
     },
     /// A calibration that no camera has.

@@ -23,13 +23,12 @@ pub struct SensorFile {
 
 /// Why a sensor's file is not written.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// It cannot be written.
     #[error("{}: {cause}", path.display())]
     Write {
-        /// The file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// The recording cannot be read.
@@ -38,7 +37,6 @@ pub enum Error {
     /// The recording has not what a sensor needs.
     #[error("depth camera {camera}: {what}")]
     Unfit {
-        /// The camera.
         camera: CameraId,
         /// What is missing or wrong.
         what: String,

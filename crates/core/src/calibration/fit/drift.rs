@@ -67,11 +67,11 @@ pub struct Motion {
 
 /// Why nothing can be said.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CheckError {
     /// Too few cameras saw the board.
     #[error("{found} calibrated cameras saw the board, expected at least {needed}")]
     TooFew {
-        /// How many did.
         found: usize,
         /// How many are needed.
         needed: usize,
@@ -92,9 +92,7 @@ pub enum CheckError {
     Disagree {
         /// Cameras that saw the board.
         seen: usize,
-        /// Those that disagree.
         moved: usize,
-        /// Their names.
         names: String,
     },
 }

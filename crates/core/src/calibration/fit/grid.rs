@@ -12,6 +12,7 @@ pub(super) type Labelled = BTreeMap<(i32, i32), Point2<f64>>;
 
 /// Why a grid is not the board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Rejection {
     /// Nothing like it.
     #[error("no board was found")]
@@ -39,7 +40,6 @@ pub enum Rejection {
     Contrast {
         /// Difference of bright squares and dark ones.
         contrast: f64,
-        /// Least difference.
         needed: f64,
     },
 }

@@ -115,6 +115,7 @@ impl Default for Parameters {
 
 /// Why no calibration can be fitted.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// Not enough to see in any camera.
     #[error("no camera has enough views of the board: {details}")]
@@ -135,7 +136,6 @@ pub enum Error {
     NoSuchPlacement {
         /// What was asked for.
         name: String,
-        /// Those there are.
         known: String,
     },
     /// The equations have no solution.

@@ -25,19 +25,17 @@ use std::path::PathBuf;
 
 /// Why no response can be fitted.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ResponseError {
     /// A table that cannot be read.
     #[error("depth table {}: {cause}", path.display())]
     Read {
-        /// Which file.
         path: PathBuf,
-        /// Why.
         cause: std::io::Error,
     },
     /// A table that is not what it should be.
     #[error("depth table {}: line {line}: {message}", path.display())]
     Table {
-        /// Which file.
         path: PathBuf,
         /// Which line, counted from 1.
         line: usize,
@@ -46,12 +44,7 @@ pub enum ResponseError {
     },
     /// Too little to fit from.
     #[error("the depth response cannot be fitted: {found}, expected {expected}")]
-    TooLittle {
-        /// What there is.
-        found: String,
-        /// What is needed.
-        expected: String,
-    },
+    TooLittle { found: String, expected: String },
     /// A distance at which the fit says nothing.
     #[error("{distance} m is outside the fitted range of {} to {} m", range[0], range[1])]
     OutsideRange {

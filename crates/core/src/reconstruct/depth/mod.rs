@@ -21,6 +21,7 @@ use rayon::prelude::*;
 
 /// Why a burst cannot be enhanced.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A picture that is not of the size of its camera's calibration.
     #[error(
@@ -29,7 +30,6 @@ pub enum Error {
     WrongSize {
         /// Whose picture it is.
         camera: CameraId,
-        /// Which picture.
         what: String,
         /// Width found, in pixels.
         found_width: usize,

@@ -61,6 +61,7 @@ const SPECK: f64 = 1e-4;
 
 /// Why there is no hull.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The cones meet nowhere.
     #[error(
@@ -104,22 +105,12 @@ pub enum Error {
     #[error(
         "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
     )]
-    CellTooSmall {
-        /// What was asked.
-        found: f64,
-        /// What is possible.
-        least: f64,
-    },
+    CellTooSmall { found: f64, least: f64 },
     /// A cell size that would leave nothing of the object's form, as one in millimetres would.
     #[error(
         "hull.cell_size is {found} m: expected {most:.2e} m or less for an object of this size, or 0"
     )]
-    CellTooLarge {
-        /// What was asked.
-        found: f64,
-        /// What makes sense.
-        most: f64,
-    },
+    CellTooLarge { found: f64, most: f64 },
 }
 
 /// A solid's surface.

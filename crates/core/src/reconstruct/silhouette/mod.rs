@@ -98,6 +98,7 @@ pub struct Silhouette {
 
 /// Why there is no silhouette.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A picture that does not fit its camera.
     #[error(
@@ -105,25 +106,17 @@ pub enum Error {
         found.0, found.1, expected.0, expected.1
     )]
     Size {
-        /// Whose.
         camera: CameraId,
-        /// Which picture.
         what: &'static str,
-        /// Its size.
         found: (usize, usize),
-        /// The calibration's.
         expected: (usize, usize),
     },
     /// The volume is not in the picture.
     #[error("camera {camera}: the volume's projection lies outside its picture")]
-    VolumeNotSeen {
-        /// Whose.
-        camera: CameraId,
-    },
+    VolumeNotSeen { camera: CameraId },
     /// No object.
     #[error("camera {camera}: its silhouette is empty: {reason}")]
     Empty {
-        /// Whose.
         camera: CameraId,
         /// What was seen instead.
         reason: String,
