@@ -53,6 +53,9 @@ say "running"
 inside scand --version
 [ "$(inside ldd /usr/bin/scand | grep -c 'not found')" -eq 0 ] || fail "libraries are missing"
 inside scand pedal --help >/dev/null
+for file in man/man1/scand-replay.1.gz bash-completion/completions/scand; do
+	[ -s "$root/usr/share/$file" ] || fail "/usr/share/$file is missing"
+done
 code=0
 words=$(inside scand simulate --shape cup --out /tmp/a.mcap 2>&1) || code=$?
 [ "$code" -eq 2 ] && [[ $words == *"no simulator"* ]] || fail "scand simulate: exit code $code, expected 2 and where the simulator is: $words"

@@ -18,6 +18,14 @@ if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 fi
 features=(--no-default-features --features rig)
 "$cargo" build --profile "$profile" --locked --package scand "${features[@]}"
+# What the command line says of itself, as man pages and completions.
+program=target/${profile/#dev/debug}/scand
+generated=target/generated
+rm -rf $generated && mkdir -p $generated/bash $generated/zsh $generated/fish
+"$program" generate man $generated/man
+"$program" generate completions bash >$generated/bash/scand
+"$program" generate completions zsh >$generated/zsh/_scand
+"$program" generate completions fish >$generated/fish/scand.fish
 # The same input makes the same package.
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || echo 0)}
 export SOURCE_DATE_EPOCH
