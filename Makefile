@@ -3,6 +3,9 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
+# The programs of tests that are other ones with the whole rig; `make check` has run the others.
+RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
+
 .PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture kinect-driver
 
 help: ## what there is to make
@@ -22,7 +25,7 @@ check: ## what needs neither root nor a camera library: format, clippy, document
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig --lib --bins $(RIG_TESTS)
 
 calibration-trial: ## calibrate rendered sessions with a fault each, and sound ones: what is said of each (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1

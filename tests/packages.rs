@@ -37,3 +37,27 @@ fn an_installed_rig_holds_no_simulator() {
     let all = ["scand", "scand_core", "scand_lab"].map(str::to_owned);
     assert_eq!(packages(&["--features", "rig"]), all.into());
 }
+
+#[test]
+fn every_program_of_tests_that_needs_cameras_is_run_with_them() {
+    let run = include_str!("../Makefile");
+    let run = run
+        .lines()
+        .find(|line| line.starts_with("RIG_TESTS"))
+        .unwrap();
+    let run: BTreeSet<&str> = run.trim_end_matches(')').split([' ', ',']).collect();
+    let manifest: toml::Table = include_str!("../Cargo.toml").parse().unwrap();
+    let mut needed = 0;
+    for test in manifest["test"].as_array().unwrap() {
+        let name = test["name"].as_str().unwrap();
+        let features = test["required-features"].as_array().unwrap();
+        if features
+            .iter()
+            .any(|feature| feature.as_str() != Some("lab"))
+        {
+            assert!(run.contains(name), "{name} is not in RIG_TESTS: {run:?}");
+            needed += 1;
+        }
+    }
+    assert!(needed > 0);
+}

@@ -79,9 +79,18 @@ impl Finding {
     }
 }
 
-/// Checks the age of the calibration by its file. Advises to calibrate again after 90 days.
-pub fn calibration(modified: std::io::Result<SystemTime>) -> Finding {
+/// Checks the age of the calibration by its file, if the rig has one. Advises to calibrate again after 90 days.
+pub fn calibration(modified: Option<std::io::Result<SystemTime>>) -> Finding {
     let subject = "calibration";
+    let Some(modified) = modified else {
+        let remedy = "record a session with a board, and calibrate: docs/calibration.md";
+        return Finding::not_ok(
+            State::Wrong,
+            subject,
+            "there is none: no models are made",
+            remedy,
+        );
+    };
     let age = modified.map(|time| time.elapsed().unwrap_or_default());
     match age {
         Ok(age) if age <= Duration::from_secs(90 * 86_400) => {
@@ -120,13 +129,14 @@ mod tests {
     #[test]
     fn an_old_calibration_is_told() {
         let days = |n: u64| Ok(SystemTime::now() - Duration::from_secs(n * 86_400));
-        assert_eq!(calibration(days(3)).state, State::Ok);
-        let old = calibration(days(200));
+        assert_eq!(calibration(Some(days(3))).state, State::Ok);
+        let old = calibration(Some(days(200)));
         assert_eq!(
             (old.state, old.found.as_str()),
             (State::Advice, "200 days old")
         );
         let none = std::io::ErrorKind::NotFound.into();
-        assert_eq!(calibration(Err(none)).state, State::Wrong);
+        assert_eq!(calibration(Some(Err(none))).state, State::Wrong);
+        assert_eq!(calibration(None).state, State::Wrong);
     }
 }

@@ -4,6 +4,7 @@ mod calibration;
 mod cameras;
 #[cfg(test)]
 mod comments_tests;
+mod lengths;
 mod nan;
 
 pub use calibration::Calibration;
@@ -15,7 +16,7 @@ use crate::daemon::{
 };
 use crate::drivers::link::Link;
 use crate::drivers::{aravis, openni2, v4l2};
-use crate::{output, range, reconstruct, report, sync, words, workers};
+use crate::{output, reconstruct, report, sync, words, workers};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -106,18 +107,17 @@ impl Config {
     /// # Errors
     /// If the file cannot be read, or it or a setting has an unknown key or a value of the wrong kind.
     pub fn load(file: Option<&Path>, settings: &[String]) -> Result<Self, Error> {
-        let mut table = match file {
-            Some(path) => read(path)?,
-            None => Table::new(),
-        };
         let mut config = Self::default();
         let defaults = Table::try_from(&config).map_err(|e| setting("", e))?;
+        let mut table = match file {
+            Some(path) => read(path, &defaults)?,
+            None => Table::new(),
+        };
         if file.is_some() {
             config = of_table(&table).map_err(|e| setting("", e))?;
         }
         for text in settings {
-            set(&mut table, text)?;
-            in_metres(&mut table, &defaults);
+            set(&mut table, text, &defaults)?;
             // Checked one by one, so that the message names the one that is wrong.
             config = of_table(&table).map_err(|e| setting(text, e))?;
         }
@@ -192,35 +192,6 @@ fn plain(message: &str) -> String {
     }
 }
 
-/// Turns lengths with units, such as `2mm`, into numbers where the default is a number: of millimetres if the key says
-/// so, otherwise of metres.
-fn in_metres(table: &mut Table, defaults: &Table) {
-    for (key, value) in table.iter_mut() {
-        match (value, defaults.get(key)) {
-            (Value::Table(section), Some(Value::Table(defaults))) => in_metres(section, defaults),
-            (value @ Value::String(_), Some(Value::Float(_)) | None) => {
-                let Some(metres) = value
-                    .as_str()
-                    .filter(|text| has_unit(text))
-                    .and_then(range::metres)
-                else {
-                    continue;
-                };
-                let scale = if key.ends_with("_mm") { 1e3 } else { 1.0 };
-                *value = Value::Float(scale * metres);
-            }
-            _ => {}
-        }
-    }
-}
-
-/// Whether a text begins as a number and ends as a unit.
-fn has_unit(text: &str) -> bool {
-    let text = text.trim();
-    text.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | '-'))
-        && text.ends_with(|c: char| c.is_ascii_alphabetic())
-}
-
 /// What a table says. By way of its text, so that what reads a configuration is compiled for texts alone.
 fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
     let text = toml::to_string(table).map_err(|e| e.to_string())?;
@@ -235,7 +206,7 @@ fn of_table<T: DeserializeOwned>(table: &Table) -> Result<T, String> {
 /// Largest configuration file, in bytes.
 const LONGEST_FILE: u64 = 1 << 20;
 
-fn read(path: &Path) -> Result<Table, Error> {
+fn read(path: &Path, defaults: &Table) -> Result<Table, Error> {
     let failed = |cause| Error::Read {
         path: path.into(),
         cause,
@@ -251,6 +222,7 @@ fn read(path: &Path) -> Result<Table, Error> {
         )));
     }
     let text = std::fs::read_to_string(path).map_err(failed)?;
+    let text = lengths::as_numbers(&text, defaults);
     // Read as the configuration first: only then do messages have line numbers.
     toml::from_str::<Config>(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
     if let Some((field, at)) = nan::first(&text) {
@@ -263,7 +235,7 @@ fn read(path: &Path) -> Result<Table, Error> {
 }
 
 /// Sets `a.b=value`; a value that is not TOML is taken as a string.
-fn set(table: &mut Table, text: &str) -> Result<(), Error> {
+fn set(table: &mut Table, text: &str, defaults: &Table) -> Result<(), Error> {
     let bad = |message: &str| setting(text, message);
     let (path, value) = text
         .split_once('=')
@@ -278,6 +250,11 @@ fn set(table: &mut Table, text: &str) -> Result<(), Error> {
         .pop()
         .filter(|k| !k.is_empty())
         .ok_or_else(|| bad("the key is empty"))?;
+    let default = keys
+        .iter()
+        .try_fold(defaults, |section, key| section.get(*key)?.as_table())
+        .and_then(|section| section.get(last));
+    let value = lengths::as_number(last, value, default);
     let mut section = table;
     for key in keys {
         let entry = section
@@ -329,6 +306,22 @@ mod tests {
         let inch = settings(&["verdict.unstated_uncertainty_mm=1in"]).unwrap();
         assert!((inch.verdict.unstated_uncertainty_mm - 25.4).abs() < 1e-9);
         assert!(settings(&["hull.resolution=many"]).is_err());
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("lengths.toml");
+        std::fs::write(
+            &file,
+            "[hull]\ncell_size = \"0.2 cm\"\n[verdict]\nunstated_uncertainty_mm = \"1in\"\n",
+        )
+        .unwrap();
+        let config = Config::load(Some(&file), &[]).unwrap();
+        assert_eq!(config.hull.cell_size, 0.002);
+        assert_eq!(config.verdict, inch.verdict);
+        std::fs::write(&file, "[hull]\ncell_size = \"2mm\"\nresolution = \"2km\"\n").unwrap();
+        let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("line 3") && message.contains("2km"),
+            "{message}"
+        );
     }
 
     #[test]

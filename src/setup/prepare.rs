@@ -10,6 +10,7 @@ use crate::config::{self, Config};
 use crate::daemon::{Kind, RigCamera};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
+use crate::log;
 use crate::recording::SessionHeader;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -53,8 +54,8 @@ pub struct Prepared {
     pub header: SessionHeader,
     /// Memory for frames.
     pub pool: Pool,
-    /// Where the calibration is.
-    pub calibration: PathBuf,
+    /// Where the calibration is; `None` of a rig that is not calibrated yet.
+    pub calibration: Option<PathBuf>,
 }
 
 impl ConfigSource {
@@ -83,20 +84,30 @@ impl ConfigSource {
         let text =
             std::fs::read_to_string(&self.config).map_err(unread("configuration", &self.config))?;
         config.hooks.checked().map_err(named)?;
-        let file = self.calibration(&config).map_err(named)?;
-        let calibration = RigCalibration::load(&file).map_err(|e| named(e.to_string()))?;
+        let file = self.calibration(&config);
+        if file.is_none() {
+            log::warning!(
+                "there is no rig.calibration: captures are recorded, for scand calibrate, and no models are made"
+            );
+            config.workers.count = 0;
+        }
+        let load = |file: &PathBuf| RigCalibration::load(file).map_err(|e| named(e.to_string()));
+        let calibration = file.as_ref().map(load).transpose()?;
+        let calibration = calibration.as_ref();
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
-        let rig_cameras = rig_cameras(&config, &calibration, clock, &pool).map_err(named)?;
-        let mut header =
-            session_header(&config, &calibration, &rig_cameras, text).map_err(named)?;
-        let sha256 = digest(&file)?;
-        let about = &mut header.about;
-        about.insert("calibration_sha256".into(), sha256.clone());
-        // Of a file that does not say what it is worth, nothing is said.
-        header.calibration = calibration.verdict.map(|verdict| CalibrationRecord {
-            verdict,
-            file_sha256: Some(sha256),
-        });
+        let rig_cameras = rig_cameras(&config, calibration, clock, &pool).map_err(named)?;
+        let mut header = session_header(&config, calibration, &rig_cameras, text).map_err(named)?;
+        if let Some(file) = &file {
+            let sha256 = digest(file)?;
+            let about = &mut header.about;
+            about.insert("calibration_sha256".into(), sha256.clone());
+            // Of a file that does not say what it is worth, nothing is said.
+            let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
+            header.calibration = verdict.map(|verdict| CalibrationRecord {
+                verdict,
+                file_sha256: Some(sha256),
+            });
+        }
         Ok(Prepared {
             config,
             rig_cameras,
@@ -106,14 +117,11 @@ impl ConfigSource {
         })
     }
 
-    /// Where the calibration is; a relative path is beside the configuration.
-    fn calibration(&self, config: &Config) -> Result<PathBuf, String> {
-        if config.rig.calibration.as_os_str().is_empty() {
-            let words = "rig.calibration is missing, expected the file that scand calibrate wrote";
-            return Err(words.into());
-        }
+    /// Where the calibration is, if the rig has one; a relative path is beside the configuration.
+    fn calibration(&self, config: &Config) -> Option<PathBuf> {
+        let named = &config.rig.calibration;
         let folder = self.config.parent().unwrap_or(Path::new("."));
-        Ok(folder.join(&config.rig.calibration))
+        (!named.as_os_str().is_empty()).then(|| folder.join(named))
     }
 }
 
@@ -131,7 +139,7 @@ fn unread(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {
 /// What every recording begins with.
 fn session_header(
     config: &Config,
-    calibration: &RigCalibration,
+    calibration: Option<&RigCalibration>,
     rig_cameras: &[RigCamera],
     configuration: String,
 ) -> Result<SessionHeader, String> {
@@ -139,7 +147,7 @@ fn session_header(
         let chosen = rig_cameras
             .iter()
             .filter(move |s| (s.kind == Kind::Color) == color);
-        chosen.filter_map(|s| calibration.cameras.get(&s.id))
+        chosen.filter_map(|s| calibration?.cameras.get(&s.id))
     };
     let depth = |(camera, response): &(Camera, Option<DepthResponse>)| DepthCamera {
         camera: camera.clone(),
@@ -149,8 +157,9 @@ fn session_header(
         let volume = Volume::new(volume.min.into(), volume.max.into());
         volume.map_err(|e| format!("rig.volume: {e}"))
     });
-    let volume = volume.transpose()?.or(calibration.volume);
-    if volume.is_none() {
+    let volume = volume.transpose()?;
+    let volume = volume.or_else(|| calibration?.volume);
+    if volume.is_none() && calibration.is_some() {
         return Err("rig.volume is missing, and the calibration proposes none".into());
     }
     Ok(SessionHeader {

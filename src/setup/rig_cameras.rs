@@ -32,11 +32,11 @@ const PLAIN_PACKET: u32 = 1500;
 /// The cameras of a configuration.
 ///
 /// # Errors
-/// If a camera is named twice, has two names, is set wrongly or has no calibration, its driver is not in this program,
-/// or a link cannot carry what it should.
+/// If a camera is named twice, has two names, is set wrongly or is missing in the calibration, its driver is not in this
+/// program, or a link cannot carry what it should.
 pub(super) fn rig_cameras(
     config: &Config,
-    calibration: &RigCalibration,
+    calibration: Option<&RigCalibration>,
     clock: Clock,
     pool: &Pool,
 ) -> Result<Vec<RigCamera>, String> {
@@ -82,11 +82,8 @@ pub(super) fn rig_cameras(
     {
         return Err("expected at least two colour cameras (aravis.cameras, v4l2.cameras)".into());
     }
-    for id in calibration
-        .cameras
-        .keys()
-        .filter(|id| !rig_cameras.contains_key(id))
-    {
+    let calibrated = calibration.iter().flat_map(|c| c.cameras.keys());
+    for id in calibrated.filter(|id| !rig_cameras.contains_key(id)) {
         log::warning!("camera {id} is calibrated but not configured, and is ignored");
     }
     Ok(rig_cameras.into_values().collect())
@@ -109,12 +106,14 @@ fn checked<P>(
 
 fn add(
     rig_cameras: &mut BTreeMap<CameraId, RigCamera>,
-    calibration: &RigCalibration,
+    calibration: Option<&RigCalibration>,
     id: CameraId,
     kind: Kind,
     driver: Box<dyn Driver>,
 ) -> Result<(), String> {
-    if !calibration.cameras.contains_key(&id) {
+    if let Some(calibration) = calibration
+        && !calibration.cameras.contains_key(&id)
+    {
         let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
         return Err(format!(
             "camera {id} has no calibration, rig.calibration has {}",
@@ -132,13 +131,23 @@ fn add(
     }
 }
 
-/// The GigE Vision cameras, those of a link one after the other.
+/// The GigE Vision cameras, those of a link one after the other. How large their pictures are is known from the
+/// calibration; without one they send as they are set.
 fn staggered(
     config: &Config,
-    calibration: &RigCalibration,
+    calibration: Option<&RigCalibration>,
 ) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
     let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
     duplicate_devices::check_unique_gige(&cameras)?;
+    let Some(calibration) = calibration else {
+        for name in config.links.keys() {
+            log::warning!(
+                "link {name}: how large its cameras' pictures are is not known without a calibration: they send at the \
+                 same time, unless transmission_delay_ns is set"
+            );
+        }
+        return Ok(cameras);
+    };
     let transmissions = cameras.iter().filter_map(|(id, parameters)| {
         let (camera, _) = calibration.cameras.get(id)?;
         let pixels = [camera.intrinsics.width, camera.intrinsics.height];

@@ -33,8 +33,10 @@ fn what_is_wrong_is_named_and_nothing_touched() {
     let sound = format!("{rig}{CAMERAS}");
     let (code, words) = check(folder.path(), &sound);
     assert_eq!(code, Some(0), "{words}");
+    let (code, words) = check(folder.path(), CAMERAS);
+    assert_eq!(code, Some(0), "{words}");
+    assert!(words.contains("there is no rig.calibration"), "{words}");
     let cases = [
-        (CAMERAS.to_owned(), "rig.calibration is missing"),
         (sound.replace("calibration.toml", "none.toml"), "none.toml"),
         (format!("{sound}[capture]\nretyr = 1\n"), "retyr"),
         (format!("{sound}exposure = nan\n"), "exposure"),

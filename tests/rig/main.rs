@@ -396,6 +396,36 @@ fn a_late_frame_is_its_own_captures_or_nobodys() {
 }
 
 #[test]
+fn a_rig_without_a_calibration_records_the_session_that_it_is_calibrated_from() {
+    network::alone(
+        "a_rig_without_a_calibration_records_the_session_that_it_is_calibrated_from",
+        || {
+            let stand = Stand::start(&["rig.calibration=", "sync.depth_frames=10"]);
+            assert!(
+                stand.log().contains("no models are made"),
+                "{}",
+                stand.log()
+            );
+            let Reply::Durable { recording, .. } = stand.press() else {
+                panic!("{}", stand.log());
+            };
+            let _folder = stand.end();
+            let kept = Recording::open(&recording).unwrap();
+            assert_eq!(kept.verify().unwrap(), []);
+            // Nobody has shown a board, and this is what is missing.
+            let calibrated = stand::scand()
+                .args(["calibrate", "--board", "checkerboard:9x6:25mm"])
+                .arg(&recording)
+                .output()
+                .unwrap();
+            let words = String::from_utf8_lossy(&calibrated.stderr).into_owned();
+            assert_eq!(calibrated.status.code(), Some(1), "{words}");
+            assert!(words.contains("board"), "{words}");
+        },
+    );
+}
+
+#[test]
 fn a_slow_disk_refuses_presses_and_disturbs_no_camera() {
     network::alone("a_slow_disk_refuses_presses_and_disturbs_no_camera", || {
         // Each fdatasync takes three seconds more; two captures may wait for it.

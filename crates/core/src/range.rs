@@ -27,6 +27,11 @@ pub fn metres(text: &str) -> Option<f64> {
     with_unit.or_else(plain)
 }
 
+/// Whether a length's text ends in a unit.
+pub fn has_unit(text: &str) -> bool {
+    text.trim_end().ends_with(|c: char| c.is_ascii_alphabetic())
+}
+
 /// A length in millimetres, from a number with its unit or from a plain number of millimetres.
 ///
 /// # Errors

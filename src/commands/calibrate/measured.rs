@@ -2,6 +2,7 @@
 
 use crate::calibration::fit::{CameraDistance, Length, Measured, RulerReading};
 use crate::frame::CameraId;
+use crate::range;
 
 /// Standard deviations of what is measured by hand, in metres: with a ruler, and between two cameras.
 const RULER: f64 = 0.5e-3;
@@ -73,16 +74,9 @@ fn measured(text: &str, usual: f64) -> Result<Length, String> {
 fn length(text: &str) -> Result<f64, String> {
     let text = text.trim();
     let expected = || format!("{text:?} is no length with its unit, such as 199.2mm");
-    let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
-    let in_unit = |(unit, metres): (&str, f64)| {
-        let number: f64 = text.strip_suffix(unit)?.trim().parse().ok()?;
-        Some(number * metres)
-    };
-    let metres = units.into_iter().find_map(in_unit).ok_or_else(expected)?;
-    match metres.is_finite() && metres > 0.0 && metres <= 1e3 {
-        true => Ok(metres),
-        false => Err(expected()),
-    }
+    let metres = range::metres(text).filter(|_| range::has_unit(text));
+    let possible = metres.filter(|metres| *metres > 0.0 && *metres <= 1e3);
+    possible.ok_or_else(expected)
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
         rig_cameras.len()
     );
     let mut all = vec![Finding::ok("configuration", words)];
-    all.push(check::calibration(modified(&calibration)));
+    all.push(check::calibration(calibration.as_deref().map(modified)));
     let (daemon, status) = match ask(&config.socket.path) {
         Ok(answered) => answered,
         Err(denied) => {
@@ -238,8 +238,12 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
         }
     };
     file("rig.toml", &source.config);
-    if let Ok(prepared) = source.prepare(Clock::system()) {
-        file("calibration.toml", &prepared.calibration);
+    if let Ok(Prepared {
+        calibration: Some(calibration),
+        ..
+    }) = source.prepare(Clock::system())
+    {
+        file("calibration.toml", &calibration);
     }
     file("os-release", Path::new("/etc/os-release"));
     file("kernel.txt", Path::new("/proc/version"));

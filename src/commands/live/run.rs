@@ -39,9 +39,13 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let prepared = args.source.prepare(clock)?;
     if args.check {
         outln!(
-            "{}: {} cameras, all of them calibrated",
+            "{}: {} cameras, {}",
             args.source.config.display(),
-            prepared.rig_cameras.len()
+            prepared.rig_cameras.len(),
+            match prepared.calibration {
+                Some(_) => "all of them calibrated",
+                None => "not calibrated: no models will be made",
+            }
         );
         return Ok(ExitCode::SUCCESS);
     }

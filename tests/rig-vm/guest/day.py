@@ -136,7 +136,7 @@ def renamed():
 def packed():
     path = scand.recording("kept")
     before = path.stat()
-    contains(run("scand", "pack", path), "are")
+    contains(run("scand", "pack", path), "packed from")
     after = path.stat()
     expect((after.st_uid, after.st_gid, after.st_mode), (before.st_uid, before.st_gid, before.st_mode), "owner, group, mode")
     contains(run("scand", "info", path), "complete", "amphora-0001", "amphora-0002")
