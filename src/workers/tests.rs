@@ -173,6 +173,29 @@ fn jobs_are_done_in_their_order_and_gone() {
 }
 
 #[test]
+fn a_rejected_captures_job_is_not_done_until_the_capture_is_wanted_again() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let recording = place.recording("s.mcap");
+    assert_eq!(jobs.withdraw("s-1"), Some(recording));
+    assert_eq!(jobs.withdraw("s-1"), None, "it is withdrawn already");
+    assert_eq!(jobs.withdraw("1"), None, "no capture has this name");
+    // Neither a second offer nor a restart brings it back.
+    place.offer(&jobs, 1..=1);
+    let jobs = place.jobs();
+    assert_eq!((jobs.backlog().waiting, place.left().len()), (1, 2));
+    let (workers, heard) = place.start(&jobs, |_| ());
+    assert_eq!(heard.next().capture, "s-2");
+    heard.nothing();
+    jobs.offer_again("s-1");
+    assert_eq!(heard.next().capture, "s-1");
+    until("not finished", || jobs.backlog().done == 2);
+    assert_eq!(place.left(), [""; 0]);
+    workers.stop();
+}
+
+#[test]
 fn one_that_crashes_fails_alone_with_a_report_and_its_words() {
     let place = Place::new(
         "[ $capture = s-2 ] && { echo 'scand: a pointer to nowhere' >&2; kill -SEGV $$; }\n\
