@@ -1,4 +1,4 @@
-//! `scand board`: a calibration board to print.
+//! `scand board`: writes a calibration board to print.
 
 use super::{refuse_to_replace, wrong_usage};
 use crate::calibration::{Board, BoardKind};

@@ -1,4 +1,4 @@
-//! `scand diff A B`: whether two models of one object are the same, and if not, where they differ.
+//! `scand diff A B`: tells whether two models of one object are the same, and if not, where they differ.
 
 use super::comparison::{ComparisonArgs, model_file};
 use crate::evaluate::load::load;

@@ -1,4 +1,4 @@
-//! `scand evaluate MODEL TRUTH`: how far a model is from the truth.
+//! `scand evaluate MODEL TRUTH`: measures how far a model is from the truth.
 
 use super::comparison::{ComparisonArgs, model_file};
 use crate::evaluate::load::load;

@@ -1,4 +1,4 @@
-//! Reads the command line, and adds to clap's errors what a person who typed that most likely wanted.
+//! Reads the command line, and adds a suggestion to clap's errors.
 
 use super::Cli;
 use clap::Parser;

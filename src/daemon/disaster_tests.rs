@@ -1,6 +1,6 @@
-//! Disasters at any moment: the daemon is killed, the power is cut, the disk refuses a write. What a client was
-//! told is on the disk is there after the next start, once and complete, and the start repairs the rest by itself.
-//! `make torture` asks for more of each.
+//! Tests disasters at any moment: the daemon is killed, the power is cut, the disk refuses a write. A capture of which
+//! a client was told `durable` exists after the next start, once and complete, and the start repairs the rest by
+//! itself. `make torture` asks for more of each.
 
 use super::scripted::{Behaviour, captures, recordings};
 use super::service_tests::{

@@ -1,5 +1,5 @@
 //! The thread that compresses complete recordings, one after the other, while the rig is idle, if that is configured. A
-//! press interrupts it at once; the recording that it was working on is packed from the start later.
+//! press interrupts it at once; the recording that it was working on is packed again later, from its start.
 
 use super::capturing::Capturing;
 use super::parameters::RecordingParameters;

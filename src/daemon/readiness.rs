@@ -1,5 +1,5 @@
-//! Decides whether the daemon is ready, and sums its status up in one line. Pure: it reads only the status that it is
-//! given. Whether one camera is ready is decided by its thread, `drivers::live::supervise`.
+//! Decides whether the daemon is ready, and sums its status up in one line. It is pure: it reads only the status that
+//! it is given. Whether one camera is ready is decided by its thread, `drivers::live::supervise`.
 
 use super::parameters::ServiceParameters;
 use super::status::{CameraStatus, Status};

@@ -1,4 +1,4 @@
-//! The socket as clients see it, with scripted cameras: presses and their ids, kills, disconnects.
+//! Tests the socket as clients see it, with scripted cameras: presses and their ids, kills, disconnects.
 
 use super::scripted::{Behaviour, Stand, captures, recordings, start_in};
 use super::*;

@@ -1,5 +1,5 @@
-//! The daemon's socket: turns lines of JSON into orders for the capturing thread, and its answers into lines. A
-//! client can waste only its own connection.
+//! The daemon's socket: turns lines of JSON into orders for the capturing thread, and its answers into lines. A client
+//! can harm only its own connection.
 
 mod client;
 mod connection_limit;

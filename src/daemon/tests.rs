@@ -1,4 +1,4 @@
-//! The daemon's threads with scripted cameras: presses, failures, a full queue, backgrounds, sessions.
+//! Tests the daemon's threads with scripted cameras: presses, failures, a full queue, backgrounds, sessions.
 
 use super::capturing::Order;
 use super::packing::Packer;

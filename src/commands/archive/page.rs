@@ -1,4 +1,4 @@
-//! A sheet of paradata as a page to read, without script and without anything from elsewhere.
+//! Writes a sheet of paradata as a page to read, without scripts and without external resources.
 
 use serde_json::Value;
 use std::fmt::Write;

@@ -1,5 +1,5 @@
-//! The sheet of paradata: how, with what, how exactly and by whom an object was digitised. The sections are those for
-//! which the EU's study of quality in 3D digitisation (VIGIE 2020/654) asks; what is not known is said to be so.
+//! Makes the sheet of paradata: how, with what, how exactly and by whom an object was digitised. The sections are those
+//! for which the EU's study of quality in 3D digitisation (VIGIE 2020/654) asks; unknown values are marked as unknown.
 
 use crate::capture::{CaptureSession, CaptureSummary};
 use serde_json::{Value, json};

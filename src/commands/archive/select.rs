@@ -1,4 +1,4 @@
-//! Finds the captures that are named, by a capture's id, an object's number, a session's name or a recording's file.
+//! Finds captures by a capture's id, an object's number, a session's name or a recording's file.
 
 use crate::capture::{CaptureSession, CaptureSummary};
 use crate::recording::{Recording, finished_name};

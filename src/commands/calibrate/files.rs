@@ -1,4 +1,4 @@
-//! The other files that a calibration can write: a report, and calibrations for ROS and Kalibr.
+//! Writes the other files of a calibration: a report, and calibrations for ROS and Kalibr.
 
 use super::report_pictures::pictures;
 use crate::calibrate::{Outcome, Rejected};

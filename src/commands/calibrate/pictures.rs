@@ -1,4 +1,4 @@
-//! `--pictures left='left/*.png' right=right`: which picture files each camera has, in the order of their names.
+//! Reads `--pictures left='left/*.png' right=right`: which picture files each camera has, in the order of their names.
 
 use crate::frame::CameraId;
 use std::cmp::Ordering;

@@ -1,4 +1,4 @@
-//! The summary of a calibration: a table and a verdict for people, JSON for programs.
+//! Prints the summary of a calibration: a table and a verdict for people, JSON for programs.
 
 use super::depth;
 use crate::calibrate::Outcome;

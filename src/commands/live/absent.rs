@@ -1,4 +1,5 @@
-//! `scand run`, `check` and `pedal` in a build without cameras: each says which package or feature has it.
+//! `scand run`, `check` and `pedal` in a build without cameras: each names the package or feature that contains the
+//! command.
 
 use crate::commands::wrong_usage;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! `scand run`: the daemon, from its configuration to its end.
+//! `scand run`: runs the daemon, from its configuration to its end.
 
 use super::config_args::ConfigArgs;
 use super::models::Models;

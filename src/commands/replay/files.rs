@@ -1,4 +1,4 @@
-//! The recordings that a replay is given, by name or by folder, and the names of their output folders.
+//! Finds the recordings that a replay is given, by name or by folder, and the names of their output folders.
 
 use crate::recording::{finished_name, noted_recording};
 use std::collections::BTreeMap;

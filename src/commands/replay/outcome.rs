@@ -1,4 +1,4 @@
-//! The outcome of each capture, for the summary of a replay, and the exit code for all of them.
+//! Collects the outcome of each capture for the summary of a replay, and the exit code for all of them.
 
 use crate::capture::CaptureSession;
 use crate::commands::EXIT_INCOMPLETE;

@@ -1,5 +1,5 @@
-//! Turns the result of a shot into what is recorded: which frames, which record of the capture, and the reason if
-//! it failed. No thread, no clock, no file.
+//! Turns the result of a shot into what is recorded: the frames, the capture's record, and the reason if the capture
+//! failed. It uses no thread, no clock and no file.
 
 use super::super::rig::ShotResult;
 use crate::drivers::live::{Fault, ShotStats};

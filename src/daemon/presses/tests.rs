@@ -1,5 +1,5 @@
-//! Any order of inputs: each press gets one last answer and at most one capture with its retries, and nothing is
-//! acknowledged before it has happened; also over a restart at any moment.
+//! Tests the presses with inputs in any order: each press gets one last answer and at most one capture with its
+//! retries, and nothing is acknowledged before it has happened; also over a restart at any moment.
 
 use super::recorded::Recorded;
 use super::table::MOST_PRESSES;

@@ -1,4 +1,4 @@
-//! The capturing thread's loop: it carries out its orders one after the other.
+//! The capturing thread's loop: it carries out the requests that reach it (`Order`), one after the other.
 
 mod admission;
 mod background;
