@@ -3,7 +3,7 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture kinect-driver
+.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -41,6 +41,10 @@ rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot
 
 torture: deps ## put each promise of docs/promises.md to the test (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
+
+interop: ## check what scand writes with other people's readers (Python; 400 MB into target/interop)
+	$(CARGO) build --release --locked
+	tests/interop/run.sh
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

@@ -8,6 +8,7 @@ mod calibrated_rig;
 mod calibration_trial;
 mod disasters;
 mod evaluate;
+mod export;
 mod fuzzing;
 mod gltf_validator;
 mod golden;
