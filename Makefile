@@ -42,9 +42,9 @@ rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot
 torture: deps ## put each promise of docs/promises.md to the test (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
-interop: ## check what scand writes with other people's readers (Python; 400 MB into target/interop)
-	$(CARGO) build --release --locked
-	tests/interop/run.sh
+interop: ## check what scand writes with other people's readers (500 MB into target/interop; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked)
+	SCAND=$(or $(SCAND),target/release/scand) tests/interop/run.sh
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

@@ -30,6 +30,7 @@ if [ "$(cat $environment/lock 2>/dev/null)" != "$lock" ]; then
 	echo "$lock" >$environment/lock
 fi
 "$python" -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --force-reinstall ./python
+"$python" -m pytest -q -p no:cacheprovider python/tests
 rm -rf python/build python/*.egg-info
 
 rm -rf $work
@@ -49,3 +50,4 @@ for program in colmap nerfstudio openmvs; do
 	"$scand" export cup.mcap --dataset $program --model out -o $program
 done
 "$python" ../../../$here/check.py .
+echo "interop: $(du -sm ../environment | cut -f 1) MB of readers, $SECONDS s"
