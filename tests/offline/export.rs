@@ -1,4 +1,5 @@
-//! `scand export`: models in other programs' formats, captures as datasets, and what is said of what cannot be exported.
+//! `scand export`: models in other programs' formats, captures as datasets, and what is said of what cannot be
+//! exported.
 
 use assert_cmd::Command;
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};

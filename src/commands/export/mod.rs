@@ -1,5 +1,5 @@
-//! `scand export`: models in the formats of other programs (`model`), and captures as datasets (`dataset`). This file has
-//! the arguments and what they mean.
+//! `scand export`: models in the formats of other programs (`model`), and captures as datasets (`dataset`). This file
+//! has the arguments and what they mean.
 
 mod dataset;
 mod model;

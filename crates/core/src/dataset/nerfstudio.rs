@@ -1,5 +1,5 @@
-//! nerfstudio's `transforms.json`: poses from the camera's frame into the world's, in OpenGL's convention (x right, y up,
-//! looking along -z), the world with z up. A picture's corner is (0, 0), as with COLMAP.
+//! nerfstudio's `transforms.json`: poses from the camera's frame into the world's, in OpenGL's convention (x right, y
+//! up, looking along -z), the world with z up. A picture's corner is (0, 0), as with COLMAP.
 
 use super::points::Point;
 use super::undistort::View;

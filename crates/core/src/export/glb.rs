@@ -1,7 +1,8 @@
-//! A smaller `model.glb`: positions, normals and places in the atlas as whole numbers (`KHR_mesh_quantization`), indices
-//! of two bytes where they fit. It takes a file that scand wrote, and changes nothing else of it.
+//! A smaller `model.glb`: positions, normals and places in the atlas as whole numbers (`KHR_mesh_quantization`),
+//! indices of two bytes where they fit. It takes a file that scand wrote, and changes nothing else of it.
 //!
-//! `EXT_meshopt_compression` and `KHR_draco_mesh_compression` are made by libraries in C++, which the build goes without.
+//! `EXT_meshopt_compression` and `KHR_draco_mesh_compression` are made by libraries in C++, which the build goes
+//! without.
 
 use super::read;
 use crate::gltf_file::GltfFile;

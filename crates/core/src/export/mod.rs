@@ -1,5 +1,6 @@
 //! Models in the formats of other programs, with the units and the axis that their readers expect: made from the
-//! `model.glb` that scand wrote. Turns bytes into bytes; what brings them to the disk, and reconstructing, is elsewhere.
+//! `model.glb` that scand wrote. Turns bytes into bytes; what brings them to the disk, and reconstructing, is
+//! elsewhere.
 
 mod bake;
 mod glb;

@@ -1,5 +1,5 @@
-//! 3MF (3D Manufacturing Format, core 1.3 with the material extension): millimetres, z up, the surface welded, so that a
-//! slicer finds a solid, and the texture as PNG.
+//! 3MF (3D Manufacturing Format, core 1.3 with the material extension): millimetres, z up, the surface welded, so that
+//! a slicer finds a solid, and the texture as PNG.
 
 use super::zip::{self, Entry};
 use super::{Error, known, unique_uv};
