@@ -120,3 +120,14 @@ def test_notes_beside_a_recording_count_if_they_are_of_it(tmp_path):
 def test_a_message_that_is_cut_off_is_an_error():
     with pytest.raises((ValueError, IndexError)):
         Schema(b"\x0a\xff\x01abc")
+
+
+def test_the_notebook_runs(monkeypatch, capsys):
+    monkeypatch.chdir(RECORDING.parents[1])
+    notebook = json.loads((Path(__file__).parents[1] / "examples/capture.ipynb").read_text())
+    names = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    told = capsys.readouterr().out
+    assert "of the pixels, noise" in told and "c00" in told
