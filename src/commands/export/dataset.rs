@@ -127,7 +127,11 @@ impl Capture<'_> {
             points => count(points, "point"),
         };
         let name = kind.name();
-        outln!("{}: {name}, {}, {points}", folder.display(), count(views.len(), "picture"));
+        outln!(
+            "{}: {name}, {}, {points}",
+            folder.display(),
+            count(views.len(), "picture")
+        );
         Ok(())
     }
 

@@ -38,9 +38,10 @@ pub(super) fn kind(text: &str) -> Result<Kind, String> {
     let names = Kind::ALL.map(Kind::name);
     let tip = match (word.as_str(), closest(&word, names)) {
         (_, Some(close)) => format!("did you mean {close}?"),
-        ("3dgs" | "gsplat" | "gaussian-splatting" | "glomap" | "metashape" | "realitycapture", _) => {
-            "that reads datasets for colmap".into()
-        }
+        (
+            "3dgs" | "gsplat" | "gaussian-splatting" | "glomap" | "metashape" | "realitycapture",
+            _,
+        ) => "that reads datasets for colmap".into(),
         ("instant-ngp" | "nerf" | "splatfacto", _) => "that reads datasets for nerfstudio".into(),
         _ => "most programs read datasets for colmap".into(),
     };

@@ -60,7 +60,9 @@ impl StagedFolder {
             return Ok(());
         };
         // The names of the file and of its folders; that of the outermost one is made durable with the whole.
-        let inner = Path::new(folders).ancestors().filter(|f| *f != Path::new(""));
+        let inner = Path::new(folders)
+            .ancestors()
+            .filter(|f| *f != Path::new(""));
         for folder in inner.map(|folder| self.part.join(folder)) {
             sync_folder(&folder).map_err(Error::io("write", &folder))?;
         }
@@ -200,7 +202,10 @@ mod tests {
         staged.write("sparse/0/cameras.txt", b"1").unwrap();
         staged.write("sparse/0/images.txt", b"2").unwrap();
         staged.commit(false).unwrap();
-        assert_eq!(names(&target.join("sparse/0")), ["cameras.txt", "images.txt"]);
+        assert_eq!(
+            names(&target.join("sparse/0")),
+            ["cameras.txt", "images.txt"]
+        );
     }
 
     #[test]
