@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The programs of tests that are other ones with the whole rig; `make check` has run the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture kinect-driver
+.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -44,6 +44,10 @@ rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot
 
 torture: deps ## put each promise of docs/promises.md to the test (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
+
+interop: ## check what scand writes with other people's readers (500 MB into target/interop; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked)
+	SCAND=$(or $(SCAND),target/release/scand) tests/interop/run.sh
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)
 	scripts/kinect-driver.sh

@@ -93,7 +93,34 @@ const ROOMS: &[(&str, &[&str])] = &[
             "storage",
         ],
     ),
-    ("evaluate", &["mesh", "image", "reconstruct", "statistics"]),
+    (
+        "evaluate",
+        &["gltf_file", "mesh", "image", "reconstruct", "statistics"],
+    ),
+    ("gltf_file", &[]),
+    (
+        "dataset",
+        &[
+            "calibration",
+            "frame",
+            "image",
+            "mesh",
+            "output",
+            "reconstruct",
+        ],
+    ),
+    (
+        "export",
+        &[
+            "array",
+            "description",
+            "gltf_file",
+            "image",
+            "mesh",
+            "output",
+            "reconstruct",
+        ],
+    ),
     (
         "lab",
         &[
@@ -194,8 +221,11 @@ const ROOMS: &[(&str, &[&str])] = &[
             "clock",
             "config",
             "daemon",
+            "dataset",
+            "description",
             "drivers",
             "evaluate",
+            "export",
             "frame",
             "image",
             "capture",
@@ -250,6 +280,12 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("output", "reconstruct", &["Model", "Provenance", "Texture"]),
     ("output", "calibration", &["Board", "Face"]),
     ("evaluate", "reconstruct", &["Provenance"]),
+    ("export", "reconstruct", &["Model", "Provenance", "Texture"]),
+    (
+        "dataset",
+        "reconstruct",
+        &["ColorView", "Model", "Provenance", "Scene", "silhouette"],
+    ),
     ("lab", "reconstruct", SCENE),
     ("workers", "reconstruct", &["Method"]),
 ];

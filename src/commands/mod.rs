@@ -15,6 +15,7 @@ mod comparison;
 pub mod demo;
 pub mod diff;
 pub mod evaluate;
+pub mod export;
 pub mod generate;
 pub mod info;
 pub mod live;
@@ -146,6 +147,9 @@ Look and measure:
   evaluate    Measure how far a model is from the truth
   diff        Compare two models
 
+Hand on:
+  export      Write models and captures in the formats of other programs
+
 Keep and repair:
   recover     Complete recordings that were interrupted
   pack        Compress complete recordings without loss
@@ -195,6 +199,7 @@ enum Command {
     Diff(diff::Args),
     Evaluate(evaluate::Args),
     Events(live::client::EventsArgs),
+    Export(Box<export::Args>),
     #[command(hide = true)]
     Generate(generate::Args),
     Info(info::Args),
@@ -243,6 +248,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::client::events(args),
+        Some(Command::Export(args)) => export::run(*args),
         Some(Command::Generate(args)) => generate::run(args),
         Some(Command::Info(args)) => info::run(args),
         #[cfg(feature = "live")]

@@ -35,7 +35,9 @@ fn tip(error: &Error) -> Option<String> {
     }
     let known = match word.as_str() {
         "version" => "scand --version",
-        "convert" | "export-ros" => "scand calibrate --from FILE --ros DIR",
+        "convert" | "save" => "scand export MODEL --format obj|stl|3mf|usdz|glb",
+        "export-ros" => "scand calibrate --from FILE --ros DIR",
+        "colmap" | "dataset" => "scand export RECORDING --dataset colmap|nerfstudio|openmvs",
         "reconstruct" | "model" | "scan" => "scand replay FILE, or scand trigger at a rig",
         "start" | "daemon" | "serve" => "scand run --config FILE, or systemctl start scand",
         "capture" | "press" | "shoot" => "scand trigger",

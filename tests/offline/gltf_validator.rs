@@ -4,6 +4,7 @@
 use crate::support::skipped::{Needed, skip};
 use nalgebra::{Point3, Vector3};
 use scand::description::Description;
+use scand::export::{Compression, compress};
 use scand::image::RgbImage;
 use scand::mesh::Mesh;
 use scand::output::glb;
@@ -106,6 +107,11 @@ fn the_khronos_validator_finds_nothing() {
         std::fs::write(&path, bytes).unwrap();
         path
     });
+    let small = home.path().join("painted-compressed.glb");
+    let whole = std::fs::read(&files[0]).unwrap();
+    let compressed = compress(&whole, Compression::Quantization).unwrap();
+    std::fs::write(&small, compressed).unwrap();
+    let files: Vec<PathBuf> = files.into_iter().chain([small]).collect();
     match validate(&files) {
         None => skip(Needed::GltfValidator, "no validator of glTF files"),
         Some((clean, report)) => {

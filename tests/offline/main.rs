@@ -9,6 +9,7 @@ mod calibration_trial;
 mod desk;
 mod disasters;
 mod evaluate;
+mod export;
 mod fuzzing;
 mod gltf_validator;
 mod golden;

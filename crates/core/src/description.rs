@@ -2,6 +2,8 @@
 //! decide: no time of making, no path, no host, and no note or verdict, which may change. The names follow Dublin Core
 //! where that has one; `design/metadata.md` has the mapping. Data only.
 
+use std::collections::BTreeMap;
+
 /// Letters of a text that are kept.
 const LONGEST: usize = 400;
 
@@ -67,6 +69,26 @@ impl Description {
             .collect()
     }
 
+    /// What was written as [`Self::pairs`]. Other names are left out; what is not there stays empty.
+    pub fn from_pairs(pairs: &BTreeMap<String, String>) -> Self {
+        let known = |name: &str| pairs.get(name).cloned();
+        let always = |name: &str| known(name).unwrap_or_default();
+        Self {
+            capture: always("capture"),
+            subject: known("subject"),
+            title: known("title"),
+            operator: known("operator"),
+            project: known("project"),
+            rights: known("rights"),
+            session: known("session"),
+            rig: known("rig"),
+            time: always("time"),
+            input_sha256: always("input_sha256"),
+            calibration_sha256: always("calibration_sha256"),
+            program: always("program"),
+        }
+    }
+
     /// The object in a line: its number and title, or the capture's id if neither is known.
     pub fn heading(&self) -> String {
         let known: Vec<&str> = [&self.subject, &self.title]
@@ -126,5 +148,8 @@ mod tests {
             ]
         );
         assert_eq!(known.heading(), "1884.3 (a-0001)");
+        let owned = |(name, text): (&str, &str)| (name.to_owned(), text.to_owned());
+        let pairs = known.pairs().into_iter().map(owned).collect();
+        assert_eq!(Description::from_pairs(&pairs), known);
     }
 }

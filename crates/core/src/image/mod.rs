@@ -6,6 +6,7 @@ mod decode;
 mod decode_tests;
 mod demosaic;
 mod grid;
+mod pack;
 mod rect;
 pub mod srgb;
 mod text;
@@ -16,6 +17,7 @@ pub use decode::{
 };
 pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;
+pub use pack::pack;
 pub use rect::PixelRect;
 pub use text::{draw_text, text_size};
 

@@ -83,13 +83,13 @@ impl SplitVertices {
 }
 
 /// From the rig's frame (z up) to glTF's (y up): a quarter turn about x.
-pub(super) fn y_up(v: [f32; 3]) -> [f32; 3] {
+pub fn y_up(v: [f32; 3]) -> [f32; 3] {
     // Adding zero turns -0 into 0.
     [v[0], v[2], -v[1] + 0.0]
 }
 
 /// A unit vector, +z where there is no direction to keep.
-pub(super) fn unit(normal: Vector3<f32>) -> Vector3<f32> {
+pub fn unit(normal: Vector3<f32>) -> Vector3<f32> {
     let direction = normal.try_normalize(1e-12);
     // A norm that is not a number passes nalgebra's own test.
     direction

@@ -1,7 +1,7 @@
 //! Pictures as PNG.
 
 use super::Error;
-use crate::image::RgbImage;
+use crate::image::{Grid, RgbImage};
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use ::image::{ExtendedColorType, ImageEncoder, ImageReader, Limits};
 use std::io::Cursor;
@@ -20,6 +20,19 @@ pub fn encode_png(picture: &RgbImage) -> Result<Vec<u8>, Error> {
             height,
             ExtendedColorType::Rgb8,
         )
+        .map_err(Error::Png)?;
+    Ok(bytes)
+}
+
+/// Encodes a picture of grey values, as [`encode_png`] does.
+///
+/// # Errors
+/// If it has no pixels.
+pub fn encode_grey_png(picture: &Grid<u8>) -> Result<Vec<u8>, Error> {
+    let mut bytes = Vec::new();
+    let (width, height) = (picture.width() as u32, picture.height() as u32);
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(picture.pixels(), width, height, ExtendedColorType::L8)
         .map_err(Error::Png)?;
     Ok(bytes)
 }
@@ -53,5 +66,8 @@ mod tests {
         assert_eq!(decode_png(&bytes, 35).unwrap(), picture);
         assert!(decode_png(&bytes, 3).is_err());
         assert!(decode_png(b"no png", 35).is_err());
+        let grey = Grid::from_fn(7, 5, |x, y| (x * 30 + y) as u8);
+        let decoded = decode_png(&encode_grey_png(&grey).unwrap(), 35).unwrap();
+        assert_eq!(decoded, grey.map(|v| [*v; 3]));
     }
 }

@@ -20,6 +20,21 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     put(path, bytes, &mut File::options())
 }
 
+/// As [`write_atomically`], a file that replaces none.
+///
+/// # Errors
+/// [`Error::Exists`] if something has the name; else as those of [`write_atomically`].
+pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    place(path, bytes, &mut File::options(), |part| {
+        rename_noreplace(part, path).map_err(|cause| match cause.kind() {
+            AlreadyExists => Error::Exists {
+                path: path.to_owned(),
+            },
+            _ => Error::io("rename into place", path)(cause),
+        })
+    })
+}
+
 /// As [`write_atomically`], a file that its owner alone may read.
 ///
 /// # Errors
@@ -29,11 +44,23 @@ pub fn write_atomically_for_owner(path: &Path, bytes: &[u8]) -> Result<(), Error
 }
 
 fn put(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<(), Error> {
+    place(path, bytes, options, |part| {
+        fs::rename(part, path).map_err(Error::io("rename into place", path))
+    })
+}
+
+/// Writes a file beside `path`, and lets `rename` give it its name.
+fn place(
+    path: &Path,
+    bytes: &[u8],
+    options: &mut OpenOptions,
+    rename: impl FnOnce(&Path) -> Result<(), Error>,
+) -> Result<(), Error> {
     let (parent, name) = split(path)?;
     fs::create_dir_all(&parent).map_err(Error::io("create", &parent))?;
     let part = parent.join(temporary_name(&name, "part"));
     let written = write_durably(&part, bytes, options)
-        .and_then(|()| fs::rename(&part, path).map_err(Error::io("rename into place", path)))
+        .and_then(|()| rename(&part))
         .and_then(|()| sync_folder(&parent).map_err(Error::io("write", &parent)));
     if written.is_err() {
         // The error that matters is the first one.
@@ -144,6 +171,17 @@ mod tests {
         write_atomically(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(names(path.parent().unwrap()), ["a.txt"]);
+    }
+
+    #[test]
+    fn a_new_file_replaces_none() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("a.txt");
+        write_new(&path, b"one").unwrap();
+        let error = write_new(&path, b"two").unwrap_err();
+        assert!(matches!(error, Error::Exists { .. }), "{error}");
+        assert_eq!(fs::read(&path).unwrap(), b"one");
+        assert_eq!(names(home.path()), ["a.txt"]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod testing;
 
 pub use files::{
     check_writable, rename_durably, rename_noreplace, sync_folder, sync_parent, write_atomically,
-    write_atomically_for_owner,
+    write_atomically_for_owner, write_new,
 };
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;

@@ -44,12 +44,29 @@ impl StagedFolder {
         &self.part
     }
 
-    /// Writes one file of the folder, durably.
+    /// Writes one file of the folder, durably. Its name may be a path of folders below, with `/`, which are made.
     ///
     /// # Errors
     /// If it cannot be written; the error names the path.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
-        write_durably(&self.part.join(name), bytes, &mut File::options())
+        let path = self.part.join(name);
+        let folders = name.rsplit_once('/').map(|(folders, _)| folders);
+        if let Some(folders) = folders {
+            let folders = self.part.join(folders);
+            fs::create_dir_all(&folders).map_err(Error::io("create", &folders))?;
+        }
+        write_durably(&path, bytes, &mut File::options())?;
+        let Some(folders) = folders else {
+            return Ok(());
+        };
+        // The names of the file and of its folders; that of the outermost one is made durable with the whole.
+        let inner = Path::new(folders)
+            .ancestors()
+            .filter(|f| *f != Path::new(""));
+        for folder in inner.map(|folder| self.part.join(folder)) {
+            sync_folder(&folder).map_err(Error::io("write", &folder))?;
+        }
+        Ok(())
     }
 
     /// Puts the folder into place. A folder that is already there is an error unless `replace`; it is then
@@ -175,6 +192,20 @@ mod tests {
         staged.commit(false).unwrap();
         assert_eq!(names(home.path()), ["cup"]);
         assert_eq!(fs::read(target.join("model.glb")).unwrap(), b"glTF");
+    }
+
+    #[test]
+    fn files_may_lie_in_folders_below() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("cup");
+        let staged = StagedFolder::create(&target).unwrap();
+        staged.write("sparse/0/cameras.txt", b"1").unwrap();
+        staged.write("sparse/0/images.txt", b"2").unwrap();
+        staged.commit(false).unwrap();
+        assert_eq!(
+            names(&target.join("sparse/0")),
+            ["cameras.txt", "images.txt"]
+        );
     }
 
     #[test]

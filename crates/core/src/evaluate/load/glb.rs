@@ -1,20 +1,14 @@
-//! Binary glTF 2.0: the triangles of the scene, with nodes' transforms applied, turned from y up to z up.
-//!
-//! The crate `gltf` (1.4.1) has the container, the JSON's types and the reader of an accessor's items. `Root::get`
-//! answers an index that names nothing with `None`, so every lookup here goes through it. Three parts of the crate are
-//! left alone because a damaged file makes them panic: `Document` unwraps each index, the validation indexes with
-//! POSITION's accessor before it has checked that there is one, and `accessor::Iter` computes an accessor's extent
-//! unchecked. The checks of `Reader::items` stand in their place.
+//! Binary glTF 2.0: the triangles of the scene, with nodes' transforms applied, turned from y up to z up. `gltf_file`
+//! reads the container and the accessors.
 
 use super::{LoadedModel, provenance};
+use crate::gltf_file::GltfFile;
 use crate::reconstruct::Provenance;
-use gltf::accessor::util::{Item, ItemIter};
+use gltf::Semantic;
 use gltf::accessor::{DataType, Dimensions};
-use gltf::json::accessor::{Accessor, GenericComponentType};
 use gltf::json::validation::Checked;
-use gltf::json::{Index, Node, Root, mesh};
+use gltf::json::{Index, Node, mesh};
 use gltf::scene::Transform;
-use gltf::{Glb, Semantic};
 use nalgebra::{Matrix4, Point3};
 
 /// Deeper trees of nodes are taken for a loop.
@@ -26,19 +20,11 @@ const MAX_ELEMENTS: usize = 20_000_000;
 
 /// Reads the default scene. `_PROVENANCE` and `_ERROR` are kept where every primitive has them.
 pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
-    let glb = container(bytes)?;
-    let root = Root::from_slice(&glb.json);
-    let root = root.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
-    if let Some(name) = root.extensions_required.first() {
-        let name: String = name.chars().take(60).collect();
-        return Err(format!(
-            "the file requires the glTF extension {name}, which scand does not support"
-        ));
-    }
+    let file = GltfFile::parse(bytes)?;
+    let root = file.root();
     let scene = root.scenes.get(root.scene.map_or(0, |scene| scene.value()));
     let mut reader = Reader {
-        root: &root,
-        binary: glb.bin.as_deref().unwrap_or_default(),
+        file: &file,
         model: LoadedModel::default(),
         provenance: Vec::new(),
         errors: Vec::new(),
@@ -55,26 +41,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     Ok(model)
 }
 
-/// The chunks. The crate subtracts the header's length from the file's length as the header gives it, unchecked.
-fn container(bytes: &[u8]) -> Result<Glb<'_>, String> {
-    const HEADER_BYTES: u32 = 12;
-    let length = bytes.get(8..12).and_then(|b| b.try_into().ok());
-    if length.is_some_and(|length| u32::from_le_bytes(length) < HEADER_BYTES) {
-        return Err("the GLB header gives a length that is shorter than itself".to_owned());
-    }
-    Glb::from_slice(bytes).map_err(|e| format!("the GLB file cannot be read: {e}"))
-}
-
 struct Reader<'a> {
-    root: &'a Root,
-    binary: &'a [u8],
+    file: &'a GltfFile<'a>,
     model: LoadedModel,
     provenance: Vec<Provenance>,
     errors: Vec<f32>,
     visits: usize,
 }
 
-impl<'a> Reader<'a> {
+impl Reader<'_> {
     fn visit(
         &mut self,
         index: Index<Node>,
@@ -85,7 +60,7 @@ impl<'a> Reader<'a> {
         if depth > MAX_DEPTH || self.visits > MAX_VISITS {
             return Err("the tree of nodes is too deep or too large".to_owned());
         }
-        let (root, number) = (self.root, index.value());
+        let (root, number) = (self.file.root(), index.value());
         let node = root.get(index);
         let node = node.ok_or_else(|| format!("there is no node {number}"))?;
         let world_from_node = world_from_parent * parent_from_node(node);
@@ -112,7 +87,9 @@ impl<'a> Reader<'a> {
         let attributes = &primitive.attributes;
         let attribute = |name: Semantic| attributes.get(&Checked::Valid(name)).copied();
         let positions = attribute(Semantic::Positions).ok_or("a primitive has no POSITION")?;
-        let positions = self.items::<[f32; 3]>(positions, DataType::F32, Dimensions::Vec3)?;
+        let positions = self
+            .file
+            .items::<[f32; 3]>(positions, DataType::F32, Dimensions::Vec3)?;
         let base = self.model.mesh.vertices.len();
         let vertices = positions.map(|p| {
             let p = world_from_node.transform_point(&Point3::from(p));
@@ -127,7 +104,7 @@ impl<'a> Reader<'a> {
         self.add_triangles(primitive, base, count, world_from_node.determinant() < 0.0)?;
         let values = |name: &str| {
             let accessor = attribute(Semantic::Extras(name.to_owned()));
-            accessor.map_or(Ok(Vec::new()), |accessor| self.numbers(accessor))
+            accessor.map_or(Ok(Vec::new()), |accessor| self.file.numbers(accessor))
         };
         let (provenances, errors) = (values("PROVENANCE")?, values("ERROR")?);
         for (vertex, &value) in provenances.iter().take(count).enumerate() {
@@ -147,7 +124,7 @@ impl<'a> Reader<'a> {
         mirrored: bool,
     ) -> Result<(), String> {
         let indices = match primitive.indices {
-            Some(accessor) => self.numbers(accessor)?,
+            Some(accessor) => self.file.numbers(accessor)?,
             None => (0..count).map(|i| i as f64).collect(),
         };
         if let Some(index) = indices.iter().find(|&&i| !(0.0..count as f64).contains(&i)) {
@@ -167,82 +144,6 @@ impl<'a> Reader<'a> {
             mesh.triangles.push(triangle);
         }
         Ok(())
-    }
-
-    /// All numbers of an accessor of scalars, which are of any type that an index or a value of a model may have.
-    fn numbers(&self, index: Index<Accessor>) -> Result<Vec<f64>, String> {
-        fn gather<T: Into<f64>>(items: impl Iterator<Item = T>) -> Vec<f64> {
-            items.map(Into::into).collect()
-        }
-        let one = Dimensions::Scalar;
-        match self.root.get(index).and_then(component) {
-            Some(kind @ DataType::U8) => self.items::<u8>(index, kind, one).map(gather),
-            Some(kind @ DataType::U16) => self.items::<u16>(index, kind, one).map(gather),
-            Some(kind @ DataType::U32) => self.items::<u32>(index, kind, one).map(gather),
-            // Whatever else it is, or if it is not there, is refused by name.
-            _ => self.items::<f32>(index, DataType::F32, one).map(gather),
-        }
-    }
-
-    /// An accessor's items, `kind` and `shape` of which are those of `T`; all of them lie within the file.
-    fn items<T: Item>(
-        &self,
-        index: Index<Accessor>,
-        kind: DataType,
-        shape: Dimensions,
-    ) -> Result<impl Iterator<Item = T> + use<'a, T>, String> {
-        let explain = |what: &str| format!("accessor {} {what}", index.value());
-        let accessor = self.root.get(index);
-        let accessor = accessor.ok_or_else(|| explain("is not there"))?;
-        if component(accessor) != Some(kind) {
-            return Err(explain("has a component type that is not read there"));
-        }
-        if accessor.type_ != Checked::Valid(shape) {
-            let width = shape.multiplicity();
-            return Err(explain(&format!(
-                "does not have vectors of {width} components"
-            )));
-        }
-        if accessor.sparse.is_some() || accessor.normalized {
-            return Err(explain("is sparse or normalised, which is not read"));
-        }
-        let (bytes, stride) = self
-            .view(accessor)
-            .ok_or_else(|| explain("lies outside the file"))?;
-        let size = size_of::<T>();
-        let stride = stride.unwrap_or(size);
-        if stride < size {
-            return Err(explain(&format!(
-                "has a stride of {stride} bytes for {size}"
-            )));
-        }
-        // The last element may end where the view does.
-        let room = (bytes.len() + stride).saturating_sub(size) / stride;
-        let count = accessor.count.0;
-        if count > room as u64 {
-            return Err(explain(&format!(
-                "says it has {count} elements, but has room for only {room}"
-            )));
-        }
-        Ok(ItemIter::new(bytes, stride).take(count as usize))
-    }
-
-    /// An accessor's bytes, up to the end of its view, and the view's stride.
-    fn view(&self, accessor: &Accessor) -> Option<(&'a [u8], Option<usize>)> {
-        let view = self.root.get(accessor.buffer_view?)?;
-        let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
-        let end = start.checked_add(usize::try_from(view.byte_length.0).ok()?)?;
-        let offset = usize::try_from(accessor.byte_offset.unwrap_or_default().0).ok()?;
-        let bytes = self.binary.get(start..end)?.get(offset..)?;
-        (view.buffer.value() == 0).then_some((bytes, view.byte_stride.map(|stride| stride.0)))
-    }
-}
-
-/// What an accessor's components are; `None` if the specification knows no such kind.
-fn component(accessor: &Accessor) -> Option<DataType> {
-    match accessor.component_type {
-        Checked::Valid(GenericComponentType(kind)) => Some(kind),
-        Checked::Invalid => None,
     }
 }
 

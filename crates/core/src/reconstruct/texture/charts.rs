@@ -3,9 +3,9 @@
 //! coarsely.
 
 use super::labels::{UNSEEN, regions};
-use super::pack::pack;
 use super::{Parameters, Surface};
 use crate::array::two;
+use crate::image::pack;
 use nalgebra::{Point3, Vector3};
 
 /// What a chart's coordinates are a projection into.

@@ -6,7 +6,6 @@ mod blend;
 mod charts;
 mod exposure;
 mod labels;
-mod pack;
 mod rings;
 mod unseen;
 mod view;

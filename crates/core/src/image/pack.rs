@@ -3,7 +3,7 @@
 
 /// Where each rectangle (width, height) lies in a strip of `width`, and how high the strip becomes; `None`
 /// if a rectangle is wider than the strip. The result depends on the sizes alone.
-pub(super) fn pack(sizes: &[[usize; 2]], width: usize) -> Option<(Vec<[usize; 2]>, usize)> {
+pub fn pack(sizes: &[[usize; 2]], width: usize) -> Option<(Vec<[usize; 2]>, usize)> {
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse((sizes[i][1], sizes[i][0])), i));
     let mut skyline = Skyline {

@@ -1,0 +1,276 @@
+"""Reads recordings (MCAP): each capture's pictures, depth, lenses, poses and notes."""
+
+import io
+import json
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mcap.reader import make_reader
+
+from .protobuf import Schema
+
+#: A colour camera's frame may begin this much before the trigger, in nanoseconds.
+_TOLERANCE_NS = 5_000_000
+#: Frames of a depth camera, where a capture does not list them.
+_DEPTH_FRAMES = 30
+
+
+@dataclass
+class Lens:
+    """A camera's lens. Pixel centres are at whole numbers."""
+
+    width: int
+    height: int
+    #: (3, 3), without skew.
+    matrix: np.ndarray
+    #: `plumb_bob` or `rational_polynomial`.
+    model: str
+    #: k1, k2, p1, p2, k3 and, of the second model, k4 to k6.
+    distortion: np.ndarray
+
+    def project(self, points):
+        """(n, 2) pixels of (n, 3) points in the camera's frame (x right, y down, z ahead)."""
+        points = np.asarray(points, float)
+        x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+        k1, k2, p1, p2, k3, k4, k5, k6 = np.concatenate([self.distortion, np.zeros(8 - len(self.distortion))])
+        r = x * x + y * y
+        radial = (1 + r * (k1 + r * (k2 + r * k3))) / (1 + r * (k4 + r * (k5 + r * k6)))
+        u = x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x)
+        v = y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([u, v], axis=1) * [self.matrix[0, 0], self.matrix[1, 1]] + self.matrix[:2, 2]
+
+
+@dataclass
+class ColorView:
+    """What a colour camera saw of a capture."""
+
+    #: (height, width) of raw or grey pixels or (height, width, 3), uint8; bytes of a file without Pillow.
+    picture: np.ndarray | bytes
+    #: The recording's word for the pixels, such as `bayer_rggb8`, `rgb8` or `jpeg`.
+    encoding: str
+    #: Nanoseconds since 1970.
+    time_ns: int
+    lens: Lens | None
+    #: (4, 4): takes points of the camera's frame into the rig's.
+    rig_from_camera: np.ndarray | None
+    #: (height, width) uint8, 128 and more is object; None if the recording has none.
+    mask: np.ndarray | None
+    #: The view of the empty rig, as `picture`; None if the recording has none.
+    background: np.ndarray | bytes | None
+
+
+@dataclass
+class DepthView:
+    """What a depth camera saw of a capture."""
+
+    #: (frames, height, width) uint16; 0 is no reading.
+    readings: np.ndarray
+    #: Nanoseconds since 1970, of each frame.
+    times_ns: list
+    lens: Lens | None
+    #: (4, 4): takes points of the camera's frame into the rig's.
+    rig_from_camera: np.ndarray | None
+    #: What turns a reading into metres: `slope`, `intercept`, `scale`, perhaps `range` and `uncertainty`.
+    response: dict
+
+    def metres(self, readings):
+        """Metres along the optical axis, nan where there is no reading or the response does not hold."""
+        readings = np.asarray(readings)
+        z = self.response["slope"] * readings + self.response["intercept"]
+        low, high = self.response.get("range") or (0.0, np.inf)
+        return np.where((readings > 0) & (z >= low) & (z <= high), z, np.nan)
+
+
+@dataclass
+class Capture:
+    """A capture with its frames."""
+
+    id: str
+    #: Nanoseconds since 1970.
+    time_ns: int
+    #: The object's number, if it was given.
+    subject: str | None
+    #: `complete`, `failed` or None where the recording does not say.
+    outcome: str | None
+    #: Colour cameras by their ids.
+    colors: dict = field(default_factory=dict)
+    #: Depth cameras by their ids.
+    depths: dict = field(default_factory=dict)
+    #: Notes in the order of their times, as dictionaries with `time_ns`, `kind`, `text` and perhaps `author`.
+    notes: list = field(default_factory=list)
+
+    def decision(self):
+        """`accept` or `reject`, the last of which holds, or None."""
+        said = [note["kind"] for note in self.notes if note["kind"] in ("accept", "reject", "clear")]
+        return said[-1] if said and said[-1] != "clear" else None
+
+
+class Recording:
+    """A recording that is held in memory."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._schemas = {}
+        #: Messages of each topic: (log time, message as a dictionary), in the order of their times.
+        self._messages = {}
+        #: Metadata records by name; of several of one name the last.
+        self.metadata = {}
+        with open(self.path, "rb") as file:
+            reader = make_reader(file)
+            for schema, channel, message in reader.iter_messages():
+                decoded = self._decode(schema, channel, message)
+                self._messages.setdefault(channel.topic, []).append((message.log_time, decoded))
+            for record in reader.iter_metadata():
+                self.metadata[record.name] = dict(record.metadata)
+        for messages in self._messages.values():
+            messages.sort(key=lambda pair: pair[0])
+
+    def _decode(self, schema, channel, message):
+        if channel.message_encoding == "json":
+            return json.loads(message.data)
+        if schema.id not in self._schemas:
+            self._schemas[schema.id] = Schema(schema.data)
+        return self._schemas[schema.id].decode(schema.name, message.data)
+
+    def topics(self):
+        """The names of the topics."""
+        return sorted(self._messages)
+
+    def cameras(self, kind):
+        """The ids of the cameras of a kind, `color` or `depth`."""
+        ids = (topic.split("/") for topic in self._messages)
+        return sorted({parts[2] for parts in ids if parts[1] == kind and parts[-1] == "image"})
+
+    def captures(self):
+        """The captures, in the order of their triggers."""
+        ends = {end["id"]: end for _, end in self._messages.get("/capture", [])}
+        seen = set()
+        for time, trigger in self._messages.get("/trigger", []):
+            if trigger["id"] not in seen:
+                seen.add(trigger["id"])
+                yield self._capture(time, trigger, ends.get(trigger["id"], {}))
+
+    def _capture(self, time, trigger, end):
+        subject = trigger.get("subject")
+        capture = Capture(
+            id=trigger["id"],
+            time_ns=time,
+            subject=None if subject is None else str(subject),
+            outcome=end.get("outcome"),
+            notes=self._notes(trigger["id"], time),
+        )
+        listed = {id: camera.get("timestamps") for id, camera in end.get("cameras", {}).items()}
+        for id in self.cameras("color"):
+            frames = self._frames(f"/color/{id}/image", listed.get(id), time - _TOLERANCE_NS, 1)
+            if frames:
+                capture.colors[id] = self._color(id, *frames[0], time)
+        for id in self.cameras("depth"):
+            frames = self._frames(f"/depth/{id}/image", listed.get(id), time, _DEPTH_FRAMES)
+            if frames:
+                capture.depths[id] = self._depth(id, frames, time)
+        return capture
+
+    def _frames(self, topic, listed, start, most):
+        messages = self._messages.get(topic, [])
+        if listed is not None:
+            wanted = {int(time) for time in listed}
+            return [pair for pair in messages if pair[0] in wanted]
+        return [pair for pair in messages if pair[0] >= start][:most]
+
+    def _color(self, id, time, message, trigger):
+        masks = [mask for at, mask in self._messages.get(f"/color/{id}/mask", []) if at == time]
+        background = self._newest(f"/color/{id}/background", trigger)
+        return ColorView(
+            picture=_pixels(message),
+            encoding=message.get("encoding") or message.get("format", ""),
+            time_ns=time,
+            lens=self._lens(f"/color/{id}/calibration", trigger),
+            rig_from_camera=self._pose(id, trigger),
+            mask=_pixels(masks[0]) if masks else None,
+            background=None if background is None else _pixels(background),
+        )
+
+    def _depth(self, id, frames, trigger):
+        response = self._newest(f"/depth/{id}/response", trigger)
+        return DepthView(
+            readings=np.stack([_pixels(message) for _, message in frames]),
+            times_ns=[time for time, _ in frames],
+            lens=self._lens(f"/depth/{id}/calibration", trigger),
+            rig_from_camera=self._pose(id, trigger),
+            response=response or {"slope": 0.001, "intercept": 0.0, "scale": [1.0]},
+        )
+
+    def _newest(self, topic, time):
+        """The newest message at or before a time."""
+        messages = self._messages.get(topic, [])
+        at = bisect_right([t for t, _ in messages], time)
+        return messages[at - 1][1] if at else None
+
+    def _lens(self, topic, time):
+        message = self._newest(topic, time)
+        if message is None:
+            return None
+        return Lens(
+            width=message["width"],
+            height=message["height"],
+            matrix=np.reshape(message["K"], (3, 3)),
+            model=message.get("distortion_model", "plumb_bob"),
+            distortion=np.array(message["D"]),
+        )
+
+    def _pose(self, id, time):
+        found = None
+        for at, message in self._messages.get("/tf", []):
+            for transform in message.get("transforms", [message]):
+                if at <= time and transform.get("child_frame_id") == id:
+                    found = transform
+        return None if found is None else _matrix(found)
+
+    def _notes(self, capture, trigger):
+        said = [(time, note) for time, note in self._messages.get("/note", []) if note["capture"] == capture]
+        beside = self.path.with_name(self.path.stem + ".notes.jsonl")
+        if beside.exists():
+            for line in beside.read_text(encoding="utf-8").splitlines():
+                note = json.loads(line)
+                if note.get("capture") == capture and note.get("trigger") == str(trigger):
+                    said.append((int(note["time"]), note))
+        said.sort(key=lambda pair: pair[0])
+        keys = ("kind", "text", "author")
+        return [{"time_ns": time, **{k: note[k] for k in keys if k in note}} for time, note in said]
+
+
+def _pixels(message):
+    """The pixels of a RawImage, or of a CompressedImage if Pillow is there."""
+    if "format" in message:
+        try:
+            from PIL import Image
+        except ImportError:
+            return bytes(message["data"])
+        return np.array(Image.open(io.BytesIO(message["data"])))
+    width, height, step = message["width"], message["height"], message["step"]
+    encoding = message["encoding"]
+    kind, channels = {"16UC1": ("<u2", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3)}.get(encoding, ("u1", 1))
+    if encoding in ("yuv422_yuy2", "yuyv", "uyvy", "yuv422"):
+        channels = 2
+    row = width * channels * np.dtype(kind).itemsize
+    # The last row may end with its last pixel.
+    data = np.zeros(step * height, np.uint8)
+    data[: len(message["data"])] = np.frombuffer(message["data"], np.uint8)[: step * height]
+    pixels = data.reshape(height, step)[:, :row].copy().view(kind)
+    return pixels.reshape((height, width) if channels == 1 else (height, width, channels))
+
+
+def _matrix(transform):
+    """The 4x4 matrix of a FrameTransform."""
+    t, q = transform.get("translation", {}), transform.get("rotation", {})
+    x, y, z, w = (q.get(name, 0.0) for name in "xyzw")
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = [t.get(name, 0.0) for name in "xyz"]
+    return matrix

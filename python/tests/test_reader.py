@@ -1,0 +1,133 @@
+"""The reader against files that are made here by the letter of docs/formats.md, and against the project's recording."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scand
+from scand.protobuf import Schema
+
+RECORDING = Path(__file__).parents[2] / "recordings/cup.mcap"
+
+
+def ply(path):
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment capture a-1\ncomment title A krater\n"
+        "comment frame rig, right-handed, z up; x y z in metres\nelement vertex 3\n"
+        + "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+        + "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "provenance"))
+        + "property float expected_error\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    body = b"".join(struct.pack("<6f4Bf", *p, 0, 0, 1, 10, 20, 30, i, i * 1e-3) for i, p in enumerate(corners))
+    path.write_bytes(header.encode() + body + struct.pack("<B3i", 3, 0, 1, 2))
+    return path
+
+
+def glb(path, generator="scand 0.1.0"):
+    arrays = [
+        np.array([[0, 5, 0], [1, 5, 0], [0, 5, -1]], "<f4"),
+        np.array([[0, 1, 0]] * 3, "<f4"),
+        np.array([0, 2, 5], "<f4"),
+        np.array([1e-3, 2e-3, 3e-3], "<f4"),
+        np.array([0, 1, 2], "<u4"),
+    ]
+    views, accessors, binary = [], [], b""
+    for array in arrays:
+        kind = 5125 if array.dtype == "<u4" else 5126
+        shape = "VEC3" if array.ndim == 2 else "SCALAR"
+        accessors.append({"bufferView": len(views), "componentType": kind, "count": len(array), "type": shape})
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": array.nbytes})
+        binary += array.tobytes()
+    names = {"POSITION": 0, "NORMAL": 1, "_PROVENANCE": 2, "_ERROR": 3}
+    text = json.dumps(
+        {
+            "asset": {"version": "2.0", "generator": generator, "extras": {"capture": "a-1"}},
+            "meshes": [{"primitives": [{"attributes": names, "indices": 4}]}],
+            "accessors": accessors,
+            "bufferViews": views,
+        }
+    ).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    return path
+
+
+def test_a_ply_and_a_glb_are_read_with_provenance_and_error(tmp_path):
+    model = scand.read_model(ply(tmp_path / "model.ply"))
+    assert model.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert model.triangles.tolist() == [[0, 1, 2]]
+    assert model.provenance.tolist() == [scand.HULL, scand.CARVED, scand.RESTORED]
+    assert np.allclose(model.expected_error, [0, 1e-3, 2e-3])
+    assert model.colors[0].tolist() == [10, 20, 30]
+    assert model.about == {"capture": "a-1", "title": "A krater"}
+    model = scand.read_model(glb(tmp_path / "model.glb"))
+    assert model.vertices.tolist() == [[0, 0, 5], [1, 0, 5], [0, 1, 5]], "z is up"
+    assert model.normals[0].tolist() == [0, 0, 1]
+    assert model.provenance.tolist() == [scand.HULL, scand.RESTORED, scand.TABLE]
+    assert model.about["capture"] == "a-1"
+
+
+def test_other_files_are_refused_by_name(tmp_path):
+    (tmp_path / "model.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
+    (tmp_path / "model.glb").write_bytes(b"glTF")
+    (tmp_path / "model.obj").write_bytes(b"v 0 0 0\n")
+    glb(tmp_path / "other.glb", "Blender")
+    for name in ("model.ply", "model.glb", "model.obj", "other.glb"):
+        with pytest.raises(ValueError, match=name):
+            scand.read_model(tmp_path / name)
+
+
+def test_a_report_is_read_from_a_folder(tmp_path):
+    (tmp_path / "report.json").write_text('{"verdict": {"level": "green"}}')
+    assert scand.read_report(tmp_path)["verdict"]["level"] == "green"
+
+
+def test_the_projects_recording_is_read_as_arrays():
+    recording = scand.Recording(RECORDING)
+    [capture] = recording.captures()
+    assert len(capture.colors) == 11 and len(capture.depths) == 1
+    [depth] = capture.depths.values()
+    assert depth.readings.shape == (30, 480, 640) and depth.readings.dtype == np.uint16
+    metres = depth.metres(depth.readings[0])
+    assert 0.5 < np.nanmedian(metres) < 1.5
+    assert np.isnan(metres[depth.readings[0] == 0]).all()
+    for view in [*capture.colors.values(), depth]:
+        rotation = view.rig_from_camera[:3, :3]
+        assert np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+        # The camera looks at the middle of the rig, so that this lies in its picture.
+        middle = np.linalg.inv(view.rig_from_camera) @ [0, 0, 0.05, 1]
+        [[u, v]] = view.lens.project([middle[:3]])
+        assert 0 < u < view.lens.width and 0 < v < view.lens.height
+
+
+def test_notes_beside_a_recording_count_if_they_are_of_it(tmp_path):
+    copy = tmp_path / "cup.mcap"
+    copy.symlink_to(RECORDING)
+    [capture] = scand.Recording(copy).captures()
+    assert capture.decision() is None
+    note = {"time": "5", "trigger": str(capture.time_ns), "capture": capture.id, "kind": "reject", "text": ""}
+    other = note | {"time": "6", "trigger": "1", "kind": "accept"}
+    (tmp_path / "cup.notes.jsonl").write_text(json.dumps(note) + "\n" + json.dumps(other) + "\n")
+    [capture] = scand.Recording(copy).captures()
+    assert capture.decision() == "reject"
+
+
+def test_a_message_that_is_cut_off_is_an_error():
+    with pytest.raises((ValueError, IndexError)):
+        Schema(b"\x0a\xff\x01abc")
+
+
+def test_the_notebook_runs(monkeypatch, capsys):
+    monkeypatch.chdir(RECORDING.parents[1])
+    notebook = json.loads((Path(__file__).parents[1] / "examples/capture.ipynb").read_text())
+    names = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    told = capsys.readouterr().out
+    assert "of the pixels, noise" in told and "c00" in told

@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# `make interop`: from a simulated recording to a model, an archive package, exports and datasets, each checked with other
+# people's readers. They are installed into target/interop, versions and hashes locked. SCAND names the program.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+here=tests/interop
+environment=target/interop/environment
+work=target/interop/work
+scand=$(realpath "${SCAND:-target/release/scand}")
+python=$environment/bin/python
+
+# Once for each version of the lock.
+lock=$(sha256sum $here/requirements.txt | cut -d ' ' -f 1)
+if [ "$(cat $environment/lock 2>/dev/null)" != "$lock" ]; then
+	rm -rf $environment
+	python3 -m venv $environment
+	pip=("$python" -m pip install --quiet --disable-pip-version-check --require-hashes)
+	# What builds bagit comes first, so that building it fetches nothing.
+	grep -v '^bagit' $here/requirements.in | grep -E '^(setuptools|setuptools-scm|wheel)==' >$environment/build.txt
+	"$python" - $here/requirements.txt $environment/build.txt <<-'EOF'
+		# Keeps of the lock what builds packages.
+		import re, sys
+		lock, wanted = open(sys.argv[1]).read(), open(sys.argv[2]).read()
+		names = [line.split("==")[0] for line in wanted.split()] + ["packaging"]
+		entries = re.split(r"\n(?=[a-z])", lock)
+		open(sys.argv[2], "w").write("\n".join(e for e in entries if e.split("==")[0] in names) + "\n")
+	EOF
+	"${pip[@]}" --no-compile -r $environment/build.txt
+	"${pip[@]}" --no-compile --no-build-isolation -r $here/requirements.txt
+	echo "$lock" >$environment/lock
+fi
+"$python" -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --force-reinstall ./python
+"$python" -m pytest -q -p no:cacheprovider python/tests
+rm -rf python/build python/*.egg-info
+
+rm -rf $work
+mkdir -p $work
+cd $work
+python=../environment/bin/python
+"$scand" simulate --shape cup --textured --cameras 8 --size 640x480 --encoding jpeg --captures 2 --out cup.mcap
+"$scand" note cup-000 accept --author Ann --recording cup.mcap
+"$scand" replay cup.mcap -q
+"$scand" archive cup.mcap -o package --date 2026-01-31
+for format in obj stl 3mf usdz glb; do
+	"$scand" export out --format $format
+	"$scand" export out/cup/cup-000 --format $format --lod 1
+done
+"$scand" export out --format glb --compress -o small
+for program in colmap nerfstudio openmvs; do
+	"$scand" export cup.mcap --dataset $program --model out -o $program
+done
+"$python" ../../../$here/check.py .
+echo "interop: $(du -sm ../environment | cut -f 1) MB of readers, $SECONDS s"
