@@ -262,6 +262,7 @@ const STAGES: &[(&str, &[&str])] = &[
     ("depth", &[]),
     ("region", &["depth"]),
     ("restore", &["depth", "hull", "region", "surface"]),
+    ("uncertainty", &["hull"]),
     ("texture", &[]),
 ];
 

@@ -7,6 +7,7 @@ use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Surface;
 use super::texture;
+use super::uncertainty;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
@@ -169,6 +170,7 @@ pub fn reconstruct(
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
+    uncertainty::state(&mut restored.model, &hull, lattice.cell_size);
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;
