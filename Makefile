@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The programs of tests that are other ones with the whole rig; `make check` has run the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo deps check test calibration-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -29,6 +29,9 @@ test: deps check ## the gate: install what the tests need, then `check`, then th
 
 calibration-trial: ## calibrate rendered sessions with a fault each, and sound ones: what is said of each (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1
+
+error-trial: ## hold the errors that models state against the truth, over shapes, rigs and seeds
+	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
 	$(CARGO) bench --locked

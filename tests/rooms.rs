@@ -298,6 +298,7 @@ const STAGES: &[(&str, &[&str])] = &[
     ("depth", &[]),
     ("region", &["depth"]),
     ("restore", &["depth", "hull", "region", "surface"]),
+    ("uncertainty", &["hull"]),
     ("texture", &[]),
 ];
 

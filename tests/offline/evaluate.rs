@@ -56,6 +56,15 @@ fn evaluate_answers_in_json_and_draws() {
     assert_eq!(found["model"]["watertight"], true);
     assert_eq!(found["by_provenance"][1]["provenance"], "carved");
     assert_eq!(found["by_expected_error"][0]["from_mm"], 1.0);
+    // It expects 1 mm everywhere, and is off by 1 mm at its lid alone.
+    let stated = "/by_provenance/0/expected";
+    assert!(number(&format!("{stated}/actual_over_expected")) < 0.7);
+    assert!(number(&format!("{stated}/within_twice_share")) > 0.999);
+    assert_eq!(number(&format!("{stated}/beyond_thrice_share")), 0.0);
+    assert_eq!(
+        found.pointer(&format!("{stated}/rank_correlation")),
+        Some(&serde_json::Value::Null)
+    );
     assert!(image::open(&picture).unwrap().width() > 1000);
     for command in ["evaluate", "diff"] {
         let mut again = scand();
@@ -80,6 +89,8 @@ fn evaluate_answers_in_json_and_draws() {
         "carved",
         "watertight",
         "signed bias",
+        "beyond 3x",
+        "p90/p10",
     ] {
         assert!(words.contains(wanted), "{wanted} in {words}");
     }

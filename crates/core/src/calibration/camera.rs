@@ -17,6 +17,24 @@ pub struct Camera {
     camera_from_rig: Isometry3<f64>,
 }
 
+/// Most metres that a camera may be from the rig's origin: one farther away was measured in another unit.
+const FARTHEST_M: f64 = 50.0;
+
+/// Refuses a pose that cannot be in metres.
+///
+/// # Errors
+/// If the camera is farther from the rig's origin than any rig is large; in words for a person.
+pub(crate) fn check_distance(rig_from_camera: &Isometry3<f64>) -> Result<(), String> {
+    let far = rig_from_camera.translation.vector.norm();
+    if far <= FARTHEST_M {
+        return Ok(());
+    }
+    Err(format!(
+        "it is {far:.0} m from the rig's origin, expected at most {FARTHEST_M} m: its translation looks like millimetres, \
+        where metres are expected"
+    ))
+}
+
 impl Camera {
     /// Puts a lens at a pose.
     pub fn new(id: CameraId, intrinsics: Intrinsics, rig_from_camera: Isometry3<f64>) -> Self {

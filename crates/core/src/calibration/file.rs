@@ -1,5 +1,6 @@
 //! A rig's calibration as a TOML file, with a section for each camera.
 
+use super::camera::check_distance;
 use super::{Camera, DepthResponse, Distortion, Intrinsics, Level, Verdict, Volume};
 use crate::frame::CameraId;
 use nalgebra::Vector2;
@@ -101,9 +102,6 @@ struct ResponseEntry {
 /// Largest calibration file, in bytes.
 const LONGEST_FILE: u64 = 4 << 20;
 
-/// Most metres that a camera may be from the rig's origin: one farther away was measured in another unit.
-const FARTHEST_M: f64 = 50.0;
-
 /// Says of a file that is no calibration of ours what it is, as far as its name or its begin tell that.
 fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
     use std::io::Read;
@@ -166,13 +164,8 @@ impl RigCalibration {
             let camera = entry
                 .camera(&name)
                 .map_err(|e| parse(format!("camera {name}: {e}")))?;
-            let far = camera.0.center().coords.norm();
-            if far > FARTHEST_M {
-                return Err(parse(format!(
-                    "camera {name}: it is {far:.0} m from the rig's origin, expected at most {FARTHEST_M} m: its translation \
-                     looks like millimetres, where metres are expected"
-                )));
-            }
+            check_distance(&camera.0.rig_from_camera)
+                .map_err(|e| parse(format!("camera {name}: {e}")))?;
             Ok((camera.0.id.clone(), camera))
         };
         let volume = contents

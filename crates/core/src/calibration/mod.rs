@@ -13,6 +13,7 @@ mod verdict;
 
 pub use board::{Board, BoardKind, BoardShape, Face, Markers, Rectangle, Surface};
 pub use camera::Camera;
+pub(crate) use camera::check_distance;
 pub use depth_response::DepthResponse;
 pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};

@@ -2,7 +2,9 @@
 //! before the trigger.
 
 use super::error::Error;
-use crate::calibration::{Camera, DepthCamera, DepthResponse, RigCalibration, Volume};
+use crate::calibration::{
+    Camera, DepthCamera, DepthResponse, RigCalibration, Volume, check_distance,
+};
 use crate::frame::{CameraId, CameraSettings, Timestamp};
 use crate::recording::{ColorPart, DepthPart, MessageRef, Pose, Recording, Topic};
 use nalgebra::Isometry3;
@@ -88,7 +90,9 @@ impl<'a> RigAt<'a> {
         let Some(rotation) = pose.rotation_xyzw else {
             return Err(bad("it has no rotation".into()));
         };
-        Camera::pose(pose.translation, rotation).map_err(|error| bad(error.to_string()))
+        let pose = Camera::pose(pose.translation, rotation).map_err(|e| bad(e.to_string()))?;
+        check_distance(&pose).map_err(bad)?;
+        Ok(pose)
     }
 
     /// A colour camera.

@@ -340,6 +340,23 @@ fn a_picture_of_another_size_or_encoding_is_named() {
 }
 
 #[test]
+fn poses_in_millimetres_are_told_as_such() {
+    let mut in_millimetres = Rig::new();
+    let translation = &mut in_millimetres.colors[0].rig_from_camera.translation.vector;
+    *translation = translation.normalize() * 450.0;
+    let place = write(|writer, rig| {
+        in_millimetres.write_to(writer);
+        rig.write_capture(writer, "cup", 100, 12);
+    });
+    let error = place.error("cup");
+    assert!(
+        error.contains("pose of camera c00: it is 450 m from the rig's origin"),
+        "{error}"
+    );
+    assert!(error.contains("looks like millimetres"), "{error}");
+}
+
+#[test]
 fn poses_must_be_the_rigs() {
     let mut bad = Rig::new();
     bad.colors[0].rig_from_camera.translation.vector.x = f64::NAN;

@@ -1,7 +1,8 @@
 //! Compares a model with the truth: samples both, measures, and sums the figures up for the whole model and for
 //! each provenance.
 
-use super::figures::{Expected, Figures, ModelSample, TruthSample, expected};
+use super::expected::Expected;
+use super::figures::{Figures, ModelSample, TruthSample, expected};
 use super::load::LoadedModel;
 use super::rim::Rims;
 use super::sample::{Sample, sample};
@@ -195,7 +196,8 @@ fn expected_at(model: &LoadedModel, sample: &Sample) -> Option<f64> {
     let weighted = corners
         .zip(sample.weights)
         .map(|(&v, w)| w * f64::from(values[v as usize]));
-    Some(weighted.sum::<f64>() * 1e3)
+    // In the precision that the model has it in, so that the same value at all corners is that value between them.
+    Some(f64::from(weighted.sum::<f64>() as f32) * 1e3)
 }
 
 struct MeasureTruth<'a> {

@@ -1,6 +1,7 @@
 //! The figures of a set of samples, of the whole model or of one provenance.
 
 use super::Parameters;
+use super::expected::Expected;
 use super::statistics::{Sorted, Summary, share};
 use super::wall::Wall;
 use crate::reconstruct::Provenance;
@@ -126,25 +127,6 @@ pub struct WallFigures {
     pub lost_share: f64,
 }
 
-/// Whether expected errors are true: the mean of both should be equal.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Expected {
-    /// Samples.
-    pub samples: usize,
-    /// Mean of what the model expects.
-    pub expected_mean_mm: f64,
-    /// Mean of what it is.
-    pub actual_mean_mm: f64,
-    /// Half are below.
-    pub actual_median_mm: f64,
-    /// Nine of ten are below.
-    pub actual_p90_mm: f64,
-    /// Share of samples whose error is at most what was expected there.
-    pub within_share: f64,
-    /// Share of samples whose error is at most twice what was expected there.
-    pub within_twice_share: f64,
-}
-
 impl Figures {
     /// Sums up samples of the model and of the truth.
     pub fn of(model: &[ModelSample], truth: &[TruthSample], parameters: &Parameters) -> Self {
@@ -256,14 +238,5 @@ pub(super) fn expected(
     let pairs: Vec<(f64, f64)> = kept
         .filter_map(|s| Some((s.expected_mm?, s.signed_mm.abs())))
         .collect();
-    let actual = Sorted::new(pairs.iter().map(|p| p.1));
-    Some(Expected {
-        samples: pairs.len(),
-        expected_mean_mm: Sorted::new(pairs.iter().map(|p| p.0)).mean()?,
-        actual_mean_mm: actual.mean()?,
-        actual_median_mm: actual.quantile(0.5)?,
-        actual_p90_mm: actual.quantile(0.9)?,
-        within_share: share(&pairs, |p| p.1 <= p.0),
-        within_twice_share: share(&pairs, |p| p.1 <= 2.0 * p.0),
-    })
+    Expected::of(&pairs)
 }

@@ -3,6 +3,7 @@
 
 mod against_truth;
 mod difference;
+mod expected;
 mod figures;
 pub mod load;
 pub mod picture;
@@ -19,7 +20,8 @@ pub use against_truth::{Evaluation, ExpectedBin, ProvenanceFigures, Solid, evalu
 pub use difference::{
     Difference, DifferenceParameters, Place, ProvenanceChange, ProvenanceChanges, Side, difference,
 };
-pub use figures::{Angles, Bias, Expected, FScore, Figures, Part, RimFigures, WallFigures};
+pub use expected::Expected;
+pub use figures::{Angles, Bias, FScore, Figures, Part, RimFigures, WallFigures};
 pub use sample::{Sample, sample};
 pub use statistics::Summary;
 

@@ -1,7 +1,7 @@
 //! The results as lines for a terminal.
 
 use super::figures::{Figures, Part, RimFigures};
-use super::{Evaluation, Solid, Summary};
+use super::{Evaluation, Expected, Solid, Summary};
 use std::fmt::Write;
 
 /// All figures of an evaluation in words and columns.
@@ -16,6 +16,7 @@ pub fn table(found: &Evaluation) -> String {
     figures(&mut out, &found.whole);
     if !found.by_provenance.is_empty() {
         by_provenance(&mut out, found);
+        truth_of_expected(&mut out, found);
     }
     if !found.by_expected_error.is_empty() {
         by_expected_error(&mut out, found);
@@ -150,7 +151,6 @@ fn by_provenance(out: &mut String, found: &Evaluation) {
         "walls",
         "normals°",
         "expected",
-        "within 2x",
     ] {
         let _ = write!(head, "{name:>10}");
     }
@@ -168,7 +168,6 @@ fn by_provenance(out: &mut String, found: &Evaluation) {
             f.walls.and_then(|w| w.error).map(|s| s.mean_mm),
             f.normals.map(|n| n.mean_degrees),
             f.expected.map(|e| e.expected_mean_mm),
-            f.expected.map(|e| e.within_twice_share),
         ];
         let name = format!("{:?}", part.provenance).to_lowercase();
         let cells: String = columns
@@ -176,6 +175,55 @@ fn by_provenance(out: &mut String, found: &Evaluation) {
             .map(|c| format!(" {}", cell(c)))
             .collect();
         line(out, &format!("{name:10}{cells}"));
+    }
+}
+
+/// Whether the expected errors are true, of the whole model and of each provenance.
+fn truth_of_expected(out: &mut String, found: &Evaluation) {
+    let parts = found.by_provenance.iter().map(|part| {
+        let name = format!("{:?}", part.provenance).to_lowercase();
+        (name, part.figures.expected)
+    });
+    let whole = [("whole".to_owned(), found.whole.expected)];
+    let stating: Vec<(String, Expected)> = whole
+        .into_iter()
+        .chain(parts)
+        .filter_map(|(name, expected)| Some((name, expected?)))
+        .collect();
+    if stating.is_empty() {
+        return;
+    }
+    let mut head = format!("\n{:16}", "expected errors");
+    for name in [
+        "samples",
+        "expected",
+        "actual",
+        "ratio",
+        "within",
+        "within 2x",
+        "beyond 3x",
+        "rank",
+        "p90/p10",
+    ] {
+        let _ = write!(head, "{name:>10}");
+    }
+    line(out, &head);
+    for (name, e) in stating {
+        let columns = [
+            Some(e.expected_mean_mm),
+            Some(e.actual_mean_mm),
+            e.actual_over_expected,
+            Some(e.within_share),
+            Some(e.within_twice_share),
+            Some(e.beyond_thrice_share),
+            e.rank_correlation,
+            e.actual_spread,
+        ];
+        let cells: String = columns
+            .into_iter()
+            .map(|c| format!(" {}", cell(c)))
+            .collect();
+        line(out, &format!("{name:16}{:>10}{cells}", e.samples));
     }
 }
 

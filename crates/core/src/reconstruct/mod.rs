@@ -12,6 +12,7 @@ mod scene;
 pub mod silhouette;
 pub mod surface;
 pub mod texture;
+pub mod uncertainty;
 
 pub use model::{Model, Provenance, Texture};
 pub use pipeline::{DepthResult, Error, Method, Parameters, Reconstruction, reconstruct};

@@ -7,6 +7,7 @@ use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Surface;
 use super::texture;
+use super::uncertainty;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
@@ -70,6 +71,25 @@ pub enum Error {
     TooFewCameras {
         /// How many there are.
         found: usize,
+    },
+    /// The volume is not where the object is.
+    #[error(
+        "the volume {min:?} to {max:?} m: {blind} of {cameras} colour cameras see no object in it ({away} of them do not see it \
+         at all), so it is not where the object is, or there is none (the first says: {first})"
+    )]
+    Volume {
+        /// The volume's smallest corner.
+        min: [f64; 3],
+        /// The volume's largest corner.
+        max: [f64; 3],
+        /// Cameras without an object in the volume.
+        blind: usize,
+        /// Those of them whose picture the volume is not in.
+        away: usize,
+        /// All colour cameras.
+        cameras: usize,
+        /// What is wrong with the first of them.
+        first: silhouette::Error,
     },
     /// Someone asked it to stop.
     #[error("cancelled")]
@@ -150,6 +170,7 @@ pub fn reconstruct(
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
+    uncertainty::state(&mut restored.model, &hull, lattice.cell_size);
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;
@@ -182,7 +203,30 @@ fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>
     let extract = |view| silhouette::extract(view, &scene.volume, &parameters.silhouette);
     // Collected in the order of the cameras, so that the first error is always the same one.
     let found: Vec<_> = scene.colors.par_iter().map(extract).collect();
+    if let Some(error) = misplaced_volume(scene, &found) {
+        return Err(error);
+    }
     Ok(found.into_iter().collect::<Result<_, _>>()?)
+}
+
+/// Where most cameras see nothing in the volume, the volume is to blame, and not the first of them.
+fn misplaced_volume(
+    scene: &Scene,
+    found: &[Result<Silhouette, silhouette::Error>],
+) -> Option<Error> {
+    use silhouette::Error::{Empty, VolumeNotSeen};
+    let errors = || found.iter().filter_map(|f| f.as_ref().err());
+    let blind = errors().filter(|e| matches!(e, Empty { .. } | VolumeNotSeen { .. }));
+    let blind: Vec<_> = blind.collect();
+    let away = errors().filter(|e| matches!(e, VolumeNotSeen { .. }));
+    (2 * blind.len() > found.len()).then(|| Error::Volume {
+        min: scene.volume.min.into(),
+        max: scene.volume.max.into(),
+        blind: blind.len(),
+        away: away.count(),
+        cameras: found.len(),
+        first: blind[0].clone(),
+    })
 }
 
 /// Enhances each depth view and finds its regions.

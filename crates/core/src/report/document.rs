@@ -1,7 +1,7 @@
 //! The report of one capture as data; `docs/report.schema.json` describes its JSON. Only the members under `timing`
 //! may differ between two runs over the same input.
 
-use super::{ColorMeasures, DepthMeasures, Measurements, ModelMeasures, Moved, Verdict};
+use super::{ColorMeasures, DepthMeasures, Exchanged, Measurements, ModelMeasures, Moved, Verdict};
 use crate::capture::CaptureFacts;
 use crate::description::Description;
 use crate::frame::{CaptureId, Timestamp};
@@ -91,6 +91,10 @@ pub struct Report<'a> {
     pub color_cameras: &'a [ColorMeasures],
     /// The camera that has moved since the calibration, if one has.
     pub moved: Option<&'a Moved>,
+    /// The two cameras that are exchanged, if two are.
+    pub exchanged: Option<&'a Exchanged>,
+    /// The median over the cameras of their silhouettes' shift, as a share of the object's longest side.
+    pub common_shift_share: f64,
     /// The depth cameras.
     pub depth_cameras: &'a [DepthMeasures],
     /// The model.
@@ -118,6 +122,8 @@ impl<'a> Report<'a> {
             verdict,
             color_cameras: &measured.colors,
             moved: measured.moved.as_ref(),
+            exchanged: measured.exchanged.as_ref(),
+            common_shift_share: measured.common_shift_share,
             depth_cameras: &measured.depths,
             model: &measured.model,
             timing,

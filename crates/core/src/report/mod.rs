@@ -13,7 +13,7 @@ pub use document::{
     FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
 };
 pub use measure::{
-    ColorMeasures, Consistency, DepthMeasures, Measurements, ModelMeasures, Moved,
+    ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, Moved,
     ProvenanceMeasures, RegionMeasures, measure,
 };
 pub use preview::{preview, stamp};

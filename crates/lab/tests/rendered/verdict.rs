@@ -1,13 +1,15 @@
 //! The room `report` on simulated rigs: captures without faults are green, faults are named, the report follows its
 //! schema, and the sheet can be drawn.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use scand_core::capture::CaptureFacts;
 use scand_core::description::Description;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
 use scand_core::level::Level;
 use scand_core::notes::CaptureNotes;
-use scand_core::reconstruct::{self, Method, Reconstruction, Scene, Silent, reconstruct};
+use scand_core::reconstruct::{
+    self, Method, Reconstruction, Scene, Silent, SilhouetteSource, reconstruct,
+};
 use scand_core::report::{
     Code, FailedCapture, Failure, Origin, Parameters, Report, StageTime, Timing, Verdict, judge,
     measure, preview, to_json,
@@ -133,6 +135,97 @@ fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
             "{camera}: {found} {expected}"
         );
     }
+}
+
+#[test]
+fn a_volume_that_no_object_stands_in_is_named_and_no_background_is_blamed() {
+    let with = |change: &dyn Fn(&mut Scene)| {
+        let mut options = Options::small(Shape::Ball);
+        options.cameras = 6;
+        let mut scene = Simulation::new(options).unwrap().scene(0);
+        change(&mut scene);
+        let mut parameters = reconstruct::Parameters::default();
+        parameters.hull.resolution = 30.0;
+        let made = reconstruct(&scene, &parameters, &Silent);
+        made.map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(with(&|_| {}), Ok(()));
+    for away in [Vector3::new(0.0, 0.0, 0.4), Vector3::new(30.0, 0.0, 0.0)] {
+        let moved = |scene: &mut Scene| {
+            scene.volume.min += away;
+            scene.volume.max += away;
+        };
+        let words = with(&moved).unwrap_err();
+        assert!(words.starts_with("the volume ["), "{words}");
+        assert!(
+            words.contains("of 6 colour cameras see no object in it"),
+            "{words}"
+        );
+    }
+    // Of one camera alone the volume is not to blame.
+    let blind = |scene: &mut Scene| {
+        let SilhouetteSource::Background(plate) = &scene.colors[2].silhouette else {
+            unreachable!()
+        };
+        scene.colors[2].image = (**plate).clone();
+    };
+    let words = with(&blind).unwrap_err();
+    assert!(
+        words.starts_with("camera c02: its silhouette is empty"),
+        "{words}"
+    );
+}
+
+/// Exchanges the pictures of two cameras.
+fn exchange(scene: &mut Scene, a: usize, b: usize) {
+    let camera_of_a = scene.colors[a].camera.clone();
+    let camera_of_b = std::mem::replace(&mut scene.colors[b].camera, camera_of_a);
+    scene.colors[a].camera = camera_of_b;
+}
+
+#[test]
+fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_red() {
+    let options = |seed| Options {
+        shape: Shape::Mug,
+        cameras: 8,
+        width: 640,
+        height: 480,
+        masks: true,
+        depth_cameras: 0,
+        seed,
+        ..Options::default()
+    };
+    let scene = Simulation::new(options(1)).unwrap().scene(0);
+    let of = |scene: &Scene| {
+        let mut parameters = reconstruct::Parameters::default();
+        parameters.hull.resolution = 100.0;
+        let made = reconstruct(scene, &parameters, &Silent).unwrap();
+        judged(scene, &made)
+    };
+    let codes = |verdict: &Verdict| -> Vec<Code> {
+        let red = verdict.reasons.iter().filter(|r| r.level == Level::Red);
+        red.map(|r| r.code).collect()
+    };
+    assert_eq!(codes(&of(&scene)), []);
+    let mut exchanged = scene.clone();
+    exchange(&mut exchanged, 1, 4);
+    let verdict = of(&exchanged);
+    assert_eq!(codes(&verdict), [Code::CamerasExchanged], "{verdict:#?}");
+    let mut names: Vec<String> = verdict.reasons[0]
+        .cameras
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    names.sort();
+    assert_eq!(names, ["c01", "c04"]);
+    // The places of another rig of the same design.
+    let other = Simulation::new(options(2)).unwrap().scene(0);
+    let mut foreign = scene.clone();
+    for (view, of_other) in foreign.colors.iter_mut().zip(&other.colors) {
+        view.camera = of_other.camera.clone();
+    }
+    let verdict = of(&foreign);
+    assert_eq!(codes(&verdict), [Code::CalibrationForeign], "{verdict:#?}");
 }
 
 #[test]

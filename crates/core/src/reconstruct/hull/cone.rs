@@ -141,6 +141,44 @@ impl<'a> Cone<'a> {
         let at = |dx: f64, dy: f64| f64::from(self.sample(Point2::new(pixel.x + dx, pixel.y + dy)));
         let slope_x = at(STEP_PX, 0.0) - at(-STEP_PX, 0.0);
         let slope_y = at(0.0, STEP_PX) - at(0.0, -STEP_PX);
+        self.normal_of(p, depth, [slope_x, slope_y])
+    }
+
+    /// The cone's unit outward normal at a point whose image is within `radius_px` of the outline; `None` of any other.
+    pub(super) fn normal_near(&self, p: Point3<f64>, radius_px: f64) -> Option<Vector3<f64>> {
+        const DIAGONAL: f64 = std::f64::consts::FRAC_1_SQRT_2;
+        const AROUND: [[f64; 2]; 8] = [
+            [1.0, 0.0],
+            [DIAGONAL, DIAGONAL],
+            [0.0, 1.0],
+            [-DIAGONAL, DIAGONAL],
+            [-1.0, 0.0],
+            [-DIAGONAL, -DIAGONAL],
+            [0.0, -1.0],
+            [DIAGONAL, -DIAGONAL],
+        ];
+        let (pixel, depth) = self.camera.project(p)?;
+        if !self.camera.intrinsics.contains(pixel) {
+            return None;
+        }
+        let (mut slope, mut inside) = ([0.0, 0.0], 0);
+        for [dx, dy] in AROUND.map(|along| along.map(|part| radius_px * part)) {
+            let value = self.sample(Point2::new(pixel.x + dx, pixel.y + dy)) - CONTOUR;
+            inside += usize::from(value > 0.0);
+            slope[0] += f64::from(value) * dx;
+            slope[1] += f64::from(value) * dy;
+        }
+        let is_near = inside > 0 && inside < AROUND.len();
+        is_near.then(|| self.normal_of(p, depth, slope)).flatten()
+    }
+
+    /// The unit outward normal at a point where the level rises along x and y of the picture in this proportion.
+    fn normal_of(
+        &self,
+        p: Point3<f64>,
+        depth: f64,
+        [slope_x, slope_y]: [f64; 2],
+    ) -> Option<Vector3<f64>> {
         // The derivative of the pinhole; the lens' distortion turns it by next to nothing.
         let lens = &self.camera.intrinsics;
         let q = self.camera.camera_from_rig(p);

@@ -6,10 +6,12 @@ mod carving;
 mod cone;
 mod extremes;
 mod solid;
+mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
 pub use solid::Hull;
+pub use viewing::Exit;
 
 use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};
 use crate::calibration::Volume;

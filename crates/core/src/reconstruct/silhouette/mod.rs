@@ -97,7 +97,7 @@ pub struct Silhouette {
 }
 
 /// Why there is no silhouette.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// A picture that does not fit its camera.

@@ -3,17 +3,21 @@
 
 mod color;
 mod depth;
+mod exchanged;
 mod model;
 mod moved;
 mod outline;
+mod trial_hull;
 
 pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
+pub use exchanged::Exchanged;
 pub use model::{ModelMeasures, ProvenanceMeasures};
 pub use moved::Moved;
 
 use super::coarse::coarse;
 use crate::reconstruct::{Method, Reconstruction, Scene};
+use crate::statistics::lower_median;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -24,6 +28,11 @@ pub struct Measurements {
     pub colors: Vec<ColorMeasures>,
     /// The camera that has moved since the calibration, if one has.
     pub moved: Option<Moved>,
+    /// The two cameras whose pictures or poses were exchanged, if two were.
+    pub exchanged: Option<Exchanged>,
+    /// The median over the cameras of their silhouettes' shift, as a share of the object's longest side: what a
+    /// calibration that is not of the recording leaves in all of them, and one camera that moved does not.
+    pub common_shift_share: f64,
     /// A depth camera each, in the order of the scene's; none where the method uses no depth.
     pub depths: Vec<DepthMeasures>,
     /// Depth cameras of the rig, used or not.
@@ -42,8 +51,12 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
         let colors: Vec<ColorMeasures> = views
             .map(|(view, silhouette)| ColorMeasures::of(view, silhouette, &hull, scene.volume))
             .collect();
-        let moved = moved::moved(scene, made, &colors);
-        (colors, moved)
+        let exchanged = exchanged::exchanged(scene, made, &colors);
+        let moved = match exchanged {
+            None => moved::moved(scene, made, &colors),
+            Some(_) => None,
+        };
+        (colors, moved, exchanged)
     };
     let rest = || {
         let depths = scene.depths.iter().zip(&made.depths);
@@ -52,13 +65,21 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
             .collect();
         (depths, ModelMeasures::of(made))
     };
-    let ((colors, moved), (depths, model)) = rayon::join(colors, rest);
+    let ((colors, moved, exchanged), (depths, model)) = rayon::join(colors, rest);
     Measurements {
+        common_shift_share: common_shift_share(&colors),
         colors,
         moved,
+        exchanged,
         depths,
         depth_cameras: scene.depths.len(),
         model,
         method,
     }
+}
+
+fn common_shift_share(colors: &[ColorMeasures]) -> f64 {
+    let shifts = colors.iter().map(|c| c.shift_share(c.consistency.shift_px));
+    let mut shifts: Vec<f64> = shifts.collect();
+    lower_median(&mut shifts).unwrap_or(0.0)
 }

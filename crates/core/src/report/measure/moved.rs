@@ -4,9 +4,8 @@
 //! other cameras as well.
 
 use super::color::{ColorMeasures, Consistency};
+use super::trial_hull::trial_hull;
 use crate::frame::CameraId;
-use crate::mesh::Mesh;
-use crate::reconstruct::hull::{self, Cone, Hull};
 use crate::reconstruct::{Reconstruction, Scene};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -36,8 +35,6 @@ const SUSPICIOUS: f64 = 0.003;
 const SUSPECTS: usize = 3;
 /// A camera is to blame if the others disagree this much less without it.
 const BLAMED: f64 = 0.5;
-/// Cells along the object's diagonal of the hulls that are compared.
-const RESOLUTION: f64 = 120.0;
 
 /// Finds the camera that has moved, if one has.
 pub(super) fn moved(
@@ -80,7 +77,8 @@ fn without(
     colors: &[ColorMeasures],
     camera: usize,
 ) -> Option<Moved> {
-    let hull = hull_without(scene, made, camera)?;
+    let all_but_it = |i: usize| (i != camera).then(|| &scene.colors[i].camera);
+    let hull = trial_hull(scene, made, all_but_it)?;
     let share_without = |i: usize| {
         let (view, silhouette) = (&scene.colors[i], &made.silhouettes[i]);
         let consistency = Consistency::of(&view.camera, silhouette, &hull, scene.volume);
@@ -102,21 +100,4 @@ fn without(
 fn root_mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v * v, count + 1.0));
     f64::sqrt(sum / count)
-}
-
-/// The hull of all cameras but one, coarser than the model; `None` where there is none.
-fn hull_without(scene: &Scene, made: &Reconstruction, camera: usize) -> Option<Mesh> {
-    let views = scene.colors.iter().zip(&made.silhouettes).enumerate();
-    let cones = views
-        .filter(|(i, _)| *i != camera)
-        .map(|(_, (view, silhouette))| Cone::new(&view.camera, &silhouette.level))
-        .collect();
-    let parameters = hull::Parameters {
-        resolution: RESOLUTION,
-        ..hull::Parameters::default()
-    };
-    let hull = Hull::new(cones, scene.volume, parameters.least_views);
-    let lattice = hull::lattice(&hull, &parameters).ok()?;
-    let extracted = hull::extract(&hull, &lattice, &parameters).ok()?;
-    Some(extracted.surface.mesh)
 }

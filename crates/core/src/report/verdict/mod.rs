@@ -24,6 +24,10 @@ use serde::Serialize;
 pub enum Code {
     /// A silhouette lies beside the place that the other cameras give it: the camera moved.
     CameraDisplaced,
+    /// All silhouettes lie beside the model: the calibration is that of another recording or rig.
+    CalibrationForeign,
+    /// Two cameras have each other's pictures or poses.
+    CamerasExchanged,
     /// The hull does not cover a silhouette: it, or another camera's, is wrong.
     SilhouetteUncovered,
     /// The frame cuts the object.

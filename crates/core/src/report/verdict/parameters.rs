@@ -33,6 +33,10 @@ pub struct Parameters {
     /// Displacement of the silhouette of a camera that moved, as a share of the object's longest side. Default
     /// 0.005 and 0.03.
     pub displaced: Limits,
+    /// Displacement of the silhouettes that half of the cameras exceed, as a share of the object's longest side, beyond
+    /// which the calibration is not that of the recording: red. Default 0.006, range 0 to 1.
+    #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
+    pub common_shift: f64,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
     /// pixels away. Default 0.004 and 0.15.
     pub uncovered: Limits,
@@ -88,6 +92,7 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             displaced: Limits::amber_red(0.005, 0.03),
+            common_shift: 0.006,
             uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
             overexposed: Limits::amber(0.1),

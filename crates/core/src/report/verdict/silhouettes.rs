@@ -1,6 +1,6 @@
 //! Rules about the colour cameras: whether their silhouettes agree, and whether their pictures are good enough.
 
-use super::{Code, Parameters, Reason, about_cameras, percent};
+use super::{Code, Level, Parameters, Reason, about_cameras, percent};
 use crate::frame::CameraId;
 use crate::report::{ColorMeasures, Measurements};
 
@@ -9,8 +9,12 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         let colors = measured.colors.iter();
         colors.map(|c| (&c.camera, value(c))).collect()
     };
-    let displaced = displaced(measured, parameters);
-    into.extend(displaced.or_else(|| uncovered(measured, parameters)));
+    // What comes first in this order brings about what comes later.
+    let reason = exchanged(measured)
+        .or_else(|| foreign(measured, parameters))
+        .or_else(|| displaced(measured, parameters))
+        .or_else(|| uncovered(measured, parameters));
+    into.extend(reason);
     into.extend(about_cameras(
         Code::FrameCut,
         &parameters.frame_cut,
@@ -63,6 +67,37 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         percent,
         |names| format!("without colours the object is hard to tell from its shadow: {names}"),
     ));
+}
+
+/// Two cameras at each other's place.
+fn exchanged(measured: &Measurements) -> Option<Reason> {
+    let found = measured.exchanged.as_ref()?;
+    let [a, b] = &found.cameras;
+    Some(Reason {
+        level: Level::Red,
+        code: Code::CamerasExchanged,
+        cameras: found.cameras.to_vec(),
+        words: format!(
+            "{a} and {b} look exchanged: with each other's pose both agree (now {} of a silhouette are uncovered, then {})",
+            percent(found.missing_with),
+            percent(found.missing_without)
+        ),
+    })
+}
+
+/// A calibration that no single camera is to blame for.
+fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
+    let shift = measured.common_shift_share;
+    (shift > parameters.common_shift).then(|| Reason {
+        level: Level::Red,
+        code: Code::CalibrationForeign,
+        cameras: Vec::new(),
+        words: format!(
+            "the calibration is not of this recording: half of the silhouettes lie {} of the object's size or more beside \
+            the model",
+            percent(shift)
+        ),
+    })
 }
 
 /// A camera that moved. It harms the others' silhouettes too, and they are not to blame.

@@ -5,7 +5,9 @@ use crate::capture::{ColorFacts, LeftOut, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
 use crate::reconstruct::{Method, Provenance, silhouette};
-use crate::report::{ColorMeasures, Consistency, ModelMeasures, Moved, ProvenanceMeasures};
+use crate::report::{
+    ColorMeasures, Consistency, Exchanged, ModelMeasures, Moved, ProvenanceMeasures,
+};
 
 fn id(name: &str) -> CameraId {
     CameraId::new(name).unwrap()
@@ -28,6 +30,8 @@ fn measured() -> Measurements {
     Measurements {
         colors: ["c00", "c01", "c02"].map(|name| camera(name, 0.0)).to_vec(),
         moved: None,
+        exchanged: None,
+        common_shift_share: 0.0004,
         depths: Vec::new(),
         depth_cameras: 0,
         model: ModelMeasures {
@@ -166,6 +170,32 @@ fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
     assert!(reason.words.contains("+12.0, -3.4 px"), "{}", reason.words);
     measured.moved.as_mut().unwrap().shift_share = 0.05;
     assert_eq!(judged(&measured, &capture()).level, Level::Red);
+}
+
+#[test]
+fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_about() {
+    let mut measured = measured();
+    measured.colors[0] = camera("c00", 0.2);
+    measured.common_shift_share = 0.0029;
+    let of_one = judged(&measured, &capture());
+    assert_eq!(codes(&of_one, Level::Red), [Code::SilhouetteUncovered]);
+    measured.common_shift_share = 0.0136;
+    let foreign = judged(&measured, &capture());
+    assert_eq!(codes(&foreign, Level::Red), [Code::CalibrationForeign]);
+    let words = &foreign.reasons[0].words;
+    assert!(
+        words.contains("not of this recording") && words.contains("1.4 %"),
+        "{words}"
+    );
+    measured.exchanged = Some(Exchanged {
+        cameras: [id("c00"), id("c01")],
+        missing_with: 0.2,
+        missing_without: 0.001,
+    });
+    let exchanged = judged(&measured, &capture());
+    assert_eq!(codes(&exchanged, Level::Red), [Code::CamerasExchanged]);
+    let words = &exchanged.reasons[0].words;
+    assert!(words.starts_with("c00 and c01 look exchanged"), "{words}");
 }
 
 #[test]

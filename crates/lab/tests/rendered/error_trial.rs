@@ -1,0 +1,181 @@
+//! Whether the errors that models state are true: shapes, rigs and seeds, each reconstructed and held against the truth,
+//! pooled by provenance. `make error-trial` runs all of them and prints a table, the tests some small ones.
+
+use scand_core::evaluate::load::LoadedModel;
+use scand_core::evaluate::{self, Expected, evaluate};
+use scand_core::reconstruct::{self, Provenance, Silent, reconstruct};
+use scand_lab::{Options, Shape, Simulation};
+
+/// One reconstruction.
+struct Run {
+    options: Options,
+    resolution: f64,
+}
+
+impl Run {
+    fn new(shape: Shape, seed: u64, cameras: usize, depth_cameras: usize) -> Self {
+        Self {
+            options: Options {
+                shape,
+                seed,
+                cameras,
+                depth_cameras,
+                width: 640,
+                height: 480,
+                ..Options::default()
+            },
+            resolution: 80.0,
+        }
+    }
+
+    fn full(mut self) -> Self {
+        (self.options.width, self.options.height) = (1280, 960);
+        self.resolution = 200.0;
+        self
+    }
+
+    /// What the model states and what is, by provenance.
+    fn expected(&self) -> Vec<(Provenance, Expected)> {
+        let simulation = Simulation::new(self.options.clone()).unwrap();
+        let mut parameters = reconstruct::Parameters::default();
+        parameters.hull.resolution = self.resolution;
+        let model = reconstruct(&simulation.scene(0), &parameters, &Silent)
+            .unwrap()
+            .model;
+        let model = LoadedModel {
+            mesh: model.mesh,
+            provenance: Some(model.provenance),
+            expected_error: Some(model.expected_error),
+            ..LoadedModel::default()
+        };
+        let parameters = evaluate::Parameters {
+            samples: 20_000,
+            ..evaluate::Parameters::default()
+        };
+        let found = evaluate(&model, simulation.truth(), &parameters).unwrap();
+        let parts = found.by_provenance.into_iter();
+        parts
+            .filter_map(|part| Some((part.provenance, part.figures.expected?)))
+            .collect()
+    }
+}
+
+/// What was found of one provenance in all runs together, each sample counting the same.
+#[derive(Default)]
+struct Pool {
+    samples: f64,
+    stated: f64,
+    actual: f64,
+    within: f64,
+    beyond: f64,
+    worst_ratio: f64,
+}
+
+impl Pool {
+    fn add(&mut self, expected: &Expected) {
+        let samples = expected.samples as f64;
+        self.samples += samples;
+        self.stated += samples * expected.expected_mean_mm;
+        self.actual += samples * expected.actual_mean_mm;
+        self.within += samples * expected.within_share;
+        self.beyond += samples * expected.beyond_thrice_share;
+        // Some dozens of samples have no mean to speak of.
+        if samples >= 300.0 {
+            self.worst_ratio = self
+                .worst_ratio
+                .max(expected.actual_over_expected.unwrap_or(0.0));
+        }
+    }
+
+    fn ratio(&self) -> f64 {
+        self.actual / self.stated
+    }
+
+    fn line(&self) -> String {
+        format!(
+            "stated {:.2} mm, actual {:.2} mm, ratio {:.2} (worst run {:.2}), within {:.0} %, beyond three times {:.1} %",
+            self.stated / self.samples,
+            self.actual / self.samples,
+            self.ratio(),
+            self.worst_ratio,
+            100.0 * self.within / self.samples,
+            100.0 * self.beyond / self.samples
+        )
+    }
+}
+
+/// Runs all, prints each, and pools them by provenance.
+fn pooled(runs: &[Run]) -> Vec<(Provenance, Pool)> {
+    let mut pools: Vec<(Provenance, Pool)> = Provenance::ALL
+        .map(|provenance| (provenance, Pool::default()))
+        .into();
+    for run in runs {
+        let Options {
+            shape,
+            seed,
+            cameras,
+            depth_cameras,
+            ..
+        } = run.options;
+        for (provenance, expected) in run.expected() {
+            println!(
+                "shown: {shape:?}, seed {seed}, {cameras} + {depth_cameras} cameras, {provenance:?}: {} samples, stated {:.3}, \
+                actual {:.3}, within {:.2}, beyond {:.3}, rank {:.2}, spread {:.1}",
+                expected.samples,
+                expected.expected_mean_mm,
+                expected.actual_mean_mm,
+                expected.within_share,
+                expected.beyond_thrice_share,
+                expected.rank_correlation.unwrap_or(f64::NAN),
+                expected.actual_spread.unwrap_or(f64::NAN)
+            );
+            let mut pool = pools.iter_mut().filter(|(p, _)| *p == provenance);
+            pool.next().unwrap().1.add(&expected);
+        }
+    }
+    for (provenance, pool) in pools.iter().filter(|(_, pool)| pool.samples > 0.0) {
+        println!("shown: {provenance:?}: {}", pool.line());
+    }
+    pools
+}
+
+/// What is demanded of the hull: that stated errors are neither far too small nor far too large.
+fn hold_hull(pools: &[(Provenance, Pool)]) {
+    let (_, hull) = pools.iter().find(|(p, _)| *p == Provenance::Hull).unwrap();
+    let words = hull.line();
+    assert!((0.5..=1.5).contains(&hull.ratio()), "{words}");
+    assert!(hull.beyond < 0.05 * hull.samples, "{words}");
+    assert!(
+        (0.5..=0.85).contains(&(hull.within / hull.samples)),
+        "{words}"
+    );
+}
+
+#[test]
+fn what_the_hull_states_is_true_of_a_dozen_small_runs() {
+    let shapes = [
+        Shape::Egg,
+        Shape::Box,
+        Shape::Ball,
+        Shape::Prism,
+        Shape::Torus,
+        Shape::Relief,
+    ];
+    let of_shape =
+        |(shape, seed)| [(7, seed), (11, seed + 1)].map(|(n, s)| Run::new(shape, s, n, 0));
+    let runs: Vec<Run> = shapes.into_iter().zip(4..).flat_map(of_shape).collect();
+    hold_hull(&pooled(&runs));
+}
+
+#[test]
+#[ignore = "takes many minutes: make error-trial"]
+fn error_trial() {
+    let seeds = [11, 12, 13];
+    let rigs = [(11, 1), (11, 0), (6, 1), (16, 1)];
+    let runs = Shape::ALL.into_iter().flat_map(|shape| {
+        seeds.into_iter().flat_map(move |seed| {
+            rigs.map(|(cameras, depths)| Run::new(shape, seed, cameras, depths).full())
+        })
+    });
+    hold_hull(&pooled(&runs.collect::<Vec<Run>>()));
+}
