@@ -135,6 +135,7 @@ fn f_restoration(bencher: Bencher) {
     let extracted = hull::extract(&hull, &lattice, parameters).expect("a hull");
     let template = Template {
         hull: &hull,
+        solid: &hull,
         extracted: &extracted,
         lattice: &lattice,
         parameters,

@@ -1,11 +1,12 @@
 //! The order of the stages.
 
 use super::depth::{self, EnhancedDepth};
-use super::hull::{self, Cone, Hull};
+use super::fairing::{self, Faired};
+use super::hull::{self, Cone, Extracted, Fairing, Hull};
 use super::region::{self, Front, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::Surface;
+use super::surface::{Solid, Surface};
 use super::texture;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
@@ -138,15 +139,32 @@ pub fn reconstruct(
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
+    begin(Stage::Fairing)?;
+    let faired = match parameters.hull.fairing {
+        Fairing::None => None,
+        Fairing::Touch => fairing::fair(&hull, &lattice, &extracted.surface.mesh, &parameters.hull),
+    };
+    let faired = match faired {
+        Some(Faired { body, facts }) => {
+            hull::extract_solid(&body, &lattice, &parameters.hull).map(|e| (body, facts, e))
+        }
+        None => None,
+    };
+    let (solid, start): (&dyn Solid, &Extracted) = match &faired {
+        Some((body, _, extracted)) => (body, extracted),
+        None => (&hull, &extracted),
+    };
+
     begin(Stage::Depth)?;
     let template = Template {
         hull: &hull,
-        extracted: &extracted,
+        solid,
+        extracted: start,
         lattice: &lattice,
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let depths = depths(scene, &extracted.surface, parameters, &begin)?;
+    let depths = depths(scene, &start.surface, parameters, &begin)?;
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
