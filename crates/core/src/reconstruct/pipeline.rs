@@ -6,7 +6,7 @@ use super::hull::{self, Cone, Extracted, Fairing, Hull};
 use super::region::{self, Front, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::{Solid, Surface};
+use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
@@ -83,6 +83,8 @@ pub struct Reconstruction {
     pub model: Model,
     /// The plain hull that it was made from.
     pub hull: Mesh,
+    /// How the hull was faired; `None` where it was not, or nothing of it could be.
+    pub fairing: Option<fairing::Facts>,
     /// Edge of a cell of the surfaces, in metres.
     pub cell_size: f64,
     /// A silhouette for each colour view of the scene.
@@ -140,18 +142,9 @@ pub fn reconstruct(
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
     begin(Stage::Fairing)?;
-    let faired = match parameters.hull.fairing {
-        Fairing::None => None,
-        Fairing::Touch => fairing::fair(&hull, &lattice, &extracted.surface.mesh, &parameters.hull),
-    };
-    let faired = match faired {
-        Some(Faired { body, facts }) => {
-            hull::extract_solid(&body, &lattice, &parameters.hull).map(|e| (body, facts, e))
-        }
-        None => None,
-    };
+    let faired = faired(&hull, &lattice, &extracted, &parameters.hull);
     let (solid, start): (&dyn Solid, &Extracted) = match &faired {
-        Some((body, _, extracted)) => (body, extracted),
+        Some((faired, extracted)) => (&faired.body, extracted),
         None => (&hull, &extracted),
     };
 
@@ -187,8 +180,26 @@ pub fn reconstruct(
             .dropped_pieces
             .saturating_sub(extracted.dropped_pieces),
         closed_openings: restored.closed_openings,
+        fairing: faired.as_ref().map(|(faired, _)| faired.facts),
         hull: extracted.surface.mesh,
     })
+}
+
+/// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be.
+fn faired(
+    hull: &Hull,
+    lattice: &Lattice,
+    extracted: &Extracted,
+    parameters: &hull::Parameters,
+) -> Option<(Faired, Extracted)> {
+    match parameters.fairing {
+        Fairing::None => None,
+        Fairing::Touch => {
+            let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
+            let surface = hull::extract_solid(&faired.body, lattice, parameters)?;
+            Some((faired, surface))
+        }
+    }
 }
 
 fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {

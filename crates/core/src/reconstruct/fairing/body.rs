@@ -9,6 +9,7 @@ use crate::mesh::closest_on_triangle;
 use crate::reconstruct::hull;
 use crate::reconstruct::surface::{Constraint, Lattice, Side, Solid, Undecided};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// A value well inside a solid, as silhouettes have it.
 const SURELY: f64 = 127.5;
@@ -32,10 +33,13 @@ pub struct Body {
 impl Body {
     /// The solid that `curved`, the surface of `shape`, bounds, to be extracted on `lattice`.
     pub(super) fn new(curved: Curved, shape: &Shape, lattice: Lattice, volume: Volume) -> Self {
-        use rayon::prelude::*;
         let nearest = Nearest::new(&curved, &lattice);
         let columns = Columns::new(&curved.positions, &curved.triangles, &lattice);
-        let on_table = curved.triangles.iter().map(|t| shape.is_on_table(t)).collect();
+        let on_table = curved
+            .triangles
+            .iter()
+            .map(|t| shape.is_on_table(t))
+            .collect();
         let mut body = Self {
             curved,
             on_table,
@@ -68,9 +72,20 @@ impl Body {
             sum + self.curved.pseudo[ids[i] as usize] * weights[i]
         });
         let on_border = weights.iter().any(|&w| w < 1e-6);
-        let side = if on_border { pseudo } else { self.curved.faces[t] };
-        let signed = if way.dot(&side) > 0.0 { way.norm() } else { -way.norm() };
-        (way.norm_squared(), self.curved.bulge(t, weights, flat) - signed)
+        let side = if on_border {
+            pseudo
+        } else {
+            self.curved.faces[t]
+        };
+        let signed = if way.dot(&side) > 0.0 {
+            way.norm()
+        } else {
+            -way.norm()
+        };
+        (
+            way.norm_squared(),
+            self.curved.bulge(t, weights, flat) - signed,
+        )
     }
 
     /// A distance as a value, no more than the table allows.

@@ -13,10 +13,15 @@ pub(super) struct Columns {
 
 impl Columns {
     /// Of a closed mesh. A line through an edge or a vertex crosses exactly one of the triangles around it.
-    pub(super) fn new(positions: &[Point3<f64>], triangles: &[[u32; 3]], lattice: &Lattice) -> Self {
+    pub(super) fn new(
+        positions: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+        lattice: &Lattice,
+    ) -> Self {
         let mut crossings = Vec::new();
         for t in triangles {
-            let corners = three(|i| (positions[t[i] as usize] - lattice.origin) / lattice.cell_size);
+            let corners =
+                three(|i| (positions[t[i] as usize] - lattice.origin) / lattice.cell_size);
             let range = |axis: usize| {
                 let values = three(|i| corners[i][axis]);
                 let low = values[0].min(values[1]).min(values[2]).ceil().max(0.0);
@@ -51,7 +56,9 @@ impl Columns {
     pub(super) fn is_inside(&self, x: f64, y: f64, z: f64) -> bool {
         let (x, y) = (x.round().max(0.0) as u32, y.round().max(0.0) as u32);
         let first = self.crossings.partition_point(|c| (c.0, c.1) < (y, x));
-        let column = self.crossings[first..].iter().take_while(|c| (c.0, c.1) == (y, x));
+        let column = self.crossings[first..]
+            .iter()
+            .take_while(|c| (c.0, c.1) == (y, x));
         column.filter(|c| f64::from(c.2) < z).count() % 2 == 1
     }
 }

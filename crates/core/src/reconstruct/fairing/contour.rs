@@ -26,6 +26,8 @@ pub(super) struct Contour<'a> {
 /// Where a point lies against a contour.
 #[derive(Clone, Copy)]
 pub(super) struct Offset {
+    /// The point's picture.
+    pub(super) pixel: Point2<f64>,
     /// Distance of the point's picture to the contour in pixels, positive inside.
     pub(super) inside_px: f64,
     /// How much that grows along each axis of the rig, in pixels a metre.
@@ -37,7 +39,9 @@ impl<'a> Contour<'a> {
     pub(super) fn new(camera: &'a Camera, level: &Grid<u8>) -> Self {
         let (width, height) = (level.width(), level.height());
         let object = level.extent(PixelRect::whole(width, height), |&l| f32::from(l) > CONTOUR);
-        let part = object.unwrap_or_default().grown(BAND_PX as usize + 2, width, height);
+        let part = object
+            .unwrap_or_default()
+            .grown(BAND_PX as usize + 2, width, height);
         let (columns, rows) = (part.x1 - part.x0, part.y1 - part.y0);
         let mut distance = Grid::filled(columns, rows, BAND_PX);
         let mut points = Vec::new();
@@ -101,9 +105,13 @@ impl<'a> Contour<'a> {
         // The derivative of the pinhole; the lens' distortion turns it by next to nothing.
         let lens = &self.camera.intrinsics;
         let q = self.camera.camera_from_rig(p);
-        let (gx, gy) = (slope_x * lens.focal_px.x / depth, slope_y * lens.focal_px.y / depth);
+        let (gx, gy) = (
+            slope_x * lens.focal_px.x / depth,
+            slope_y * lens.focal_px.y / depth,
+        );
         let in_camera = Vector3::new(gx, gy, -(gx * q.x + gy * q.y) / depth);
         Some(Offset {
+            pixel,
             inside_px,
             gradient: self.camera.rig_from_camera.rotation * in_camera,
         })
@@ -171,11 +179,17 @@ mod tests {
             Vector2::new(59.5, 49.5),
             Distortion::default(),
         );
-        let camera = Camera::new(CameraId::new("c00").unwrap(), lens.unwrap(), Isometry3::identity());
+        let camera = Camera::new(
+            CameraId::new("c00").unwrap(),
+            lens.unwrap(),
+            Isometry3::identity(),
+        );
         let (center, radius) = (Point2::new(60.3, 48.9), 30.2);
         let inside = |x: f64, y: f64| radius - (Point2::new(x, y) - center).norm();
         let level = Grid::from_fn(120, 100, |x, y| {
-            (127.5 + 90.0 * inside(x as f64, y as f64)).round().clamp(0.0, 255.0) as u8
+            (127.5 + 90.0 * inside(x as f64, y as f64))
+                .round()
+                .clamp(0.0, 255.0) as u8
         });
         let contour = Contour::new(&camera, &level);
         for i in 0..400 {
@@ -193,6 +207,9 @@ mod tests {
         }
         assert!(contour.distance(center).is_none());
         let around = contour.points.iter().map(|(_, length)| length).sum::<f64>();
-        assert!((around - std::f64::consts::TAU * radius).abs() < 0.5, "{around}");
+        assert!(
+            (around - std::f64::consts::TAU * radius).abs() < 0.5,
+            "{around}"
+        );
     }
 }

@@ -62,7 +62,8 @@ impl Curved {
                     cosine > CREASE_COSINE * share.norm()
                 });
                 let sum: Vector3<f64> = alike.sum();
-                sum.try_normalize(1e-12).unwrap_or(pseudo[triangles[t][i] as usize])
+                sum.try_normalize(1e-12)
+                    .unwrap_or(pseudo[triangles[t][i] as usize])
             })
         };
         let corners = (0..triangles.len()).into_par_iter().map(smooth).collect();

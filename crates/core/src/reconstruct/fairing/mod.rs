@@ -30,6 +30,7 @@ use crate::mesh::{self, Mesh};
 use contour::Contour;
 use curved::Curved;
 use rayon::prelude::*;
+use rounds::Round;
 use shape::Shape;
 
 /// Edges of the cells of the meshes that are faired, in those of the hull: a coarse one for the form, a finer one for
@@ -46,6 +47,11 @@ const LEVELS: [Level; 2] = [
         steps: 80,
     },
 ];
+
+/// Share of the object's radius within which a surface that bends resists ever less.
+const SHARPEST: f64 = 0.2;
+/// Rounds in which all resists alike, so that the hull's facets do not count as edges.
+const ROUNDS_TO_SETTLE: usize = 2;
 
 struct Level {
     cells: u32,
@@ -92,7 +98,7 @@ pub fn fair(
     let [low, high] = mesh::bounding_box(&extracted.vertices)?;
     let middle = nalgebra::center(&low.cast(), &high.cast());
     let pixel = hull.pixel_footprint(middle);
-    let radius_px = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt() / pixel;
+    let radius = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt();
     let mut coarse: Option<transfer::Moved> = None;
     let mut last = None;
     for level in &LEVELS {
@@ -100,17 +106,21 @@ pub fn fair(
         let found = hull::extract(hull, &coarser, parameters).ok()?;
         let Volume { min, .. } = hull.volume();
         let mut shape = Shape::new(&found.surface.mesh, min.z, 0.25 * coarser.cell_size);
-        certain::mark(&mut shape, &contours, radius_px, pixel);
+        certain::mark(&mut shape, &contours, pixel);
         let start = shape.positions.clone();
+        let coarse_is_done = coarse.is_some();
         if let Some(coarse) = coarse.take() {
             coarse.begin(&mut shape);
         }
         for round in 0..level.rounds {
             shape.direct();
-            let done = rounds::fair_once(&mut shape, &contours, level.steps, coarser.cell_size);
-            if std::env::var_os("SCAND_FAIR").is_some() {
-                eprintln!("cells {} round {round}: {done:?}", level.cells);
-            }
+            let settled = coarse_is_done || round >= ROUNDS_TO_SETTLE;
+            let round_of = Round {
+                steps: level.steps,
+                farthest: coarser.cell_size,
+                sharpest: if settled { SHARPEST * radius } else { 0.0 },
+            };
+            rounds::fair_once(&mut shape, &contours, round_of);
             if round + 1 < level.rounds {
                 shape.even_out();
             }
@@ -120,7 +130,7 @@ pub fn fair(
     }
     let (mut shape, start) = last?;
     shape.direct();
-    let facts = accept::keep_hull(&mut shape, &start, &contours, extracted)?;
+    let facts = accept::keep_hull(&mut shape, &start, &contours)?;
     let body = Body::new(Curved::new(&shape), &shape, *lattice, hull.volume());
     Some(Faired { body, facts })
 }
@@ -133,3 +143,6 @@ fn coarser(lattice: &Lattice, times: u32) -> Lattice {
         cells: lattice.cells.map(|n| n.div_ceil(times) + 1),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -29,7 +29,11 @@ fn key([x, y, z]: [u32; 3]) -> u64 {
 
 fn position(key: u64) -> [u32; 3] {
     const MASK: u64 = (1 << 20) - 1;
-    [(key & MASK) as u32, (key >> 20 & MASK) as u32, (key >> 40) as u32]
+    [
+        (key & MASK) as u32,
+        (key >> 20 & MASK) as u32,
+        (key >> 40) as u32,
+    ]
 }
 
 impl Nearest {
@@ -57,7 +61,10 @@ impl Nearest {
         let (keys, triangles): (Vec<u64>, Vec<u32>) = found.into_iter().flatten().unzip();
         let cubes = (1..=LEVELS)
             .map(|level| {
-                let mut cubes: Vec<u64> = keys.iter().map(|&k| key(position(k).map(|v| v >> level))).collect();
+                let mut cubes: Vec<u64> = keys
+                    .iter()
+                    .map(|&k| key(position(k).map(|v| v >> level)))
+                    .collect();
                 cubes.dedup();
                 cubes.par_sort_unstable();
                 cubes.dedup();
@@ -108,7 +115,10 @@ fn of_one_slab(
     for &t in triangles {
         let ids = curved.triangles[t as usize];
         let corners = three(|i| places[ids[i] as usize]);
-        let (low, high) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        let (low, high) = (
+            corners[0].inf(&corners[1]).inf(&corners[2]),
+            corners[0].sup(&corners[1]).sup(&corners[2]),
+        );
         let range = |axis: usize, count: usize| {
             let first = (low[axis] - BAND).ceil().max(0.0) as usize;
             first..((high[axis] + BAND).floor() as usize + 1).min(count)
@@ -132,7 +142,13 @@ fn of_one_slab(
             }
         }
     }
-    let place = |i: usize| [(i % nx) as u32, (i / nx % ny) as u32, (i / nx / ny) as u32 + first];
+    let place = |i: usize| {
+        [
+            (i % nx) as u32,
+            (i / nx % ny) as u32,
+            (i / nx / ny) as u32 + first,
+        ]
+    };
     let known = best.iter().enumerate().filter(|(_, b)| b.1 != u32::MAX);
     known.map(|(i, b)| (key(place(i)), b.1)).collect()
 }

@@ -12,13 +12,16 @@ const STIFFNESS_PX: f64 = 6.0;
 /// Share of its own weight that holds each vertex where it is.
 const DAMPING: f64 = 1e-7;
 
-/// What one round did.
-#[derive(Clone, Copy, Debug, Default)]
+/// How a round goes.
+#[derive(Clone, Copy)]
 pub(super) struct Round {
-    /// Root mean square distance of the rims to the contours before it, in pixels.
-    pub(super) rims_px: f64,
-    /// The farthest that a vertex moved, in metres.
-    pub(super) moved: f64,
+    /// Most steps of the solver.
+    pub(super) steps: usize,
+    /// The farthest that a vertex may move, in metres.
+    pub(super) farthest: f64,
+    /// What bends within less than this radius resists ever less: edges that no cone is certain of. In metres; 0 lets
+    /// everything resist alike.
+    pub(super) sharpest: f64,
 }
 
 /// A point of a rim, with the vertices that it lies between.
@@ -29,16 +32,10 @@ pub(super) struct RimPoint {
     pub(super) offset: Offset,
     /// Length of rim that it stands for, in pixels.
     pub(super) length_px: f64,
-    pub(super) pixel: Point2<f64>,
 }
 
-/// Moves the vertices once. `steps` bounds the work; no vertex moves farther than `farthest` metres.
-pub(super) fn fair_once(
-    shape: &mut Shape,
-    contours: &[Contour],
-    steps: usize,
-    farthest: f64,
-) -> Round {
+/// Moves the vertices once.
+pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
     let mut numbers = vec![u32::MAX; shape.len()];
     let mut unknowns = 0;
     for v in 0..shape.len() {
@@ -51,38 +48,40 @@ pub(super) fn fair_once(
     let stiffness = STIFFNESS_PX.powi(3).sqrt();
     let areas = shape.areas();
     for v in 0..shape.len() {
-        bend(&mut rows, shape, v, stiffness * areas[v].sqrt(), &numbers);
+        bend(
+            &mut rows,
+            shape,
+            v,
+            (stiffness * areas[v].sqrt(), round.sharpest),
+            &numbers,
+        );
     }
     let rims: Vec<Vec<RimPoint>> = contours.par_iter().map(|c| rims(shape, c)).collect();
-    let (mut squares, mut length) = (0.0, 0.0);
     for point in rims.iter().flatten() {
         let [i, j] = point.ends.map(|v| v as usize);
         let along = |v: usize| point.offset.gradient.dot(&shape.directions[v]);
-        let entries = [(numbers[i], (1.0 - point.share) * along(i)), (numbers[j], point.share * along(j))];
-        let entries = entries.into_iter().filter(|(n, a)| *n != u32::MAX && *a != 0.0);
+        let entries = [
+            (numbers[i], (1.0 - point.share) * along(i)),
+            (numbers[j], point.share * along(j)),
+        ];
+        let entries = entries
+            .into_iter()
+            .filter(|(n, a)| *n != u32::MAX && *a != 0.0);
         rows.push(point.length_px.sqrt(), point.offset.inside_px, entries);
-        squares += point.length_px * point.offset.inside_px.powi(2);
-        length += point.length_px;
     }
-    let x = rows.solve(unknowns as usize, DAMPING, steps);
-    let mut moved = 0.0_f64;
+    let x = rows.solve(unknowns as usize, DAMPING, round.steps);
     for v in 0..shape.len() {
         if numbers[v] != u32::MAX {
-            let step = x[numbers[v] as usize].clamp(-farthest, farthest);
-            moved = moved.max(step.abs());
+            let step = x[numbers[v] as usize].clamp(-round.farthest, round.farthest);
             let direction = shape.directions[v];
             shape.positions[v] += direction * step;
         }
-    }
-    Round {
-        rims_px: (squares / length.max(1e-12)).sqrt(),
-        moved,
     }
 }
 
 /// The mean curvature at a vertex as a row: the part along the normal of the sum over neighbours, divided by half the
 /// sum of their squared distances. Along the outline on the table, the curvature of the outline.
-fn bend(rows: &mut Rows, shape: &Shape, v: usize, weight: f64, numbers: &[u32]) {
+fn bend(rows: &mut Rows, shape: &Shape, v: usize, (weight, sharpest): (f64, f64), numbers: &[u32]) {
     let foot = shape.roles[v] == Role::Foot;
     if !shape.moves(v) {
         return;
@@ -104,6 +103,7 @@ fn bend(rows: &mut Rows, shape: &Shape, v: usize, weight: f64, numbers: &[u32]) 
         return;
     }
     let scale = 2.0 / squares;
+    let weight = weight / (1.0 + (scale * sum * sharpest).powi(2));
     let own = (numbers[v], -scale * count as f64 * normal.norm_squared());
     let others = around()
         .filter(|&j| numbers[j] != u32::MAX)
@@ -133,7 +133,12 @@ pub(super) fn rims(shape: &Shape, contour: &Contour) -> Vec<RimPoint> {
         for i in 0..3 {
             let (a, b) = (t[i], t[(i + 1) % 3]);
             let is_foot = |v: u32| matches!(shape.roles[v as usize], Role::Foot);
-            if is_foot(a) && is_foot(b) && !shape.is_on_table(t) && facing[a as usize] > 0.0 && facing[b as usize] > 0.0 {
+            if is_foot(a)
+                && is_foot(b)
+                && !shape.is_on_table(t)
+                && facing[a as usize] > 0.0
+                && facing[b as usize] > 0.0
+            {
                 foot_of_edge(shape, contour, [a, b], &mut points);
             }
         }
@@ -155,19 +160,21 @@ fn rim_of_triangle(
         if (a > 0.0) != (b > 0.0) {
             let share = a / (a - b);
             let p = between(shape, ends, share);
-            found[i] = contour.camera.project(p).map(|(pixel, _)| (ends, share, p, pixel));
+            found[i] = contour
+                .camera
+                .project(p)
+                .map(|(pixel, _)| (ends, share, p, pixel));
         }
     }
     let pair: Vec<_> = found.into_iter().flatten().collect();
     if let [first, second] = pair[..] {
         let length = (first.3 - second.3).norm();
-        for (ends, share, p, pixel) in [first, second] {
+        for (ends, share, p, _) in [first, second] {
             points.extend(contour.offset(p).map(|offset| RimPoint {
                 ends,
                 share,
                 offset,
                 length_px: 0.5 * length,
-                pixel,
             }));
         }
     }
@@ -175,16 +182,16 @@ fn rim_of_triangle(
 
 fn foot_of_edge(shape: &Shape, contour: &Contour, ends: [u32; 2], points: &mut Vec<RimPoint>) {
     let [a, b] = ends.map(|v| shape.positions[v as usize]);
-    let (Some((p, _)), Some((q, _))) = (contour.camera.project(a), contour.camera.project(b)) else {
+    let (Some((p, _)), Some((q, _))) = (contour.camera.project(a), contour.camera.project(b))
+    else {
         return;
     };
-    for (share, at, pixel) in [(0.0, a, p), (1.0, b, q)] {
+    for (share, at) in [(0.0, a), (1.0, b)] {
         points.extend(contour.offset(at).map(|offset| RimPoint {
             ends,
             share,
             offset,
             length_px: 0.5 * (p - q).norm(),
-            pixel,
         }));
     }
 }

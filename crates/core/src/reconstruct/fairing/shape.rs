@@ -47,7 +47,11 @@ impl Shape {
             starts,
             neighbours,
         };
-        let low: Vec<bool> = shape.positions.iter().map(|p| (p.z - floor).abs() < on_table).collect();
+        let low: Vec<bool> = shape
+            .positions
+            .iter()
+            .map(|p| (p.z - floor).abs() < on_table)
+            .collect();
         for v in 0..low.len() {
             if low[v] {
                 let outline = shape.around(v).iter().any(|&j| !low[j as usize]);
@@ -83,7 +87,8 @@ impl Shape {
             (z[0] - z[1]).abs().max((z[0] - z[2]).abs())
         };
         t.iter().all(on_table)
-            && t.iter().any(|&v| matches!(self.roles[v as usize], Role::Table | Role::Foot))
+            && t.iter()
+                .any(|&v| matches!(self.roles[v as usize], Role::Table | Role::Foot))
             && level() < 1e-6
     }
 
@@ -117,6 +122,16 @@ impl Shape {
         self.normals = normals;
     }
 
+    /// Mean length of the edges, in metres.
+    pub(super) fn mean_edge(&self) -> f64 {
+        let ends =
+            (0..self.len()).flat_map(|v| self.around(v).iter().map(move |&j| (v, j as usize)));
+        let sum: f64 = ends
+            .map(|(v, j)| (self.positions[v] - self.positions[j]).norm())
+            .sum();
+        sum / self.neighbours.len().max(1) as f64
+    }
+
     /// Area around each vertex, in square metres.
     pub(super) fn areas(&self) -> Vec<f64> {
         let mut areas = vec![0.0; self.len()];
@@ -138,7 +153,12 @@ impl Shape {
                     Role::Foot => matches!(self.roles[**j as usize], Role::Foot | Role::Edge),
                     _ => true,
                 };
-                let around = || self.around(v).iter().filter(same_kind).map(|&j| self.positions[j as usize] - p);
+                let around = || {
+                    self.around(v)
+                        .iter()
+                        .filter(same_kind)
+                        .map(|&j| self.positions[j as usize] - p)
+                };
                 let count = around().count();
                 if !self.moves(v) || count < 2 {
                     return p;
@@ -154,14 +174,6 @@ impl Shape {
             .collect();
         self.positions = moved;
     }
-
-    /// The mesh as it is now.
-    pub(super) fn mesh(&self) -> Mesh {
-        Mesh {
-            vertices: self.positions.iter().map(|p| p.cast()).collect(),
-            triangles: self.triangles.clone(),
-        }
-    }
 }
 
 /// The normal of a triangle at each of its corners, weighted by the angle there; zero without area.
@@ -171,7 +183,10 @@ pub(super) fn corner_normals(corners: [Point3<f64>; 3]) -> [Vector3<f64>; 3] {
         return [Vector3::zeros(); 3];
     };
     three(|i| {
-        let (a, b) = (corners[(i + 1) % 3] - corners[i], corners[(i + 2) % 3] - corners[i]);
+        let (a, b) = (
+            corners[(i + 1) % 3] - corners[i],
+            corners[(i + 2) % 3] - corners[i],
+        );
         normal * a.angle(&b)
     })
 }

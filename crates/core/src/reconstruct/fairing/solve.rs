@@ -34,7 +34,9 @@ impl Rows {
     fn entries(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let range = self.starts[row] as usize..self.starts[row + 1] as usize;
         let columns = self.columns[range.clone()].iter();
-        columns.map(|&c| c as usize).zip(self.values[range].iter().copied())
+        columns
+            .map(|&c| c as usize)
+            .zip(self.values[range].iter().copied())
     }
 
     /// Aᵀ (A x).
@@ -61,9 +63,14 @@ impl Rows {
         }
         let least = 1e-12 * diagonal.iter().fold(f64::MIN_POSITIVE, |m, &d| m.max(d));
         let damping: Vec<f64> = diagonal.iter().map(|d| damping * d + least).collect();
-        let inverse: Vec<f64> = diagonal.iter().zip(&damping).map(|(d, e)| (d + e).recip()).collect();
+        let inverse: Vec<f64> = diagonal
+            .iter()
+            .zip(&damping)
+            .map(|(d, e)| (d + e).recip())
+            .collect();
         let mut x = vec![0.0; unknowns];
-        let preconditioned = |r: &[f64]| -> Vec<f64> { r.iter().zip(&inverse).map(|(r, i)| r * i).collect() };
+        let preconditioned =
+            |r: &[f64]| -> Vec<f64> { r.iter().zip(&inverse).map(|(r, i)| r * i).collect() };
         let mut direction = preconditioned(&residual);
         let mut size = dot(&residual, &direction);
         let goal = size * TOLERANCE * TOLERANCE;
@@ -88,7 +95,10 @@ impl Rows {
             let next = preconditioned(&residual);
             let last = std::mem::replace(&mut size, dot(&residual, &next));
             let keep = size / last;
-            direction.iter_mut().zip(&next).for_each(|(d, n)| *d = n + keep * *d);
+            direction
+                .iter_mut()
+                .zip(&next)
+                .for_each(|(d, n)| *d = n + keep * *d);
         }
         x
     }

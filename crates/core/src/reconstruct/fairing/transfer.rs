@@ -33,7 +33,10 @@ impl Moved {
             .into_par_iter()
             .map(|v| {
                 let p = shape.positions[v];
-                let found = shape.moves(v).then(|| self.before.closest_point(p)).flatten();
+                let found = shape
+                    .moves(v)
+                    .then(|| self.before.closest_point(p))
+                    .flatten();
                 let Some(found) = found else {
                     return p;
                 };

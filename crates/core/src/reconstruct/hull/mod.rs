@@ -42,8 +42,7 @@ pub struct Parameters {
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
-    /// What becomes of the facets between views.
-    #[serde(skip_serializing_if = "Fairing::is_none")]
+    /// What becomes of the facets that it has between views. Default `none`.
     pub fairing: Fairing,
 }
 
@@ -56,14 +55,6 @@ pub enum Fairing {
     None,
     /// The surface of least bending whose outlines lie on the contours takes their place.
     Touch,
-}
-
-impl Fairing {
-    /// Whether the hull stays as it is. What does so says nothing of it, so that its digests stay the same.
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
-    fn is_none(&self) -> bool {
-        *self == Self::None
-    }
 }
 
 impl Default for Parameters {
