@@ -13,7 +13,8 @@ use scand::mesh::vertex_normals;
 use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
-    DepthView, Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
+    DepthView, Reconstruction, Scene, Silent, depth, fairing, hull, reconstruct, region,
+    silhouette, texture,
 };
 use scand::report;
 use scand::storage::StagedFolder;
@@ -95,6 +96,19 @@ fn c_hull(bencher: Bencher) {
         let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
         let lattice = hull::lattice(&hull, parameters).expect("a hull");
         hull::extract(&hull, &lattice, parameters).map(|extracted| extracted.surface)
+    });
+}
+
+/// The fairing of the hull, with its surface.
+#[divan::bench]
+fn c_hull_faired(bencher: Bencher) {
+    let parameters = &CONFIG.hull;
+    LazyLock::force(&MADE);
+    let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
+    let lattice = hull::lattice(&hull, parameters).expect("a hull");
+    bencher.bench_local(|| {
+        let faired = fairing::fair(&hull, &lattice, &MADE.hull, parameters)?;
+        hull::extract_solid(&faired.body, &lattice, parameters).map(|found| found.surface)
     });
 }
 

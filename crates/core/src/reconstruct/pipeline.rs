@@ -10,7 +10,9 @@ use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
-use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
+use crate::mesh::{
+    Component, Mesh, Simplified, SimplifyError, components, simplify, vertex_normals,
+};
 use rayon::prelude::*;
 
 /// Which model is made.
@@ -197,9 +199,19 @@ fn faired(
         Fairing::Touch => {
             let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
             let surface = hull::extract_solid(&faired.body, lattice, parameters)?;
-            Some((faired, surface))
+            // A handle or a piece more or less is no rounding of the hull.
+            let alike = handles(&surface.surface.mesh) == handles(&extracted.surface.mesh);
+            alike.then_some((faired, surface))
         }
     }
+}
+
+/// For each piece of a mesh its handles, sorted.
+fn handles(mesh: &Mesh) -> Vec<i64> {
+    let pieces = components(mesh).parts;
+    let mut handles: Vec<i64> = pieces.iter().map(Component::genus).collect();
+    handles.sort_unstable();
+    handles
 }
 
 fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {

@@ -131,10 +131,10 @@ fn own_cones(
         let list = &touching[view];
         (y - 1..=y + 1).any(|row| {
             let first = list.partition_point(|(at, _)| *at < [row, x - 1]);
-            let near = list[first..]
+            let mut near = list[first..]
                 .iter()
                 .take_while(|(at, _)| *at <= [row, x + 1]);
-            near.into_iter().any(|&(_, other)| {
+            near.any(|&(_, other)| {
                 found[other].views.len() > found[v].views.len()
                     && (shape.positions[other] - shape.positions[v]).norm() > elsewhere
             })
