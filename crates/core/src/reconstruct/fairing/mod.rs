@@ -71,7 +71,8 @@ pub struct Faired {
 /// How a fairing came out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
-    /// Root mean square distance of the faired hull's outlines to the contours, in pixels.
+    /// Root mean square distance of the contours to the faired hull's outlines, the nearest within four pixels along
+    /// them, in pixels; where there is none, it counts as three.
     pub contour_rms_px: f64,
     /// What 99 % of these distances are below, in pixels.
     pub contour_p99_px: f64,
