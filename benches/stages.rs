@@ -13,7 +13,8 @@ use scand::mesh::vertex_normals;
 use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
-    DepthView, Reconstruction, Scene, Silent, depth, hull, reconstruct, region, silhouette, texture,
+    DepthView, Reconstruction, Scene, Silent, depth, fairing, hull, reconstruct, region,
+    silhouette, texture,
 };
 use scand::report;
 use scand::storage::StagedFolder;
@@ -98,6 +99,19 @@ fn c_hull(bencher: Bencher) {
     });
 }
 
+/// The fairing of the hull, with its surface.
+#[divan::bench]
+fn c_hull_faired(bencher: Bencher) {
+    let parameters = &CONFIG.hull;
+    LazyLock::force(&MADE);
+    let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
+    let lattice = hull::lattice(&hull, parameters).expect("a hull");
+    bencher.bench_local(|| {
+        let faired = fairing::fair(&hull, &lattice, &MADE.hull, parameters)?;
+        hull::extract_solid(&faired.body, &lattice, parameters).map(|found| found.surface)
+    });
+}
+
 /// The enhancement of all depth cameras' bursts.
 #[divan::bench]
 fn d_depth(bencher: Bencher) {
@@ -135,6 +149,7 @@ fn f_restoration(bencher: Bencher) {
     let extracted = hull::extract(&hull, &lattice, parameters).expect("a hull");
     let template = Template {
         hull: &hull,
+        solid: &hull,
         extracted: &extracted,
         lattice: &lattice,
         parameters,

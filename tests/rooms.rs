@@ -295,6 +295,7 @@ const STAGES: &[(&str, &[&str])] = &[
     ("silhouette", &[]),
     ("surface", &[]),
     ("hull", &["surface"]),
+    ("fairing", &["hull", "surface"]),
     ("depth", &[]),
     ("region", &["depth"]),
     ("restore", &["depth", "hull", "region", "surface"]),

@@ -2,6 +2,7 @@
 //! the order of the stages, their parameters and the checks between them.
 
 pub mod depth;
+pub mod fairing;
 pub mod hull;
 mod model;
 mod pipeline;

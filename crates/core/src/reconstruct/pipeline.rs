@@ -1,16 +1,19 @@
 //! The order of the stages.
 
 use super::depth::{self, EnhancedDepth};
-use super::hull::{self, Cone, Hull};
+use super::fairing::{self, Faired};
+use super::hull::{self, Cone, Extracted, Fairing, Hull};
 use super::region::{self, Front, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::Surface;
+use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::uncertainty;
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
-use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
+use crate::mesh::{
+    Component, Mesh, Simplified, SimplifyError, components, simplify, vertex_normals,
+};
 use rayon::prelude::*;
 
 /// Which model is made.
@@ -102,6 +105,8 @@ pub struct Reconstruction {
     pub model: Model,
     /// The plain hull that it was made from.
     pub hull: Mesh,
+    /// How the hull was faired; `None` where it was not, or nothing of it could be.
+    pub fairing: Option<fairing::Facts>,
     /// Edge of a cell of the surfaces, in metres.
     pub cell_size: f64,
     /// A silhouette for each colour view of the scene.
@@ -158,15 +163,23 @@ pub fn reconstruct(
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
+    begin(Stage::Fairing)?;
+    let faired = faired(&hull, &lattice, &extracted, &parameters.hull);
+    let (solid, start): (&dyn Solid, &Extracted) = match &faired {
+        Some((faired, extracted)) => (&faired.body, extracted),
+        None => (&hull, &extracted),
+    };
+
     begin(Stage::Depth)?;
     let template = Template {
         hull: &hull,
-        extracted: &extracted,
+        solid,
+        extracted: start,
         lattice: &lattice,
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let depths = depths(scene, &extracted.surface, parameters, &begin)?;
+    let depths = depths(scene, &start.surface, parameters, &begin)?;
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
@@ -190,8 +203,36 @@ pub fn reconstruct(
             .dropped_pieces
             .saturating_sub(extracted.dropped_pieces),
         closed_openings: restored.closed_openings,
+        fairing: faired.as_ref().map(|(faired, _)| faired.facts),
         hull: extracted.surface.mesh,
     })
+}
+
+/// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be.
+fn faired(
+    hull: &Hull,
+    lattice: &Lattice,
+    extracted: &Extracted,
+    parameters: &hull::Parameters,
+) -> Option<(Faired, Extracted)> {
+    match parameters.fairing {
+        Fairing::None => None,
+        Fairing::Touch => {
+            let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
+            let surface = hull::extract_solid(&faired.body, lattice, parameters)?;
+            // A handle or a piece more or less is no rounding of the hull.
+            let alike = handles(&surface.surface.mesh) == handles(&extracted.surface.mesh);
+            alike.then_some((faired, surface))
+        }
+    }
+}
+
+/// For each piece of a mesh its handles, sorted.
+fn handles(mesh: &Mesh) -> Vec<i64> {
+    let pieces = components(mesh).parts;
+    let mut handles: Vec<i64> = pieces.iter().map(Component::genus).collect();
+    handles.sort_unstable();
+    handles
 }
 
 fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {

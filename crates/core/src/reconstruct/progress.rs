@@ -26,6 +26,8 @@ pub enum Stage {
     Silhouettes,
     /// The visual hull.
     Hull,
+    /// Fairing it, where that is asked for.
+    Fairing,
     /// Enhancing the depth bursts.
     Depth,
     /// Finding the concave regions.
@@ -38,9 +40,10 @@ pub enum Stage {
 
 impl Stage {
     /// All stages in their order.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Silhouettes,
         Self::Hull,
+        Self::Fairing,
         Self::Depth,
         Self::Region,
         Self::Restoration,
@@ -52,6 +55,7 @@ impl Stage {
         match self {
             Self::Silhouettes => "silhouettes",
             Self::Hull => "visual hull",
+            Self::Fairing => "fairing",
             Self::Depth => "depth",
             Self::Region => "concave regions",
             Self::Restoration => "restoration",

@@ -1,7 +1,6 @@
 //! A solid carved by depth: the space in front of a depth camera's surface is empty, on rays that may carve.
 
 use super::extremes::Extremes;
-use super::solid::Hull;
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
 use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
@@ -163,13 +162,13 @@ impl<'a> Carving<'a> {
 /// The hull with everything taken away that a depth camera sees through: the paper's depth hull where all
 /// rays carve, the start of the restoration where only those of the concave regions do.
 pub struct Carved<'a> {
-    hull: &'a Hull<'a>,
+    hull: &'a dyn Solid,
     carvings: &'a [Carving<'a>],
 }
 
 impl<'a> Carved<'a> {
     /// Carves a hull.
-    pub fn new(hull: &'a Hull<'a>, carvings: &'a [Carving<'a>]) -> Self {
+    pub fn new(hull: &'a dyn Solid, carvings: &'a [Carving<'a>]) -> Self {
         Self { hull, carvings }
     }
 

@@ -40,6 +40,11 @@ impl<'a> Cone<'a> {
         }
     }
 
+    /// The silhouette as a level set.
+    pub fn level(&self) -> &'a Grid<u8> {
+        self.level
+    }
+
     /// The camera.
     pub fn camera(&self) -> &'a Camera {
         self.camera

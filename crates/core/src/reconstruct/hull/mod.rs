@@ -10,7 +10,7 @@ mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
-pub use solid::Hull;
+pub use solid::{FLOOR, Hull};
 pub use viewing::Exit;
 
 use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};
@@ -44,6 +44,19 @@ pub struct Parameters {
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
+    /// What becomes of the facets that it has between views. Default `none`.
+    pub fairing: Fairing,
+}
+
+/// What becomes of the facets that the hull has where no view touches the object.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fairing {
+    /// They stay: the paper's visual hull.
+    #[default]
+    None,
+    /// The surface of least bending whose outlines lie on the contours takes their place.
+    Touch,
 }
 
 impl Default for Parameters {
@@ -54,6 +67,7 @@ impl Default for Parameters {
             smallest_cell_px: 0.6,
             least_views: 2,
             smallest_piece: 0.05,
+            fairing: Fairing::None,
         }
     }
 }
@@ -190,6 +204,19 @@ pub fn extract(
             camera: hull.most_ragged_camera().map(ToString::to_string),
         }),
     }
+}
+
+/// Extracts the surface of another solid than a hull, about as large as one, and drops stray pieces; `None` where there
+/// is none.
+pub fn extract_solid(
+    solid: &impl Solid,
+    lattice: &Lattice,
+    parameters: &Parameters,
+) -> Option<Extracted> {
+    let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
+    let most = (MOST_CELLS * cells.norm_squared()) as usize;
+    let found = surface::extract(solid, lattice, most).ok()?;
+    (!found.0.mesh.triangles.is_empty()).then(|| without_stray_pieces(found, parameters))
 }
 
 /// Extracts the surface of a solid that is the one of `before` but in the cubes (given by center and half edge)

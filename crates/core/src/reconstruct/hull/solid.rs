@@ -8,7 +8,7 @@ use crate::statistics::upper_median;
 use nalgebra::{Point3, Vector3};
 
 /// The volume's floor. Cameras are numbered from 0, the volume's other sides from [`WALLS`].
-pub(super) const FLOOR: Constraint = Constraint::MAX;
+pub const FLOOR: Constraint = Constraint::MAX;
 const WALLS: Constraint = Constraint::MAX - 6;
 
 /// The bit for the volume and for whether enough cameras see a point.

@@ -1,11 +1,12 @@
 //! A restored model must still cover every silhouette. If a colour camera saw the object where it would now look
 //! through an opening, the carving was too deep there and is undone.
 
+use super::Template;
 use crate::calibration::Volume;
 use crate::image::Grid;
 use crate::mesh::{Mesh, rasterize_closed};
-use crate::reconstruct::hull::{Carving, Cone, Hull};
-use crate::reconstruct::surface::{Solid, Undecided};
+use crate::reconstruct::hull::{Carving, Cone};
+use crate::reconstruct::surface::Undecided;
 use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -13,18 +14,19 @@ use rayon::prelude::*;
 const CHECKED_SIDE: f64 = 640.0;
 
 /// Undoes in `depths` (a grid for each of `carvings`, from which they were made) what opened `carved`, the
-/// surface of `hull` carved by them, to the sight of a colour camera. Returns how many rays were closed.
+/// surface of the template carved by them, to the sight of a colour camera. Returns how many rays were closed.
 pub(super) fn close_openings(
-    hull: &Hull,
+    template: &Template,
     carved: &Mesh,
     carvings: &[Carving],
     depths: &mut [Grid<f32>],
     cell_size: f64,
 ) -> usize {
-    let open: Vec<(Point3<f64>, usize)> = hull
+    let open: Vec<(Point3<f64>, usize)> = template
+        .hull
         .cones()
         .par_iter()
-        .flat_map_iter(|cone| openings(cone, hull, carved, carvings, cell_size))
+        .flat_map_iter(|cone| openings(cone, template, carved, carvings, cell_size))
         .collect();
     for &(p, carving) in &open {
         keep(p, &carvings[carving], &mut depths[carving], cell_size);
@@ -36,7 +38,7 @@ pub(super) fn close_openings(
 /// that was carved least, and by which carving.
 fn openings<'a>(
     cone: &'a Cone,
-    hull: &'a Hull,
+    template: &'a Template,
     carved: &Mesh,
     carvings: &'a [Carving],
     cell_size: f64,
@@ -61,7 +63,7 @@ fn openings<'a>(
             least_carved(
                 cone.camera().center(),
                 cone.camera().ray(pixel)?,
-                hull,
+                template,
                 carvings,
                 cell_size,
             )
@@ -73,11 +75,11 @@ fn openings<'a>(
 fn least_carved(
     origin: Point3<f64>,
     direction: Vector3<f64>,
-    hull: &Hull,
+    template: &Template,
     carvings: &[Carving],
     cell_size: f64,
 ) -> Option<(Point3<f64>, usize)> {
-    let volume = hull.volume();
+    let volume = template.hull.volume();
     let reach = (volume.max - volume.min).norm();
     let middle = (nalgebra::center(&volume.min, &volume.max) - origin).dot(&direction);
     let start = middle - 0.5 * reach;
@@ -87,7 +89,7 @@ fn least_carved(
     let mut least: Option<(f64, Point3<f64>, usize)> = None;
     for step in first..last.max(0.0) as usize {
         let p = origin + direction * (start + step as f64 * cell_size);
-        if hull.value(p, Undecided::MAX) <= 0.0 {
+        if template.solid.value(p, Undecided::MAX) <= 0.0 {
             continue;
         }
         // The carving that took most off the point is the one that would have to be undone.

@@ -19,7 +19,7 @@ use super::Model;
 use super::depth::EnhancedDepth;
 use super::hull::{self, Carved, Carving, Extracted, Hull, carving_of};
 use super::region::Regions;
-use super::surface::{Constraint, Lattice};
+use super::surface::{Constraint, Lattice, Solid};
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
 
@@ -85,9 +85,11 @@ pub struct Source<'a> {
 
 /// What a restoration starts from.
 pub struct Template<'a> {
-    /// The hull as a solid.
+    /// The plain hull, and its cones.
     pub hull: &'a Hull<'a>,
-    /// Its surface.
+    /// What is carved: the hull, plain or faired.
+    pub solid: &'a dyn Solid,
+    /// The surface of `solid`.
     pub extracted: &'a Extracted,
     /// The lattice that it was extracted on.
     pub lattice: &'a Lattice,
@@ -211,7 +213,7 @@ fn carve_by(
     // Whatever differs from what was extracted before lies where these carvings reach.
     let extract = |carvings: &[Carving], before, changed: &[Carving]| {
         let may_differ = |center, half| changed.iter().any(|c| c.touches(center, half));
-        let carved = Carved::new(template.hull, carvings);
+        let carved = Carved::new(template.solid, carvings);
         hull::extract_changed(
             &carved,
             template.lattice,
@@ -223,7 +225,7 @@ fn carve_by(
     let mut carvings = carvings_by(&depths);
     let mut extracted = extract(&carvings, &template.extracted.sampled, &carvings);
     let closed_openings = consistency::close_openings(
-        template.hull,
+        template,
         &extracted.surface.mesh,
         &carvings,
         &mut depths,

@@ -1,7 +1,7 @@
 //! The model in figures.
 
 use crate::mesh::{self, Mesh, bounding_box, check, components};
-use crate::reconstruct::{Provenance, Reconstruction};
+use crate::reconstruct::{Provenance, Reconstruction, fairing};
 use serde::Serialize;
 
 /// The figures of a model.
@@ -25,6 +25,9 @@ pub struct ModelMeasures {
     pub dropped_carved_pieces: usize,
     /// Places where carving contradicted a colour camera and was undone.
     pub closed_openings: usize,
+    /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fairing: Option<fairing::Facts>,
     /// Handles of the model that the plain hull has not: what the depth alone opened.
     pub handles_of_depth: u64,
 }
@@ -58,6 +61,7 @@ impl ModelMeasures {
             dropped_hull_pieces: made.dropped_hull_pieces,
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
+            fairing: made.fairing,
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
     }

@@ -48,6 +48,7 @@ fn measured() -> Measurements {
             dropped_hull_pieces: 0,
             dropped_carved_pieces: 0,
             closed_openings: 0,
+            fairing: None,
             handles_of_depth: 0,
         },
         method: Method::Hybrid,

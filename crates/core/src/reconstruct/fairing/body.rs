@@ -1,0 +1,192 @@
+//! The faired hull as a solid: the signed distance to its curved surface, known at the lattice's corners near it.
+
+use super::columns::Columns;
+use super::curved::{Curved, weights};
+use super::nearest::Nearest;
+use super::shape::Shape;
+use crate::calibration::Volume;
+use crate::mesh::closest_on_triangle;
+use crate::reconstruct::hull;
+use crate::reconstruct::surface::{Constraint, Lattice, Side, Solid, Undecided};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// A value well inside a solid, as silhouettes have it.
+const SURELY: f64 = 127.5;
+
+/// The bit of the one constraint that there is.
+const SURFACE: Undecided = 1;
+
+/// A faired hull.
+pub struct Body {
+    curved: Curved,
+    /// Whether each triangle lies on the table.
+    on_table: Vec<bool>,
+    lattice: Lattice,
+    floor: f64,
+    nearest: Nearest,
+    columns: Columns,
+    /// The distance at each of the corners of `nearest`, in [`SURELY`] a cell.
+    values: Vec<f32>,
+}
+
+impl Body {
+    /// The solid that `curved`, the surface of `shape`, bounds, to be extracted on `lattice`.
+    pub(super) fn new(curved: Curved, shape: &Shape, lattice: Lattice, volume: Volume) -> Self {
+        let nearest = Nearest::new(&curved, &lattice);
+        let columns = Columns::new(&curved.positions, &curved.triangles, &lattice);
+        let on_table = curved
+            .triangles
+            .iter()
+            .map(|t| shape.is_on_table(t))
+            .collect();
+        let mut body = Self {
+            curved,
+            on_table,
+            lattice,
+            floor: volume.min.z,
+            nearest,
+            columns,
+            values: Vec::new(),
+        };
+        body.values = (0..body.nearest.len())
+            .into_par_iter()
+            .map(|i| {
+                let (at, triangle) = body.nearest.corner(i);
+                let p = lattice.origin + Vector3::from(at.map(f64::from)) * lattice.cell_size;
+                body.bounded(p, body.distance(p, triangle).1)
+            })
+            .collect();
+        body
+    }
+
+    /// Squared distance to a flat triangle, and the signed one to the curved surface there, positive inside.
+    fn distance(&self, p: Point3<f64>, triangle: u32) -> (f64, f64) {
+        let t = triangle as usize;
+        let corners = self.curved.places(t);
+        let flat = closest_on_triangle(p, corners);
+        let weights = weights(corners, flat);
+        let (way, ids) = (p - flat, self.curved.triangles[t]);
+        // At an edge or a corner the faces around it have to agree which side it is.
+        let pseudo = (0..3).fold(Vector3::zeros(), |sum, i| {
+            sum + self.curved.pseudo[ids[i] as usize] * weights[i]
+        });
+        let on_border = weights.iter().any(|&w| w < 1e-6);
+        let side = if on_border {
+            pseudo
+        } else {
+            self.curved.faces[t]
+        };
+        let signed = if way.dot(&side) > 0.0 {
+            way.norm()
+        } else {
+            -way.norm()
+        };
+        (
+            way.norm_squared(),
+            self.curved.bulge(t, weights, flat) - signed,
+        )
+    }
+
+    /// A distance as a value, no more than the table allows.
+    fn bounded(&self, p: Point3<f64>, inside: f64) -> f32 {
+        let inside = inside.min(p.z - self.floor);
+        (inside * SURELY / self.lattice.cell_size).clamp(-SURELY, SURELY) as f32
+    }
+
+    /// Place in the lattice, in cells.
+    fn place(&self, p: Point3<f64>) -> Vector3<f64> {
+        (p - self.lattice.origin) / self.lattice.cell_size
+    }
+
+    fn far(&self, at: Vector3<f64>) -> f32 {
+        if self.columns.is_inside(at.x, at.y, at.z) {
+            SURELY as f32
+        } else {
+            -SURELY as f32
+        }
+    }
+
+    /// The triangle nearest to a point among those that are nearest to the corners of its cell, with its distance.
+    fn best(&self, p: Point3<f64>) -> Option<(u32, f64)> {
+        let at = self.place(p).map(f64::floor);
+        let mut tried = [u32::MAX; 8];
+        let mut best: Option<(f64, u32, f64)> = None;
+        for i in 0..8 {
+            let corner = [0, 1, 2].map(|axis| at[axis] + f64::from(i >> axis & 1));
+            let Some(found) = self.nearest.find(corner) else {
+                continue;
+            };
+            let triangle = self.nearest.corner(found).1;
+            if tried.contains(&triangle) {
+                continue;
+            }
+            tried[i as usize] = triangle;
+            let (squared, inside) = self.distance(p, triangle);
+            if best.is_none_or(|b| squared < b.0) {
+                best = Some((squared, triangle, inside));
+            }
+        }
+        best.map(|(_, triangle, inside)| (triangle, inside))
+    }
+}
+
+impl Solid for Body {
+    fn side(&self, center: Point3<f64>, half: f64, _: Undecided) -> Side {
+        let size = 2.0 * half / self.lattice.cell_size;
+        let level = size.round().max(1.0).log2().round() as u32;
+        let at = self.place(center);
+        let whole = |side: bool| if side { Side::Inside } else { Side::Outside };
+        if level > 0 {
+            let cube = at.map(|v| (v / size).floor().max(0.0) as u32);
+            if self.nearest.reaches(level, cube.into()) {
+                return Side::Across(SURFACE);
+            }
+            return whole(self.columns.is_inside(at.x, at.y, at.z));
+        }
+        let low = at.map(f64::floor);
+        let (mut inside, mut known) = (0, 0);
+        for i in 0..8 {
+            let corner = [0, 1, 2].map(|axis| low[axis] + f64::from(i >> axis & 1));
+            if let Some(found) = self.nearest.find(corner) {
+                known += 1;
+                inside += u32::from(self.values[found] > 0.0);
+            }
+        }
+        match known {
+            0 => whole(self.columns.is_inside(at.x, at.y, at.z)),
+            _ if inside == 0 => Side::Outside,
+            _ if inside == known => Side::Inside,
+            _ => Side::Across(SURFACE),
+        }
+    }
+
+    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+        if undecided & SURFACE == 0 {
+            return SURELY as f32;
+        }
+        let at = self.place(p);
+        let corner = at.map(f64::round);
+        if (at - corner).amax() < 1e-6 {
+            let found = self.nearest.find(corner.into());
+            return found.map_or_else(|| self.far(at), |i| self.values[i]);
+        }
+        match self.best(p) {
+            Some((_, inside)) => self.bounded(p, inside),
+            None => self.far(at),
+        }
+    }
+
+    fn normal(&self, p: Point3<f64>, _: Undecided) -> (Vector3<f32>, Constraint) {
+        let Some((triangle, inside)) = self.best(p) else {
+            return (Vector3::z(), 0);
+        };
+        let t = triangle as usize;
+        if self.on_table[t] || p.z - self.floor < inside {
+            return (-Vector3::z(), hull::FLOOR);
+        }
+        let corners = self.curved.places(t);
+        let weights = weights(corners, closest_on_triangle(p, corners));
+        (self.curved.normal(t, weights).cast(), 0)
+    }
+}

@@ -1,0 +1,190 @@
+//! Faired hulls against shapes that are known exactly.
+
+use super::*;
+use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::frame::CameraId;
+use crate::image::Grid;
+use crate::mesh::{Mesh, check, components};
+use crate::reconstruct::hull::{Cone, Extracted};
+use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
+
+/// A ring of cameras that look down on what stands on the table, 0.4 m away.
+fn ring(count: usize, width: usize) -> Vec<Camera> {
+    let height = width * 3 / 4;
+    let camera = |i: usize| {
+        let turn = std::f64::consts::TAU * i as f64 / count as f64;
+        let up = 0.1 + 0.12 * (i % 3) as f64;
+        let eye = Point3::new(0.4 * turn.cos(), 0.4 * turn.sin(), up);
+        let middle = Point3::new(0.0, 0.0, 0.03);
+        let look = Isometry3::face_towards(&eye, &middle, &-Vector3::z());
+        let center = Vector2::new(width as f64 / 2.0 - 0.5, height as f64 / 2.0 - 0.5);
+        let focal = Vector2::repeat(1.6 * width as f64);
+        let lens = Intrinsics::new(width, height, focal, center, Distortion::default()).unwrap();
+        Camera::new(CameraId::new(&format!("c{i:02}")).unwrap(), lens, look)
+    };
+    (0..count).map(camera).collect()
+}
+
+/// A silhouette from how many pixels inside it each pixel is.
+fn silhouette(camera: &Camera, inside_px: impl Fn(Point2<f64>) -> f64) -> Grid<u8> {
+    let lens = &camera.intrinsics;
+    Grid::from_fn(lens.width, lens.height, |x, y| {
+        let inside = inside_px(Point2::new(x as f64, y as f64));
+        (127.5 + 80.0 * inside).round().clamp(0.0, 255.0) as u8
+    })
+}
+
+const BALL: Point3<f64> = Point3::new(0.0, 0.0, 0.035);
+
+fn ball(camera: &Camera, radius: f64) -> Grid<u8> {
+    let towards = BALL - camera.center();
+    let pixel = towards.norm() / camera.intrinsics.focal_px.x;
+    silhouette(camera, |p| {
+        let ray = camera.ray(p).unwrap();
+        (radius - towards.cross(&ray).norm()) / pixel
+    })
+}
+
+/// Half the edges of a box that stands on the table.
+const BOX: [f64; 3] = [0.03, 0.02, 0.03];
+
+fn corners() -> [Point3<f64>; 8] {
+    std::array::from_fn(|i| {
+        let side = |axis: usize| if i >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let z = if i >> 2 == 0 { 0.0 } else { 2.0 * BOX[2] };
+        Point3::new(side(0) * BOX[0], side(1) * BOX[1], z)
+    })
+}
+
+/// The outline of a box is the convex hull of its corners' pictures.
+fn cuboid(camera: &Camera) -> Grid<u8> {
+    let points: Vec<Point2<f64>> = corners()
+        .iter()
+        .map(|&c| camera.project(c).unwrap().0)
+        .collect();
+    let mut lines: Vec<(Point2<f64>, Vector2<f64>)> = Vec::new();
+    for a in &points {
+        for b in &points {
+            let along = b - a;
+            let normal = Vector2::new(-along.y, along.x);
+            if along.norm() > 1e-9 && points.iter().all(|p| normal.dot(&(p - a)) >= -1e-9) {
+                lines.push((*a, normal.normalize()));
+            }
+        }
+    }
+    silhouette(camera, |p| {
+        lines
+            .iter()
+            .map(|(a, n)| n.dot(&(p - a)))
+            .fold(f64::INFINITY, f64::min)
+    })
+}
+
+fn volume() -> Volume {
+    Volume::new(
+        Point3::new(-0.06, -0.06, 0.0),
+        Point3::new(0.06, 0.06, 0.09),
+    )
+    .unwrap()
+}
+
+/// The plain hull's mesh, and the faired one's with its facts.
+fn faired(cameras: &[Camera], levels: &[Grid<u8>]) -> (Mesh, Option<(Facts, Extracted)>) {
+    let pairs = cameras.iter().zip(levels);
+    let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
+    let parameters = hull::Parameters {
+        resolution: 90.0,
+        ..hull::Parameters::default()
+    };
+    let hull = Hull::new(cones, volume(), 2);
+    let lattice = hull::lattice(&hull, &parameters).unwrap();
+    let plain = hull::extract(&hull, &lattice, &parameters)
+        .unwrap()
+        .surface
+        .mesh;
+    let found = fair(&hull, &lattice, &plain, &parameters).map(|faired| {
+        let solid = hull::extract_solid(&faired.body, &lattice, &parameters).unwrap();
+        (faired.facts, solid)
+    });
+    (plain, found)
+}
+
+/// Mean and largest of the values above a height: cameras that look down do not see what is below.
+fn above(mesh: &Mesh, height: f32, off: impl Fn(Point3<f64>) -> f64) -> (f64, f64) {
+    let raised = mesh.vertices.iter().filter(|v| v.z > height);
+    let values: Vec<f64> = raised.map(|v| off(v.cast()).abs()).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    (mean, values.iter().copied().fold(0.0, f64::max))
+}
+
+#[test]
+fn between_views_a_ball_is_round() {
+    let (cameras, radius) = (ring(8, 480), 0.03);
+    let levels: Vec<_> = cameras.iter().map(|c| ball(c, radius)).collect();
+    let (plain, found) = faired(&cameras, &levels);
+    let (facts, solid) = found.unwrap();
+    let mesh = &solid.surface.mesh;
+    assert!(check(mesh).is_watertight());
+    assert_eq!(components(mesh).parts.len(), 1);
+    let off = |p: Point3<f64>| (p - BALL).norm() - radius;
+    let ((before, _), (mean, worst)) = (above(&plain, 0.02, off), above(mesh, 0.02, off));
+    assert!(mean < 0.35 * before, "{mean} of {before}");
+    assert!(worst < 1e-3, "{worst}");
+    assert!(facts.contour_rms_px < 0.3 && facts.kept < 0.2, "{facts:?}");
+}
+
+#[test]
+fn between_views_a_box_is_flat_and_its_edges_stay() {
+    let cameras = ring(11, 640);
+    let levels: Vec<_> = cameras.iter().map(cuboid).collect();
+    let (plain, found) = faired(&cameras, &levels);
+    let (_, solid) = found.unwrap();
+    let mesh = &solid.surface.mesh;
+    assert!(check(mesh).is_watertight());
+    let off = |p: Point3<f64>| {
+        let from_middle = p - Point3::new(0.0, 0.0, BOX[2]);
+        let beyond = |i: usize| from_middle[i].abs() - BOX[i];
+        beyond(0).max(beyond(1)).max(beyond(2))
+    };
+    let ((before, _), (mean, _)) = (above(&plain, 2e-3, off), above(mesh, 2e-3, off));
+    assert!(mean < 0.5 * before, "{mean} of {before}");
+    // Each corner of the top is still there.
+    for corner in &corners()[4..] {
+        let nearest = mesh
+            .vertices
+            .iter()
+            .map(|v| (v.cast::<f64>() - corner).norm());
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        assert!(nearest < 1e-3, "{nearest}");
+    }
+}
+
+#[test]
+fn contours_that_contradict_each_other_leave_the_hull() {
+    let (cameras, radius) = (ring(8, 480), 0.03);
+    // Every other camera shows the ball two pixels larger, as no object is.
+    let level = |(i, c): (usize, &Camera)| ball(c, radius + if i % 2 == 0 { 0.0 } else { 1.2e-3 });
+    let levels: Vec<_> = cameras.iter().enumerate().map(level).collect();
+    let (plain, found) = faired(&cameras, &levels);
+    let off = |p: Point3<f64>| ((p - BALL).norm() - radius).min(0.0);
+    let inside = found.map_or(0.0, |(_, solid)| above(&solid.surface.mesh, 0.02, off).0);
+    assert!(inside < above(&plain, 0.02, off).0 + 0.2e-3, "{inside}");
+}
+
+#[test]
+fn the_same_bits_whatever_the_number_of_threads() {
+    let cameras = ring(7, 320);
+    let levels: Vec<_> = cameras.iter().map(|c| ball(c, 0.025)).collect();
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let (_, found) = pool.install(|| faired(&cameras, &levels));
+        let (facts, solid) = found.unwrap();
+        (facts, solid.surface.mesh)
+    };
+    let (one, three) = (with(1), with(3));
+    assert_eq!(one.0, three.0);
+    assert!(one.1 == three.1);
+}
