@@ -259,12 +259,15 @@ fn misplaced_volume(
     let errors = || found.iter().filter_map(|f| f.as_ref().err());
     let blind = errors().filter(|e| matches!(e, Empty { .. } | VolumeNotSeen { .. }));
     let blind: Vec<_> = blind.collect();
-    let away = errors().filter(|e| matches!(e, VolumeNotSeen { .. }));
-    (2 * blind.len() > found.len()).then(|| Error::Volume {
+    let away = errors()
+        .filter(|e| matches!(e, VolumeNotSeen { .. }))
+        .count();
+    let is_misplaced = 2 * blind.len() > found.len() || 2 * away >= found.len();
+    is_misplaced.then(|| Error::Volume {
         min: scene.volume.min.into(),
         max: scene.volume.max.into(),
         blind: blind.len(),
-        away: away.count(),
+        away,
         cameras: found.len(),
         first: blind[0].clone(),
     })

@@ -33,7 +33,7 @@ pub(crate) fn camera(name: &str, width: usize, height: usize) -> Camera {
         },
     );
     let pose = Isometry3::from_parts(
-        Translation3::new(0.1 * number, -0.2, 0.75),
+        Translation3::new(0.01 * number, -0.2, 0.75),
         UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.01 * number),
     );
     Camera::new(camera_id(name), lens.unwrap(), pose)

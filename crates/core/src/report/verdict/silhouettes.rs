@@ -11,8 +11,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     };
     // What comes first in this order brings about what comes later.
     let reason = exchanged(measured)
-        .or_else(|| foreign(measured, parameters))
         .or_else(|| displaced(measured, parameters))
+        .or_else(|| foreign(measured, parameters))
         .or_else(|| uncovered(measured, parameters));
     into.extend(reason);
     into.extend(about_cameras(
