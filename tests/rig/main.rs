@@ -455,8 +455,8 @@ fn a_slow_disk_refuses_presses_and_disturbs_no_camera() {
             most <= status["memory"][1].as_u64().unwrap(),
             "{most}: {status}"
         );
-        // A camera whose thread waits for the disk misses three seconds, which are 90 depth frames; a busy machine misses
-        // some of them by itself.
+        // A camera whose thread waits for the disk misses three seconds, which are 90 depth frames; a busy machine
+        // misses some of them by itself.
         let undisturbed = |camera: &serde_json::Value| {
             let lost = camera["lost_frames"].as_u64();
             camera["state"] == "ready" && lost.is_some_and(|lost| lost < 30)

@@ -1,4 +1,5 @@
-//! Whether the errors that a model states are true: the stated ones held against the actual ones, of any set of samples.
+//! Whether the errors that a model states are true: the stated ones held against the actual ones, of any set of
+//! samples.
 
 use super::statistics::{Sorted, share};
 use serde::Serialize;

@@ -1,6 +1,6 @@
-//! Lines through the hull: where one leaves it, and what bounds it there. Along the viewing ray of a point of the hull's
-//! surface this is its viewing edge, which the true surface touches somewhere (Cheung, Baker and Kanade, "Visual hull
-//! alignment and refinement across time", 2003).
+//! Lines through the hull: where one leaves it, and what bounds it there. Along the viewing ray of a point of the
+//! hull's surface this is its viewing edge, which the true surface touches somewhere (Cheung, Baker and Kanade, "Visual
+//! hull alignment and refinement across time", 2003).
 
 use super::solid::Hull;
 use crate::reconstruct::surface::Side;
@@ -21,8 +21,8 @@ const STRIDE: usize = 8;
 const HALVINGS: usize = 5;
 
 impl Hull<'_> {
-    /// The camera whose cone bounds the hull at a point of its surface, and the cone's unit outward normal there; `None`
-    /// where it is the volume.
+    /// The camera whose cone bounds the hull at a point of its surface, and the cone's unit outward normal there;
+    /// `None` where it is the volume.
     pub fn bounding_camera(&self, p: Point3<f64>) -> Option<(usize, Vector3<f64>)> {
         let values = self.cones().iter().enumerate();
         let nearest = values
@@ -42,8 +42,8 @@ impl Hull<'_> {
         cones.filter_map(move |(i, cone)| Some((i, cone.normal_near(p, radius_px)?)))
     }
 
-    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that has no say,
-    /// because the line is one of its viewing rays. In steps of so many metres: what is thinner may be missed.
+    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that has no
+    /// say, because the line is one of its viewing rays. In steps of so many metres: what is thinner may be missed.
     pub fn exit(&self, from: Point3<f64>, along: Vector3<f64>, without: usize, step: f64) -> Exit {
         let wall = self.wall(from, along);
         let mut begin = 0.0;

@@ -1,6 +1,7 @@
-//! The expected error of the hull's vertices, from what the silhouettes tell around each: `touch` finds the viewing edge
-//! through a vertex and where the true surface touches it, `depth_of_surface` how far that leaves the surface beneath the
-//! vertex, and `patches` spreads what was found at some vertices over all. Nothing here moves a vertex or knows depth.
+//! The expected error of the hull's vertices, from what the silhouettes tell around each: `touch` finds the viewing
+//! edge through a vertex and where the true surface touches it, `depth_of_surface` how far that leaves the surface
+//! beneath the vertex, and `patches` spreads what was found at some vertices over all. Nothing here moves a vertex or
+//! knows depth.
 
 mod depth_of_surface;
 mod patches;
@@ -19,8 +20,8 @@ const PATCH_CELLS: f64 = 3.0;
 /// Pixels by which a contour is off: no hull is better known than its outlines.
 const CONTOUR_PX: f64 = 0.3;
 
-/// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size` metres.
-/// The other vertices keep theirs.
+/// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size`
+/// metres. The other vertices keep theirs.
 pub fn state(model: &mut Model, hull: &Hull, cell_size: f64) {
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices

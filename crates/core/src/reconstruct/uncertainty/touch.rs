@@ -1,6 +1,6 @@
-//! Viewing edges. A viewing edge is the part of a camera's viewing ray, along the hull's surface, that lies in the hull: the
-//! true surface touches it once at least. Where on it tells how far the true surface is from the rest of it. At an end
-//! where the outlines of three cameras or more meet at an angle, the object has an edge, and touches there.
+//! Viewing edges. A viewing edge is the part of a camera's viewing ray, along the hull's surface, that lies in the
+//! hull: the true surface touches it once at least. Where on it tells how far the true surface is from the rest of it.
+//! At an end where the outlines of three cameras or more meet at an angle, the object has an edge, and touches there.
 
 use crate::reconstruct::hull::Hull;
 use nalgebra::Point3;
@@ -31,8 +31,8 @@ const OTHER_SIDE: f64 = 0.955;
 const LEAST_OTHERS: usize = 2;
 
 impl ViewingEdge {
-    /// The viewing edge through a point of the hull's surface, in steps of so many metres; `None` where it is not a cone
-    /// that bounds the hull.
+    /// The viewing edge through a point of the hull's surface, in steps of so many metres; `None` where it is not a
+    /// cone that bounds the hull.
     pub(super) fn through(hull: &Hull, p: Point3<f64>, step: f64) -> Option<Self> {
         let (camera, normal) = hull.bounding_camera(p)?;
         let eye = hull.cones()[camera].camera().center();
