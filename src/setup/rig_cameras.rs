@@ -32,8 +32,8 @@ const PLAIN_PACKET: u32 = 1500;
 /// The cameras of a configuration.
 ///
 /// # Errors
-/// If a camera is named twice, has two names, is set wrongly or is missing in the calibration, its driver is not in this
-/// program, or a link cannot carry what it should.
+/// If a camera is named twice, has two names, is set wrongly or is missing in the calibration, its driver is not in
+/// this program, or a link cannot carry what it should.
 pub(super) fn rig_cameras(
     config: &Config,
     calibration: Option<&RigCalibration>,

@@ -50,6 +50,8 @@ const LEVELS: [Level; 2] = [
 
 /// Share of the object's radius within which a surface that bends resists ever less.
 const SHARPEST: f64 = 0.2;
+/// Objects of a smaller radius keep their hull: over so few pixels the noise of contours bends as much as the object.
+const SMALLEST_RADIUS_PX: f64 = 50.0;
 /// Rounds in which all resists alike, so that the hull's facets do not count as edges.
 const ROUNDS_TO_SETTLE: usize = 2;
 
@@ -100,6 +102,9 @@ pub fn fair(
     let middle = nalgebra::center(&low.cast(), &high.cast());
     let pixel = hull.pixel_footprint(middle);
     let radius = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt();
+    if radius < SMALLEST_RADIUS_PX * pixel {
+        return None;
+    }
     let mut coarse: Option<transfer::Moved> = None;
     let mut last = None;
     for level in &LEVELS {

@@ -38,21 +38,21 @@ pub(super) struct RimPoint {
 pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
     let mut numbers = vec![u32::MAX; shape.len()];
     let mut unknowns = 0;
-    for v in 0..shape.len() {
+    for (v, number) in numbers.iter_mut().enumerate() {
         if shape.moves(v) {
-            numbers[v] = unknowns;
+            *number = unknowns;
             unknowns += 1;
         }
     }
     let mut rows = Rows::default();
     let stiffness = STIFFNESS_PX.powi(3).sqrt();
     let areas = shape.areas();
-    for v in 0..shape.len() {
+    for (v, area) in areas.iter().enumerate() {
         bend(
             &mut rows,
             shape,
             v,
-            (stiffness * areas[v].sqrt(), round.sharpest),
+            (stiffness * area.sqrt(), round.sharpest),
             &numbers,
         );
     }
@@ -146,6 +146,9 @@ pub(super) fn rims(shape: &Shape, contour: &Contour) -> Vec<RimPoint> {
     points
 }
 
+/// Where a rim crosses an edge: its ends, the share of the second, the point, and its pixel.
+type Crossing = ([u32; 2], f64, Point3<f64>, Point2<f64>);
+
 fn rim_of_triangle(
     shape: &Shape,
     contour: &Contour,
@@ -153,7 +156,7 @@ fn rim_of_triangle(
     facing: &[f64],
     points: &mut Vec<RimPoint>,
 ) {
-    let mut found: [Option<([u32; 2], f64, Point3<f64>, Point2<f64>)>; 3] = [None; 3];
+    let mut found: [Option<Crossing>; 3] = [None; 3];
     for i in 0..3 {
         let ends = [t[i], t[(i + 1) % 3]];
         let [a, b] = ends.map(|v| facing[v as usize]);

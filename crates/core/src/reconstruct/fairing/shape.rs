@@ -111,12 +111,13 @@ impl Shape {
             };
             normals = (0..self.len()).map(averaged).collect();
         }
-        for v in 0..self.len() {
-            let flat = Vector3::new(normals[v].x, normals[v].y, 0.0);
-            self.directions[v] = match self.roles[v] {
+        for ((normal, role), direction) in normals.iter().zip(&self.roles).zip(&mut self.directions)
+        {
+            let flat = Vector3::new(normal.x, normal.y, 0.0);
+            *direction = match role {
                 Role::Foot if flat.norm() > 0.3 => flat.normalize(),
                 Role::Foot => Vector3::zeros(),
-                _ => normals[v],
+                _ => *normal,
             };
         }
         self.normals = normals;

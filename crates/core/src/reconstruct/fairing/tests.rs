@@ -119,7 +119,7 @@ fn above(mesh: &Mesh, height: f32, off: impl Fn(Point3<f64>) -> f64) -> (f64, f6
 
 #[test]
 fn between_views_a_ball_is_round() {
-    let (cameras, radius) = (ring(8, 480), 0.03);
+    let (cameras, radius) = (ring(8, 600), 0.03);
     let levels: Vec<_> = cameras.iter().map(|c| ball(c, radius)).collect();
     let (plain, found) = faired(&cameras, &levels);
     let (facts, solid) = found.unwrap();
@@ -161,7 +161,7 @@ fn between_views_a_box_is_flat_and_its_edges_stay() {
 
 #[test]
 fn contours_that_contradict_each_other_leave_the_hull() {
-    let (cameras, radius) = (ring(8, 480), 0.03);
+    let (cameras, radius) = (ring(8, 600), 0.03);
     // Every other camera shows the ball two pixels larger, as no object is.
     let level = |(i, c): (usize, &Camera)| ball(c, radius + if i % 2 == 0 { 0.0 } else { 1.2e-3 });
     let levels: Vec<_> = cameras.iter().enumerate().map(level).collect();

@@ -76,9 +76,7 @@ pub(super) fn exchanged(
 fn placed(cameras: &[&Camera], (a, b): (usize, usize), only_pose: bool) -> Vec<Camera> {
     let mut placed: Vec<Camera> = cameras.iter().map(|&camera| camera.clone()).collect();
     for (at, from) in [(a, b), (b, a)] {
-        let lens = cameras[if only_pose { at } else { from }]
-            .intrinsics
-            .clone();
+        let lens = cameras[if only_pose { at } else { from }].intrinsics;
         placed[at] = Camera::new(cameras[at].id.clone(), lens, cameras[from].rig_from_camera);
     }
     placed
