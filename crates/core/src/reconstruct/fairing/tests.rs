@@ -172,8 +172,15 @@ fn contours_that_contradict_each_other_leave_the_hull() {
 }
 
 #[test]
-fn the_same_bits_whatever_the_number_of_threads() {
+fn an_object_of_few_pixels_keeps_its_hull() {
     let cameras = ring(7, 320);
+    let levels: Vec<_> = cameras.iter().map(|c| ball(c, 0.025)).collect();
+    assert!(faired(&cameras, &levels).1.is_none());
+}
+
+#[test]
+fn the_same_bits_whatever_the_number_of_threads() {
+    let cameras = ring(7, 700);
     let levels: Vec<_> = cameras.iter().map(|c| ball(c, 0.025)).collect();
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
