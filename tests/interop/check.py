@@ -69,7 +69,8 @@ def with_trimesh(home, model):
             if ending != "stl":
                 image = getattr(mesh.visual.material, "image", None) or mesh.visual.material.baseColorTexture
                 assert image.size[0] > 16, f"{name}.{ending} has no texture"
-                colors(mesh, image, model, name + "." + ending)
+                if name == CAPTURE:
+                    colors(mesh, image, model, name + "." + ending)
     passed("trimesh: OBJ, STL and GLB, whole and at a level of detail: units, axes, texture, watertight")
     small = trimesh.load(home / f"small/{CAPTURE}.glb", force="mesh", process=False)
     close(volume(small.vertices, small.faces), model.volume(), 1e-3, "compressed glb: volume")
@@ -84,8 +85,8 @@ def colors(mesh, image, model, name):
     uv = np.clip(mesh.visual.uv, 0, 1)
     x = np.minimum((uv[:, 0] * pixels.shape[1]).astype(int), pixels.shape[1] - 1)
     y = np.minimum(((1 - uv[:, 1]) * pixels.shape[0]).astype(int), pixels.shape[0] - 1)
-    z_up = np.stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]], axis=1)
-    places = {tuple(p): c for p, c in zip(np.round(model.vertices, 5), model.colors.astype(float))}
+    z_up = np.stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]], axis=1).astype(float)
+    places = {tuple(p): c for p, c in zip(np.round(model.vertices.astype(float), 5), model.colors.astype(float))}
     pairs = [(pixels[y[i], x[i]], places[key]) for i, p in enumerate(np.round(z_up, 5)) if (key := tuple(p)) in places]
     assert len(pairs) > 100, f"{name}: {len(pairs)} vertices are those of the .ply"
     off = np.median([np.abs(a - b).mean() for a, b in pairs])

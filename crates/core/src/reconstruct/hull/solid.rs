@@ -7,7 +7,7 @@ use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
 use crate::statistics::upper_median;
 use nalgebra::{Point3, Vector3};
 
-/// The volume's floor. Cameras are numbered from 0, the volume's other sides from [`WALLS`].
+/// The volume's floor. Cameras are numbered from 0, the volume's other sides from `WALLS`.
 pub const FLOOR: Constraint = Constraint::MAX;
 const WALLS: Constraint = Constraint::MAX - 6;
 
