@@ -100,10 +100,11 @@ impl Writer<'_> {
             [x, y, z, 0].map(u16::to_le_bytes).concat()
         });
         let data: Vec<u8> = data.collect();
-        self.attribute(accessor, &data, 8, (UNSIGNED_SHORT, true));
+        // Not every reader takes fractions here.
+        self.attribute(accessor, &data, 8, (UNSIGNED_SHORT, false));
         self.json["accessors"][accessor as usize]["min"] = json!(steps(low));
         self.json["accessors"][accessor as usize]["max"] = json!(steps(high));
-        self.json["nodes"][0]["scale"] = json!([longest, longest, longest]);
+        self.json["nodes"][0]["scale"] = json!([longest / STEPS; 3]);
         self.json["nodes"][0]["translation"] = json!(low);
         Ok(())
     }
@@ -266,7 +267,7 @@ mod tests {
         let accessor = &json["accessors"][index as usize];
         assert_eq!(
             (&accessor["componentType"], &accessor["normalized"]),
-            (&json!(5123), &json!(true))
+            (&json!(5123), &json!(false))
         );
         let view = file.view_bytes(Index::new(accessor["bufferView"].as_u64().unwrap() as u32));
         let original = GltfFile::parse(&before).unwrap();
@@ -276,7 +277,7 @@ mod tests {
         for (bytes, point) in view.unwrap().chunks_exact(8).zip(points.unwrap()) {
             for axis in 0..3 {
                 let step = u16::from_le_bytes([bytes[2 * axis], bytes[2 * axis + 1]]);
-                let back = low[axis] + f32::from(step) / STEPS * scale;
+                let back = low[axis] + f32::from(step) * scale;
                 largest = largest.max((back - point[axis]).abs());
             }
         }

@@ -11,8 +11,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     };
     // What comes first in this order brings about what comes later.
     let reason = exchanged(measured)
-        .or_else(|| displaced(measured, parameters))
         .or_else(|| foreign(measured, parameters))
+        .or_else(|| displaced(measured, parameters))
         .or_else(|| uncovered(measured, parameters));
     into.extend(reason);
     into.extend(about_cameras(
@@ -85,10 +85,12 @@ fn exchanged(measured: &Measurements) -> Option<Reason> {
     })
 }
 
-/// A calibration that no single camera is to blame for.
+/// A calibration that no single camera is to blame for: without the one that moved, the others would agree.
 fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let shift = measured.common_shift_share;
-    (shift > parameters.common_shift).then(|| Reason {
+    let without = measured.moved.as_ref().map(|m| m.others_share_without);
+    let least = without.map_or(shift, |without| without.min(shift));
+    (least > parameters.common_shift).then(|| Reason {
         level: Level::Red,
         code: Code::CalibrationForeign,
         cameras: Vec::new(),

@@ -188,6 +188,20 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
         words.contains("not of this recording") && words.contains("1.4 %"),
         "{words}"
     );
+    // One camera that moved may displace all, and is to blame if the others agree without it.
+    let moved = |others_share_without| Moved {
+        camera: id("c01"),
+        shift_px: [60.0, 0.0],
+        shift_share: 0.06,
+        others_share_with: 0.02,
+        others_share_without,
+    };
+    measured.moved = Some(moved(0.001));
+    let displaced = judged(&measured, &capture());
+    assert_eq!(codes(&displaced, Level::Red), [Code::CameraDisplaced]);
+    measured.moved = Some(moved(0.009));
+    let foreign = judged(&measured, &capture());
+    assert_eq!(codes(&foreign, Level::Red), [Code::CalibrationForeign]);
     measured.exchanged = Some(Exchanged {
         cameras: [id("c00"), id("c01")],
         missing_with: 0.2,
