@@ -104,7 +104,7 @@ impl Writer<'_> {
         self.attribute(accessor, &data, 8, (UNSIGNED_SHORT, false));
         self.json["accessors"][accessor as usize]["min"] = json!(steps(low));
         self.json["accessors"][accessor as usize]["max"] = json!(steps(high));
-        self.json["nodes"][0]["scale"] = json!([longest / STEPS; 3]);
+        self.json["nodes"][0]["scale"] = json!([longest / STEPS, longest / STEPS, longest / STEPS]);
         self.json["nodes"][0]["translation"] = json!(low);
         Ok(())
     }
