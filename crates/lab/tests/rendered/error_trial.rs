@@ -39,8 +39,6 @@ impl Run {
         let simulation = Simulation::new(self.options.clone()).unwrap();
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = self.resolution;
-        // What is stated is the hull's room, of which fairing leaves a part.
-        parameters.hull.fairing = reconstruct::hull::Fairing::None;
         let model = reconstruct(&simulation.scene(0), &parameters, &Silent)
             .unwrap()
             .model;
