@@ -1,4 +1,5 @@
-//! How deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge through it.
+//! How deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge through
+//! it.
 
 use super::touch::{End, ViewingEdge};
 
@@ -60,8 +61,8 @@ mod tests {
 
     #[test]
     fn of_a_ball_it_is_what_two_touching_cones_leave() {
-        // Circle of radius 1 between tangents at an angle of 0.2: the corner stands off by 1 / cos(0.1) - 1, and the mean
-        // over all places of the touch is larger by a third at the corner.
+        // Circle of radius 1 between tangents at an angle of 0.2: the corner stands off by 1 / cos(0.1) - 1, and the
+        // mean over all places of the touch is larger by a third at the corner.
         let length = 2.0 * f64::tan(0.1);
         let at_corner = round(
             &edge((0.0, false), (0.0, false)).ends[0],
