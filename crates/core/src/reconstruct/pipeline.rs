@@ -250,7 +250,8 @@ fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>
     Ok(found.into_iter().collect::<Result<_, _>>()?)
 }
 
-/// Where most cameras see nothing in the volume, the volume is to blame, and not the first of them.
+/// Where most cameras see no object in the volume, or half of them do not have the volume in their pictures, the volume
+/// is to blame, and not the first of them.
 fn misplaced_volume(
     scene: &Scene,
     found: &[Result<Silhouette, silhouette::Error>],
