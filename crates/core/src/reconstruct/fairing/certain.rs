@@ -79,6 +79,31 @@ pub(super) fn mark(shape: &mut Shape, contours: &[Contour], pixel: f64) {
     }
 }
 
+/// Takes back the role of edges of coarser shapes that no edge of the finer one is near: over longer cells more cones
+/// seem to meet by chance. The shapes are of one hull, from coarse to fine.
+pub(super) fn confirm(shapes: &mut [Shape]) {
+    let Some((finest, coarser)) = shapes.split_last_mut() else {
+        return;
+    };
+    let edges = |shape: &Shape| -> Vec<usize> {
+        let all = 0..shape.len();
+        all.filter(|&v| shape.roles[v] == Role::Edge).collect()
+    };
+    let fine: Vec<Point3<f64>> = edges(finest)
+        .into_iter()
+        .map(|v| finest.positions[v])
+        .collect();
+    for shape in coarser {
+        let near = shape.mean_edge();
+        for v in edges(shape) {
+            let p = shape.positions[v];
+            if fine.iter().all(|q| (p - q).norm() > near) {
+                shape.roles[v] = shape.role_without_edges(v);
+            }
+        }
+    }
+}
+
 fn tight(p: Point3<f64>, role: Role, contours: &[Contour]) -> Tight {
     let mut normals: Vec<Vector3<f64>> = Vec::new();
     let mut views = Vec::new();

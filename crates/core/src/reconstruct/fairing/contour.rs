@@ -98,6 +98,16 @@ impl<'a> Contour<'a> {
         Some(mix(top) * (1.0 - fy) + mix(bottom) * fy)
     }
 
+    /// Whether the picture of a point of the rig's frame lies outside the silhouette, too far for [`Self::offset`].
+    /// Outside the camera's picture nothing is known.
+    pub(super) fn is_far_outside(&self, p: Point3<f64>) -> bool {
+        let seen = self.camera.project(p).map(|(pixel, _)| pixel);
+        let Some(pixel) = seen.filter(|pixel| self.camera.intrinsics.contains(*pixel)) else {
+            return false;
+        };
+        self.sample(pixel).is_none_or(|d| d <= -REACH_PX)
+    }
+
     /// Where a point of the rig's frame lies against the contour; `None` where its picture is far from it.
     pub(super) fn offset(&self, p: Point3<f64>) -> Option<Offset> {
         const STEP_PX: f64 = 0.75;

@@ -25,7 +25,6 @@ pub use body::Body;
 
 use super::hull::{self, Hull};
 use super::surface::Lattice;
-use crate::calibration::Volume;
 use crate::mesh::{self, Mesh};
 use contour::Contour;
 use curved::Curved;
@@ -105,14 +104,20 @@ pub fn fair(
     if radius < SMALLEST_RADIUS_PX * pixel {
         return None;
     }
-    let mut coarse: Option<transfer::Moved> = None;
-    let mut last = None;
+    let mut shapes = Vec::new();
     for level in &LEVELS {
         let coarser = coarser(lattice, level.cells);
         let found = hull::extract(hull, &coarser, parameters).ok()?;
-        let Volume { min, .. } = hull.volume();
-        let mut shape = Shape::new(&found.surface.mesh, min.z, 0.25 * coarser.cell_size);
+        let floor = hull.volume().min.z;
+        let mut shape = Shape::new(&found.surface.mesh, floor, 0.25 * coarser.cell_size);
         certain::mark(&mut shape, &contours, pixel);
+        shapes.push(shape);
+    }
+    certain::confirm(&mut shapes);
+    let mut coarse: Option<transfer::Moved> = None;
+    let mut last = None;
+    for (level, mut shape) in LEVELS.iter().zip(shapes) {
+        let cell_size = lattice.cell_size * f64::from(level.cells);
         let start = shape.positions.clone();
         let coarse_is_done = coarse.is_some();
         if let Some(coarse) = coarse.take() {
@@ -123,7 +128,7 @@ pub fn fair(
             let settled = coarse_is_done || round >= ROUNDS_TO_SETTLE;
             let round_of = Round {
                 steps: level.steps,
-                farthest: coarser.cell_size,
+                farthest: cell_size,
                 sharpest: if settled { SHARPEST * radius } else { 0.0 },
             };
             rounds::fair_once(&mut shape, &contours, round_of);

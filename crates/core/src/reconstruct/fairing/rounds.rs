@@ -12,6 +12,11 @@ const STIFFNESS_PX: f64 = 6.0;
 /// Share of its own weight that holds each vertex where it is.
 const DAMPING: f64 = 1e-7;
 
+/// A vertex may lie outside a cone by so many pixels: contours have noise.
+const OUTSIDE_PX: f64 = 0.5;
+/// How often a vertex is pulled back into all cones by turns.
+const PULLS: usize = 3;
+
 /// How a round goes.
 #[derive(Clone, Copy)]
 pub(super) struct Round {
@@ -46,15 +51,14 @@ pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
     }
     let mut rows = Rows::default();
     let stiffness = STIFFNESS_PX.powi(3).sqrt();
-    let areas = shape.areas();
-    for (v, area) in areas.iter().enumerate() {
-        bend(
-            &mut rows,
-            shape,
-            v,
-            (stiffness * area.sqrt(), round.sharpest),
-            &numbers,
-        );
+    let bends: Vec<f64> = (0..shape.len())
+        .into_par_iter()
+        .map(|v| curvature(shape, v).map_or(0.0, |c| c.mean))
+        .collect();
+    for (v, area) in shape.areas().iter().enumerate() {
+        let sharp = (along_a_line(shape, v, &bends) * round.sharpest).powi(2);
+        let weight = stiffness * area.sqrt() / (1.0 + sharp).powi(2);
+        bend(&mut rows, shape, v, weight, &numbers);
     }
     let rims: Vec<Vec<RimPoint>> = contours.par_iter().map(|c| rims(shape, c)).collect();
     for point in rims.iter().flatten() {
@@ -70,45 +74,137 @@ pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
         rows.push(point.length_px.sqrt(), point.offset.inside_px, entries);
     }
     let x = rows.solve(unknowns as usize, DAMPING, round.steps);
-    for v in 0..shape.len() {
-        if numbers[v] != u32::MAX {
+    let moved: Vec<Point3<f64>> = (0..shape.len())
+        .into_par_iter()
+        .map(|v| {
+            let before = shape.positions[v];
+            if numbers[v] == u32::MAX {
+                return before;
+            }
             let step = x[numbers[v] as usize].clamp(-round.farthest, round.farthest);
-            let direction = shape.directions[v];
-            shape.positions[v] += direction * step;
-        }
-    }
+            let foot = shape.roles[v] == Role::Foot;
+            within_cones(before, before + shape.directions[v] * step, foot, contours)
+        })
+        .collect();
+    shape.positions = moved;
 }
 
-/// The mean curvature at a vertex as a row: the part along the normal of the sum over neighbours, divided by half the
-/// sum of their squared distances. Along the outline on the table, the curvature of the outline.
-fn bend(rows: &mut Rows, shape: &Shape, v: usize, (weight, sharpest): (f64, f64), numbers: &[u32]) {
-    let foot = shape.roles[v] == Role::Foot;
-    if !shape.moves(v) {
-        return;
+/// The point that is within every cone, but for a fraction of a pixel, nearest to where a vertex was to go; where that
+/// is far outside one, the vertex stays.
+fn within_cones(
+    before: Point3<f64>,
+    to: Point3<f64>,
+    foot: bool,
+    contours: &[Contour],
+) -> Point3<f64> {
+    let mut p = to;
+    for _ in 0..PULLS {
+        let mut is_within = true;
+        for contour in contours {
+            if contour.is_far_outside(p) {
+                return before;
+            }
+            let outside = contour.offset(p).filter(|o| o.inside_px < -OUTSIDE_PX);
+            let Some(Offset {
+                inside_px,
+                mut gradient,
+                ..
+            }) = outside
+            else {
+                continue;
+            };
+            if foot {
+                gradient.z = 0.0;
+            }
+            is_within = false;
+            p -= gradient * ((inside_px + OUTSIDE_PX) / gradient.norm_squared().max(1e-12));
+        }
+        if is_within {
+            break;
+        }
     }
-    let counts = |j: &&u32| !foot || matches!(shape.roles[**j as usize], Role::Foot | Role::Edge);
-    let around = || shape.around(v).iter().filter(counts).map(|&j| j as usize);
-    let count = around().count();
-    if count < 2 || foot && count != 2 {
-        return;
+    p
+}
+
+/// The mean curvature at a vertex, from the neighbours that count.
+struct Curvature {
+    /// Signed, in 1/m: negative where the surface is convex.
+    mean: f64,
+    /// What the part along the normal of the sum over neighbours is multiplied by.
+    scale: f64,
+    /// Neighbours that count.
+    count: usize,
+}
+
+/// Neighbours that count at a vertex: along the outline on the table, only those on it.
+fn around(shape: &Shape, v: usize) -> impl Iterator<Item = usize> + '_ {
+    let foot = shape.roles[v] == Role::Foot;
+    let counts = move |j: &usize| !foot || matches!(shape.roles[*j], Role::Foot | Role::Edge);
+    shape.around(v).iter().map(|&j| j as usize).filter(counts)
+}
+
+/// The part along the normal of the sum over neighbours, divided by half the sum of their squared distances.
+fn curvature(shape: &Shape, v: usize) -> Option<Curvature> {
+    if !shape.moves(v) {
+        return None;
     }
     let (p, normal) = (shape.positions[v], shape.directions[v]);
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for j in around() {
+    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0);
+    for j in around(shape, v) {
         let way = shape.positions[j] - p;
         sum += normal.dot(&way);
         squares += way.norm_squared();
+        count += 1;
     }
-    if squares == 0.0 {
-        return;
+    let foot = shape.roles[v] == Role::Foot;
+    if squares == 0.0 || count < 2 || foot && count != 2 {
+        return None;
     }
     let scale = 2.0 / squares;
-    let weight = weight / (1.0 + (scale * sum * sharpest).powi(2));
+    Some(Curvature {
+        mean: scale * sum,
+        scale,
+        count,
+    })
+}
+
+/// How strongly the surface bends at a vertex as part of an edge, in 1/m: no more than on both sides of it along some
+/// line. A spike is sharper than any edge, but alone.
+fn along_a_line(shape: &Shape, v: usize, bends: &[f64]) -> f64 {
+    const OPPOSITE_COSINE: f64 = -0.7;
+    let strength = |j: usize| match shape.roles[j] {
+        Role::Edge => f64::INFINITY,
+        _ => bends[j] * bends[v].signum(),
+    };
+    let p = shape.positions[v];
+    let ways: Vec<(Vector3<f64>, f64)> = around(shape, v)
+        .filter_map(|j| {
+            let way = (shape.positions[j] - p).try_normalize(1e-12)?;
+            Some((way, strength(j))).filter(|(_, strength)| *strength > 0.0)
+        })
+        .collect();
+    let mut most = 0.0_f64;
+    for (i, (way, strength)) in ways.iter().enumerate() {
+        for (other, beyond) in &ways[..i] {
+            if way.dot(other) < OPPOSITE_COSINE {
+                most = most.max(strength.min(*beyond));
+            }
+        }
+    }
+    most.min(bends[v].abs())
+}
+
+/// The mean curvature at a vertex as a row. Along the outline on the table, the curvature of the outline.
+fn bend(rows: &mut Rows, shape: &Shape, v: usize, weight: f64, numbers: &[u32]) {
+    let Some(Curvature { mean, scale, count }) = curvature(shape, v) else {
+        return;
+    };
+    let normal = shape.directions[v];
     let own = (numbers[v], -scale * count as f64 * normal.norm_squared());
-    let others = around()
+    let others = around(shape, v)
         .filter(|&j| numbers[j] != u32::MAX)
         .map(|j| (numbers[j], scale * normal.dot(&shape.directions[j])));
-    rows.push(weight, scale * sum, others.chain([own]));
+    rows.push(weight, mean, others.chain([own]));
 }
 
 /// The points where the surface turns away from a camera and that lie near its contour.

@@ -26,6 +26,8 @@ pub(super) struct Shape {
     pub(super) directions: Vec<Vector3<f64>>,
     /// The surface's unit normal at each vertex, averaged as the directions are, but not turned into the table's plane.
     pub(super) normals: Vec<Vector3<f64>>,
+    /// Height of the table.
+    floor: f64,
     starts: Vec<u32>,
     neighbours: Vec<u32>,
 }
@@ -44,6 +46,7 @@ impl Shape {
             normals: vec![Vector3::z(); positions.len()],
             triangles: mesh.triangles.clone(),
             positions,
+            floor,
             starts,
             neighbours,
         };
@@ -72,6 +75,15 @@ impl Shape {
     /// The neighbours of a vertex, ascending.
     pub(super) fn around(&self, v: usize) -> &[u32] {
         &self.neighbours[self.starts[v] as usize..self.starts[v + 1] as usize]
+    }
+
+    /// What a vertex that lies on no edge may do, unless it is within the face that the table cuts.
+    pub(super) fn role_without_edges(&self, v: usize) -> Role {
+        if self.positions[v].z == self.floor {
+            Role::Foot
+        } else {
+            Role::Free
+        }
     }
 
     /// Whether a vertex moves.
