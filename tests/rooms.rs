@@ -299,7 +299,7 @@ const STAGES: &[(&str, &[&str])] = &[
     ("depth", &[]),
     ("region", &["depth"]),
     ("restore", &["depth", "hull", "region", "surface"]),
-    ("uncertainty", &["hull"]),
+    ("uncertainty", &["fairing", "hull"]),
     ("texture", &[]),
 ];
 

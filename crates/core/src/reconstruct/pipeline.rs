@@ -8,7 +8,7 @@ use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
 use super::texture;
-use super::uncertainty;
+use super::uncertainty::{self, FairedHull};
 use super::{Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{
@@ -183,7 +183,16 @@ pub fn reconstruct(
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
-    uncertainty::state(&mut restored.model, &hull, lattice.cell_size);
+    let faired_hull = faired.as_ref().map(|(faired, _)| FairedHull {
+        plain: &extracted.surface.mesh,
+        body: &faired.body,
+    });
+    uncertainty::state(
+        &mut restored.model,
+        &hull,
+        faired_hull.as_ref(),
+        lattice.cell_size,
+    );
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;

@@ -54,6 +54,9 @@ pub(super) fn keep_hull(
     for v in 0..shape.len() {
         let way = shape.positions[v] - before[v];
         shape.positions[v] = before[v] + way * (1.0 - keep[v]);
+        if keep[v] > 0.0 && matches!(shape.roles[v], Role::Side(_)) {
+            shape.roles[v] = Role::Edge;
+        }
     }
     let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
     let (rms, p99) = statistics(&pieces);
@@ -101,7 +104,7 @@ fn pieces(shape: &Shape, before: &[Point3<f64>], contour: &Contour) -> Vec<Piece
     let of_rims = rims
         .iter()
         .map(|r| (r.offset.pixel, r.offset.inside_px, r.ends));
-    let edges = (0..shape.len()).filter(|&v| shape.roles[v] == Role::Edge);
+    let edges = (0..shape.len()).filter(|&v| matches!(shape.roles[v], Role::Edge | Role::Side(_)));
     let at = |v: usize, p: Point3<f64>| {
         let offset = contour.offset(p)?;
         Some((offset.pixel, offset.inside_px, [v as u32; 2]))

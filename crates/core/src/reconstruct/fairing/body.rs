@@ -4,6 +4,7 @@ use super::columns::Columns;
 use super::curved::{Curved, weights};
 use super::nearest::Nearest;
 use super::shape::Shape;
+use super::sides::Sides;
 use crate::calibration::Volume;
 use crate::mesh::closest_on_triangle;
 use crate::reconstruct::hull;
@@ -22,6 +23,9 @@ pub struct Body {
     curved: Curved,
     /// Whether each triangle lies on the table.
     on_table: Vec<bool>,
+    /// The flat sides, if there are any, and those that each triangle lies on.
+    sides: Option<Sides>,
+    on_sides: Vec<Option<[u32; 3]>>,
     lattice: Lattice,
     floor: f64,
     nearest: Nearest,
@@ -31,8 +35,16 @@ pub struct Body {
 }
 
 impl Body {
-    /// The solid that `curved`, the surface of `shape`, bounds, to be extracted on `lattice`.
-    pub(super) fn new(curved: Curved, shape: &Shape, lattice: Lattice, volume: Volume) -> Self {
+    /// The solid that the surface of `shape` and its flat sides bound, to be extracted on `lattice`.
+    pub(super) fn new(
+        shape: &Shape,
+        sides: Option<Sides>,
+        lattice: Lattice,
+        volume: Volume,
+    ) -> Self {
+        let curved = Curved::new(shape);
+        let triangles = curved.triangles.iter();
+        let on_sides = triangles.map(|t| shape.sides_of(t)).collect();
         let nearest = Nearest::new(&curved, &lattice);
         let columns = Columns::new(&curved.positions, &curved.triangles, &lattice);
         let on_table = curved
@@ -43,6 +55,8 @@ impl Body {
         let mut body = Self {
             curved,
             on_table,
+            sides,
+            on_sides,
             lattice,
             floor: volume.min.z,
             nearest,
@@ -58,6 +72,12 @@ impl Body {
             })
             .collect();
         body
+    }
+
+    /// Whether the surface at a point near it is a flat side between certain edges.
+    pub fn is_on_side(&self, p: Point3<f64>) -> bool {
+        self.best(p)
+            .is_some_and(|(triangle, _)| self.on_sides[triangle as usize].is_some())
     }
 
     /// Squared distance to a flat triangle, and the signed one to the curved surface there, positive inside.
@@ -82,10 +102,17 @@ impl Body {
         } else {
             -way.norm()
         };
-        (
-            way.norm_squared(),
-            self.curved.bulge(t, weights, flat) - signed,
-        )
+        let inside = match self.on_sides(triangle, p) {
+            Some((inside, _)) => inside,
+            None => self.curved.bulge(t, weights, flat) - signed,
+        };
+        (way.norm_squared(), inside)
+    }
+
+    /// How far within the flat sides that a triangle lies on a point is, with the nearest one's outward normal.
+    fn on_sides(&self, triangle: u32, p: Point3<f64>) -> Option<(f64, Vector3<f64>)> {
+        let sides = self.on_sides[triangle as usize]?;
+        Some(self.sides.as_ref()?.inside(sides, p))
     }
 
     /// A distance as a value, no more than the table allows.
@@ -184,6 +211,9 @@ impl Solid for Body {
         let t = triangle as usize;
         if self.on_table[t] || p.z - self.floor < inside {
             return (-Vector3::z(), hull::FLOOR);
+        }
+        if let Some((_, normal)) = self.on_sides(triangle, p) {
+            return (normal.cast(), 0);
         }
         let corners = self.curved.places(t);
         let weights = weights(corners, closest_on_triangle(p, corners));

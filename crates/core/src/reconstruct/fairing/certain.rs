@@ -3,7 +3,7 @@
 
 use super::contour::Contour;
 use super::shape::{Role, Shape};
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 
 /// A cone is tight where its contour is within this many pixels.
@@ -75,8 +75,31 @@ pub(super) fn mark(shape: &mut Shape, contours: &[Contour], pixel: f64) {
         (CHAIN_PX * pixel).max(CHAIN_EDGES * edge),
     );
     for v in (0..shape.len()).filter(|&v| certain[v]) {
+        shape.positions[v] = on_contours(shape.positions[v], shape.roles[v], contours, pixel);
         shape.roles[v] = Role::Edge;
     }
+}
+
+/// The point near a point of an edge that lies on the contours of all tight cones at once, as well as it can: the hull
+/// itself has the innermost of them, contour by contour.
+fn on_contours(p: Point3<f64>, role: Role, contours: &[Contour], pixel: f64) -> Point3<f64> {
+    /// Share of the largest term that holds the point along the edge, of which contours say nothing.
+    const HELD: f64 = 0.02;
+    let (mut squares, mut sum) = (Matrix3::zeros(), Vector3::zeros());
+    for offset in contours.iter().filter_map(|c| c.offset(p)) {
+        if offset.inside_px < TIGHT_PX {
+            let mut gradient = offset.gradient;
+            if role == Role::Foot {
+                gradient.z = 0.0;
+            }
+            squares += gradient * gradient.transpose();
+            sum -= gradient * offset.inside_px;
+        }
+    }
+    let held = squares + Matrix3::identity() * (HELD * squares.trace());
+    let way = held.cholesky().map(|c| c.solve(&sum));
+    way.filter(|way| way.norm() < pixel)
+        .map_or(p, |way| p + way)
 }
 
 /// Takes back the role of edges of coarser shapes that no edge of the finer one is near: over longer cells more cones
@@ -85,19 +108,12 @@ pub(super) fn confirm(shapes: &mut [Shape]) {
     let Some((finest, coarser)) = shapes.split_last_mut() else {
         return;
     };
-    let edges = |shape: &Shape| -> Vec<usize> {
-        let all = 0..shape.len();
-        all.filter(|&v| shape.roles[v] == Role::Edge).collect()
-    };
-    let fine: Vec<Point3<f64>> = edges(finest)
-        .into_iter()
-        .map(|v| finest.positions[v])
-        .collect();
+    let fine = finest.edges();
     for shape in coarser {
         let near = shape.mean_edge();
-        for v in edges(shape) {
+        for v in 0..shape.len() {
             let p = shape.positions[v];
-            if fine.iter().all(|q| (p - q).norm() > near) {
+            if shape.roles[v] == Role::Edge && fine.iter().all(|q| (p - q).norm() > near) {
                 shape.roles[v] = shape.role_without_edges(v);
             }
         }

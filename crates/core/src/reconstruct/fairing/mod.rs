@@ -4,6 +4,7 @@
 //!
 //! - `contour` measures distances to a silhouette's contour;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
+//! - `sides` finds flat sides between such edges;
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
@@ -18,6 +19,7 @@ mod curved;
 mod nearest;
 mod rounds;
 mod shape;
+mod sides;
 mod solve;
 mod transfer;
 
@@ -27,10 +29,10 @@ use super::hull::{self, Hull};
 use super::surface::Lattice;
 use crate::mesh::{self, Mesh};
 use contour::Contour;
-use curved::Curved;
 use rayon::prelude::*;
 use rounds::Round;
 use shape::Shape;
+use sides::Sides;
 
 /// Edges of the cells of the meshes that are faired, in those of the hull: a coarse one for the form, a finer one for
 /// what is left.
@@ -114,11 +116,17 @@ pub fn fair(
         shapes.push(shape);
     }
     certain::confirm(&mut shapes);
+    let sides = shapes
+        .last()
+        .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, hull.volume().min.z));
     let mut coarse: Option<transfer::Moved> = None;
     let mut last = None;
     for (level, mut shape) in LEVELS.iter().zip(shapes) {
         let cell_size = lattice.cell_size * f64::from(level.cells);
         let start = shape.positions.clone();
+        if let Some(sides) = &sides {
+            shape.put_on(sides);
+        }
         let coarse_is_done = coarse.is_some();
         if let Some(coarse) = coarse.take() {
             coarse.begin(&mut shape);
@@ -142,7 +150,7 @@ pub fn fair(
     let (mut shape, start) = last?;
     shape.direct();
     let facts = accept::keep_hull(&mut shape, &start, &contours)?;
-    let body = Body::new(Curved::new(&shape), &shape, *lattice, hull.volume());
+    let body = Body::new(&shape, sides, *lattice, hull.volume());
     Some(Faired { body, facts })
 }
 

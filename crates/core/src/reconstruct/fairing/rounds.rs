@@ -139,7 +139,7 @@ struct Curvature {
 /// Neighbours that count at a vertex: along the outline on the table, only those on it.
 fn around(shape: &Shape, v: usize) -> impl Iterator<Item = usize> + '_ {
     let foot = shape.roles[v] == Role::Foot;
-    let counts = move |j: &usize| !foot || matches!(shape.roles[*j], Role::Foot | Role::Edge);
+    let counts = move |j: &usize| !foot || shape.ends_at_foot(*j);
     shape.around(v).iter().map(|&j| j as usize).filter(counts)
 }
 

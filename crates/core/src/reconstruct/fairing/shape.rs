@@ -1,8 +1,10 @@
 //! A mesh that is being faired: which vertices may move, and along which direction. Knows no camera.
 
+use super::sides::Sides;
 use crate::array::three;
 use crate::mesh::Mesh;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// What a vertex may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,6 +15,8 @@ pub(super) enum Role {
     Foot,
     /// On an edge that the silhouettes show: stays, and the surface may bend there.
     Edge,
+    /// On a flat side between such edges: stays.
+    Side(u32),
     /// Within the face that the table cuts: stays.
     Table,
 }
@@ -77,12 +81,55 @@ impl Shape {
         &self.neighbours[self.starts[v] as usize..self.starts[v + 1] as usize]
     }
 
+    /// Where the vertices on edges are.
+    pub(super) fn edges(&self) -> Vec<Point3<f64>> {
+        let all = self.positions.iter().zip(&self.roles);
+        all.filter(|(_, role)| **role == Role::Edge)
+            .map(|(p, _)| *p)
+            .collect()
+    }
+
+    /// The sides that a triangle lies on, if all its corners lie on one.
+    pub(super) fn sides_of(&self, t: &[u32; 3]) -> Option<[u32; 3]> {
+        let side = |v: u32| match self.roles[v as usize] {
+            Role::Side(side) => Some(side),
+            _ => None,
+        };
+        Some([side(t[0])?, side(t[1])?, side(t[2])?])
+    }
+
+    /// Puts the vertices in front of flat sides onto them.
+    pub(super) fn put_on(&mut self, sides: &Sides) {
+        let places: Vec<_> = (0..self.len())
+            .into_par_iter()
+            .map(|v| match self.roles[v] {
+                Role::Table => None,
+                _ => sides.nearest(self.positions[v]),
+            })
+            .collect();
+        for (v, place) in places.into_iter().enumerate() {
+            if let Some((side, p)) = place {
+                self.positions[v] = p;
+                self.roles[v] = Role::Side(side);
+            }
+        }
+    }
+
     /// What a vertex that lies on no edge may do, unless it is within the face that the table cuts.
     pub(super) fn role_without_edges(&self, v: usize) -> Role {
         if self.positions[v].z == self.floor {
             Role::Foot
         } else {
             Role::Free
+        }
+    }
+
+    /// Whether a neighbour of the outline on the table belongs to it.
+    pub(super) fn ends_at_foot(&self, v: usize) -> bool {
+        match self.roles[v] {
+            Role::Foot | Role::Edge => true,
+            Role::Side(_) => self.positions[v].z == self.floor,
+            Role::Free | Role::Table => false,
         }
     }
 
@@ -163,7 +210,7 @@ impl Shape {
             .map(|v| {
                 let p = self.positions[v];
                 let same_kind = |j: &&u32| match self.roles[v] {
-                    Role::Foot => matches!(self.roles[**j as usize], Role::Foot | Role::Edge),
+                    Role::Foot => self.ends_at_foot(**j as usize),
                     _ => true,
                 };
                 let around = || {

@@ -147,7 +147,7 @@ fn between_views_a_box_is_flat_and_its_edges_stay() {
         beyond(0).max(beyond(1)).max(beyond(2))
     };
     let ((before, _), (mean, _)) = (above(&plain, 2e-3, off), above(mesh, 2e-3, off));
-    assert!(mean < 0.5 * before, "{mean} of {before}");
+    assert!(mean < 0.1 * before, "{mean} of {before}");
     // Each corner of the top is still there.
     for corner in &corners()[4..] {
         let nearest = mesh

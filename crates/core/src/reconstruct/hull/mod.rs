@@ -44,7 +44,7 @@ pub struct Parameters {
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
-    /// What becomes of the facets that it has between views. Default `none`.
+    /// What becomes of the facets that it has between views. Default `touch`.
     pub fairing: Fairing,
 }
 
@@ -53,9 +53,9 @@ pub struct Parameters {
 #[serde(rename_all = "snake_case")]
 pub enum Fairing {
     /// They stay: the paper's visual hull.
-    #[default]
     None,
     /// The surface of least bending whose outlines lie on the contours takes their place.
+    #[default]
     Touch,
 }
 
@@ -67,7 +67,7 @@ impl Default for Parameters {
             smallest_cell_px: 0.6,
             least_views: 2,
             smallest_piece: 0.05,
-            fairing: Fairing::None,
+            fairing: Fairing::Touch,
         }
     }
 }

@@ -7,8 +7,10 @@ mod depth_of_surface;
 mod patches;
 mod touch;
 
+use super::fairing::Body;
 use super::hull::Hull;
 use super::{Model, Provenance};
+use crate::mesh::{Bvh, Mesh};
 use nalgebra::Point3;
 use patches::Patches;
 use rayon::prelude::*;
@@ -20,18 +22,35 @@ const PATCH_CELLS: f64 = 3.0;
 /// Pixels by which a contour is off: no hull is better known than its outlines.
 const CONTOUR_PX: f64 = 0.3;
 
+/// What fairing made of a hull.
+pub struct FairedHull<'a> {
+    /// The plain hull's surface.
+    pub plain: &'a Mesh,
+    /// The faired one.
+    pub body: &'a Body,
+}
+
+/// Share of the way that fairing moved a vertex by which it is expected to be off.
+const OF_MOVED: f64 = 0.3;
+/// Share of what fairing left of the hull's expected depth that is still expected.
+const OF_LEFT: f64 = 0.5;
+
 /// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size`
-/// metres. The other vertices keep theirs.
-pub fn state(model: &mut Model, hull: &Hull, cell_size: f64) {
+/// metres, and faired if `faired` says so. The other vertices keep theirs.
+pub fn state(model: &mut Model, hull: &Hull, faired: Option<&FairedHull>, cell_size: f64) {
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices
         .zip(0..)
         .filter(|((_, provenance), _)| **provenance == Provenance::Hull)
         .map(|((&p, _), index)| (index, p));
     let patches = Patches::new(on_hull, PATCH_CELLS * cell_size);
+    let plain = faired.map(|faired| (Bvh::new(faired.plain), faired.body));
     let of_patch = |indices: &[u32]| {
-        let p = model.mesh.vertices[indices[indices.len() / 2] as usize];
-        expected_error(hull, p.cast(), cell_size)
+        let p = model.mesh.vertices[indices[indices.len() / 2] as usize].cast();
+        match &plain {
+            Some((plain, body)) => of_faired(hull, plain, body, p, cell_size),
+            None => expected_error(hull, p, cell_size),
+        }
     };
     let each: Vec<&[u32]> = patches.indices().collect();
     let found: Vec<f64> = each.into_par_iter().map(of_patch).collect();
@@ -44,10 +63,24 @@ pub fn state(model: &mut Model, hull: &Hull, cell_size: f64) {
 
 /// The expected error in metres at a point of the hull's surface.
 fn expected_error(hull: &Hull, p: Point3<f64>, step: f64) -> f64 {
-    let of_contour = CONTOUR_PX * hull.pixel_footprint(p);
     // Where it is the volume that bounds the hull, nothing is known but that the object is cut off.
     let edge = ViewingEdge::through(hull, p, step);
-    edge.map_or(of_contour, |edge| {
-        depth_of_surface::expected(&edge).hypot(of_contour)
-    })
+    let depth = edge.map_or(0.0, |edge| depth_of_surface::expected(&edge));
+    depth.hypot(CONTOUR_PX * hull.pixel_footprint(p))
+}
+
+/// The expected error in metres at a point of the faired hull's surface: on a flat side that of the contours, elsewhere
+/// a share of how far the surface was moved, and of what is left of the hull's own.
+fn of_faired(hull: &Hull, plain: &Bvh, body: &Body, p: Point3<f64>, step: f64) -> f64 {
+    let of_contour = CONTOUR_PX * hull.pixel_footprint(p);
+    if body.is_on_side(p) {
+        return of_contour;
+    }
+    let Some(above) = plain.closest_point(p) else {
+        return expected_error(hull, p, step);
+    };
+    let left = (expected_error(hull, above.point, step) - above.distance).max(0.0);
+    (OF_MOVED * above.distance)
+        .hypot(OF_LEFT * left)
+        .hypot(of_contour)
 }
