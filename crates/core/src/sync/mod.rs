@@ -33,7 +33,7 @@ pub struct Parameters {
     /// Default 30, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub depth_frames: usize,
-    /// Fewest frames of a depth camera that make a capture.
+    /// Fewest frames of each depth camera that make a capture complete.
     /// Default 10, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub min_depth_frames: usize,

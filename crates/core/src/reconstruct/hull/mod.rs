@@ -26,12 +26,11 @@ pub struct Parameters {
     /// Default 0, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000>")]
     pub cell_size: f64,
-    /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 200 give 70,000 to
-    /// 90,000 vertices.
+    /// Cells along the diagonal of the object's bounds, if `cell_size` is 0. 200 give 70,000 to 90,000 vertices.
     /// Default 200, range 8 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 8, 1000>")]
     pub resolution: f64,
-    /// Where `cell_size` is 0, cells are not made smaller than this many pixels.
+    /// If `cell_size` is 0, cells are not made smaller than this many pixels.
     /// Default 0.6, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000>")]
     pub smallest_cell_px: f64,
@@ -39,8 +38,8 @@ pub struct Parameters {
     /// Default 2, range 1 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 1000>")]
     pub least_views: usize,
-    /// Pieces with a smaller share of the largest one's volume are dropped: they are phantoms, where cones
-    /// meet away from the object, or specks.
+    /// Pieces with a smaller share of the largest one's volume are dropped: they are specks, or phantoms where cones
+    /// meet away from the object.
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
