@@ -93,7 +93,7 @@ fn board(args: &Args) -> anyhow::Result<Board> {
         (_, Some(mm)) => format!("{mm}mm"),
         (Paper::Custom, None) => {
             return Err(wrong_usage(
-                "--paper custom is as large as its squares ask for: give --square",
+                "--paper custom needs --square, which sets the size of the sheet",
             ));
         }
         (_, None) => return Err(wrong_usage("no squares of 1 mm or more fit the paper")),

@@ -28,7 +28,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if std::fs::read(&recording).ok().as_deref() != Some(CUP) {
         anyhow::ensure!(
             recording.symlink_metadata().is_err(),
-            "{} is there already and is another recording: give another folder with --out",
+            "{} already exists and is another recording: give another folder with --out",
             recording.display()
         );
         write_atomically(&recording, CUP)?;

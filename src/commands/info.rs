@@ -72,7 +72,7 @@ fn open(file: &Path) -> anyhow::Result<Recording> {
     match noted_recording(file) {
         Some(recording) if recording.exists() => Ok(Recording::open(&recording)?),
         Some(recording) => anyhow::bail!(
-            "{}: its recording {} is not there, so that these notes belong to nothing",
+            "{}: its recording {} does not exist, so these notes belong to no recording",
             file.display(),
             recording.display()
         ),
@@ -479,7 +479,7 @@ impl CalibrationInfo {
 pub(super) fn cut_off_words(file: &Path) -> String {
     let file = file.display();
     format!(
-        "{file}: cut off: its end is missing, and nobody knows how much that is. Copy it again from its source, or complete \
+        "{file}: cut off: its end is missing, and scand cannot know how much that is. Copy it again from its source, or complete \
          a copy of what is there with `scand recover {file}`"
     )
 }

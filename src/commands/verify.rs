@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
         match error {
             Some(error) => eprintln!("scand: {name}: {error}"),
-            None if is_whole => outln!("{name}: whole: every file is what it was"),
+            None if is_whole => outln!("{name}: intact: no file was changed"),
             None => {
                 eprintln!("scand: {name}: {}", count(findings.len(), "problem"));
                 findings.iter().for_each(|finding| eprintln!("  {finding}"));

@@ -36,7 +36,7 @@ pub(super) fn write_beside(
     }
     let write = move || answer(write_to_one(&candidates, &note, time));
     if let Err(error) = std::thread::Builder::new().name("note".into()).spawn(write) {
-        log::error!("a note is lost, for no thread can be started: {error}");
+        log::error!("a note is lost, because no thread can be started: {error}");
     }
 }
 
@@ -148,6 +148,6 @@ fn folders(models: &Path, capture: &str) -> Vec<PathBuf> {
 
 fn tell(marked: Result<(), crate::make_model::Error>, capture: &str) {
     if let Err(error) = marked {
-        log::error!("capture {capture}: its model is not marked: {error}");
+        log::error!("capture {capture}: cannot mark its model with the note: {error}");
     }
 }

@@ -19,8 +19,8 @@ pub(super) fn allow_for_lines(config: &mut Config) -> Result<(), String> {
     let found = config.sync.tolerance_ms;
     if found < least {
         return Err(format!(
-            "sync.tolerance_ms is {found}, expected at least {least} where a line triggers cameras ({}): their \
-             exposure begins before the daemon hears of it",
+            "sync.tolerance_ms is {found}, expected at least {least} if a line triggers cameras ({}): their exposure begins before \
+             the daemon hears of the trigger",
             cameras.join(", ")
         ));
     }

@@ -74,7 +74,7 @@ pub fn confine(
 ) -> Result<Vec<String>, ConfineError> {
     let missing = come_last(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("this system does not give a worker {what}"))
+        .map(|what| format!("this system cannot set {what} for a worker"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;

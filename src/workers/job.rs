@@ -70,7 +70,7 @@ impl Job {
         CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
         let plain = Path::new(&job.recording).file_name() == Some(job.recording.as_ref());
         if !plain {
-            return Err(format!("{:?} is no file's name", job.recording));
+            return Err(format!("{:?} is not a file name", job.recording));
         }
         Ok(job)
     }

@@ -251,7 +251,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     assert_eq!(told.code, Some(0), "{}", told.words);
     assert!(
         told.words
-            .contains("m a unit, and 0.001 ±1.0 % is nominal: they differ by"),
+            .contains("m per unit; 0.001 ±1.0 % is nominal: they differ by"),
         "{}",
         told.words
     );

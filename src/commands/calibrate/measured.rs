@@ -73,7 +73,7 @@ fn measured(text: &str, usual: f64) -> Result<Length, String> {
 /// A length with its unit, in metres.
 fn length(text: &str) -> Result<f64, String> {
     let text = text.trim();
-    let expected = || format!("{text:?} is no length with its unit, such as 199.2mm");
+    let expected = || format!("{text:?} is not a length with its unit, such as 199.2mm");
     let metres = range::metres(text).filter(|_| range::has_unit(text));
     let possible = metres.filter(|metres| *metres > 0.0 && *metres <= 1e3);
     possible.ok_or_else(expected)

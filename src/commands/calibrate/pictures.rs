@@ -27,12 +27,12 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
         camera = named.or(camera);
         let id = camera.clone().ok_or_else(|| {
             format!(
-                "{argument:?} names no camera: expected NAME=PATTERN, such as left='left/*.png'"
+                "{argument:?} does not name a camera: expected NAME=PATTERN, such as left='left/*.png'"
             )
         })?;
         let found = found(pattern)?;
         if found.is_empty() {
-            return Err(format!("camera {id}: no picture is found as {pattern}"));
+            return Err(format!("camera {id}: no picture matches {pattern}"));
         }
         cameras.entry(id).or_default().extend(found);
     }
@@ -186,9 +186,9 @@ mod tests {
         let whole = names(&[format!("a={}", folder.path().display())]);
         assert_eq!(whole[0].1.len(), 4, "{whole:?}");
         for (bad, named) in [
-            (at("l9.png"), "names no camera"),
+            (at("l9.png"), "does not name a camera"),
             (format!("Left={}", at("l9.png")), "camera id"),
-            (format!("left={}", at("x*.png")), "no picture is found"),
+            (format!("left={}", at("x*.png")), "no picture matches"),
             (format!("left={}", at("l8.png")), "no such file"),
         ] {
             let message = files(&[bad]).unwrap_err();

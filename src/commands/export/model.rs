@@ -98,7 +98,7 @@ fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
     let capture = CaptureId::new(capture).map_err(|_| {
         let found: String = capture.chars().take(60).collect();
         anyhow::anyhow!(
-            "{}: its capture is called {found:?}, which is no name for a file",
+            "{}: its capture is called {found:?}, which is not a file name",
             path.display()
         )
     })?;

@@ -55,7 +55,7 @@ impl Found {
             };
             if !recordings.iter().any(is_ours) {
                 self.warnings.push(format!(
-                    "{}: its recording {} is not there, so that these notes belong to nothing",
+                    "{}: its recording {} does not exist, so these notes belong to no recording",
                     notes.display(),
                     recording.display()
                 ));

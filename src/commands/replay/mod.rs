@@ -253,8 +253,9 @@ impl Replay<'_> {
         if folder.join("report.json").exists()
             && let Err(error) = mark(&folder, &notes)
         {
-            self.console
-                .line(&format!("{id}: its model is not marked: {error}"));
+            self.console.line(&format!(
+                "{id}: cannot mark its model with the notes: {error}"
+            ));
         }
         let outcome = Outcome::rejected(session, id);
         self.console.outcome(&outcome);

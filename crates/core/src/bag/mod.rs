@@ -22,7 +22,7 @@ pub enum Error {
         cause: std::io::Error,
     },
     /// Something has the package's name.
-    #[error("{} is there already: choose another name, for a package is never changed", .0.display())]
+    #[error("{} already exists: choose another name, because a package is never changed", .0.display())]
     Exists(PathBuf),
     /// Two files of a package would have one name.
     #[error("the package has two files named {0}")]

@@ -117,7 +117,7 @@ fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
         "is a recording, expected a calibration (TOML): scand info RECORDING --calibration FILE.toml writes that of a \
          recording to a file"
     } else if ["yaml", "yml"].contains(&ending.as_str()) {
-        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads its own alone"
+        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads only its own"
     } else {
         return Ok(());
     };

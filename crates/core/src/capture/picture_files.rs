@@ -45,7 +45,7 @@ impl PictureFiles {
             let numbered = names.iter().filter_map(|name| number(name)).count();
             (numbered == names.len()).then(|| {
                 format!(
-                    "{} are taken for one placement, and have different numbers: is a picture missing?",
+                    "{} are used as one placement, but their names have different numbers: is a picture missing?",
                     names.join(" and ")
                 )
             })

@@ -142,7 +142,8 @@ fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -
     };
     let (rest, odd) =
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture is of another time";
+    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
+                  taken at another time";
     (rest <= 1.0).then(|| Verdict::View(odd, reason.into()))
 }
 
@@ -231,7 +232,7 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
             found.push((
                 later,
                 format!(
-                    "the board lies where it lay at {}: it says nothing new",
+                    "the board lies where it lay at {}, so this placement adds nothing",
                     names[earlier]
                 ),
             ));

@@ -169,7 +169,7 @@ fn of_slope(fit: &Fit, id: &CameraId, slope: Slope, parameters: &Witnesses) -> O
         .hypot(slope.deviation / slope.value);
     let mut found = parameters.testimony(ratio - 1.0, deviation);
     let numbers = format!(
-        "scale: depth camera {id} has {:.6} m a unit, and {nominal} ±{:.1} % is nominal",
+        "scale: depth camera {id} has {:.6} m per unit; {nominal} ±{:.1} % is nominal",
         slope.value,
         100.0 * parameters.slope_deviation
     );
@@ -227,7 +227,7 @@ fn of_distance(fit: &Fit, distance: &CameraDistance, parameters: &Witnesses) -> 
     let mut found =
         parameters.testimony(length / measured.metres - 1.0, deviation / measured.metres);
     let numbers = format!(
-        "scale: cameras {} and {} are {} apart, and {} ±{} was measured",
+        "scale: cameras {} and {} are {} apart; measured: {} ±{}",
         a.camera.id,
         b.camera.id,
         millimetres(length),
@@ -255,7 +255,7 @@ fn other_board(board: &Board, off: f64) -> String {
 
 fn agrees(numbers: String, found: &Testimony) -> String {
     format!(
-        "{numbers}: they differ by {:+.2} %, which ±{:.2} % allows",
+        "{numbers}: they differ by {:+.2} %, within the allowed ±{:.2} %",
         100.0 * found.off,
         100.0 * found.deviation
     )

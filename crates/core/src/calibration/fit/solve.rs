@@ -69,7 +69,7 @@ fn usable(
             continue;
         }
         let reason = match found {
-            0 => "it saw no board that could be used".to_owned(),
+            0 => "it has no usable view of the board".to_owned(),
             _ => format!(
                 "it has {found} views of the board that can be used, expected at least {needed}"
             ),
@@ -295,7 +295,7 @@ impl<'a> Solver<'a> {
             .map(|v| v.points.len() < fewest)
             .collect();
         for index in (0..poor.len()).rev().filter(|&i| poor[i]) {
-            let reason = "hardly any of its corners is where it should be".to_owned();
+            let reason = "few of its corners are where they should be".to_owned();
             self.leave_out(&Verdict::View(index, reason), left_out);
         }
         self.bundle.adjust(mild_loss(&self.bundle), 30);

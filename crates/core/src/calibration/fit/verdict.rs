@@ -317,7 +317,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
         let part = parts[0].max(parts[1]);
         if part > limits.focal_deviation {
             let words = format!(
-                "camera {}: its focal length is known to ±{:.2} % alone, expected {:.2} % or better",
+                "camera {}: its focal length is known only to ±{:.2} %, expected {:.2} % or better",
                 camera.camera.id,
                 100.0 * part,
                 100.0 * limits.focal_deviation
