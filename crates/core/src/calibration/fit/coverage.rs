@@ -16,7 +16,7 @@ pub struct Wanted {
     /// Default 6, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub views: usize,
-    /// Placements that each camera shares with its nearest partner.
+    /// Placements that each camera shares with the camera with which it shares most.
     /// Default 4, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub shared: usize,
@@ -27,7 +27,8 @@ pub struct Wanted {
     /// Default 0.15, range 0.01 to 20.
     #[serde(deserialize_with = "range::from_a_hundredth::<_, _, 20>")]
     pub depth_step: f64,
-    /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
+    /// Tilts against a depth camera, in degrees: it should see the board tilted by at most the first, and by at least
+    /// the second. Default 15, 35.
     #[serde(deserialize_with = "range::each_within::<_, 0, 90>")]
     pub tilts_degrees: [f64; 2],
 }

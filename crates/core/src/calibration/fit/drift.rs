@@ -16,16 +16,17 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Watch {
-    /// Root mean square in pixels by which the board is elsewhere in its picture.
+    /// Root mean square displacement, in pixels, of the board in a camera's picture above which the camera moved.
     /// Default 0.4, range 0.001 to 1000.
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
-    /// And how many times what is usual among the cameras, where that is less.
+    /// It must also be more than this many times the usual displacement of the cameras, of which at most `moved_px`
+    /// counts.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
-    /// Millimetres at 1 m by which a depth camera may read too deep or too near beyond what its calibration left; it
-    /// grows with the square of the distance.
+    /// Millimetres at 1 m by which a depth camera may read too deep or too near, in addition to its calibration's
+    /// uncertainty; the limit grows with the square of the distance.
     /// Default 5, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_mm: f64,

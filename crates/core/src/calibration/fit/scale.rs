@@ -13,15 +13,15 @@ use std::collections::BTreeMap;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Witnesses {
-    /// Metres a unit of depth cameras as their factory set them; 0 where that is not known.
+    /// Metres per unit of depth cameras as the factory set them; 0 if that is not known.
     /// Default 0.001, range 0 to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub nominal_slope: f64,
-    /// Standard deviation of a factory's slope, as a part of it.
+    /// Standard deviation of the factory's slope, as a share of it.
     /// Default 0.01, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub slope_deviation: f64,
-    /// Part by which a witness and the board's size may differ, however sure the witness is.
+    /// Share by which a witness and the board's size may differ, however sure the witness is.
     /// Default 0.01, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub tolerance: f64,

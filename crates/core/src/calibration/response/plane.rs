@@ -33,7 +33,7 @@ pub struct PlaneParameters {
     /// Default 60, range 1 to 89.
     #[serde(deserialize_with = "range::within::<_, _, 1, 89>")]
     pub steepest_degrees: f64,
-    /// Fewest views that say enough.
+    /// Fewest views that are needed.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
     pub min_views: usize,
@@ -47,11 +47,11 @@ pub struct PlaneParameters {
     /// Default 0.0015, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub noise_at_1m: f64,
-    /// By how much the scale s(z) may be expected to be off 1, and to change a metre.
+    /// Expected deviation of the scale s(z) from 1, and expected change of it per metre, as one standard deviation.
     /// Default 0.02, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub scale_expected: f64,
-    /// Pixels whose errors are one and the same, because a sensor matches windows.
+    /// Number of neighbouring pixels that share one error, because the sensor matches windows.
     /// Default 100, range 1 to 1000000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1_000_000>")]
     pub correlated_pixels: f64,
