@@ -1,4 +1,4 @@
-//! `scand demo`: reconstructs a recording that comes with the program, so that a person sees what comes out.
+//! `scand demo`: reconstructs a recording that comes with the program, so that a person sees what scand makes.
 
 use super::{Cli, run as run_command};
 use crate::storage::write_atomically;

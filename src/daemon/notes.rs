@@ -1,6 +1,6 @@
-//! What becomes of a note: one on a capture of a session that is closed is written beside its recording, and each one
-//! that is on the disk takes effect. A reject takes back the capture's job while that waits, and a clear or an accept
-//! offers it again. A model that is made stays, marked with what was said.
+//! Carries out notes: a note on a capture of a closed session is written beside its recording, and a note takes effect
+//! when it is on the disk. A reject removes the capture's job from the queue if no worker has begun it; a clear or an
+//! accept puts it back. An existing model stays and is marked with the note.
 
 use super::dispatcher::Dispatcher;
 use super::names;

@@ -1,5 +1,5 @@
-//! System calls that no safe library has: what a process inherited is closed, and it comes after all others. Each
-//! touches the calling process alone.
+//! System calls that no safe library has: they close the files that a process inherited, and lower its priority. Each
+//! affects only the calling process.
 #![allow(
     unsafe_code,
     reason = "close_range, sched_setscheduler and ioprio_set have no safe form"

@@ -1,4 +1,4 @@
-//! Packages for archives: what `scand archive` puts into one, and what `scand verify` says of it.
+//! Tests packages for archives: what `scand archive` puts into one, and what `scand verify` says about it.
 
 use super::desk::Desk;
 use serde_json::Value;

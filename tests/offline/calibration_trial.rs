@@ -1,7 +1,7 @@
-//! Sessions with a fault each, rendered, recorded and calibrated by the command: what is said of each, and the exit
-//! code. No fault that a session can show may end in *good* or *accepted*. The same faults are tried on corners
-//! without pictures beside the code that finds them; this takes minutes and is run by `make calibration-trial`, with
-//! eleven cameras of 5 megapixels where `SCAND_TRIAL=full` is in the environment.
+//! Sessions with one fault each, rendered, recorded and calibrated by the command: the messages, and the exit code. No
+//! fault that a session can show may end in *good* or *accepted*. The same faults are tried on corners without pictures
+//! beside the code that finds them; this takes minutes and is run by `make calibration-trial`, with eleven cameras of 5
+//! megapixels where `SCAND_TRIAL=full` is in the environment.
 
 use assert_cmd::Command;
 use scand::calibration::Board;

@@ -1,4 +1,4 @@
-//! `scand export`: models in other programs' formats, captures as datasets, and what is said of what cannot be
+//! `scand export`: models in other programs' formats, captures as datasets, and the messages for what cannot be
 //! exported.
 
 use assert_cmd::Command;

@@ -1,4 +1,4 @@
-//! What people said of a capture, and what of it holds. Data only; `recording` has where notes lie.
+//! People's notes on a capture, and which of them is valid. Data only; `recording` reads and writes notes.
 
 use crate::frame::Timestamp;
 use serde::{Deserialize, Serialize};

@@ -1,5 +1,6 @@
-//! Packages for archives after BagIt (RFC 8493): a folder with the files under `data/`, and lists of their SHA-512
-//! digests. `Bag` makes one, `verify` checks one, whoever made it. Knows nothing of what the files hold.
+//! Packages for archives that follow BagIt (RFC 8493): a folder with the files under `data/`, and lists of their
+//! SHA-512 digests. `Bag` makes one, and `verify` checks one, whoever made it. This room knows nothing of the files'
+//! contents.
 
 mod manifest;
 mod verify;

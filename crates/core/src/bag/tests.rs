@@ -1,4 +1,4 @@
-//! Packages that are whole, and each way in which one can be broken or meant to do harm.
+//! Tests intact packages, and each way in which a package can be damaged or hostile.
 
 use super::*;
 use std::fs;

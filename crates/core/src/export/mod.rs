@@ -1,6 +1,5 @@
-//! Models in the formats of other programs, with the units and the axis that their readers expect: made from the
-//! `model.glb` that scand wrote. Turns bytes into bytes; what brings them to the disk, and reconstructing, is
-//! elsewhere.
+//! Models in the formats of other programs, with the units and the axis that their readers expect, made from the
+//! `model.glb` that scand wrote. Turns bytes into bytes; nothing here reconstructs a model or writes to the disk.
 
 mod bake;
 mod glb;

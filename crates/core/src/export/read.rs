@@ -1,5 +1,5 @@
-//! Reads a `model.glb` of scand back into the model that it was made from: the surface welded, the texture decoded, and
-//! what is known of the object. Other programs' files are refused, for they lack what a model of scand says of itself.
+//! Reads a `model.glb` of scand back into the model from which it was made: the welded surface, the decoded texture,
+//! and the data about the object. Other programs' files are refused, because they lack what scand writes about a model.
 
 use super::Error;
 use crate::description::Description;

@@ -1,4 +1,4 @@
-//! Why no model was made of a capture.
+//! Why no model was made from a capture.
 
 use crate::{capture, output, reconstruct, storage};
 use std::path::PathBuf;

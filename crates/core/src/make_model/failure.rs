@@ -1,4 +1,4 @@
-//! The report of a capture that became no model.
+//! The report of a capture whose model could not be made.
 
 use super::Error;
 use crate::reconstruct::Method;

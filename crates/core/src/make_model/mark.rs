@@ -1,5 +1,5 @@
-//! Marks a model that is there with what people said of its capture: in its report and on its preview. The model's own
-//! files stay as they are, for a note may be taken back.
+//! Marks an existing model with the notes on its capture, in its report and on its preview. The model's own files stay
+//! as they are, because a note may be taken back.
 
 use super::{Error, report_file};
 use crate::notes::{CaptureNotes, Said};

@@ -1,5 +1,5 @@
-//! What is known of a model in the vocabularies of archives: Dublin Core for the object and CRMdig, the extension of
-//! CIDOC CRM for digitisation, for how the model came about, in the form of glTF's extension `KHR_xmp_json_ld`.
+//! Data about a model in the vocabularies of archives: Dublin Core for the object, and CRMdig, the extension of CIDOC
+//! CRM for digitisation, for how the model was made. They have the form of glTF's extension `KHR_xmp_json_ld`.
 //! `design/metadata.md` names the sources.
 
 use crate::description::Description;

@@ -1,5 +1,5 @@
-//! What people said of captures: the notes in a recording, and those that came after it was complete. The latter lie
-//! beside it, in `NAME.notes.jsonl`, a line of JSON each: a complete recording never changes.
+//! People's notes on captures: those in a recording, and those that were made after it was complete. The latter lie
+//! beside it in `NAME.notes.jsonl`, one line of JSON each, because a complete recording never changes.
 
 use super::recovery::finished_name;
 use super::{Error, Note, Recording, Topic, json};

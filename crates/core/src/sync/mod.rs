@@ -2,9 +2,9 @@
 //! I/O. It looks only at timestamps, so a replay and a live rig give the same captures. `H` stands for a frame: a
 //! reference into a recording, or the frame itself.
 //!
-//! A capture's window opens at its trigger less the tolerance and closes after the window's length or where
-//! the next trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two
-//! captures. Frames that a recording lists for a capture are that capture's whatever its window.
+//! A capture's window opens at its trigger less the tolerance and closes after the window's length or where the next
+//! trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two captures. Frames
+//! that a recording lists for a capture belong to it, whatever its window.
 
 mod free_running;
 

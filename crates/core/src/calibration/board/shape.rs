@@ -1,5 +1,5 @@
-//! How a printed board differs from what it is said to be: its sheet is bent, and its squares are longer along the rows
-//! than down the columns, or shorter. Where a corner lies then, and where a line of sight meets the sheet.
+//! How a printed board differs from its description: its sheet is bent, and its squares are longer along the rows than
+//! down the columns, or shorter. Computes where a corner then lies, and where a line of sight meets the sheet.
 
 use super::{Board, Face};
 use nalgebra::{Matrix3, Point3, Vector3};

@@ -1,7 +1,6 @@
 //! Bundle adjustment: lenses, camera poses, the board's placements, its back's pose and its shape, all at once, by
-//! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a
-//! modern synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It solves; what is true of the result is
-//! judged elsewhere.
+//! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a modern
+//! synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It only solves; other files judge the result.
 
 use super::lens::{Lens, PARAMETERS};
 use super::sheet::{PRIOR_VARIANCE, Sheet, TERMS};

@@ -1,4 +1,4 @@
-//! Whether a board of another size than it is said to be explains what the cameras of a calibrated rig see.
+//! Tests whether a board of another size than the stated one explains what the cameras of a calibrated rig see.
 
 use super::as_calibrated::{off_px, start};
 use super::lens::Lens;

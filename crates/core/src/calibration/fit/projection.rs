@@ -1,5 +1,5 @@
-//! How far the cameras' lines of sight may be off where objects stand: what the uncertainties of lenses and poses
-//! amount to together, for a rig as a whole may move without any harm to what is measured in it.
+//! Computes how far the cameras' lines of sight may be off where objects stand, from the uncertainties of lenses and
+//! poses together. Motions of the whole rig are left out, because they do not affect what is measured in it.
 
 use super::adjust::{CAMERA, CameraState};
 use super::lens::PARAMETERS;

@@ -1,6 +1,6 @@
-//! Holds the board's size, which sets the scale of all lengths, against what else knows a length: a depth camera's
-//! slope, a ruler's reading of the printed ruler, the distance of two cameras. It says which of them contradict it;
-//! which one is wrong cannot be known.
+//! Compares the board's size, which sets the scale of all lengths, with independent measurements of a length: a depth
+//! camera's slope, a ruler held against the printed ruler, the distance of two cameras. It says which of them
+//! contradict the board's size; which side is wrong cannot be known.
 
 use super::result::Fit;
 use super::verdict::Judgement;

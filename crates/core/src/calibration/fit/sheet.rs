@@ -1,5 +1,4 @@
-//! The shape of the board's sheet as the fit's parameters: which of its terms are fitted, and what is believed of them
-//! before any picture.
+//! The shape of the board's sheet as parameters of the fit: which of its terms are fitted, and their prior.
 
 use crate::calibration::{Board, BoardShape, Face, Surface};
 use nalgebra::{Matrix3, Point2, Point3};

@@ -1,5 +1,5 @@
-//! Decides which terms of the board's shape are part of the fit: those that predict placements better that were held
-//! out, and on which both halves of the placements agree. What becomes of the others' doubt is decided here too.
+//! Decides which terms of the board's shape are part of the fit: those that predict held-out placements better, and on
+//! which both halves of the placements agree. Also decides how the uncertainty of the other terms is stated.
 
 use super::adjust::{Bundle, Loss};
 use super::holdout::{Prediction, held_out};

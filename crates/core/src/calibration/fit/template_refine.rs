@@ -1,6 +1,6 @@
-//! Refines corners that markers crowd. A first fit says how the board lies, so that the print around such a corner
-//! can be laid over the picture until both agree; marker edges then contribute to the match instead of biasing it. It
-//! finds no board and fits no lens.
+//! Refines corners that lie close to markers. A first fit shows how the board lies, so the printed pattern around such
+//! a corner can be matched with the picture; marker edges then contribute to the match instead of biasing it. It finds
+//! no board and fits no lens.
 
 use super::result::Fit;
 use super::session::{Corner, Session, View};

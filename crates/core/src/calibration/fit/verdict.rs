@@ -1,4 +1,4 @@
-//! Judges a fit, in words. The limits are parameters; nothing is estimated here.
+//! Judges a fit: a verdict with its reasons. The limits are parameters; nothing is estimated here.
 
 use super::diagnosis::Finding;
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};

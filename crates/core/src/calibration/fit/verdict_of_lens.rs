@@ -1,5 +1,5 @@
-//! Whether a camera's residuals show that its lens is beyond the lens model: they point to the middle of its picture,
-//! or away from it, as much as the distance from the middle says.
+//! Tests whether a camera's residuals show that the lens model does not fit its lens: they then point to the centre of
+//! the picture, or away from it, by an amount that depends on the distance from the centre.
 
 use super::result::{Fit, ViewResiduals};
 use nalgebra::Vector2;

@@ -1,4 +1,4 @@
-//! What the board's shape means for a calibration, in words.
+//! The reasons that the board's shape gives for the verdict of a calibration.
 
 use super::result::{Fate, FittedShape, ShapeTerm};
 use crate::calibration::Level;

@@ -1,4 +1,4 @@
-//! Whether a depth camera still reads what its response says: its readings against boards whose places the rig knows.
+//! Tests whether a depth camera's readings still match its response, on boards whose places the rig knows.
 
 use super::misfit::{self, Patch};
 use super::plane::{Plane, PlaneParameters, PlaneView};

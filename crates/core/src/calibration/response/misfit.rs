@@ -1,5 +1,5 @@
-//! Why readings do not fit a line in the distance: each cause leaves a pattern of its own over boards that lie tilted
-//! this way and that. The pattern that predicts boards best to which it was not fitted is the most likely cause.
+//! Finds why readings do not fit a line in the distance: each cause leaves a pattern of its own on boards with
+//! different tilts. The most likely cause is the one whose pattern best predicts boards to which it was not fitted.
 
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! Fits to boards find known responses again.
+//! Tests that fits to boards recover known responses.
 
 use super::*;
 use crate::calibration::{Board, DepthResponse, Distortion, Intrinsics};

@@ -1,5 +1,5 @@
-//! Which vertices of a hull lie on an edge that the silhouettes show: where many cones are tight, their normals differ,
-//! and nothing else touches their contours. There the surface stays, and may bend.
+//! Finds the vertices of a hull that lie on an edge that the silhouettes show: many cones meet there, their normals
+//! differ, and nothing else touches their contours. There the surface stays in place, and may bend.
 
 use super::contour::Contour;
 use super::shape::{Role, Shape};

@@ -1,4 +1,4 @@
-//! Faired hulls against shapes that are known exactly.
+//! Compares faired hulls with shapes that are known exactly.
 
 use super::*;
 use crate::calibration::{Camera, Distortion, Intrinsics};

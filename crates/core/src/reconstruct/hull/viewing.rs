@@ -1,6 +1,6 @@
-//! Lines through the hull: where one leaves it, and what bounds it there. Along the viewing ray of a point of the
-//! hull's surface this is its viewing edge, which the true surface touches somewhere (Cheung, Baker and Kanade, "Visual
-//! hull alignment and refinement across time", 2003).
+//! Lines through the hull: where a line leaves the hull, and which constraint bounds it there. On the viewing ray of a
+//! point of the hull's surface, the part within the hull is its viewing edge, which the true surface touches somewhere
+//! (Cheung, Baker and Kanade, "Visual hull alignment and refinement across time", 2003).
 
 use super::solid::Hull;
 use crate::reconstruct::surface::Side;

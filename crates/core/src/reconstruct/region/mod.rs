@@ -3,9 +3,9 @@
 //! is itself hollow make the regions of interest. Nothing is carved or moved here.
 //!
 //! - `front` renders the hull's front surface (equations 3 and 4) and its first way out;
-//! - `bias` estimates what the depth camera's calibration left over;
+//! - `bias` estimates the error that the depth camera's calibration left;
 //! - `hollow` measures how far the measured surface itself lies behind its own rims;
-//! - `support` tells which holes of the depth lie between a hollow's readings;
+//! - `support` decides which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference.
 
 mod bias;

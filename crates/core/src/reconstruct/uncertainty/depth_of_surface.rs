@@ -1,5 +1,5 @@
-//! How deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge through
-//! it.
+//! Computes how deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge
+//! through that point.
 
 use super::touch::{End, ViewingEdge};
 

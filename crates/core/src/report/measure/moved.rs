@@ -1,7 +1,7 @@
-//! Finds the camera that has moved since the calibration: the one without which the others agree again. Also
-//! measures by how much its silhouette is displaced against the hull of the others. Both need the camera to be left
-//! out, because the hull of all cameras stays within every silhouette, which hides half of the error and blames
-//! other cameras as well.
+//! Finds the camera that has moved since the calibration: the one without which the others agree again. Also measures
+//! by how much its silhouette is displaced against the hull of the others. Both need the camera to be left out, because
+//! the hull of all cameras stays within every silhouette, which hides half of the error and makes other cameras look
+//! wrong as well.
 
 use super::color::{ColorMeasures, Consistency};
 use super::trial_hull::trial_hull;

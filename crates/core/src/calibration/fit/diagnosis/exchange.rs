@@ -1,5 +1,5 @@
-//! Whether cameras are, after a change, where others were before it: their cables or names were exchanged, of two
-//! cameras or of several in a ring.
+//! Tests whether cameras are, after a change, where other cameras were before it. Then the cables or names of two
+//! cameras, or of several in a ring, were exchanged.
 
 use super::split::{Split, is_near};
 use super::suspects::Reference;

@@ -1,5 +1,5 @@
-//! Asks the views that contradict a rig whether they agree with each other: on another pose of their camera, another
-//! lens, another camera's place, another moment, or a mirrored picture. It names causes; it changes no fit.
+//! Tests whether the views that contradict a rig agree with each other: on another pose of their camera, another lens,
+//! another camera's place, another moment, or a mirrored picture. It names causes and changes no fit.
 
 mod exchange;
 mod moment;

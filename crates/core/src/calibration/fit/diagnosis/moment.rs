@@ -1,5 +1,5 @@
-//! Whether a camera's pictures are of another moment than their placement, or mirrored: by votes of its views for one
-//! place of the camera. What is told here is gross: another placement of the board lies a board's length away.
+//! Tests whether a camera's pictures are of another moment than their placement, or mirrored: its views vote for one
+//! pose of the camera. Only gross errors are found here: another placement of the board lies a board's length away.
 
 use super::super::Parameters;
 use super::super::pose_graph::{AGREES, Comparison};

@@ -1,5 +1,5 @@
-//! Whether a camera's views agree once they are split in two, before and after a placement: with another pose from
-//! there on, another lens, or both. The placements are held by the cameras of the reference and free within what these
+//! Tests whether a camera's views agree if they are split in two at a placement: from there on, the camera has another
+//! pose, another lens, or both. The reference cameras hold the placements, which may move within what those cameras
 //! saw.
 
 use super::super::Parameters;

@@ -1,4 +1,4 @@
-//! Which cameras contradict the rig, and what the others say of the placements without them.
+//! Finds the cameras that contradict the rig, and fits the placements from the other cameras alone.
 
 use super::super::outliers::LEAST_USUAL;
 use super::super::planar::PlanePose;
