@@ -112,7 +112,8 @@ pub(super) fn read(path: &Path) -> Result<Picture, Error> {
     })
 }
 
-/// Placements by the number that their files have in common, where each has one of its own; else counted.
+/// Names placements by the number that their files have in common, if each placement has a different one; otherwise
+/// counts them.
 fn names(numbers: &[Option<String>]) -> Vec<String> {
     let own: BTreeSet<&String> = numbers.iter().flatten().collect();
     let digits = numbers.len().to_string().len().max(2);

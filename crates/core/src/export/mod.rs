@@ -74,7 +74,7 @@ pub enum Error {
         /// What the system said.
         cause: std::io::Error,
     },
-    /// The file is no model that scand wrote, or is damaged.
+    /// The file is not a model that scand wrote, or it is damaged.
     #[error("{}: {what}", path.display())]
     NotAModel {
         /// The file.

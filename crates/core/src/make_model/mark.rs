@@ -18,7 +18,7 @@ const MEMBER: &str = "notes";
 /// Pixels of the largest preview.
 const MOST_PIXELS: u64 = 40_000_000;
 
-/// Lets the report and the preview in `folder` say these notes, and no others.
+/// Replaces the notes in the report and on the preview in `folder` by these.
 ///
 /// # Errors
 /// If there is no report, or a file cannot be read or written.

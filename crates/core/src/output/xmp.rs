@@ -55,7 +55,7 @@ pub(super) fn packet(about: &Description) -> Value {
     Value::Object(packet)
 }
 
-/// How the model came about: the capture at the rig, and the program that made a model of it.
+/// How the model was made: the capture at the rig, and the program that made a model of it.
 fn digitization(about: &Description) -> Value {
     let mut process = Map::new();
     let mut put = |name: &str, value: Option<&str>| {

@@ -110,7 +110,7 @@ pub enum MessageError {
         /// What the decoder said.
         reason: String,
     },
-    /// A member that cannot be what it stands for.
+    /// A member with an impossible value.
     #[error("{field} is {found}, expected {expected}")]
     BadField {
         field: &'static str,

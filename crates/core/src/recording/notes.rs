@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const ENDING: &str = ".notes.jsonl";
 /// Largest file of notes that is read, in bytes.
 const LARGEST: u64 = 16 << 20;
-/// Most problems with notes that are told.
+/// Most problems with notes that are reported.
 const MOST_PROBLEMS: usize = 20;
 /// Longest text of a note that is kept, in letters.
 const LONGEST_TEXT: usize = 4096;

@@ -62,7 +62,7 @@ pub enum DepthPart {
 }
 
 impl Topic {
-    /// Reads a topic's name; `None` for one that is no business of ours.
+    /// Parses a topic's name; `None` if it is not a topic of the format.
     pub fn parse(name: &str) -> Option<Self> {
         let mut words = name.strip_prefix('/')?.split('/');
         let first = words.next()?;

@@ -129,8 +129,8 @@ fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wante
     found
 }
 
-/// The parts of a camera's picture that look through the table before they come as far as the board has been: nobody
-/// can show it there.
+/// The parts of a camera's picture whose lines of sight meet the table before they come as far as the board has been:
+/// the board cannot be shown there.
 fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
         return Default::default();
@@ -159,8 +159,8 @@ fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     })
 }
 
-/// Whether nearly all that a part of the picture shows at a distance is below z = 0: a sliver above is no place for a
-/// board.
+/// Whether nearly everything that a part of the picture shows at a distance is below z = 0: a board does not fit into
+/// the sliver above.
 fn part_is_below(camera: &Camera, distance: f64, part: [usize; 2]) -> bool {
     const SAMPLES: usize = 5;
     let size = [camera.intrinsics.width, camera.intrinsics.height];

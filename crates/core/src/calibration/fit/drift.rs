@@ -66,7 +66,7 @@ pub struct Motion {
     pub rest_px: f64,
 }
 
-/// Why nothing can be said.
+/// Why the cameras cannot be checked.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CheckError {
@@ -82,10 +82,10 @@ pub enum CheckError {
     OtherBoard {
         /// By what part it looks larger.
         larger: f64,
-        /// What it is said to be.
+        /// The stated board.
         board: String,
     },
-    /// Nobody agrees with anybody.
+    /// Too many cameras disagree.
     #[error(
         "of {seen} cameras that saw the board, {moved} disagree with the calibration ({names}): \
         calibrate the rig again"
@@ -112,7 +112,7 @@ fn other_board(larger: f64, board: &str) -> String {
 pub struct Checks {
     /// Each camera that is in both.
     pub cameras: Vec<Checked>,
-    /// How two cameras moved against each other where no third one tells which of them did.
+    /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// From the board's front to the rig, for each of the session's placements that was seen.
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
@@ -129,16 +129,15 @@ pub struct PairMotion {
     pub cameras: [CameraId; 2],
     /// The motion of the second one, if the first one stayed.
     pub motion: Motion,
-    /// By what part the board would have to be larger than it is said to be to explain it as well; none where that
-    /// does not.
+    /// By what share the board would have to be larger than stated to explain it as well; `None` if no size does.
     pub board_larger: Option<f64>,
 }
 
 /// Checks the cameras of a session against their calibration. Cameras that are not in it are left out.
 ///
 /// # Errors
-/// If fewer than two cameras saw the board, the board is of another size than it is said to be, or half of three or
-/// more cameras disagree.
+/// If fewer than two cameras saw the board, the board has another size than stated, or half of three or more cameras
+/// disagree.
 pub fn check(
     session: &Session,
     known: &RigCalibration,

@@ -128,7 +128,7 @@ pub enum Error {
     /// The cameras do not form one connected graph of shared board placements.
     #[error("{}", disjoint(.groups, .ambiguous))]
     Disjoint {
-        /// The cameras that hang together.
+        /// The groups of connected cameras.
         groups: Vec<Vec<CameraId>>,
         /// Pairs that share placements which do not say how the cameras lie to each other.
         ambiguous: Vec<[CameraId; 2]>,

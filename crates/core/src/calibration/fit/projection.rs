@@ -8,12 +8,12 @@ use nalgebra::{
     Vector2, Vector3,
 };
 
-/// Points along each side of the box for which it is told.
+/// Points along each side of the box for which it is computed.
 const ALONG: usize = 5;
 /// Columns and rows of a picture's map.
 pub(super) const MAP: [usize; 2] = [8, 6];
 
-/// Standard deviations of where a camera sees what stands in the volume, both coordinates together.
+/// Standard deviations with which a camera sees points of the volume, both coordinates together.
 #[derive(serde::Serialize, Clone, Debug, Default, PartialEq)]
 pub struct Projection {
     /// Root mean square over the points of the volume that it sees, in pixels.

@@ -9,7 +9,7 @@ use crate::frame::CameraId;
 use crate::range;
 use std::collections::BTreeMap;
 
-/// What witnesses of the scale are expected to know.
+/// The limits for witnesses of the scale.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Witnesses {
@@ -42,7 +42,7 @@ impl Default for Witnesses {
     }
 }
 
-/// A slope that is more than so many times the nominal one, or less than its inverse, is of another unit.
+/// A slope that is more than this many times the nominal one, or less than its inverse, has another unit.
 const SAME_UNIT: f64 = 1.5;
 
 /// A length with its standard deviation, in metres.
@@ -90,7 +90,7 @@ pub struct Slope {
     pub deviation: f64,
 }
 
-/// What a witness says of the scale.
+/// What a witness says about the scale.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct Testimony {
     /// By what part the calibration's lengths, which the board's size sets, are larger than the witness says.
@@ -103,8 +103,8 @@ pub struct Testimony {
     pub words: String,
 }
 
-/// Asks all witnesses of the scale; `slopes` are those of depth cameras that the boards determine. A distance of a
-/// camera that could not be fitted says nothing.
+/// Compares all witnesses of the scale with the board's size; `slopes` are those of depth cameras that the boards
+/// determine. A distance to a camera that could not be fitted is ignored.
 pub fn witnesses(
     fit: &Fit,
     slopes: &BTreeMap<CameraId, Slope>,
@@ -121,7 +121,7 @@ pub fn witnesses(
     found
 }
 
-/// What there is to say of the scale, a line each.
+/// The messages about the scale, one line each.
 pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
     if testimonies.is_empty() {
         return vec![format!(
@@ -135,7 +135,7 @@ pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
 }
 
 impl Judgement {
-    /// Takes what witnesses of the scale say into account.
+    /// Adds the reasons that witnesses of the scale give.
     pub fn with_witnesses(mut self, testimonies: &[Testimony]) -> Self {
         for testimony in testimonies.iter().filter(|t| t.contradicts) {
             self.level = self.level.max(Level::Doubtful);

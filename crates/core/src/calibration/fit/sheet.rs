@@ -33,7 +33,7 @@ impl Sheet {
         }
     }
 
-    /// A flat sheet whose squares are as they are said to be.
+    /// A flat sheet whose squares have the stated size.
     pub(super) fn flat(board: &Board) -> Self {
         Self::of(board, BoardShape::default())
     }
@@ -55,7 +55,7 @@ impl Sheet {
         }
     }
 
-    /// Where a point of a face as it is said to be really lies, in the face's frame.
+    /// The true position, in the face's frame, of a stated point of a face.
     #[inline]
     pub(super) fn point(&self, back: bool, p: &Point3<f64>) -> Point3<f64> {
         self.face(back).point([p.x, p.y])

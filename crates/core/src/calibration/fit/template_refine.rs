@@ -93,7 +93,7 @@ impl<'a> Print<'a> {
         })
     }
 
-    /// Where a point of the face, as it is said to be, is seen.
+    /// Where a stated point of the face is seen.
     fn pixel(&self, on_face: Point3<f64>) -> Option<Point2<f64>> {
         let p = self.camera_from_face * self.surface.point([on_face.x, on_face.y]);
         self.lens.project(p.x, p.y, p.z)
@@ -117,7 +117,7 @@ impl<'a> Print<'a> {
         Some(steps[0].min(steps[1]))
     }
 
-    /// Where the print says that a corner is; `None` where it does not match what is seen.
+    /// Where a corner is according to the printed pattern; `None` if the pattern does not match the picture.
     fn matched(&self, picture: &Grid<u8>, corner: &Corner) -> Option<Point2<f64>> {
         let predicted = self.pixel(self.board.corner_position(corner.column, corner.row))?;
         let half = WINDOW_PART * self.square_px(corner, predicted)?;

@@ -144,8 +144,8 @@ pub struct Judgement {
 /// A reason, and the best verdict that it allows.
 type Reason = (Level, String);
 
-/// Judges a fit with the causes that its left-out views agree on, and of each depth camera the largest bias in metres
-/// that its response leaves, or why it has none.
+/// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the largest bias in
+/// metres that its response leaves, or the reason why it has no response.
 pub fn judge(
     fit: &Fit,
     findings: &[Finding],

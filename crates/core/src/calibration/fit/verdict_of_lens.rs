@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 
 /// Rings of the picture, each with as many corners.
 const RINGS: usize = 8;
-/// Fewest corners for which something is said.
+/// Fewest corners for which this is tested.
 const FEWEST: usize = 200;
 /// Part of the residuals' squares, from 0 to 1, that the rings explain with a lens that is beyond its model.
 const SYSTEMATIC: f64 = 0.25;

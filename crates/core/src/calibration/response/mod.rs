@@ -53,7 +53,7 @@ pub enum ResponseError {
         /// Where the fit holds, in metres.
         range: [f64; 2],
     },
-    /// A fit that is no sensor's.
+    /// A fit that no real sensor would give.
     #[error(transparent)]
     Impossible(#[from] super::Error),
 }

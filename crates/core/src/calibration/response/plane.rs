@@ -86,7 +86,7 @@ pub struct PlaneFit {
     pub left_out: Vec<(String, String)>,
     /// A smooth correction a pixel, and whether it would pay.
     pub correction: Correction,
-    /// Why the line does not fit, where it does not and something explains it.
+    /// Why the line does not fit, if it does not and a cause explains it.
     pub misfit: Option<Misfit>,
 }
 
@@ -131,7 +131,7 @@ const FEWEST_IN_VIEW: usize = 100;
 const RIM: f64 = 0.4;
 /// How far beyond the boards the line may be followed, as a part of the distance.
 const BEYOND: f64 = 0.25;
-/// A view that is off by more than so many deviations, and by so many metres at 1 m, is left out.
+/// A view is left out if it is off by more than this many deviations, and by this many metres at 1 m.
 const VIEW_DEVIATIONS: f64 = 6.0;
 const VIEW_OFF: f64 = 0.004;
 
@@ -170,7 +170,7 @@ type Values = Vector4<f64>;
 /// Fits a response to boards.
 ///
 /// # Errors
-/// If too few views show enough of the board in depth, or what comes out is no sensor's response.
+/// If too few views show enough of the board in depth, or no real sensor would have the fitted response.
 pub fn fit_plane(
     lens: &Intrinsics,
     board: &Board,

@@ -59,8 +59,8 @@ pub enum Method {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Spread {
-    /// The readings near their median count, the others do not. A rim that is read now on this side, now
-    /// on the other, stays where it is seen in most of the frames.
+    /// Only the readings near their median count. A rim that some frames read on one side and some on the other stays
+    /// where most of the frames see it.
     #[default]
     Majority,
     /// The paper's equation 2: the pixel is left out.
@@ -193,7 +193,7 @@ pub enum DepthKind {
     None = 0,
     /// The mean of valid readings.
     Measured = 1,
-    /// No reading that can be trusted: carried over from around.
+    /// There is no reading that can be trusted: the depth is filled in from the surroundings.
     Filled = 2,
 }
 
@@ -206,7 +206,7 @@ pub struct Facts {
     pub region: usize,
     /// Pixels with depth from readings.
     pub measured: usize,
-    /// Pixels with depth carried over from around.
+    /// Pixels whose depth is filled in from the surroundings.
     pub filled: usize,
     /// Pixels without depth.
     pub empty: usize,
@@ -237,9 +237,9 @@ pub struct EnhancedDepth {
     pub facts: Facts,
 }
 
-/// Enhances a burst. `region` has the size of the camera's pictures and is 128 and up where the object can
-/// be; no reading outside it is used and nothing outside it is filled. A burst without frames or readings
-/// is no error: every pixel is [`DepthKind::None`].
+/// Enhances a burst. `region` has the size of the camera's pictures and is 128 and up where the object can be; no
+/// reading outside it is used and nothing outside it is filled. A burst without frames or readings is not an error:
+/// every pixel is then [`DepthKind::None`].
 ///
 /// # Errors
 /// If a picture or the region has not the size of the camera's calibration.

@@ -145,7 +145,7 @@ pub fn fair(
     Some(Faired { body, facts })
 }
 
-/// The lattice with cells so many times as long.
+/// The lattice with cells `times` as long.
 fn coarser(lattice: &Lattice, times: u32) -> Lattice {
     Lattice {
         origin: lattice.origin,

@@ -42,8 +42,9 @@ impl Hull<'_> {
         cones.filter_map(move |(i, cone)| Some((i, cone.normal_near(p, radius_px)?)))
     }
 
-    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that has no
-    /// say, because the line is one of its viewing rays. In steps of so many metres: what is thinner may be missed.
+    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that is
+    /// ignored, because the line is one of its viewing rays. The line is followed in steps of `step` metres; thinner
+    /// parts may be missed.
     pub fn exit(&self, from: Point3<f64>, along: Vector3<f64>, without: usize, step: f64) -> Exit {
         let wall = self.wall(from, along);
         let mut begin = 0.0;

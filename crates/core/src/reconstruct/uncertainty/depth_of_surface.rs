@@ -3,7 +3,7 @@
 
 use super::touch::{End, ViewingEdge};
 
-/// Where no edge of the object tells where it touches: share of what is expected if it touched at an end.
+/// If no edge of the object shows where it touches: the share of what is expected if it touched at an end.
 const TOUCH_AT_END: f64 = 0.33;
 
 /// The expected depth in metres. `design/surface.md` has the reasoning and what it was measured on.

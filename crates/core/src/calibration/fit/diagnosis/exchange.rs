@@ -95,7 +95,7 @@ fn with_reference(reference: &Reference, splits: &[Split]) -> Option<Exchange> {
     })
 }
 
-/// All orders of so many things.
+/// All permutations of this many things.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let mut all: Vec<Vec<usize>> = vec![Vec::new()];
     for _ in 0..count {

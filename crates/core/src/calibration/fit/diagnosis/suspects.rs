@@ -104,7 +104,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// A camera by itself: what no other camera can spoil.
+/// A camera by itself: results that no other camera can affect.
 pub(super) struct Solo {
     pub lens: super::super::lens::Lens,
     /// The views that a pose explains, with the board's (the front's) pose in each.
