@@ -51,7 +51,7 @@ enum Kind {
     Charuco,
 }
 
-/// Writes the file and says what `scand calibrate` is to be told.
+/// Writes the file and prints the options for `scand calibrate`.
 ///
 /// # Errors
 /// If there is no such board, it does not fit on the paper, or the file already exists or cannot be written.

@@ -17,10 +17,10 @@ pub struct Args {
     json: bool,
 }
 
-/// Checks each package. The exit code is 1 if one is not whole.
+/// Checks each package. The exit code is 1 if one is not intact.
 ///
 /// # Errors
-/// None: what cannot be read is told here, and the next package is checked.
+/// None: a package that cannot be read is reported here, and the next one is checked.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
     for folder in &args.folders {

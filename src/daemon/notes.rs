@@ -17,8 +17,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Writes a note beside the complete recording that has its capture, and answers. A recording is opened on a thread of
-/// its own, for a large damaged one is read whole.
+/// Writes a note beside the complete recording that has its capture, and answers. A recording is opened on its own
+/// thread, because a large damaged one has to be read completely.
 pub(super) fn write_beside(
     folder: PathBuf,
     note: Note,
@@ -105,7 +105,7 @@ impl NoteEffects {
         }
     }
 
-    /// Takes a waiting job back; its press hears that there will be no model.
+    /// Withdraws a waiting job; its press is told that there will be no model.
     fn withdraw(&self, jobs: &Jobs, capture: &str) {
         if let Some(recording) = jobs.withdraw(capture) {
             log::notice!("capture {capture}: rejected before its model was made");
@@ -117,7 +117,7 @@ impl NoteEffects {
         }
     }
 
-    /// Marks a model that was just made with what was said meanwhile.
+    /// Marks a model that was just made with the notes that were made meanwhile.
     pub(super) fn job_ended(&self, event: &Event) {
         let (Event::Done { capture, .. } | Event::JobFailed { capture, .. }) = event else {
             return;

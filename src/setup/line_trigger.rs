@@ -4,9 +4,9 @@ use crate::config::Config;
 use crate::drivers::live::LINE_LEAD;
 use crate::drivers::{aravis, v4l2};
 
-/// Holds a configuration against the cameras that a signal triggers. Their exposure begins before the daemon hears of
-/// it, so that the tolerance must be as long as that. And no capture is taken once more by itself: no signal would
-/// come.
+/// Adapts a configuration to cameras that a signal triggers. Their exposure begins before the daemon hears of the
+/// trigger, so the tolerance must be at least that long. Failed captures are not retried, because no second signal
+/// would come.
 ///
 /// # Errors
 /// If frames of such a camera would be taken for those of an earlier press.

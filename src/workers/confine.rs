@@ -62,8 +62,8 @@ pub fn part_from(parent: u32) -> Result<(), ConfineError> {
     close_inherited().map_err(|cause| limit("its open files", cause))
 }
 
-/// Confines this thread, all that it starts, and in its limits the whole process, for ever. It may read what is in
-/// `reads` and read and write what is in `writes`. What this system cannot do is returned, in words.
+/// Confines this thread and all threads that it starts, and limits the whole process, for ever. It may read what is in
+/// `reads` and read and write what is in `writes`. Returns messages about what this system cannot do.
 ///
 /// # Errors
 /// If a limit cannot be set.

@@ -256,7 +256,7 @@ fn safe(name: &str) -> String {
     }
 }
 
-/// A day as it stands in a package.
+/// A day in the form that a package uses.
 fn date(text: &str) -> Result<String, String> {
     let bytes = text.as_bytes();
     let is_date = bytes.len() == 10

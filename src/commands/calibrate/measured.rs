@@ -10,8 +10,8 @@ const DISTANCE: f64 = 15e-3;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct MeasuredArgs {
-    /// What a ruler says of the ruler that is printed on the board, such as 200mm=199.2mm or 200mm=199.2mm±0.3mm (or
-    /// +-; 0.5 mm without): it tells whether the sheet was printed at its size
+    /// A length of the ruler that is printed on the board, and what you measured for it, such as 200mm=199.2mm or
+    /// 200mm=199.2mm±0.3mm (or +-; 0.5 mm without): it shows whether the sheet was printed at full size
     #[arg(long, value_name = "PRINTED=MEASURED", value_parser = ruler)]
     measured: Vec<RulerReading>,
     /// The measured distance of two cameras' lenses, such as left right 1200mm±1mm (or +-; 15 mm without)

@@ -43,7 +43,7 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
     Ok(cameras)
 }
 
-/// The files that a pattern stands for.
+/// The files that match a pattern.
 fn found(pattern: &str) -> Result<Vec<PathBuf>, String> {
     let path = Path::new(pattern);
     if path.is_dir() {
@@ -89,7 +89,7 @@ fn listed(folder: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<PathBuf
     Ok(files)
 }
 
-/// Whether a name is what a pattern says: `*` stands for any number of letters, `?` for one.
+/// Whether a name matches a pattern: `*` stands for any number of letters, `?` for one.
 fn matches(pattern: &[u8], name: &[u8]) -> bool {
     let (mut p, mut n) = (0, 0);
     // Where the last star is, and how much of the name it stands for.

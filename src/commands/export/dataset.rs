@@ -13,7 +13,7 @@ use anyhow::Context;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// The file that tells a dataset of scand from other folders.
+/// The file that distinguishes a dataset of scand from other folders.
 const SHEET: &str = "scand.json";
 
 /// Writes the dataset of each capture of the recordings.
@@ -52,7 +52,7 @@ fn refuse_other(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The captures that are named; if none is, all that people did not reject and that did not fail.
+/// The captures that are named; if none is named, all that were not rejected and did not fail.
 fn wanted(session: &CaptureSession, args: &Args) -> anyhow::Result<Vec<CaptureId>> {
     let all = session.captures();
     for name in &args.capture {

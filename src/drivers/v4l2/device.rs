@@ -147,7 +147,7 @@ struct Map {
 }
 
 impl Queue {
-    /// Makes a queue of so many buffers and starts the stream.
+    /// Makes a queue of `count` buffers and starts the stream.
     ///
     /// # Errors
     /// If the driver does not stream from memory, or another program has it.
