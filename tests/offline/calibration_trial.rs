@@ -395,7 +395,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
         &beside,
         &[],
         3,
-        &["depth that lies beside its colour picture"],
+        &["depth that is displaced against its colour picture"],
     );
     let whole = trial.write(&trial.base, "whole.mcap");
     let told = check(&whole, &sound);

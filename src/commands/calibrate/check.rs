@@ -59,7 +59,7 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
     let DepthOff { distance, off, .. } = &found.worst;
     let beside = found.beside_px.map(|[x, y]| {
         format!(
-            "; its depth lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, and \
+            "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, and \
              calibrate it"
         )
     });

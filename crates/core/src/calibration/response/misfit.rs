@@ -43,15 +43,15 @@ impl Cause {
     fn words(&self) -> String {
         match self {
             Self::Misregistered([x, y]) => format!(
-                "depth that lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y"
+                "depth that is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y"
             ),
             Self::Bowl(metres) => format!(
-                "a bowl, with the picture's corners {:.1} mm {} than its middle at 1 m",
+                "an error that grows from the picture's middle to its corners, which are {:.1} mm {} at 1 m",
                 1e3 * metres.abs(),
                 if *metres > 0.0 { "deeper" } else { "nearer" }
             ),
             Self::Curve(metres) => format!(
-                "readings that bend with the distance, by {:.1} mm from a line",
+                "a response that is not linear in the distance, by {:.1} mm from a line",
                 1e3 * metres
             ),
         }
