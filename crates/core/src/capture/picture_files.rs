@@ -192,7 +192,7 @@ mod tests {
         .unwrap();
         assert_eq!(shifted.warnings().len(), 1);
         assert!(
-            shifted.warnings()[0].starts_with("l2.jpg and r3.jpg are taken"),
+            shifted.warnings()[0].starts_with("l2.jpg and r3.jpg are used"),
             "{:?}",
             shifted.warnings()
         );
