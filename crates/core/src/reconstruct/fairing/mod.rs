@@ -4,7 +4,7 @@
 //! - `contour` measures distances to a silhouette's contour;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
-//! - `curved` is the smooth surface through a mesh, `transfer` begins a finer mesh on it;
+//! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
 //! - `body` is the result as a solid.
 
@@ -145,7 +145,7 @@ pub fn fair(
     Some(Faired { body, facts })
 }
 
-/// The lattice with cells `times` as long.
+/// The lattice with cells so many times as long.
 fn coarser(lattice: &Lattice, times: u32) -> Lattice {
     Lattice {
         origin: lattice.origin,
