@@ -1,36 +1,36 @@
-# What people and CI do with scand. `make check` is for anybody, `make test` is the gate; .ci/run says what CI runs.
+# The commands for people and for CI. `make check` runs anywhere, `make test` is the gate; .ci/run says what CI runs.
 
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-# The programs of tests that are other ones with the whole rig; `make check` has run the others.
+# The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
 .PHONY: help demo rig-demo deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
 
-help: ## what there is to make
+help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
 
-demo: ## reconstruct a recording and say where the model lies
+demo: ## reconstruct a recording and print where the model is
 	$(CARGO) run --release -- --replay $(RECORDING)
 
-rig-demo: deps ## play a whole rig of cameras to the daemon on this machine, and make a model of a capture
+rig-demo: deps ## run the daemon with a simulated rig on this machine, and make a model of a capture
 	$(CARGO) build --release --locked --features rig
 	scripts/rig-demo.sh $(RECORDING)
 
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
-check: ## what needs neither root nor a camera library: format, clippy, documentation, licences, spelling, the default's tests
+check: ## all checks without root or a camera library: format, clippy, documentation, licences, spelling, default tests
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
 	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig --lib --bins $(RIG_TESTS)
 
-calibration-trial: ## calibrate rendered sessions with a fault each, and sound ones: what is said of each (SCAND_TRIAL=full for 5 megapixels)
+calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1
 
-error-trial: ## hold the errors that models state against the truth, over shapes, rigs and seeds
+error-trial: ## compare the errors that models state with the truth, over shapes, rigs and seeds
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)
@@ -45,7 +45,7 @@ deb-test: deb ## install the package on a clean Debian 12 in a folder, run it, p
 rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot switches (as root on Debian; CHAPTERS="video pedal")
 	CARGO=$(CARGO) tests/rig-vm/run.sh $(CHAPTERS)
 
-torture: deps ## put each promise of docs/promises.md to the test (as root on Debian; N=60 for hours; CHAPTERS="power disk")
+torture: deps ## test each promise of docs/promises.md (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
 interop: ## check what scand writes with other people's readers (500 MB into target/interop; SCAND=PROGRAM needs no build)

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # `make check`: what needs neither root nor an installed camera library. Format, spelling, clippy over each combination
-# of features, licences, documentation, and the tests of the default features. A combination whose system library is not
-# there is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
+# of features, licences, documentation, and the tests of the default features. A combination whose system library is
+# missing is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo=${CARGO:-cargo}
@@ -10,7 +10,7 @@ deny_version=0.20.2
 
 part() { scripts/part.sh "$@"; }
 
-# Says what is not checked, and what it wants.
+# Says what is not checked, and what is missing for it.
 skip() {
 	echo "skipped: $1: $2" >&2
 	[ "${SCAND_REQUIRE_ALL:-}" != 1 ] || { echo "check: SCAND_REQUIRE_ALL=1 allows no skip" >&2 && exit 1; }
@@ -18,7 +18,7 @@ skip() {
 
 has_aravis() { pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; }
 
-# The bindings of V4L2 are made with libclang, which may lie in a folder of its version.
+# The bindings of V4L2 are made with libclang, which may be in a folder named after its version.
 has_libclang() {
 	[ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p 2>/dev/null | grep -q 'libclang[-.]' || compgen -G '/usr/lib/llvm*/lib/libclang*.so*' >/dev/null
 }
@@ -38,7 +38,7 @@ narrow_comments() {
 	[ -z "$wide" ] || { printf 'check: comments are wrapped at 120 columns:\n%s\n' "$wide" >&2 && return 1; }
 }
 
-# Typos' own package on PyPI holds the program, which is there in two seconds.
+# The package typos on PyPI has the program; installing it takes two seconds.
 spelling() {
 	local folder=target/tools/typos
 	local typos=$folder/bin/typos

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs the package on a clean Debian 12 in a folder of its own, looks whether it runs, and removes it again. Run as
+# Installs the package on a clean Debian 12 in a folder of its own, checks whether it runs, and removes it again. Run as
 # root; needs mmdebstrap. The clean Debian is kept below target for the next time.
 #
 #   scripts/deb-test.sh target/debian/scand_0.1.0-1_amd64.deb
@@ -43,7 +43,7 @@ fail() {
 
 say "installing"
 inside apt-get update -qq
-# What it needs first, so that what is compared at the end is the package alone.
+# Its dependencies are installed first, so that the comparison at the end shows only the package.
 inside apt-get install -y -qq --no-install-recommends $(dpkg-deb -f "$package" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//') >/dev/null
 before=$(files)
 users=$(cat "$root/etc/passwd" "$root/etc/group")

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Builds the Debian package into target/debian, with cargo-deb, which is installed below target if it is not there. The
-# program links Debian's libraries, so that it is to be built on the Debian that it is to run on. An installed rig needs no
-# simulator: the program in the package has none, and is left in target/release (or target/debug) in place of another.
-# PROFILE=dev packs one that is not optimised, into the folder OUTPUT.
+# Builds the Debian package into target/debian, with cargo-deb, which is installed below target if it is missing. The
+# program links Debian's libraries, so build it on the Debian on which it will run. The program in the package has no
+# simulator; it replaces the one in target/release (or target/debug). PROFILE=dev packs an unoptimised program into the
+# folder OUTPUT.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -18,7 +18,7 @@ if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 fi
 features=(--no-default-features --features rig)
 "$cargo" build --profile "$profile" --locked --package scand "${features[@]}"
-# What the command line says of itself, as man pages and completions.
+# Man pages and completions, from the definition of the command line.
 program=target/${profile/#dev/debug}/scand
 generated=target/generated
 rm -rf $generated && mkdir -p $generated/bash $generated/zsh $generated/fish

@@ -43,7 +43,7 @@ private=(
 )
 cd "$work"
 apt-get "${private[@]}" update -qq
-# The upstream source alone: Debian's changes concern what is not built here.
+# Only the upstream source: Debian's changes concern parts that are not built here.
 apt-get "${private[@]}" source --tar-only --download-only -qq "libfreenect=$version" >/dev/null
 mkdir source build
 tar -xzf libfreenect_*.orig.tar.gz -C source --strip-components=1
@@ -59,7 +59,7 @@ cmake -S source -B build -DCMAKE_BUILD_TYPE=Release -DBUILD_OPENNI2_DRIVER=ON -D
 built=$(find build -type f -name 'libFreenectDriver.so.*' | head -n 1)
 
 say "loading it into OpenNI2"
-# A folder in which it is the only driver: OpenNI2 starts if it takes it, and not otherwise.
+# A folder in which it is the only driver: OpenNI2 starts only if it accepts the driver.
 mkdir -p stage/OpenNI2/Drivers
 ln -s "$library" stage/libOpenNI2.so.0
 cp "$built" "stage/OpenNI2/Drivers/$driver"

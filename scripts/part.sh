@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs one part of a gate and says how long it took, on stderr and in the file that SCAND_PARTS names, if it does.
+# Runs one part of a gate and prints how long it took, on stderr and, if SCAND_PARTS names a file, into that file.
 #
 #   scripts/part.sh NAME COMMAND...
 set -uo pipefail

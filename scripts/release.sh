@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes a release of this checkout: looks whether it may be one, runs the whole gate, commits the version and the date,
-# builds the package from that commit and tries it on a clean Debian, and tags the commit. Nothing is pushed. Run as
-# root on Debian 12, as `.ci/run` is.
+# Makes a release of this checkout: checks whether it can be released, runs the whole gate, commits the version and the
+# date, builds the package from that commit and tries it on a clean Debian, and tags the commit. Nothing is pushed. Run
+# as root on Debian 12, as `.ci/run` is.
 #
 #   scripts/release.sh 0.2.0
 set -euo pipefail
@@ -23,7 +23,7 @@ grep -qF "## [$version] – unreleased" CHANGELOG.md || refuse "CHANGELOG.md has
 format=$(ls -d tests/golden/format-* | sort -V | tail -n 1)
 echo "release: does this version write recordings of the format in $format? If not, stop and see CONTRIBUTING.md." >&2
 
-# The version first, for the gate is to test what is released.
+# The version is set first, because the gate must test what is released.
 sed -i "0,/^version = \".*\"/s//version = \"$version\"/" Cargo.toml
 sed -i "s/^## \[$version\] – unreleased/## [$version] – $(date -u +%F)/" CHANGELOG.md
 "$cargo" metadata --offline --format-version 1 >/dev/null
@@ -37,7 +37,7 @@ make deb-test
 [ -z "$(git status --porcelain)" ] || { undo && refuse "the gate left files behind"; }
 trap - ERR
 
-# The words of the tag are this version's section of the changelog.
+# The tag's message is this version's section of the changelog.
 awk -v head="## [$version]" 'index($0, "## [") == 1 { on = index($0, head) == 1 } on' CHANGELOG.md |
 	git tag -a "v$version" -F - --cleanup=verbatim
 target/release/scand --version

@@ -14,8 +14,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 pub struct Clock {
     begin: Instant,
     begin_utc_ns: u64,
-    /// By how many nanoseconds a test has advanced its clock; `None` for one that runs by itself. Leaked, so that
-    /// clocks are copied like the numbers that they are elsewhere.
+    /// By how many nanoseconds a test has advanced its clock; `None` for one that runs by itself. It is leaked, so that
+    /// a clock can be copied like a number.
     #[cfg(test)]
     advanced_ns: Option<&'static AtomicU64>,
 }
@@ -93,7 +93,7 @@ impl Clock {
         Timestamp((i128::from(self.at(now).0) - age).max(0) as u64)
     }
 
-    /// Waits for so long. A clock by hand is advanced instead, because nobody else would.
+    /// Waits for this time. A clock by hand is advanced instead, because no other thread would advance it.
     pub fn sleep(&self, duration: Duration) {
         #[cfg(test)]
         if self.advanced_ns.is_some() {
@@ -103,8 +103,8 @@ impl Clock {
         std::thread::sleep(duration);
     }
 
-    /// How long a thread may wait that the system wakes: all that is `left`, or, on a clock by hand, until it looks
-    /// again whether that was advanced.
+    /// How long a thread that the system wakes may wait: all of `left` or, on a clock by hand, until it checks again
+    /// whether the clock was advanced.
     pub fn wait_at_most(&self, left: Duration) -> Duration {
         #[cfg(test)]
         if self.advanced_ns.is_some() {

@@ -1,6 +1,6 @@
-//! scand takes synchronised pictures of an object from colour cameras and a depth camera, keeps them in a
-//! recording that survives whatever happens next, and reconstructs the object by the method of Jang, Park
-//! and Lee, "Hybrid optical system for three-dimensional shape acquisition", Applied Optics 52(16), 2013.
+//! scand takes synchronised pictures of an object from colour cameras and a depth camera, keeps them in a recording
+//! that survives crashes and power cuts, and reconstructs the object by the method of Jang, Park and Lee, "Hybrid
+//! optical system for three-dimensional shape acquisition", Applied Optics 52(16), 2013.
 //!
 //! Data flows one way. Live: `drivers` → `sync` → `recording`. From a recording: `recording` → `sync` → `capture` →
 //! `reconstruct` → `report` → `output`. ARCHITECTURE.md has the table of the rooms that each room may use.

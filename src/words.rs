@@ -1,4 +1,4 @@
-//! Words that several rooms say: counts with their plurals, and which known word is close to a wrong one.
+//! Text that several rooms need: counts with their plurals, and the known word that is closest to a wrong one.
 
 /// A count with its noun: `1 capture`, `2 captures`.
 pub fn count(number: usize, noun: &str) -> String {

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Installs what the tests need beyond Rust and a C compiler, once: a C compiler itself where there is none, Debian's
-# libraries of the live cameras, a camera simulator, OpenCV's pictures of a chessboard, and the Khronos validator for the
-# models. What cannot be installed without root is named, not hidden. npm, which brings hundreds of packages along, is
-# installed where SCAND_REQUIRE_ALL=1 asks that no test is skipped.
+# Installs what the tests need beyond Rust and a C compiler, once: a C compiler if there is none, Debian's libraries of
+# the live cameras, a camera simulator, OpenCV's pictures of a chessboard, and the Khronos validator for the models.
+# Without root, the script names what it cannot install. npm, which brings hundreds of packages along, is installed only
+# if SCAND_REQUIRE_ALL=1 demands that no test is skipped.
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -33,8 +33,8 @@ fi
 need pkg-config libaravis-dev libusb-1.0-0-dev
 # Depth cameras; and V4L2, whose headers are read with clang.
 need libopenni2-dev libclang-dev
-# Tests on networks of their own, bad ones among them, and on disks that are slow, refuse, or lose their power;
-# and under clocks that step.
+# For tests on their own networks, some of them bad, on disks that are slow, fail or lose their power, and with clocks
+# that jump.
 need iproute2 nftables util-linux strace e2fsprogs mount libfaketime
 # The service: its units are judged, and its socket handed over, by systemd's own programs. And its package, whose
 # dependencies dpkg's tools find.

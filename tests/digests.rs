@@ -1,5 +1,5 @@
 //! The program writes the same bytes for the same input as before: models of the project's own recordings, and the
-//! messages of a session. This shows that a change of the code which must not alter anything did not.
+//! messages of a session. This shows that a change of the code that must not alter any output did not.
 
 #[path = "digests/held.rs"]
 mod held;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 /// Bytes written to measure a disk's speed.
 const SAMPLE: usize = 64 << 20;
-/// A capture should be durable within so many seconds; above that, presses wait for the disk.
+/// A capture should be durable within this many seconds; if it takes longer, presses wait for the disk.
 const LONGEST_SECONDS: f64 = 3.0;
 
 /// Checks that a file can be created in a folder; returns the finding, and whether the folder's speed can be measured.
@@ -33,7 +33,7 @@ pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
     (Finding::not_ok(State::Wrong, subject, found, remedy), false)
 }
 
-/// Checks that there is space for captures of so many bytes beside the space that is kept free.
+/// Checks that there is space for captures of this size, in addition to the space that is kept free.
 pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> Finding {
     let subject = "disk: space";
     let free = match free {

@@ -51,7 +51,7 @@ enum Kind {
     Charuco,
 }
 
-/// Writes the file and says what `scand calibrate` is to be told.
+/// Writes the file and prints the options for `scand calibrate`.
 ///
 /// # Errors
 /// If there is no such board, it does not fit on the paper, or the file already exists or cannot be written.
@@ -93,7 +93,7 @@ fn board(args: &Args) -> anyhow::Result<Board> {
         (_, Some(mm)) => format!("{mm}mm"),
         (Paper::Custom, None) => {
             return Err(wrong_usage(
-                "--paper custom is as large as its squares ask for: give --square",
+                "--paper custom needs --square, which sets the size of the sheet",
             ));
         }
         (_, None) => return Err(wrong_usage("no squares of 1 mm or more fit the paper")),

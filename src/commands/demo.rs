@@ -1,4 +1,4 @@
-//! `scand demo`: reconstructs a recording that comes with the program, so that a person sees what comes out.
+//! `scand demo`: reconstructs a recording that comes with the program, so that a person sees what scand makes.
 
 use super::{Cli, run as run_command};
 use crate::storage::write_atomically;
@@ -28,7 +28,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if std::fs::read(&recording).ok().as_deref() != Some(CUP) {
         anyhow::ensure!(
             recording.symlink_metadata().is_err(),
-            "{} is there already and is another recording: give another folder with --out",
+            "{} already exists and is another recording: give another folder with --out",
             recording.display()
         );
         write_atomically(&recording, CUP)?;

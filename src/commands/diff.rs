@@ -42,7 +42,7 @@ fn parse_tolerance(text: &str) -> anyhow::Result<f64> {
 /// Compares, prints, and draws if asked to.
 ///
 /// # Errors
-/// None: what goes wrong is told here, for its exit code is not that of other commands.
+/// None: errors are printed here, because their exit code is not that of other commands.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match compare(&args) {
         Ok(found) => Ok(ExitCode::from(u8::from(!found.same))),

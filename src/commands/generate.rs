@@ -1,4 +1,4 @@
-//! `scand generate`: completions for shells and man pages, from the description of the command line. For packagers.
+//! `scand generate`: completions for shells and man pages, from the definition of the command line. For packagers.
 
 use super::{Cli, write_out};
 use anyhow::Context;

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 /// List what a recording has: channels, captures, cameras, calibration, damage
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The recordings; of several, a line for each
+    /// The recordings; if there are several, one line is printed for each
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Print the result as JSON
@@ -32,7 +32,7 @@ pub struct Args {
     force: bool,
 }
 
-/// Reads all of a recording and tells what is in it. The exit code is 3 when parts of it are damaged.
+/// Reads the whole recording and lists its contents. The exit code is 3 if parts of it are damaged.
 ///
 /// # Errors
 /// If it cannot be read at all, or the calibration's file already exists.
@@ -72,7 +72,7 @@ fn open(file: &Path) -> anyhow::Result<Recording> {
     match noted_recording(file) {
         Some(recording) if recording.exists() => Ok(Recording::open(&recording)?),
         Some(recording) => anyhow::bail!(
-            "{}: its recording {} is not there, so that these notes belong to nothing",
+            "{}: its recording {} does not exist, so these notes belong to no recording",
             file.display(),
             recording.display()
         ),
@@ -80,7 +80,7 @@ fn open(file: &Path) -> anyhow::Result<Recording> {
     }
 }
 
-/// Tells a line of each recording. The exit code is 3 if one is damaged or cannot be read.
+/// Prints one line for each recording. The exit code is 3 if one is damaged or cannot be read.
 fn lines(args: &Args) -> ExitCode {
     let mut code = ExitCode::SUCCESS;
     for file in &args.files {
@@ -107,7 +107,7 @@ fn lines(args: &Args) -> ExitCode {
     code
 }
 
-/// Everything that is told of a recording.
+/// Everything that is printed about a recording.
 #[derive(Serialize)]
 struct Info {
     file: PathBuf,
@@ -258,7 +258,7 @@ fn calibration(camera: &Camera, response: Option<&DepthResponse>) -> Calibration
     }
 }
 
-/// Most lines of one kind that are told in words; JSON has them all.
+/// Most lines of one kind that are printed as text; JSON has them all.
 const MOST_LINES: usize = 500;
 
 /// Text for the terminal, a heading and its lines at a time.
@@ -479,7 +479,7 @@ impl CalibrationInfo {
 pub(super) fn cut_off_words(file: &Path) -> String {
     let file = file.display();
     format!(
-        "{file}: cut off: its end is missing, and nobody knows how much that is. Copy it again from its source, or complete \
+        "{file}: cut off: its end is missing, and scand cannot know how much that is. Copy it again from its source, or complete \
          a copy of what is there with `scand recover {file}`"
     )
 }

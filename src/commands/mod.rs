@@ -1,7 +1,7 @@
 //! The command line: each command's arguments and output. Commands call the other rooms, which do the work, and turn
 //! errors into messages and exit codes.
 
-/// `println!` that ignores a reader that has gone away, as `head` does: a closed pipe is no error.
+/// `println!` that ignores a closed pipe, as with `head`: it is not an error.
 macro_rules! outln {
     ($($words:tt)*) => {
         $crate::commands::write_out(&format!($($words)*))
@@ -39,7 +39,7 @@ use std::process::ExitCode;
 use crate::trigger;
 pub use crate::workers::protocol::EXIT_INCOMPLETE;
 
-/// Exit code of a call with arguments that cannot be met, as clap has it.
+/// Exit code of a call with wrong arguments, the same as clap's.
 pub const EXIT_USAGE: u8 = 2;
 
 /// Exit code of a client whose daemon does not answer (EX_UNAVAILABLE of sysexits.h).
@@ -77,17 +77,17 @@ fn refuse_to_replace(option: &str, file: Option<&Path>, force: bool) -> anyhow::
 #[error(transparent)]
 struct BadConfiguration(Box<dyn std::error::Error + Send + Sync>);
 
-/// Arguments that cannot be met.
+/// Arguments that are wrong or contradict each other.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 struct WrongUsage(Box<dyn std::error::Error + Send + Sync>);
 
-/// The error of a call whose arguments cannot be met.
+/// The error of a call with such arguments.
 fn wrong_usage(cause: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> anyhow::Error {
     WrongUsage(cause.into()).into()
 }
 
-/// Whether nobody listens on the daemon's socket. One that this user may not open has somebody who does.
+/// Whether no process listens on the daemon's socket. If this user may not open the socket, it counts as listening.
 fn is_away(error: &anyhow::Error) -> bool {
     let denied = std::io::ErrorKind::PermissionDenied;
     matches!(error.downcast_ref(), Some(trigger::Error::Away { cause, .. }) if cause.kind() != denied)
@@ -106,7 +106,7 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     }
 }
 
-/// What `--version` tells: the version, and of this build its commit and its features (`build.rs`).
+/// What `--version` prints: the version, and the commit and the features of this build (`build.rs`).
 const VERSION: &str = concat!(
     env!("CARGO_PKG_VERSION"),
     " (commit ",

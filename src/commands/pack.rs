@@ -13,10 +13,10 @@ pub struct Args {
     paths: Vec<PathBuf>,
 }
 
-/// Packs all that is named, and goes on after a failure.
+/// Packs all recordings that are named, and continues after a failure.
 ///
 /// # Errors
-/// None: what cannot be packed is told here, and stays as it is.
+/// None: a recording that cannot be packed is reported here, and stays as it is.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
     for path in &args.paths {

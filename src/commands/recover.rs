@@ -17,10 +17,10 @@ pub struct Args {
     paths: Vec<PathBuf>,
 }
 
-/// Recovers all that is named, and goes on after a failure.
+/// Recovers all recordings that are named, and continues after a failure.
 ///
 /// # Errors
-/// If a folder cannot be read. What cannot be recovered is told here: it stays as it is.
+/// If a folder cannot be read. A recording that cannot be recovered is reported here and stays as it is.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut parts = Vec::new();
     for path in args.paths {
@@ -59,7 +59,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Completes a recording; the daemon whose it is will still know that it was open.
+/// Completes a recording. Its daemon will still know that it was open.
 fn complete(part: &Path) -> Result<Recovered, Error> {
     if let (Some(folder), Some(complete)) = (part.parent(), finished_name(part)) {
         let entered = interrupted::enter(folder, &[complete]);

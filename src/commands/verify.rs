@@ -17,10 +17,10 @@ pub struct Args {
     json: bool,
 }
 
-/// Checks each package. The exit code is 1 if one is not whole.
+/// Checks each package. The exit code is 1 if one is not intact.
 ///
 /// # Errors
-/// None: what cannot be read is told here, and the next package is checked.
+/// None: a package that cannot be read is reported here, and the next one is checked.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
     for folder in &args.folders {
@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
         match error {
             Some(error) => eprintln!("scand: {name}: {error}"),
-            None if is_whole => outln!("{name}: whole: every file is what it was"),
+            None if is_whole => outln!("{name}: intact: no file was changed"),
             None => {
                 eprintln!("scand: {name}: {}", count(findings.len(), "problem"));
                 findings.iter().for_each(|finding| eprintln!("  {finding}"));

@@ -10,11 +10,11 @@ use crate::calibration::response::PlaneParameters;
 pub struct Calibration {
     /// How lenses and poses are fitted.
     pub fit: fit::Parameters,
-    /// What the verdict is held against.
+    /// The limits of the verdict.
     pub limits: Limits,
     /// What a session should have.
     pub wanted: Wanted,
-    /// When `--check` takes a camera for one that moved.
+    /// When `--check` reports that a camera moved.
     pub watch: Watch,
     /// What witnesses of the scale are expected to know.
     pub witness: Witnesses,

@@ -13,7 +13,7 @@ use toml::{Table, Value};
 pub struct Cameras<P: Default> {
     /// What all of them have.
     pub defaults: P,
-    /// What each has beside, or instead; by their ids.
+    /// The settings of each camera, which add to the defaults or override them; by the cameras' ids.
     pub cameras: BTreeMap<String, P>,
 }
 

@@ -1,5 +1,5 @@
-//! Lengths with their units, such as `"2mm"`, where a configuration has a number: of millimetres if the key says so,
-//! otherwise of metres. Which settings exist is not known here, but by the defaults.
+//! Converts lengths with units, such as `"2mm"`, into the numbers of a configuration: millimetres if the key says so,
+//! otherwise metres. This file knows only from the defaults which settings exist.
 
 use crate::range;
 use std::ops::Range;

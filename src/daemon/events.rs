@@ -8,7 +8,7 @@ pub use crate::trigger::Event;
 /// Events that are kept for slow listeners, all of them together.
 const KEPT: usize = 1024;
 
-/// Where events are told; clones are the same place.
+/// The publisher of events; clones publish to the same listeners.
 #[derive(Clone)]
 pub struct Events {
     listeners: broadcast::Sender<Event>,
@@ -39,8 +39,8 @@ impl Events {
 pub struct Subscription(broadcast::Receiver<Event>);
 
 impl Subscription {
-    /// The next event, or [`Event::Lost`] in the place of those that this listener was too slow for. `None` when nobody
-    /// can tell any more.
+    /// The next event, or [`Event::Lost`] in place of those for which this listener was too slow. `None` if no more
+    /// events can come.
     pub async fn next(&mut self) -> Option<Event> {
         heard(self.0.recv().await)
     }

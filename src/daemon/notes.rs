@@ -1,6 +1,6 @@
-//! What becomes of a note: one on a capture of a session that is closed is written beside its recording, and each one
-//! that is on the disk takes effect. A reject takes back the capture's job while that waits, and a clear or an accept
-//! offers it again. A model that is made stays, marked with what was said.
+//! Carries out notes: a note on a capture of a closed session is written beside its recording, and a note takes effect
+//! when it is on the disk. A reject removes the capture's job from the queue if no worker has begun it; a clear or an
+//! accept puts it back. An existing model stays and is marked with the note.
 
 use super::dispatcher::Dispatcher;
 use super::names;
@@ -17,8 +17,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Writes a note beside the complete recording that has its capture, and answers. A recording is opened on a thread of
-/// its own, for a large damaged one is read whole.
+/// Writes a note beside the complete recording that has its capture, and answers. A recording is opened on its own
+/// thread, because a large damaged one has to be read completely.
 pub(super) fn write_beside(
     folder: PathBuf,
     note: Note,
@@ -36,7 +36,7 @@ pub(super) fn write_beside(
     }
     let write = move || answer(write_to_one(&candidates, &note, time));
     if let Err(error) = std::thread::Builder::new().name("note".into()).spawn(write) {
-        log::error!("a note is lost, for no thread can be started: {error}");
+        log::error!("a note is lost, because no thread can be started: {error}");
     }
 }
 
@@ -105,7 +105,7 @@ impl NoteEffects {
         }
     }
 
-    /// Takes a waiting job back; its press hears that there will be no model.
+    /// Withdraws a waiting job; its press is told that there will be no model.
     fn withdraw(&self, jobs: &Jobs, capture: &str) {
         if let Some(recording) = jobs.withdraw(capture) {
             log::notice!("capture {capture}: rejected before its model was made");
@@ -117,7 +117,7 @@ impl NoteEffects {
         }
     }
 
-    /// Marks a model that was just made with what was said meanwhile.
+    /// Marks a model that was just made with the notes that were made meanwhile.
     pub(super) fn job_ended(&self, event: &Event) {
         let (Event::Done { capture, .. } | Event::JobFailed { capture, .. }) = event else {
             return;
@@ -148,6 +148,6 @@ fn folders(models: &Path, capture: &str) -> Vec<PathBuf> {
 
 fn tell(marked: Result<(), crate::make_model::Error>, capture: &str) {
     if let Err(error) = marked {
-        log::error!("capture {capture}: its model is not marked: {error}");
+        log::error!("capture {capture}: cannot mark its model with the note: {error}");
     }
 }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct CaptureParameters {
-    /// How often a capture that failed is taken again by itself, 0 to 10. Default 1.
+    /// How often a failed capture is automatically taken again, 0 to 10. Default 1.
     #[serde(deserialize_with = "count::<_, _, 0, 10>")]
     pub retry: u32,
     /// Largest spread of the colour frames' timestamps, in milliseconds; more is a failed capture. Default 50.

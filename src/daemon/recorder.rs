@@ -103,7 +103,7 @@ impl Recorder {
                 .is_some_and(|c| self.work.len() + 4 <= c)
     }
 
-    /// Hands work over, or gives it back where there is no room for it.
+    /// Hands work over, or returns it if the queue is full.
     pub(super) fn hand_over(&self, work: Work) -> Result<(), Work> {
         let captures = usize::from(matches!(work, Work::Keep(..)));
         self.waiting.fetch_add(captures, Ordering::AcqRel);

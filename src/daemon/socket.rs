@@ -49,12 +49,12 @@ struct Shared {
     ending: watch::Sender<bool>,
 }
 
-/// Clients that are still connected when the socket is gone: they hear how it ends.
+/// Clients that are still connected when the socket is closed: they still get their last answers.
 #[must_use]
 pub struct Clients(Arc<Shared>);
 
 impl Clients {
-    /// Lets all hear their last answers, once nothing more will happen; no longer than `patience`.
+    /// Waits until all clients have their last answers, when nothing more will happen, but at most `patience`.
     pub fn finish(self, patience: Duration) {
         self.0.ending.send_replace(true);
         let end = Instant::now() + patience;

@@ -40,8 +40,8 @@ pub struct Child {
 }
 
 impl Child {
-    /// Starts it, in a group of its own: an interrupt from the keyboard is this process's to hear. Standard error is
-    /// kept, standard input and output are closed to it, and it does not see what systemd told this process.
+    /// Starts it in its own process group, so that an interrupt from the keyboard reaches only this process. Its
+    /// standard error is read, its standard input and output are closed, and it does not get systemd's variables.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -148,7 +148,7 @@ fn timespec(time: Duration) -> Timespec {
 
 /// The last of what a process says.
 struct Words {
-    /// `None` once nobody can say any more.
+    /// `None` if no more can come.
     pipe: Option<ChildStderr>,
     bytes: Vec<u8>,
 }
@@ -164,7 +164,7 @@ impl Words {
         })
     }
 
-    /// Reads what is there, in so many pieces at most.
+    /// Reads what is available, in at most this many pieces.
     fn read(&mut self, pieces: usize) {
         let mut piece = [0; PIECE];
         for _ in 0..pieces {

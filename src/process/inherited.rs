@@ -14,7 +14,7 @@ const OF_SYSTEMD: [&str; 6] = [
     "LISTEN_FDNAMES",
 ];
 
-/// Lets a child inherit nothing of what systemd told this process.
+/// Keeps a child from inheriting the variables that systemd set for this process.
 pub(super) fn remove_from(command: &mut Command) {
     for name in OF_SYSTEMD {
         command.env_remove(name);

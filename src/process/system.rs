@@ -1,5 +1,5 @@
-//! System calls that no safe library has: what a process inherited is closed, and it comes after all others. Each
-//! touches the calling process alone.
+//! System calls that no safe library has: they close the files that a process inherited, and lower its priority. Each
+//! affects only the calling process.
 #![allow(
     unsafe_code,
     reason = "close_range, sched_setscheduler and ioprio_set have no safe form"
@@ -7,7 +7,7 @@
 
 use std::io::{Error, Result};
 
-/// Closes all files but the three standard ones: what the SDKs of cameras hold open is no business of a worker.
+/// Closes all files except the three standard ones: a worker must not inherit what the cameras' SDKs hold open.
 ///
 /// Called at the very start of a process, before anything is opened.
 ///
@@ -19,7 +19,7 @@ pub fn close_inherited() -> Result<()> {
     done(closed)
 }
 
-/// The scheduler takes the process for one that computes, and never wakes it in the place of another.
+/// Puts the process into the scheduler's batch class, so that it never preempts another one when it wakes up.
 pub(super) fn schedule_as_batch() -> Result<()> {
     // SAFETY: all zeros are a valid value of a plain C structure, and the call only reads it.
     let changed = unsafe {
@@ -29,7 +29,7 @@ pub(super) fn schedule_as_batch() -> Result<()> {
     done(libc::c_long::from(changed))
 }
 
-/// The disk serves the process when nobody else wants it.
+/// Puts the process into the disk's idle class: the disk serves it only when no other process needs it.
 pub(super) fn use_idle_disk() -> Result<()> {
     const WHO_PROCESS: i32 = 1;
     const CLASS_IDLE: i32 = 3;

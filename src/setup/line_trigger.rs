@@ -4,9 +4,9 @@ use crate::config::Config;
 use crate::drivers::live::LINE_LEAD;
 use crate::drivers::{aravis, v4l2};
 
-/// Holds a configuration against the cameras that a signal triggers. Their exposure begins before the daemon hears of
-/// it, so that the tolerance must be as long as that. And no capture is taken once more by itself: no signal would
-/// come.
+/// Adapts a configuration to cameras that a signal triggers. Their exposure begins before the daemon hears of the
+/// trigger, so the tolerance must be at least that long. Failed captures are not retried, because no second signal
+/// would come.
 ///
 /// # Errors
 /// If frames of such a camera would be taken for those of an earlier press.
@@ -19,8 +19,8 @@ pub(super) fn allow_for_lines(config: &mut Config) -> Result<(), String> {
     let found = config.sync.tolerance_ms;
     if found < least {
         return Err(format!(
-            "sync.tolerance_ms is {found}, expected at least {least} where a line triggers cameras ({}): their \
-             exposure begins before the daemon hears of it",
+            "sync.tolerance_ms is {found}, expected at least {least} if a line triggers cameras ({}): their exposure begins before \
+             the daemon hears of the trigger",
             cameras.join(", ")
         ));
     }

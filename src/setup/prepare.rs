@@ -117,7 +117,7 @@ impl ConfigSource {
         })
     }
 
-    /// Where the calibration is, if the rig has one; a relative path is beside the configuration.
+    /// Where the calibration is, if the rig has one; a relative path is relative to the configuration.
     fn calibration(&self, config: &Config) -> Option<PathBuf> {
         let named = &config.rig.calibration;
         let folder = self.config.parent().unwrap_or(Path::new("."));

@@ -142,8 +142,8 @@ fn staggered(
     let Some(calibration) = calibration else {
         for name in config.links.keys() {
             log::warning!(
-                "link {name}: how large its cameras' pictures are is not known without a calibration: they send at the \
-                 same time, unless transmission_delay_ns is set"
+                "link {name}: without a calibration, the size of its cameras' pictures is not known: they \
+                 send at the same time, unless transmission_delay_ns is set"
             );
         }
         return Ok(cameras);

@@ -47,7 +47,7 @@ impl Client {
     /// Connects; replies are waited for as long as `patience`, or for ever.
     ///
     /// # Errors
-    /// If nobody listens.
+    /// If no process listens.
     pub fn connect(path: &Path, patience: Option<Duration>) -> Result<Self, Error> {
         let away = |cause| Error::Away {
             path: path.into(),
@@ -84,10 +84,10 @@ impl Client {
         written.map_err(|cause| self.broken(cause))
     }
 
-    /// Waits for the next reply. After the one of [`Reply::is_end`] comes none.
+    /// Waits for the next reply. No reply follows the one for which [`Reply::is_end`] is true.
     ///
     /// # Errors
-    /// As for [`Self::send`], or if what comes is no reply.
+    /// As for [`Self::send`], or if the line is not a reply.
     pub fn reply(&mut self) -> Result<Reply, Error> {
         self.line("a reply")
     }

@@ -43,7 +43,7 @@ pub enum Event {
         /// Spread of the colour frames' timestamps in nanoseconds.
         skew_ns: u64,
     },
-    /// It failed, and is taken once more by itself.
+    /// It failed, and is automatically taken once more.
     Retried {
         /// The id of the one that failed.
         capture: String,
@@ -96,7 +96,7 @@ pub enum Event {
         /// Why.
         reason: String,
     },
-    /// A request was carried out that is no press, status or events; only in a reply.
+    /// A request other than a press, `status` or `events` was carried out; only in a reply.
     Ok {
         /// What was done.
         words: String,
@@ -124,7 +124,7 @@ pub enum Event {
     },
     /// A session began, or the last one was completed.
     Session {
-        /// Its name; none where there is no session now.
+        /// Its name; `None` if the session was completed.
         name: Option<String>,
     },
     /// A person said something of a capture.
@@ -137,9 +137,9 @@ pub enum Event {
         #[serde(default)]
         text: String,
     },
-    /// The daemon ends as it was told to. A client whose press has no end yet hears it when it asks again.
+    /// The daemon was told to stop. A client whose press has no last answer yet gets it when it asks again.
     Ending,
-    /// The listener was too slow, and so many events are lost to it.
+    /// The listener was too slow and missed this number of events.
     Lost {
         /// How many.
         events: u64,
@@ -182,7 +182,7 @@ impl Event {
         matches!(self, Self::Busy | Self::Refused { .. })
     }
 
-    /// The id of the capture, where it is about one's making.
+    /// The id of the capture, if the event is about a capture.
     pub fn capture(&self) -> Option<&str> {
         match self {
             Self::Accepted { capture, .. }

@@ -62,8 +62,8 @@ pub fn part_from(parent: u32) -> Result<(), ConfineError> {
     close_inherited().map_err(|cause| limit("its open files", cause))
 }
 
-/// Confines this thread, all that it starts, and in its limits the whole process, for ever. It may read what is in
-/// `reads` and read and write what is in `writes`. What this system cannot do is returned, in words.
+/// Confines this thread and all threads that it starts, and limits the whole process, for ever. It may read what is in
+/// `reads` and read and write what is in `writes`. Returns messages about what this system cannot do.
 ///
 /// # Errors
 /// If a limit cannot be set.
@@ -74,7 +74,7 @@ pub fn confine(
 ) -> Result<Vec<String>, ConfineError> {
     let missing = come_last(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("this system does not give a worker {what}"))
+        .map(|what| format!("this system cannot set {what} for a worker"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;

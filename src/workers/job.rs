@@ -5,14 +5,14 @@ use crate::recording::{Notes, Outcome, Recording, Topic};
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
-/// A capture of which a model is to be made. What it is, is the capture's id and the time of its trigger; where it is,
-/// was known when it was kept, and may change.
+/// A capture whose model is to be made. The capture's id and the time of its trigger identify it. The recording was
+/// known when the job was enqueued, and may have been moved since.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Job {
     /// File name of its recording when that is complete.
     pub recording: String,
-    /// Which file that was when the job was offered; empty where the disk cannot tell.
+    /// The identity of that file when the job was enqueued; empty if the file system has none.
     pub file: String,
     /// Its id.
     pub capture: String,
@@ -41,7 +41,8 @@ impl Job {
         }
     }
 
-    /// The jobs of all complete captures of a recording that are not rejected, which is at `path` when it is complete.
+    /// The jobs of all complete captures of a recording that are not rejected; the recording is at `path` when it is
+    /// complete.
     pub(super) fn of_recording(recording: &Recording, path: &Path) -> Vec<Self> {
         let records = recording.messages(&Topic::Capture).iter();
         let notes = Notes::of(recording);
@@ -70,7 +71,7 @@ impl Job {
         CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
         let plain = Path::new(&job.recording).file_name() == Some(job.recording.as_ref());
         if !plain {
-            return Err(format!("{:?} is no file's name", job.recording));
+            return Err(format!("{:?} is not a file name", job.recording));
         }
         Ok(job)
     }

@@ -116,7 +116,8 @@ impl Jobs {
         })
     }
 
-    /// Keeps a job until it is done. When this returns it survives a power cut. One that is kept already is no other.
+    /// Enqueues a job until it is done. When this returns, it survives a power cut. A job that is already in the queue
+    /// is not added again.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -177,7 +178,8 @@ impl Jobs {
         }
     }
 
-    /// Takes back a capture's job that nobody does yet, until [`Self::offer_again`]: the recording, if there was one.
+    /// Withdraws a capture's job that no worker has begun, until [`Self::offer_again`]. Returns its recording, if there
+    /// was such a job.
     pub fn withdraw(&self, capture: &str) -> Option<PathBuf> {
         let mut state = self.state.lock();
         let is_idle = |name: &String| !state.running.contains_key(name);
@@ -195,7 +197,7 @@ impl Jobs {
         Some(self.recordings.join(job.recording))
     }
 
-    /// Lets a job wait again that was taken back.
+    /// Puts a withdrawn job back into the queue.
     pub fn offer_again(&self, capture: &str) {
         let mut state = self.state.lock();
         for name in self.named(capture, REJECTED) {
@@ -258,8 +260,8 @@ impl Jobs {
         &self.recordings
     }
 
-    /// Sets what jobs that are begun from now on go by: the configuration of a reconstruction, as TOML. Each process
-    /// reads it for itself, whatever becomes of the file that it came from.
+    /// Sets the settings of jobs that are begun from now on: the configuration of a reconstruction, as TOML. Each
+    /// process reads this copy, so later edits of the configuration file do not affect it.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -277,7 +279,7 @@ impl Jobs {
         self.state.lock().workers = workers;
     }
 
-    /// The oldest job that nobody does, as soon as there is one; `None` once there shall be no more.
+    /// The oldest job that no worker has begun, as soon as there is one; `None` after the queue was closed.
     pub(super) fn take(&self) -> Option<Taken> {
         let mut state = self.state.lock();
         while !state.stopped {
@@ -379,7 +381,7 @@ impl Jobs {
         &self.cancel
     }
 
-    /// Lets nobody take jobs any more. They are still kept.
+    /// Closes the queue: no more jobs are handed out. Their files stay.
     pub(super) fn stop(&self) {
         self.state.lock().stopped = true;
         self.changed.notify_all();
@@ -387,7 +389,7 @@ impl Jobs {
     }
 }
 
-/// What the names of jobs end with that were taken back because their captures were rejected.
+/// The ending of the names of jobs that were withdrawn because their captures were rejected.
 const REJECTED: &str = "rejected";
 
 fn as_bytes(job: &Job) -> Vec<u8> {

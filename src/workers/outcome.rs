@@ -6,10 +6,10 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
 
-/// Longest reason that is told, in letters.
+/// Longest reason that is reported, in characters.
 const LONGEST_REASON: usize = 1000;
 
-/// The model in a folder, for a process that ended with this status, having said these words.
+/// The model in a folder, after a process ended with this status and this output.
 ///
 /// # Errors
 /// The reason, if there is no model.

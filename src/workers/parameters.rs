@@ -10,7 +10,7 @@ pub struct Parameters {
     /// Models made at the same time, 0 to 16. 0 makes none: `scand --replay` does so later. Default 1.
     #[serde(deserialize_with = "count::<_, _, 0, 16>")]
     pub count: u32,
-    /// Where models go: FOLDER/RECORDING/CAPTURE. Default `models` beside the folder of recordings.
+    /// Models are written to FOLDER/RECORDING/CAPTURE. Default `models` beside the folder of recordings.
     pub folder: PathBuf,
     /// Memory that one may take, in megabytes, 64 to 1000000; also the largest file that it may write. Default 4000.
     #[serde(deserialize_with = "count::<_, _, 64, 1_000_000>")]

@@ -60,7 +60,7 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Starts the threads. `ended` hears of each job that came to its end, once, or once more after a crash.
+    /// Starts the threads. `ended` is called for each job that ends, once, or once more after a crash.
     ///
     /// # Errors
     /// If the folders cannot be made, or the system has no thread left.

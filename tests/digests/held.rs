@@ -1,5 +1,5 @@
-//! Compares digests of what the program writes with `tests/digests.toml`. `tests/digests.rs` uses it, and so do
-//! those of the library's own tests that alone reach what is written. Nothing here knows what is digested.
+//! Compares digests of what the program writes with `tests/digests.toml`. `tests/digests.rs` uses it, and so do the
+//! library's own tests of output that only they can reach. Nothing here knows what is digested.
 
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! A board that is bent or stretched, as pictures show it: what is found of it, and what it costs.
+//! Tests boards that are bent or stretched, in rendered pictures: the shape that is found, and the errors that remain.
 
 use assert_cmd::Command;
 use scand::calibration::RigCalibration;

@@ -1,7 +1,7 @@
-//! Sessions with a fault each, rendered, recorded and calibrated by the command: what is said of each, and the exit
-//! code. No fault that a session can show may end in *good* or *accepted*. The same faults are tried on corners
-//! without pictures beside the code that finds them; this takes minutes and is run by `make calibration-trial`, with
-//! eleven cameras of 5 megapixels where `SCAND_TRIAL=full` is in the environment.
+//! Sessions with one fault each, rendered, recorded and calibrated by the command: the messages, and the exit code. No
+//! fault that a session can show may end in *good* or *accepted*. The same faults are tried on corners without pictures
+//! beside the code that finds them; this takes minutes and is run by `make calibration-trial`, with eleven cameras of 5
+//! megapixels where `SCAND_TRIAL=full` is in the environment.
 
 use assert_cmd::Command;
 use scand::calibration::Board;
@@ -251,7 +251,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     assert_eq!(told.code, Some(0), "{}", told.words);
     assert!(
         told.words
-            .contains("m a unit, and 0.001 ±1.0 % is nominal: they differ by"),
+            .contains("m per unit; 0.001 ±1.0 % is nominal: they differ by"),
         "{}",
         told.words
     );
@@ -395,7 +395,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
         &beside,
         &[],
         3,
-        &["depth that lies beside its colour picture"],
+        &["depth that is displaced against its colour picture"],
     );
     let whole = trial.write(&trial.base, "whole.mcap");
     let told = check(&whole, &sound);

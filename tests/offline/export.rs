@@ -1,4 +1,4 @@
-//! `scand export`: models in other programs' formats, captures as datasets, and what is said of what cannot be
+//! `scand export`: models in other programs' formats, captures as datasets, and the messages for what cannot be
 //! exported.
 
 use assert_cmd::Command;
@@ -333,7 +333,7 @@ fn what_cannot_be_exported_is_said_with_what_to_do() {
         (
             "export text.glb --format stl".into(),
             1,
-            &["text.glb", "no binary glTF"],
+            &["text.glb", "not a binary glTF"],
         ),
         (
             "export broken.glb --format stl".into(),
@@ -373,7 +373,7 @@ fn what_cannot_be_exported_is_said_with_what_to_do() {
         (
             "export ball.mcap --dataset colmap -o mine --force".into(),
             1,
-            &["no dataset of scand"],
+            &["not a dataset that scand wrote"],
         ),
         ("convert out".into(), 2, &["scand export"]),
     ] {

@@ -1,6 +1,5 @@
-//! Recordings and calibrations as released versions wrote them stay readable, and say what they said; those of a
-//! version that is not known yet are refused by name. `tests/golden/format-N` has the files of format N, which are
-//! never changed.
+//! Recordings and calibrations that released versions wrote stay readable, with the same contents; those of a later
+//! version are refused by name. `tests/golden/format-N` has the files of format N, which are never changed.
 //! `SCAND_WRITE_GOLDEN=FOLDER cargo test --test offline golden::` writes today's files into a folder: at the release of
 //! another format, they become the next one's.
 

@@ -203,7 +203,7 @@ fn notes_of_another_recording_and_without_one_are_named() {
         .unwrap();
     let words = String::from_utf8(replay.stderr).unwrap();
     assert!(
-        words.contains("gone.notes.jsonl") && words.contains("gone.mcap is not there"),
+        words.contains("gone.notes.jsonl") && words.contains("gone.mcap does not exist"),
         "{words}"
     );
 }

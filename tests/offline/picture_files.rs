@@ -120,7 +120,7 @@ fn a_folder_of_pictures_a_camera_gives_what_a_recording_of_them_gives() {
     let arguments = [&by_pattern[..3], &board, &["shifted.toml"]].concat();
     let (_, words) = calibrate(folder.path(), &arguments);
     assert!(
-        words.contains("4.png and 3.png are taken for one placement"),
+        words.contains("4.png and 3.png are used as one placement"),
         "{words}"
     );
     let (code, words) = calibrate(folder.path(), &["--pictures", "c00/*.png"]);

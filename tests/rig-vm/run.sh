@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# A rig in a guest: boots a Debian 12 with our package under plain qemu, where the kernel plays cameras and foot switches,
-# and looks whether everything works together. One line a check; when one fails, the guest's journal is kept beside the
-# log. Run as root, for what is installed and for the guest's Debian; needs no KVM, no mount and no device.
+# A rig in a guest: boots a Debian 12 with our package under plain qemu, where the kernel plays cameras and foot
+# switches, and checks whether everything works together. Prints one line for each check. If one fails, the guest's
+# journal is kept beside the log. Run as root, to install packages and to make the guest's Debian; needs no KVM, no
+# mount and no device.
 #
-# PROFILE=dev takes programs as they are built for the tests, which are there sooner than those of a release.
+# PROFILE=dev uses the programs that are built for the tests, which takes less time than those of a release.
 #
 #   tests/rig-vm/run.sh [CHAPTER...]
 set -euo pipefail

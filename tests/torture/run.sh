@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Faults: puts the promises of docs/promises.md to the test, with more of everything than `make test` has. One line a
-# promise: what became of it, how long it took, and what was shown. The exit code is 1 if one was broken; its log, and
-# whatever else its test keeps, is named.
+# Faults: tests the promises of docs/promises.md with larger counts than `make test`. Prints one line for each promise:
+# its result, how long the test took, and its figures. The exit code is 1 if a promise was broken; the script then names
+# the log and the other files of its test.
 #
 # N=60 takes 60 times as many of each, which is hours. Root and a loop device are needed to cut the power of a disk.
 #

@@ -2,10 +2,10 @@
 //! the bytes of views, each checked against the file. Knows nothing of what the parts mean.
 //!
 //! The crate `gltf` (1.4.1) has the container, the JSON's types and the reader of an accessor's items. `Root::get`
-//! answers an index that names nothing with `None`, so every lookup here goes through it. Three parts of the crate are
-//! left alone because a damaged file makes them panic: `Document` unwraps each index, the validation indexes with
-//! POSITION's accessor before it has checked that there is one, and `accessor::Iter` computes an accessor's extent
-//! unchecked. The checks of [`GltfFile::items`] stand in their place.
+//! returns `None` for an index out of range, so every lookup here uses it. Three parts of the crate are not used,
+//! because a damaged file makes them panic: `Document` unwraps each index, the validation indexes with POSITION's
+//! accessor before it has checked that there is one, and `accessor::Iter` computes an accessor's extent unchecked. The
+//! checks of [`GltfFile::items`] replace them.
 
 use gltf::Glb;
 use gltf::accessor::util::{Item, ItemIter};

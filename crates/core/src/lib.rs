@@ -1,7 +1,7 @@
-//! scand without its cameras: recordings, and what is made of them. It opens a recording, assembles its captures,
-//! fits and reads calibrations, reconstructs an object by the method of Jang, Park and Lee, "Hybrid optical system
-//! for three-dimensional shape acquisition", Applied Optics 52(16), 2013, decides the model's verdict, writes the
-//! model, and compares it with a truth.
+//! scand without its cameras: recordings, and the models made from them. It opens a recording, assembles its captures,
+//! fits and reads calibrations, reconstructs an object by the method of Jang, Park and Lee, "Hybrid optical system for
+//! three-dimensional shape acquisition", Applied Optics 52(16), 2013, decides the model's verdict, writes the model,
+//! and compares it with a truth.
 //!
 //! No camera, no command line, no system library, no `unsafe`. ARCHITECTURE.md has the table of the rooms that each
 //! room may use.

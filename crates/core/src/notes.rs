@@ -1,4 +1,4 @@
-//! What people said of a capture, and what of it holds. Data only; `recording` has where notes lie.
+//! People's notes on a capture, and which of them is valid. Data only; `recording` reads and writes notes.
 
 use crate::frame::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,7 @@ impl NoteKind {
 /// One note on a capture, wherever it lies.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Said {
-    /// When it was said, in UTC nanoseconds.
+    /// When the note was made, in UTC nanoseconds.
     pub time_ns: Timestamp,
     /// What it does.
     pub kind: NoteKind,
@@ -54,7 +54,7 @@ pub enum Decision {
     Rejected,
 }
 
-/// Everything that was said of one capture.
+/// All notes on one capture.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CaptureNotes {
     /// What holds now.
@@ -82,7 +82,7 @@ impl CaptureNotes {
         self.decision == Some(Decision::Rejected)
     }
 
-    /// What holds, in lines: the decision, and each text. Empty if nothing was said.
+    /// The valid notes as lines: the decision, and each text. Empty if there are none.
     pub fn lines(&self) -> Vec<String> {
         let decided = |said: &&Said| said.kind != NoteKind::Text;
         let last = self.said.iter().rev().find(decided);

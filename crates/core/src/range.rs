@@ -35,7 +35,7 @@ pub fn has_unit(text: &str) -> bool {
 /// A length in millimetres, from a number with its unit or from a plain number of millimetres.
 ///
 /// # Errors
-/// If it is none, in words for the command line.
+/// If the text is not a length: a message for the command line.
 pub fn millimetres(text: &str) -> Result<f64, String> {
     let plain = text.trim().parse::<f64>().ok().filter(|mm| mm.is_finite());
     let with_unit = || metres(text).map(|metres| 1e3 * metres);

@@ -1,4 +1,4 @@
-//! Cases that a reconstruction must pass, each as a session: a kitchen table's worth of objects.
+//! Cases that a reconstruction must pass, each as a session with an everyday object.
 
 use super::{Options, Shape};
 use serde::{Deserialize, Serialize};

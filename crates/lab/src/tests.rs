@@ -1,4 +1,4 @@
-//! The simulated rig against closed forms.
+//! Compares the simulated rig with closed forms.
 
 use super::*;
 use nalgebra::{Point2, Vector2};

@@ -1,4 +1,4 @@
-//! The simulated depth sensor against figures of real ones.
+//! Compares the simulated depth sensor with figures of real ones.
 
 use super::*;
 use scand_core::image::Grid;

@@ -209,7 +209,7 @@ impl Packing<'_> {
         let report = report.and_then(|bytes| serde_json::from_slice(&bytes).ok());
         if report.is_none() {
             self.warnings.push(match left_out {
-                true => format!("{id}: its model stays out, because the capture was rejected"),
+                true => format!("{id}: its model is left out, because the capture was rejected"),
                 false => format!(
                     "{id}: no model is in {}: the package has the recording",
                     folder.display()
@@ -256,7 +256,7 @@ fn safe(name: &str) -> String {
     }
 }
 
-/// A day as it stands in a package.
+/// A day in the form that a package uses.
 fn date(text: &str) -> Result<String, String> {
     let bytes = text.as_bytes();
     let is_date = bytes.len() == 10

@@ -59,13 +59,13 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
     let DepthOff { distance, off, .. } = &found.worst;
     let beside = found.beside_px.map(|[x, y]| {
         format!(
-            "; its depth lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them anew, and \
+            "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, and \
              calibrate it"
         )
     });
     let words = match found.is_off {
         true => format!(
-            "reads {:.0} mm too {} at {distance:.1} m: calibrate it anew",
+            "reads {:.0} mm too {} at {distance:.1} m: calibrate it again",
             1e3 * off.abs(),
             if *off > 0.0 { "deep" } else { "near" }
         ),
@@ -107,14 +107,14 @@ fn pair_words(pair: &PairMotion) -> String {
     } = pair.motion;
     let other = pair.board_larger.map(|larger| {
         format!(
-            ", or the board is {:.1} % {} than it is said to be",
+            ", or the board is {:.1} % {} than stated",
             100.0 * larger.abs(),
             if larger > 0.0 { "larger" } else { "smaller" }
         )
     });
     format!(
         "cameras {first} and {second} moved against each other, by {turn_degrees:.3}° and {:.2} mm if {first} stayed{}: \
-         calibrate the rig anew",
+         calibrate the rig again",
         1e3 * shift,
         other.unwrap_or_default()
     )
@@ -133,9 +133,9 @@ fn summary(check: &Check) -> String {
     match (&check.against_each_other, moved.as_slice()) {
         (Some(pair), _) => pair_words(pair) + &rest,
         (None, []) => format!("{who} moved{rest}"),
-        (None, [one]) => format!("camera {one} moved: calibrate the rig anew{rest}"),
+        (None, [one]) => format!("camera {one} moved: calibrate the rig again{rest}"),
         (None, several) => format!(
-            "cameras {} moved: calibrate the rig anew{rest}",
+            "cameras {} moved: calibrate the rig again{rest}",
             several.join(", ")
         ),
     }

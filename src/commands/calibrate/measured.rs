@@ -10,8 +10,8 @@ const DISTANCE: f64 = 15e-3;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct MeasuredArgs {
-    /// What a ruler says of the ruler that is printed on the board, such as 200mm=199.2mm or 200mm=199.2mm±0.3mm (or
-    /// +-; 0.5 mm without): it tells whether the sheet was printed at its size
+    /// A length of the ruler that is printed on the board, and what you measured for it, such as 200mm=199.2mm or
+    /// 200mm=199.2mm±0.3mm (or +-; 0.5 mm without): it shows whether the sheet was printed at full size
     #[arg(long, value_name = "PRINTED=MEASURED", value_parser = ruler)]
     measured: Vec<RulerReading>,
     /// The measured distance of two cameras' lenses, such as left right 1200mm±1mm (or +-; 15 mm without)
@@ -73,7 +73,7 @@ fn measured(text: &str, usual: f64) -> Result<Length, String> {
 /// A length with its unit, in metres.
 fn length(text: &str) -> Result<f64, String> {
     let text = text.trim();
-    let expected = || format!("{text:?} is no length with its unit, such as 199.2mm");
+    let expected = || format!("{text:?} is not a length with its unit, such as 199.2mm");
     let metres = range::metres(text).filter(|_| range::has_unit(text));
     let possible = metres.filter(|metres| *metres > 0.0 && *metres <= 1e3);
     possible.ok_or_else(expected)

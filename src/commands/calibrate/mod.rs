@@ -130,8 +130,8 @@ impl From<LensModel> for Model {
 /// Calibrates.
 ///
 /// # Errors
-/// If a recording cannot be read, the board is unknown or another, the cameras cannot be joined, or the file is there
-/// already.
+/// If a recording cannot be read, the board is unknown or a different one, the cameras cannot be joined, or the file
+/// already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--out", args.out.as_deref(), args.force)?;
     if let Some(from) = &args.from {
@@ -191,7 +191,7 @@ fn recordings(args: &Args, parameters: &sync::Parameters) -> anyhow::Result<Vec<
     Ok(vec![calibrate::open_pictures(files)?])
 }
 
-/// The configuration with what the arguments say over it, and values that can be meant.
+/// The configuration with the arguments applied over it, checked for values out of range.
 fn configuration(args: &Args) -> anyhow::Result<Config> {
     let mut config =
         Config::load(args.config.as_deref(), &args.set).map_err(|e| BadConfiguration(e.into()))?;
@@ -239,7 +239,7 @@ fn bad_file(error: calibrate::Error) -> anyhow::Error {
     }
 }
 
-/// Looks for the board behind a bar, and tells what was lost.
+/// Looks for the board while a bar shows the progress, and reports what could not be read.
 fn detect_boards(
     recordings: &[Placements],
     board: &Board,
@@ -285,7 +285,7 @@ fn print(args: &Args, outcome: &Outcome, written: Option<&Path>) {
     }
 }
 
-/// Says what was asked for and is not there, and how to have it.
+/// Says which requested outputs were not written, and how to get them.
 fn tell_what_is_not_written(args: &Args, acceptance: Acceptance) {
     match (acceptance, &args.out) {
         (Acceptance::Nothing, _) => {

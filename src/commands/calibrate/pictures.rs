@@ -27,12 +27,12 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
         camera = named.or(camera);
         let id = camera.clone().ok_or_else(|| {
             format!(
-                "{argument:?} names no camera: expected NAME=PATTERN, such as left='left/*.png'"
+                "{argument:?} does not name a camera: expected NAME=PATTERN, such as left='left/*.png'"
             )
         })?;
         let found = found(pattern)?;
         if found.is_empty() {
-            return Err(format!("camera {id}: no picture is found as {pattern}"));
+            return Err(format!("camera {id}: no picture matches {pattern}"));
         }
         cameras.entry(id).or_default().extend(found);
     }
@@ -43,7 +43,7 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
     Ok(cameras)
 }
 
-/// The files that a pattern stands for.
+/// The files that match a pattern.
 fn found(pattern: &str) -> Result<Vec<PathBuf>, String> {
     let path = Path::new(pattern);
     if path.is_dir() {
@@ -89,7 +89,7 @@ fn listed(folder: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<PathBuf
     Ok(files)
 }
 
-/// Whether a name is what a pattern says: `*` stands for any number of letters, `?` for one.
+/// Whether a name matches a pattern: `*` stands for any number of letters, `?` for one.
 fn matches(pattern: &[u8], name: &[u8]) -> bool {
     let (mut p, mut n) = (0, 0);
     // Where the last star is, and how much of the name it stands for.
@@ -186,9 +186,9 @@ mod tests {
         let whole = names(&[format!("a={}", folder.path().display())]);
         assert_eq!(whole[0].1.len(), 4, "{whole:?}");
         for (bad, named) in [
-            (at("l9.png"), "names no camera"),
+            (at("l9.png"), "does not name a camera"),
             (format!("Left={}", at("l9.png")), "camera id"),
-            (format!("left={}", at("x*.png")), "no picture is found"),
+            (format!("left={}", at("x*.png")), "no picture matches"),
             (format!("left={}", at("l8.png")), "no such file"),
         ] {
             let message = files(&[bad]).unwrap_err();

@@ -55,7 +55,7 @@ impl Summary<'_> {
         }
         if let Some(at_object) = fit.at_object() {
             lines.push(format!(
-                "what stands in the volume is seen to {:.3} mm (one standard deviation, all cameras)",
+                "points in the volume are seen to {:.3} mm (one standard deviation, all cameras)",
                 1e3 * at_object
             ));
         }

@@ -13,7 +13,7 @@ use anyhow::Context;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// The file that tells a dataset of scand from other folders.
+/// The file that distinguishes a dataset of scand from other folders.
 const SHEET: &str = "scand.json";
 
 /// Writes the dataset of each capture of the recordings.
@@ -46,13 +46,13 @@ fn refuse_other(path: &Path) -> anyhow::Result<()> {
     let is_model = matches!(ending.as_deref(), Some("glb" | "ply"));
     anyhow::ensure!(
         !path.is_dir() && !is_model,
-        "{}: a dataset is made of a recording (.mcap); --model takes the model whose points go into it",
+        "{}: a dataset is made from a recording (.mcap); --model names the model whose points it gets",
         path.display()
     );
     Ok(())
 }
 
-/// The captures that are named; if none is, all that people did not reject and that did not fail.
+/// The captures that are named; if none is named, all that were not rejected and did not fail.
 fn wanted(session: &CaptureSession, args: &Args) -> anyhow::Result<Vec<CaptureId>> {
     let all = session.captures();
     for name in &args.capture {
@@ -74,7 +74,7 @@ fn wanted(session: &CaptureSession, args: &Args) -> anyhow::Result<Vec<CaptureId
             None => capture
                 .notes
                 .is_rejected()
-                .then(|| "a person rejected it; --capture takes it".into()),
+                .then(|| "a person rejected it; name it with --capture to export it".into()),
         };
         match reason {
             _ if is_named => wanted.push(capture.id),
@@ -123,7 +123,7 @@ impl Capture<'_> {
             eprintln!("scand: {}: {warning}", self.id);
         }
         let points = match points.len() {
-            0 => "no points (--model MODEL takes a model's)".into(),
+            0 => "no points (--model MODEL adds those of a model)".into(),
             points => count(points, "point"),
         };
         let name = kind.name();
@@ -140,7 +140,7 @@ impl Capture<'_> {
         let read = export::read(&model_file(path, self.path, self.id.as_str()))?;
         anyhow::ensure!(
             read.about.input_sha256 == input_digest(scene),
-            "{}: the model was made of other pictures or another calibration than this recording has",
+            "{}: the model was made from other pictures or another calibration than this recording has",
             path.display()
         );
         Ok(read.model)
@@ -190,7 +190,7 @@ fn refuse_to_replace(folder: &Path, force: bool) -> anyhow::Result<()> {
     }
     anyhow::ensure!(
         folder.join(SHEET).is_file(),
-        "{} is no dataset of scand, so that --force does not replace it: give another --out",
+        "{} is not a dataset that scand wrote, so --force does not replace it: give another --out",
         folder.display()
     );
     Ok(())

@@ -95,7 +95,7 @@ fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
     }
 }
 
-/// The error of a file that is there and not to be replaced.
+/// The error for an existing file that must not be replaced.
 fn exists(path: &Path) -> anyhow::Error {
     anyhow::anyhow!(
         "{} already exists: give --force to replace it, or another --out",

@@ -16,7 +16,7 @@ const DEPTH: usize = 2;
 /// The models that are named: files, folders of captures, and folders of these, in the order of their names.
 ///
 /// # Errors
-/// If something is named that is no model and has none.
+/// If something is named that is neither a model nor a folder with one.
 pub(super) fn find(what: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut models = Vec::new();
     for path in what {
@@ -98,7 +98,7 @@ fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
     let capture = CaptureId::new(capture).map_err(|_| {
         let found: String = capture.chars().take(60).collect();
         anyhow::anyhow!(
-            "{}: its capture is called {found:?}, which is no name for a file",
+            "{}: its capture is called {found:?}, which is not a file name",
             path.display()
         )
     })?;

@@ -1,4 +1,4 @@
-//! The words of `scand export`'s options, and what a person is told who uses another one.
+//! The values of `scand export`'s options, and the message for a person who uses another value.
 
 use crate::dataset::Kind;
 use crate::export::{Compression, Format};

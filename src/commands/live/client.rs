@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// How long an answer is waited for: a capture, its retry and a slow disk are done by then.
+/// How long a client waits for an answer: a capture, its retry and a slow disk take less.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[derive(Debug, clap::Args)]
@@ -124,7 +124,7 @@ pub struct NoteArgs {
     /// Store the words as a text, although they are close to accept, reject or clear
     #[arg(long)]
     text: bool,
-    /// Who says it
+    /// The author of the note
     #[arg(long, value_name = "NAME")]
     author: Option<String>,
     /// Write the note beside this complete recording, without asking the daemon
@@ -185,7 +185,7 @@ pub fn session(args: SessionArgs) -> anyhow::Result<ExitCode> {
     Ok(code(&last))
 }
 
-/// The name of the session that is recorded: what is noted of it, is noted under its name.
+/// The name of the open session: a note on it is recorded under this name.
 fn running_session(connection: &Connection) -> anyhow::Result<String> {
     let mut client = Client::connect(&connection.socket, Some(PATIENCE))?;
     client.send(&Request::Status {})?;
@@ -227,7 +227,7 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
     Ok(code(&last))
 }
 
-/// What a note does, and its words. Words that were meant to decide something must not become a mere text.
+/// The kind of a note, and its text. A word close to accept, reject or clear must not become a mere text.
 fn kind_and_text(args: &NoteArgs) -> anyhow::Result<(String, String)> {
     let what = args.what.trim();
     let why = args.why.clone().unwrap_or_default();
@@ -270,7 +270,7 @@ pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     Ok(code(&last))
 }
 
-/// Tells what happens.
+/// Prints what happens.
 pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     let Connection { socket, json } = &args.connection;
     let mut client = Client::connect(socket, None)?;
@@ -294,7 +294,7 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Asks and tells, up to the last reply.
+/// Sends a request and prints the replies, up to the last one.
 fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Result<Reply> {
     let patience = (until != Until::Done).then_some(PATIENCE);
     let mut client = Client::connect(&connection.socket, patience)?;

@@ -24,8 +24,8 @@ impl Models {
         Ok(Some(Self { jobs }))
     }
 
-    /// Begins, with the captures of `interrupted` recordings. Each press hears of its model,
-    /// or why there is none.
+    /// Begins, with the captures of `interrupted` recordings. Each press gets the result of its model, or the reason
+    /// why there is none.
     pub(super) fn start(
         self,
         config: &Config,

@@ -31,10 +31,10 @@ pub struct Args {
     quiet_ms: u64,
 }
 
-/// Most presses that are waited for at a time; the daemon answers all but one of them at once.
+/// Most presses whose answers are awaited at a time; the daemon answers all but one of them at once.
 const MOST: usize = 8;
 
-/// Reads the foot switch until it is pulled out, which is no failure: it is there again when it is plugged in.
+/// Reads the foot switch until it is unplugged. That is not a failure: its unit starts again when it is plugged in.
 ///
 /// # Errors
 /// If it cannot be opened or read.

@@ -88,7 +88,7 @@ fn cameras(status: &Value) -> String {
     text
 }
 
-/// What was set and read back, what the camera tells of itself, and what is to be known.
+/// The settings and the values read back, the camera's health, and its remarks.
 fn details(camera: &Value) -> String {
     let part = |list: &Value, i: usize| list[i].as_str().unwrap_or("").to_owned();
     let mut lines = Vec::new();

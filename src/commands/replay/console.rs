@@ -117,7 +117,9 @@ impl Console {
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
             let ending = match outcome.result {
-                Ending::Rejected => "left out, because it was rejected (--rejected takes it)",
+                Ending::Rejected => {
+                    "left out, because it was rejected (--rejected reconstructs it)"
+                }
                 _ => outcome.verdict.map_or("done", Level::name),
             };
             outln!("{}: {ending}", name(outcome));

@@ -12,7 +12,7 @@ pub(super) struct Found {
     pub(super) warnings: Vec<String>,
 }
 
-/// Finds the recordings that are named. A folder stands for those that lie in it, not for those of its folders.
+/// Finds the recordings that are named. A folder stands for the recordings in it, but not for those in its subfolders.
 ///
 /// # Errors
 /// If a folder cannot be read, or has no recording.
@@ -55,7 +55,7 @@ impl Found {
             };
             if !recordings.iter().any(is_ours) {
                 self.warnings.push(format!(
-                    "{}: its recording {} is not there, so that these notes belong to nothing",
+                    "{}: its recording {} does not exist, so these notes belong to no recording",
                     notes.display(),
                     recording.display()
                 ));

@@ -116,7 +116,7 @@ impl Args {
         reads
     }
 
-    /// The folders that are written to, one a recording.
+    /// The output folders, one for each recording.
     #[cfg(feature = "live")]
     pub(super) fn writes(&self) -> anyhow::Result<Vec<PathBuf>> {
         let stems = files::stems(&self.replay)?.into_iter();
@@ -246,15 +246,16 @@ impl Replay<'_> {
         Ok(outcomes)
     }
 
-    /// The outcome of a rejected capture: no model is made, and one that is there is marked.
+    /// The outcome of a rejected capture: no model is made, and an existing one is marked.
     fn leave_out(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
         let notes = session.notes().on(id.as_str());
         let folder = self.maker.folder.join(id.as_str());
         if folder.join("report.json").exists()
             && let Err(error) = mark(&folder, &notes)
         {
-            self.console
-                .line(&format!("{id}: its model is not marked: {error}"));
+            self.console.line(&format!(
+                "{id}: cannot mark its model with the notes: {error}"
+            ));
         }
         let outcome = Outcome::rejected(session, id);
         self.console.outcome(&outcome);
@@ -262,7 +263,7 @@ impl Replay<'_> {
     }
 }
 
-/// The captures that were asked for, each once; all where none was named.
+/// The captures that were asked for, each once; all if none was named.
 fn wanted(session: &CaptureSession, only: &[String]) -> anyhow::Result<Vec<CaptureId>> {
     let all: Vec<CaptureId> = session.captures().into_iter().map(|c| c.id).collect();
     if only.is_empty() {

@@ -36,7 +36,7 @@ pub(super) struct Outcome {
     pub(super) verdict: Option<Level>,
     /// Why it failed, or the reasons of its verdict.
     pub(super) reasons: Vec<String>,
-    /// What people said of the capture.
+    /// People's notes on the capture.
     pub(super) notes: CaptureNotes,
     /// Where its files are.
     pub(super) folder: Option<PathBuf>,

@@ -205,7 +205,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let out = args.out.clone().context("--out is missing")?;
     anyhow::ensure!(
         out.symlink_metadata().is_err(),
-        "{} is there already: a recording is never replaced; give another --out",
+        "{} already exists, and a recording is never replaced: give another --out",
         out.display()
     );
     let compression = match args.zstd {

@@ -170,7 +170,7 @@ impl Capturing {
         replies
     }
 
-    /// Gives an order that is no press, unless one is being carried out.
+    /// Sends an order that is not a press, unless another order is being carried out.
     pub(super) fn order(&self, order: Order) {
         if !self.dispatcher.presses().claim() {
             return order.decline("a capture is being taken");
@@ -229,8 +229,8 @@ impl Capturing {
         }
     }
 
-    /// Finishes the order that is being carried out, completes the session and ends all threads, whoever else holds
-    /// this; the cameras whose threads hang.
+    /// Finishes the order in progress, completes the session and ends all threads, even if others still hold this.
+    /// Returns the cameras whose threads hang.
     pub fn stop(&self) -> Vec<CameraId> {
         drop(self.orders.lock().take());
         let thread = self.thread.lock().take();

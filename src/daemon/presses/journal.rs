@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Bytes after which a file makes way for the next one.
 const LARGEST_FILE: u64 = 4 << 20;
-/// After this a press is nobody's any more.
+/// After this time a press is forgotten.
 const LONGEST: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// A press was answered.

@@ -44,7 +44,7 @@ use std::time::{Duration, Instant};
 
 /// Letters of a press's name.
 const LONGEST_ID: usize = 64;
-/// Between two refusals that everybody hears of. The clients that were refused hear each.
+/// Shortest time between two events about refusals. The refused clients are always told.
 const REFUSAL_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What a client says of its press.
@@ -69,7 +69,7 @@ pub(super) enum Input {
     Admitted(PressKey, String, u32),
     /// Nothing can be begun, and why.
     Refused(PressKey, String),
-    /// The shot of this trigger is over: the colour frames' spread in nanoseconds, or why it is no capture.
+    /// The shot of this trigger is over: the colour frames' spread in nanoseconds, or why the capture failed.
     Taken(PressKey, Timestamp, Result<u64, String>),
     /// The recorder is done with a capture: the recording it is in, or why it is in none.
     Written(String, Result<PathBuf, String>),
@@ -196,7 +196,7 @@ impl Presses {
         std::mem::take(&mut self.effects)
     }
 
-    /// Lets an order that is no press be carried out, if none is; [`Self::release`] ends it.
+    /// Begins an order that is not a press, if no other order is in progress; [`Self::release`] ends it.
     pub(super) fn claim(&mut self) -> bool {
         !std::mem::replace(&mut self.busy, true)
     }
@@ -211,7 +211,7 @@ impl Presses {
         self.busy
     }
 
-    /// Whether there is no order, and no capture that waits for the disk.
+    /// Whether no order is in progress and no capture waits for the disk.
     pub(super) fn is_idle(&self) -> bool {
         !self.busy && self.writing == 0
     }
@@ -377,13 +377,13 @@ impl Presses {
         self.tell(press, Event::Failed { capture, reason });
     }
 
-    /// Answers a press, and tells everybody.
+    /// Answers a press, and publishes the event.
     fn tell(&mut self, press: PressKey, event: Event) {
         self.reply(press, event.clone());
         self.effects.push(Effect::Publish(event));
     }
 
-    /// Answers a press: in the journal before its client hears it. What settles it is brought to the disk.
+    /// Answers a press: in the journal first, then to its client. The last answer is synced to the disk.
     fn reply(&mut self, press: PressKey, event: Event) {
         self.advance(press, &event);
         let request = self.requests.get(&press);
@@ -413,7 +413,7 @@ impl Presses {
 }
 
 impl TrackedPress {
-    /// The name of another attempt: none where there were enough, or where it would be too long.
+    /// The name of another attempt; `None` if there were enough attempts, or if the name would be too long.
     fn next_attempt(&self) -> Option<CaptureId> {
         let id = CaptureId::new(&format!("{}.r{}", self.first, self.attempts)).ok();
         id.filter(|_| self.attempts <= self.retries)

@@ -115,7 +115,7 @@ fn end_of(recorded: &[Recorded], capture: &str) -> Result<(u64, PathBuf), String
 }
 
 impl PressState {
-    /// Whether a line of the journal tells something new of a press in this state, whose last capture is `capture`.
+    /// Whether a line of the journal adds something to a press in this state, whose last capture is `capture`.
     fn may_become(&self, capture: &str, event: &Event) -> bool {
         let is_open = matches!(self, Self::Asked | Self::Taking);
         match event {

@@ -43,7 +43,7 @@ pub(super) async fn serve(stream: UnixStream, shared: &Shared) {
 /// The next line, without its end.
 ///
 /// # Errors
-/// What is wrong with it, in words; none where the client has gone.
+/// What is wrong with it, as a message; none if the client has gone.
 async fn line(read: &mut BufReader<OwnedReadHalf>) -> Result<Vec<u8>, Option<String>> {
     let mut line = Vec::new();
     let mut limited = read.take(LONGEST_REQUEST as u64);
@@ -153,7 +153,7 @@ impl Client<'_> {
         }
     }
 
-    /// Gives an order and tells how it went.
+    /// Sends an order and replies with its result.
     async fn ask(&mut self, order: impl FnOnce(Answer) -> Order) -> std::io::Result<()> {
         let (answer, answered) = oneshot::channel();
         let answer = move |result: Result<String, String>| drop(answer.send(result));
@@ -176,7 +176,7 @@ impl Client<'_> {
         sent.unwrap_or_else(|_| Err(ErrorKind::TimedOut.into()))
     }
 
-    /// Ends when the client has closed its connection. One that has only said all that it had to say still listens.
+    /// Ends when the client has closed its connection. A client that has only shut down its sending side still listens.
     async fn gone(&self) {
         loop {
             sleep(LOOK).await;
@@ -208,7 +208,7 @@ fn note(
     })
 }
 
-/// Turns away a client for whom there is no room.
+/// Rejects a client beyond the limit.
 pub(super) fn reject(stream: &UnixStream, reason: String) {
     let mut line = serde_json::to_vec(&Reply::Refused { reason }).unwrap_or_default();
     line.push(b'\n');

@@ -56,7 +56,7 @@ impl Driver for GigeDriver {
 
 /// How long a camera is asked whether it is there, at least.
 const CHECK_PERIOD: Duration = Duration::from_secs(2);
-/// How often frames of a camera that nobody triggers are looked after.
+/// How often the frames of a free-running camera are collected.
 const KEEP_PERIOD: Duration = Duration::from_millis(20);
 
 /// Names of a camera's temperature in degrees Celsius: of the standard (SFNC), and before it.
@@ -297,8 +297,8 @@ impl Device for Held {
 }
 
 impl Drop for Held {
-    /// The library says good-bye to a camera three times and waits for its answer; one that is lost is buried on a
-    /// thread of its own, so that the camera can be looked for meanwhile.
+    /// When the library closes a camera, it sends three messages and waits for the answers. A lost camera is therefore
+    /// closed on its own thread, so that scand can search for it meanwhile.
     fn drop(&mut self) {
         if let Some(camera) = self.0.take().filter(OpenCamera::is_lost) {
             let thread = std::thread::Builder::new().name("lost camera".into());

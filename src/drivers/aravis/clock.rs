@@ -32,7 +32,7 @@ const ATTEMPT_PAUSE: Duration = Duration::from_millis(20);
 /// Readings when a camera is opened, at most, and the uncertainty that ends them.
 const READINGS: usize = 16;
 const SHARP_NS: u64 = 500_000;
-/// How far apart readings are made that are to show a clock that stands still.
+/// Time between two readings that can show that a clock stands still.
 const APART: Duration = Duration::from_millis(7);
 /// How old a reading may become.
 const STALE: Duration = Duration::from_secs(2);
@@ -254,7 +254,7 @@ impl CameraClock {
     }
 }
 
-/// Whether something comes to be within the time that a latch may take; `None` if it cannot be told.
+/// Whether a condition becomes true within the time that a latch may take; `None` if it cannot be read.
 fn wait_until(mut is_so: impl FnMut() -> Option<bool>) -> Option<bool> {
     let until = Instant::now() + LATCH_TIME;
     loop {

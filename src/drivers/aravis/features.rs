@@ -95,7 +95,7 @@ impl<'a> Features<'a> {
         self.integer_unbounded(name, asked)
     }
 
-    /// Sets a whole number whatever bounds the camera tells: for those that tell wrong ones.
+    /// Sets a whole number and ignores the bounds that the camera reports, because some cameras report wrong ones.
     pub(super) fn integer_unbounded(&mut self, name: &str, asked: i64) -> Result<(), Fault> {
         let words = asked.to_string();
         let written = self.camera.set_integer(name, asked);

@@ -82,7 +82,7 @@ fn is_meant(parameters: &Parameters, identity: &Identity) -> bool {
     fits(&parameters.serial, &identity.serial) && fits(&parameters.name, &identity.name)
 }
 
-/// The last search: when it ended and whom it found. Also keeps two threads from searching at once.
+/// The last search: when it ended and which cameras it found. Also keeps two threads from searching at once.
 static SEARCHED: Mutex<Option<(Instant, Vec<Found>)>> = Mutex::new(None);
 /// How long a search holds good for other cameras.
 const FRESH: Duration = Duration::from_secs(2);

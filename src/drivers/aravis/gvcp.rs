@@ -16,11 +16,11 @@ const DISCOVERY: u16 = 0x0002;
 /// A command, as it is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {
-    /// Flags of the command beside "acknowledge", which is always asked for.
+    /// Flags of the command in addition to "acknowledge", which is always set.
     pub flags: u8,
     /// Which command.
     pub command: u16,
-    /// Counts requests; 0 is none.
+    /// The number of the request, from 1.
     pub request: u16,
     /// What follows the header.
     pub payload: Vec<u8>,
@@ -46,7 +46,7 @@ impl Message {
         packet(head, self.command, self.request, &self.payload)
     }
 
-    /// Reads a packet; `None` if it is no command.
+    /// Parses a packet; `None` if it is not a command.
     pub fn decode(packet: &[u8]) -> Option<Self> {
         let ([key, flags], command, request, payload) = parts(packet)?;
         (key == KEY).then(|| Self {
@@ -65,7 +65,7 @@ impl Answer {
         packet(head, self.command, self.request, &self.payload)
     }
 
-    /// Reads a packet; `None` if it is no acknowledgement.
+    /// Parses a packet; `None` if it is not an acknowledgement.
     pub fn decode(packet: &[u8]) -> Option<Self> {
         let (head, command, request, payload) = parts(packet)?;
         Some(Self {
@@ -195,7 +195,7 @@ impl Identity {
     }
 }
 
-/// Asks the camera at an address who it is.
+/// Asks the camera at an address to identify itself.
 ///
 /// # Errors
 /// If there is no answer within about half a second, or one that makes no sense.

@@ -184,7 +184,7 @@ impl Parameters {
         })
     }
 
-    /// How the camera is told from others, in words.
+    /// How the configuration identifies the camera, as text.
     pub fn whereabouts(&self) -> String {
         let address = self.address.map(|a| format!("at {a}"));
         let serial = self.serial.as_ref().map(|s| format!("with serial {s}"));

@@ -37,10 +37,10 @@ pub(super) struct PrecisionTime {
 }
 
 impl PrecisionTime {
-    /// Switches it on or off as configured; `None` where the camera does not follow.
+    /// Switches PTP on or off as configured; `None` if the camera does not use it.
     ///
     /// # Errors
-    /// If it is asked for and the camera has none, or does not take it.
+    /// If PTP is asked for and the camera does not have it, or refuses it.
     pub(super) fn set_up(
         features: &mut Features<'_>,
         parameters: &Parameters,

@@ -150,7 +150,8 @@ impl Setting<'_, '_> {
         }
     }
 
-    /// Switches an automatic function on or off; if there is none and none is wanted, that is fine.
+    /// Switches an automatic function on or off. It is not an error if the camera does not have a function that is not
+    /// wanted.
     fn automatic(&mut self, name: &str, wanted: Option<bool>) -> Result<(), Fault> {
         let wanted = wanted.unwrap_or(false);
         if !wanted && !self.features.has(name) {

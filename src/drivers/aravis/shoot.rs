@@ -16,7 +16,7 @@ use std::net::SocketAddrV4;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Frames that are kept of a camera that nobody triggers.
+/// Number of frames of a free-running camera that are kept.
 const KEPT: usize = 3;
 /// How long a frame may still come after a damaged one whose stamp was lost.
 const AFTER_DAMAGE: Duration = Duration::from_millis(250);

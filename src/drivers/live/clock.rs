@@ -36,7 +36,7 @@ impl DeviceClock {
     /// Adds a reading.
     ///
     /// # Errors
-    /// If the clock stands still or jumped, in words; the earlier readings are dropped then.
+    /// If the clock stands still or jumped, as a message. The earlier readings are then dropped.
     pub fn add(&mut self, reading: Reading) -> Result<(), String> {
         let problem = self
             .readings

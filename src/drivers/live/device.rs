@@ -50,7 +50,7 @@ impl Shot {
     }
 }
 
-/// The result of a shot beside its frames.
+/// The result of a shot, apart from its frames.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct ShotStats {
     /// Frames that were damaged or did not arrive, each in words.

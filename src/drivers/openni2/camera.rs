@@ -201,7 +201,7 @@ impl Drop for Camera {
     }
 }
 
-/// Opens the device that is meant: by its URI, its file, its serial number, or the first that is free.
+/// Opens the configured device: by its URI, its file, its serial number, or the first one that is free.
 fn find(library: Library, wanted: &str) -> Result<Device, Fault> {
     if is_file(wanted) || wanted.contains("://") || wanted.contains('@') {
         return Ok(Device::open(library, wanted)?);

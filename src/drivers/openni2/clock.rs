@@ -65,7 +65,7 @@ impl StreamClock {
         Self::default()
     }
 
-    /// Takes note of a frame of a stream, the first of which is what the clock is known from.
+    /// Adds a frame of a stream; the clock is estimated from the first stream.
     ///
     /// # Errors
     /// If the clock stands still or jumped.

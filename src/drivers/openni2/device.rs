@@ -73,7 +73,7 @@ impl Device {
         (status == ffi::STATUS_OK).then(|| model(&info))
     }
 
-    /// Its serial number, if it tells one.
+    /// Its serial number, if it reports one.
     pub fn serial_number(&self) -> Option<String> {
         let mut bytes = [0 as c_char; ffi::MAX_STR];
         let mut size = size_of_val(&bytes) as c_int;

@@ -1,6 +1,6 @@
-//! The C interface of OpenNI 2.2 (`OniCAPI.h`, `OniCTypes.h`), as far as it is used: types, numbers, functions. What
-//! they mean and how they are called safely stands in `library`, `device`, `stream` and `recorder`, which alone call
-//! them.
+//! The C interface of OpenNI 2.2 (`OniCAPI.h`, `OniCTypes.h`), as far as it is used: types, numbers, functions. Only
+//! `library`, `device`, `stream` and `recorder` call them; these files say what they mean and how they are called
+//! safely.
 #![allow(unsafe_code)] // Declarations of a C library.
 #![allow(missing_docs)] // Named as in the library's own headers, which document them.
 

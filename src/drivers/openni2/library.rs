@@ -96,9 +96,9 @@ impl Library {
         Ok(Self(()))
     }
 
-    /// Starts OpenNI anew, where that can bring back a camera: the Kinect's driver looks for cameras only when it
-    /// starts, and forgets one that was closed. Done only while a Kinect is plugged in, no camera is open, and it was
-    /// not just done: whether it was.
+    /// Restarts OpenNI if that can bring back a camera: the Kinect's driver looks for cameras only when it starts, and
+    /// forgets a camera that was closed. It does so only while a Kinect is plugged in and no camera is open, and not
+    /// twice in a short time. Returns whether it did.
     ///
     /// # Errors
     /// If it finds no driver any more.
@@ -162,7 +162,7 @@ fn start(state: &mut State) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Whether the kernel knows a Kinect v1's camera, by what it tells of USB devices.
+/// Whether the kernel lists the camera of a Kinect v1 among its USB devices.
 fn kinect_is_plugged_in(devices: &Path) -> bool {
     let read = |path: &Path, name: &str| std::fs::read_to_string(path.join(name)).ok();
     let is = |path: &Path| {

@@ -1,4 +1,4 @@
-//! Properties of devices and streams, made safe: the library has the same three calls for both.
+//! A safe interface to the properties of devices and streams; the library has the same three calls for both.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;

@@ -1,4 +1,4 @@
-//! OpenNI's own recordings (`.oni`), made safe: a file that is written while its recorder lives.
+//! A safe interface to OpenNI's own recordings (`.oni`): a file is written while its recorder exists.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::device::Device;

@@ -1,4 +1,4 @@
-//! A device's streams and their frames, made safe: every wait ends, and no frame outlives its stream.
+//! A safe interface to a device's streams and their frames: every wait ends, and no frame outlives its stream.
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::device::Device;

@@ -150,7 +150,7 @@ impl Camera {
         Ok(())
     }
 
-    /// Takes all that has come.
+    /// Takes all frames that have arrived.
     fn drain(&mut self, stats: &mut ShotStats) -> Result<(), Fault> {
         // As often as there are buffers at the most: a fast camera fills them again meanwhile.
         for _ in 0..32 {

@@ -1,6 +1,6 @@
-//! A video device of the kernel, made safe: its controls by 32-bit values, and frames in memory that it shares with us,
-//! each buffer either the kernel's or ours. The `v4l` crate's stream hands a buffer to the kernel twice after a
-//! time-out, which is why there is one of our own here.
+//! A safe interface to a video device of the kernel: its controls as 32-bit values, and frames in memory that it shares
+//! with us. Each buffer belongs either to the kernel or to us. The stream is our own, because that of the `v4l` crate
+//! hands a buffer to the kernel twice after a timeout.
 #![allow(unsafe_code)] // System calls on memory of ours; each with the reason why it is sound.
 
 use std::ffi::{c_int, c_void};
@@ -147,7 +147,7 @@ struct Map {
 }
 
 impl Queue {
-    /// Makes a queue of so many buffers and starts the stream.
+    /// Makes a queue of `count` buffers and starts the stream.
     ///
     /// # Errors
     /// If the driver does not stream from memory, or another program has it.

@@ -10,10 +10,10 @@ pub(super) struct Jpeg {
     pub tables_at: Option<usize>,
 }
 
-/// Looks at a frame as far as the beginning of its picture's data.
+/// Parses a frame up to the beginning of its image data.
 ///
 /// # Errors
-/// In words, if it is no whole JPEG.
+/// A message, if it is not a complete JPEG file.
 pub(super) fn inspect(frame: &[u8]) -> Result<Jpeg, String> {
     if !frame.starts_with(&[0xff, 0xd8]) {
         return Err("it does not begin as a JPEG file does".into());

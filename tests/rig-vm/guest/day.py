@@ -1,5 +1,5 @@
-"""What docs/installing.md and docs/operating.md tell a person to do, done as they tell it: the first start, a day's work by
-somebody who is no root, hooks, another foot switch, another disk, and recordings that are moved about."""
+"""Follows docs/installing.md and docs/operating.md as they stand: the first start, a day's work by a user who is not root,
+hooks, another foot switch, another disk, and recordings that are moved."""
 
 import json
 import os
@@ -40,12 +40,12 @@ chapter = Chapter("day", end)
 
 
 def ann(*command, expected=0):
-    """As Ann does it, who is of the group."""
+    """Runs a command as Ann, a member of the group."""
     return run("runuser", "-u", "ann", "--", *command, expected=expected, cwd="/home/ann")
 
 
 def wrong(words):
-    """What a check finds wrong: the subjects."""
+    """The subjects that a check finds wrong."""
     return sorted(line.split(":")[0].removeprefix("WRONG").strip() for line in words.splitlines() if "WRONG" in line)
 
 

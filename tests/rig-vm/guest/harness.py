@@ -7,7 +7,7 @@ import time
 
 
 class Unexpected(Exception):
-    """Something is not as it should be."""
+    """A check found something wrong."""
 
 
 def run(*command, expected=0, timeout=300, **more):
@@ -33,13 +33,13 @@ def until(what, reached, seconds=240):
 
 
 def expect(found, expected, what):
-    """Holds two values against each other."""
+    """Compares two values."""
     if found != expected:
         raise Unexpected(f"{what}: {found!r}, expected {expected!r}")
 
 
 def contains(text, *words):
-    """Holds a text against words that it must have."""
+    """Checks that a text contains these words."""
     for word in words:
         if word not in text:
             raise Unexpected(f"no {word!r} in: {text[-800:]}")

@@ -1,5 +1,5 @@
-"""Tries what a daemon has no business with, changes nothing by it, and prints what became of each: null where it was
-allowed, else why not."""
+"""Tries what the daemon must not do, without changing anything, and prints the result of each attempt: null if it was
+allowed, otherwise the reason why not."""
 
 import ctypes
 import errno

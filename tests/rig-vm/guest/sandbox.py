@@ -1,5 +1,5 @@
-"""What the daemon and its workers may not do, found out by trying it under the installed unit's own lines: the unit is
-copied, and only what it starts is another program."""
+"""Tests what the daemon and its workers must not do, by trying it under the installed unit's own lines: the unit is
+copied, and only the program that it starts is different."""
 
 import json
 import os

@@ -86,7 +86,9 @@ pub(super) fn parse(text: &str, algorithm: Algorithm) -> Result<BTreeMap<String,
         if let Some(other) = folded.insert(path.to_lowercase(), path.clone()) {
             return Err(bad(match other == path {
                 true => format!("{path:?} is listed twice"),
-                false => format!("{path:?} and {other:?} are one file where capitals do not count"),
+                false => {
+                    format!("{path:?} and {other:?} are the same file on disks that ignore case")
+                }
             }));
         }
         files.insert(path, digest.to_lowercase());

@@ -1,5 +1,6 @@
-//! Packages for archives after BagIt (RFC 8493): a folder with the files under `data/`, and lists of their SHA-512
-//! digests. `Bag` makes one, `verify` checks one, whoever made it. Knows nothing of what the files hold.
+//! Packages for archives that follow BagIt (RFC 8493): a folder with the files under `data/`, and lists of their
+//! SHA-512 digests. `Bag` makes one, and `verify` checks one, whoever made it. This room knows nothing of the files'
+//! contents.
 
 mod manifest;
 mod verify;
@@ -22,7 +23,7 @@ pub enum Error {
         cause: std::io::Error,
     },
     /// Something has the package's name.
-    #[error("{} is there already: choose another name, for a package is never changed", .0.display())]
+    #[error("{} already exists: choose another name, because a package is never changed", .0.display())]
     Exists(PathBuf),
     /// Two files of a package would have one name.
     #[error("the package has two files named {0}")]

@@ -50,10 +50,10 @@ impl std::fmt::Display for Finding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Refused { words } | Self::Oxum { words } => f.write_str(words),
-            Self::Missing { path } => write!(f, "{path} is listed and is not there"),
-            Self::Extra { path } => write!(f, "{path} is there and is not listed"),
+            Self::Missing { path } => write!(f, "{path} is listed but missing"),
+            Self::Extra { path } => write!(f, "{path} is not listed"),
             Self::Changed { path } => {
-                write!(f, "{path} is not what it was: its digest is another one")
+                write!(f, "{path} was changed: its digest does not match")
             }
         }
     }
@@ -221,7 +221,7 @@ fn lists(
             .find(|path| path.starts_with("data/") != of_payload)
         {
             return Ok(Err(refused(format!(
-                "{name}: {path:?} does not belong into this list"
+                "{name}: {path:?} must not be in this list"
             ))));
         }
         lists.push(List {
@@ -268,6 +268,6 @@ fn oxum(folder: &Path, files: &BTreeMap<String, u64>) -> Result<Option<Finding>,
     let found = format!("{bytes}.{count}");
     let said = said.trim();
     Ok((said != found).then(|| Finding::Oxum {
-        words: format!("data/ has {found} (bytes.files), where bag-info.txt says {said:?}"),
+        words: format!("data/ has {found} (bytes.files), but bag-info.txt says {said:?}"),
     }))
 }

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct Check {
     /// Cameras of the calibration that were in the session.
     pub cameras: Vec<Checked>,
-    /// How two cameras moved against each other where no third one tells which of them did.
+    /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// What the depth cameras of the calibration read, or why that was not checked.
     pub depths: BTreeMap<CameraId, Result<DepthCheck, String>>,
@@ -42,7 +42,7 @@ impl Check {
         })
     }
 
-    /// Whether all that could have changed was looked at.
+    /// Whether everything that could have changed was checked.
     pub fn is_whole(&self) -> bool {
         self.unchecked.is_empty() && self.lost.is_empty() && self.depths.values().all(Result::is_ok)
     }

@@ -120,7 +120,7 @@ impl Depth {
         }
     }
 
-    /// What the verdict is held against.
+    /// The figures that the verdict judges.
     pub(super) fn found(&self) -> BTreeMap<CameraId, Result<f64, String>> {
         let fitted = self.planes.iter();
         let fitted = fitted.map(|(id, fit)| (id, Ok(fit.response.uncertainty)));

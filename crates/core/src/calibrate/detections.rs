@@ -17,7 +17,7 @@ pub struct Detections {
     pub session: Session,
     /// Cameras that measure depth.
     pub depth_cameras: Vec<CameraId>,
-    /// Pictures in which there is no board that can be used, and why.
+    /// Pictures without a usable board, with the reason.
     pub rejected: Vec<Rejected>,
     /// Pictures that could not be read, and other losses.
     pub lost: Vec<String>,

@@ -57,7 +57,7 @@ pub enum Error {
     },
     /// No recording names its board.
     #[error(
-        "no recording says what the board is: give --board KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm \
+        "no recording describes the board: give --board KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm \
          (in inner corners)"
     )]
     NoBoard,

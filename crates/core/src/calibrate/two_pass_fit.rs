@@ -1,4 +1,4 @@
-//! Fits once more where markers crowd the board's corners: the first fit knows what is printed around them.
+//! Fits a second time if markers lie close to the board's corners: the first fit shows what is printed around them.
 
 use super::Error;
 use super::detections::{Detections, shots};

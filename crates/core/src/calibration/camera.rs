@@ -99,7 +99,7 @@ impl Camera {
             .map(|pixel| (pixel, p.z))
     }
 
-    /// [`Camera::project`] as the z-buffer wants it: pixel x, y and depth, NaN where there is none.
+    /// [`Camera::project`] as the z-buffer needs it: pixel x, y and depth, NaN if there is none.
     pub fn project_for_raster(&self, p_in_rig: Point3<f32>) -> [f32; 3] {
         match self.project(p_in_rig.cast()) {
             Some((pixel, depth)) => [pixel.x as f32, pixel.y as f32, depth as f32],

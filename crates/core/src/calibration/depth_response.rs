@@ -1,5 +1,5 @@
-//! What turns a depth camera's raw reading into a point in metres (the paper's section 2.B, "linearization"
-//! of depth and of scale, in metric terms).
+//! Turns a depth camera's raw reading into a point in metres (the paper's section 2.B, "linearization" of depth and of
+//! scale, in metric terms).
 
 use super::{Error, Intrinsics};
 use nalgebra::{Point2, Point3};

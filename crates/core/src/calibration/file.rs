@@ -35,8 +35,8 @@ pub struct RigCalibration {
     pub volume: Option<Volume>,
     /// What it is worth, where that is known.
     pub verdict: Option<Verdict>,
-    /// Standard deviation, in millimetres at the object, of where the cameras see what stands in the volume; where that
-    /// is known.
+    /// Standard deviation, in millimetres at the object, with which the cameras see points of the volume, if it is
+    /// known.
     pub at_object_mm: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ struct Contents {
     /// Why it is not good.
     #[serde(default)]
     reasons: Vec<String>,
-    /// How well it was seen what stands in the volume.
+    /// How well the cameras see points of the volume.
     at_object_mm: Option<f64>,
     cameras: BTreeMap<String, CameraEntry>,
     volume: Option<VolumeEntry>,
@@ -102,7 +102,7 @@ struct ResponseEntry {
 /// Largest calibration file, in bytes.
 const LONGEST_FILE: u64 = 4 << 20;
 
-/// Says of a file that is no calibration of ours what it is, as far as its name or its begin tell that.
+/// Says what a file is that is not a calibration of scand, as far as its name or its first bytes show that.
 fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
     use std::io::Read;
     let mut start = [0; 4];
@@ -117,7 +117,7 @@ fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
         "is a recording, expected a calibration (TOML): scand info RECORDING --calibration FILE.toml writes that of a \
          recording to a file"
     } else if ["yaml", "yml"].contains(&ending.as_str()) {
-        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads its own alone"
+        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads only its own"
     } else {
         return Ok(());
     };

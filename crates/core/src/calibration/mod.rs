@@ -25,7 +25,7 @@ use nalgebra::{Point2, Point3};
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
-    /// A number that cannot be what it stands for.
+    /// A number out of its range.
     #[error("{what} is {found}, expected {expected}")]
     BadValue {
         what: &'static str,
@@ -96,7 +96,7 @@ impl DepthCamera {
             .map(|pixel| (pixel, p.z))
     }
 
-    /// [`DepthCamera::project`] as the z-buffer wants it: pixel x, y and depth, NaN where there is none.
+    /// [`DepthCamera::project`] as the z-buffer needs it: pixel x, y and depth, NaN if there is none.
     pub fn project_for_raster(&self, p_in_rig: Point3<f32>) -> [f32; 3] {
         match self.project(p_in_rig.cast()) {
             Some((pixel, depth)) => [pixel.x as f32, pixel.y as f32, depth as f32],

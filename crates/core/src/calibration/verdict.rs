@@ -13,7 +13,7 @@ pub enum Level {
     Good,
     /// Good enough to work with.
     Accepted,
-    /// To be used if there is no other.
+    /// Use it only if there is no better one.
     Doubtful,
     /// Not to be used.
     Refused,
@@ -67,11 +67,10 @@ impl CalibrationRecord {
         pairs
     }
 
-    /// Reads the pairs of the metadata record; `None` where they say no verdict. Pairs that it does not know are
-    /// ignored.
+    /// Reads the pairs of the metadata record; `None` if they have no verdict. Pairs that it does not know are ignored.
     ///
     /// # Errors
-    /// If the verdict is none that a calibration can have.
+    /// If the verdict is not one that a calibration can have.
     pub fn from_pairs(pairs: &BTreeMap<String, String>) -> Result<Option<Self>, Error> {
         let Some(verdict) = pairs.get("verdict").map(|v| v.trim()) else {
             return Ok(None);

@@ -6,9 +6,8 @@ use crate::reconstruct::{Scene, SilhouetteSource};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over all that a model's files depend on: what the model is made of ([`input_digest`]), what its
-/// calibration is worth where that is known, the configuration as text, what the files say of the object, and the
-/// program's version.
+/// SHA-256 of everything that a model's files depend on: the input ([`input_digest`]), the verdict of its calibration
+/// if that is known, the configuration as text, the data about the object, and the program's version.
 pub fn digest(
     input: &str,
     calibration: Option<&Verdict>,

@@ -5,7 +5,7 @@ use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::recording::Damage;
 use serde::Serialize;
 
-/// How a capture came about.
+/// How a capture was taken.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaptureFacts {
     /// Its name.

@@ -36,7 +36,7 @@ pub struct CaptureSummary {
     pub color_frames: usize,
     /// Depth frames it has.
     pub depth_frames: usize,
-    /// What people said of it.
+    /// People's notes on it.
     pub notes: CaptureNotes,
 }
 
@@ -88,7 +88,7 @@ impl CaptureSession {
     /// Opens a recording and assembles its captures.
     ///
     /// # Errors
-    /// If it cannot be read, is no recording, or has no capture.
+    /// If it cannot be read, is not a recording, or has no capture.
     pub fn open(path: &Path, parameters: &sync::Parameters) -> Result<Self, Error> {
         Self::of(Recording::open(path)?, parameters)
     }
@@ -152,7 +152,7 @@ impl CaptureSession {
         &self.warnings
     }
 
-    /// What people said of the captures.
+    /// People's notes on the captures.
     pub fn notes(&self) -> &Notes {
         &self.notes
     }

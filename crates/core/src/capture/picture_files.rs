@@ -45,7 +45,7 @@ impl PictureFiles {
             let numbered = names.iter().filter_map(|name| number(name)).count();
             (numbered == names.len()).then(|| {
                 format!(
-                    "{} are taken for one placement, and have different numbers: is a picture missing?",
+                    "{} are used as one placement, but their names have different numbers: is a picture missing?",
                     names.join(" and ")
                 )
             })
@@ -112,7 +112,8 @@ pub(super) fn read(path: &Path) -> Result<Picture, Error> {
     })
 }
 
-/// Placements by the number that their files have in common, where each has one of its own; else counted.
+/// Names placements by the number that their files have in common, if each placement has a different one; otherwise
+/// counts them.
 fn names(numbers: &[Option<String>]) -> Vec<String> {
     let own: BTreeSet<&String> = numbers.iter().flatten().collect();
     let digits = numbers.len().to_string().len().max(2);
@@ -191,7 +192,7 @@ mod tests {
         .unwrap();
         assert_eq!(shifted.warnings().len(), 1);
         assert!(
-            shifted.warnings()[0].starts_with("l2.jpg and r3.jpg are taken"),
+            shifted.warnings()[0].starts_with("l2.jpg and r3.jpg are used"),
             "{:?}",
             shifted.warnings()
         );

@@ -1,5 +1,5 @@
-//! A calibration session as a recording, or picture files, have it: placements of a board, each with the pictures of
-//! those cameras that have one. It needs no calibration, background or volume.
+//! A calibration session, from a recording or from picture files: placements of a board, each with the pictures of the
+//! cameras that have one. It needs no calibration, background or volume.
 
 use super::error::Error;
 use super::load::{assemble, check_counts, misnamed};

@@ -1,4 +1,4 @@
-//! Loading scenes from recordings: what the format allows, and what it does not.
+//! Tests loading scenes from recordings: what the format allows, and what it does not.
 
 use super::*;
 use crate::frame::{CameraSettings, CaptureId, Frame, Picture, Stream, Transfer};

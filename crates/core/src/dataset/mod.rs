@@ -1,5 +1,5 @@
 //! A capture as a dataset for other programs that reconstruct: undistorted pictures, masks, poses, and points of a
-//! model. Turns a scene into the bytes of files; what brings them to the disk is elsewhere.
+//! model. Turns a scene into the bytes of files; other rooms write them to the disk.
 
 mod colmap;
 mod nerfstudio;

@@ -1,4 +1,4 @@
-//! Points of a model for a dataset: where they are, what colour they have, and which pictures show them.
+//! Chooses points of a model for a dataset: their positions, their colours, and the pictures that show them.
 
 use super::undistort::View;
 use crate::mesh::Bvh;

@@ -1,5 +1,5 @@
-//! Pictures and masks as a camera without distortion would have seen them: the same place, focal lengths and principal
-//! point, each pixel taken from where the lens put it.
+//! Makes pictures and masks as a camera without distortion would have taken them: the pose, focal lengths and principal
+//! point stay the same, and each pixel is taken from where the lens put it.
 
 use crate::calibration::{Camera, Intrinsics};
 use crate::frame::CameraId;

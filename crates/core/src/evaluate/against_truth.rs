@@ -19,8 +19,8 @@ use serde::Serialize;
 pub struct Evaluation {
     /// Of the whole model.
     pub whole: Figures,
-    /// Of the parts of each provenance, where the model tells it. A point of the truth belongs to the
-    /// provenance of the model's nearest point.
+    /// The figures for each provenance, if the model has provenances. A point of the truth belongs to the provenance of
+    /// the model's nearest point.
     pub by_provenance: Vec<ProvenanceFigures>,
     /// Expected errors against actual ones, by what was expected.
     pub by_expected_error: Vec<ExpectedBin>,
@@ -132,7 +132,7 @@ pub fn evaluate(
     })
 }
 
-/// Samples of what is above the floor: nobody sees what the object stands on.
+/// The samples above the floor: the side on which the object stands is never seen.
 fn sample_above(
     mesh: &Mesh,
     what: &'static str,

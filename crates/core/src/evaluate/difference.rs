@@ -22,7 +22,7 @@ pub struct DifferenceParameters {
     /// Surfaces nowhere farther apart than this are the same, in millimetres. Default 0.01. Round-off is never a
     /// difference.
     pub tolerance_mm: f64,
-    /// At most this many places of largest differences are told. Default 8.
+    /// Largest number of places with the largest differences that are listed. Default 8.
     pub places: usize,
     /// Places are at least this far apart, in millimetres. Default 10.
     pub place_distance_mm: f64,

@@ -1,5 +1,4 @@
-//! Whether the errors that a model states are true: the stated ones held against the actual ones, of any set of
-//! samples.
+//! Compares the errors that a model states with the actual ones, for any set of samples.
 
 use super::statistics::{Sorted, share};
 use serde::Serialize;

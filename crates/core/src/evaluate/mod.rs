@@ -70,7 +70,7 @@ pub struct Parameters {
     pub rim_radius_mm: f64,
     /// What is nearer to a rim than this is near it, in millimetres. Default 3.
     pub rim_width_mm: f64,
-    /// What is thicker than this is no wall, in millimetres. Default 10.
+    /// Largest thickness of a wall, in millimetres. Default 10.
     pub wall_mm: f64,
     /// Where the bins of expected errors end, in millimetres, ascending. Default 0.1, 0.25, 0.5, 1, 2, 4 and 8.
     pub expected_bins_mm: Vec<f64>,

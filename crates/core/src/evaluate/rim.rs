@@ -1,5 +1,5 @@
-//! Where a truth has rims: the places where it bends outwards sharply, which silhouettes and depth images
-//! get wrong first.
+//! Finds the rims of a truth: the places where it bends outwards sharply, where silhouettes and depth images are wrong
+//! first.
 
 use super::Parameters;
 use crate::mesh::{Bvh, Mesh, Side, edges, sorted_sides};

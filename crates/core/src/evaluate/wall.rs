@@ -1,4 +1,4 @@
-//! How thick walls are: a truth's wall between two opposite points, and the model's wall in its place.
+//! Measures how thick walls are: the truth's wall between two opposite points, and the model's wall at the same place.
 
 use super::Parameters;
 use super::sample::Sample;

@@ -1,5 +1,5 @@
-//! Makes the texture of a simplified surface from that of the surface before: each triangle gets a rectangle of the
-//! atlas of its own, and each texel the colour of the nearest point of the old surface.
+//! Makes the texture of a simplified surface from that of the full surface: each triangle gets its own rectangle of the
+//! atlas, and each texel the colour of the nearest point of the full surface.
 
 use crate::array::three;
 use crate::image::{RgbImage, pack};

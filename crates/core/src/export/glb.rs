@@ -1,8 +1,6 @@
-//! A smaller `model.glb`: positions, normals and places in the atlas as whole numbers (`KHR_mesh_quantization`),
-//! indices of two bytes where they fit. It takes a file that scand wrote, and changes nothing else of it.
-//!
-//! `EXT_meshopt_compression` and `KHR_draco_mesh_compression` are made by libraries in C++, which the build goes
-//! without.
+//! Makes a smaller `model.glb`: positions, normals and texture coordinates as whole numbers (`KHR_mesh_quantization`),
+//! and indices of two bytes if they fit. It takes a file that scand wrote, and changes nothing else in it.
+//! `EXT_meshopt_compression` and `KHR_draco_mesh_compression` need libraries in C++, which the build does without.
 
 use super::read;
 use crate::gltf_file::GltfFile;

@@ -1,5 +1,5 @@
-//! Levels of detail: a model with a quarter of the vertices for each level, by the simplification that
-//! `scand replay --vertices` has, and its texture made anew for that surface.
+//! Levels of detail: each level has a quarter of the vertices of the one before, by the simplification of `scand replay
+//! --vertices`, and a new texture for its surface.
 
 use super::bake::bake;
 use crate::mesh::{Simplified, SimplifyError, simplify, vertex_normals};

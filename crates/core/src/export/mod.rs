@@ -1,6 +1,5 @@
-//! Models in the formats of other programs, with the units and the axis that their readers expect: made from the
-//! `model.glb` that scand wrote. Turns bytes into bytes; what brings them to the disk, and reconstructing, is
-//! elsewhere.
+//! Models in the formats of other programs, with the units and the axis that their readers expect, made from the
+//! `model.glb` that scand wrote. Turns bytes into bytes; nothing here reconstructs a model or writes to the disk.
 
 mod bake;
 mod glb;
@@ -75,7 +74,7 @@ pub enum Error {
         /// What the system said.
         cause: std::io::Error,
     },
-    /// The file is no model that scand wrote, or is damaged.
+    /// The file is not a model that scand wrote, or it is damaged.
     #[error("{}: {what}", path.display())]
     NotAModel {
         /// The file.

@@ -1,5 +1,5 @@
-//! Reads a `model.glb` of scand back into the model that it was made from: the surface welded, the texture decoded, and
-//! what is known of the object. Other programs' files are refused, for they lack what a model of scand says of itself.
+//! Reads a `model.glb` of scand back into the model from which it was made: the welded surface, the decoded texture,
+//! and the data about the object. Other programs' files are refused, because they lack what scand writes about a model.
 
 use super::Error;
 use crate::description::Description;
@@ -62,7 +62,9 @@ pub fn read(path: &Path) -> Result<ReadModel, Error> {
 /// The model in the bytes of a file, and what is known of it.
 pub(super) fn parse(bytes: &[u8]) -> Result<(Model, Description), String> {
     if !bytes.starts_with(b"glTF") {
-        return Err("it is no binary glTF: scand export reads the model.glb of a capture".into());
+        return Err(
+            "it is not a binary glTF file: scand export reads the model.glb of a capture".into(),
+        );
     }
     let file = GltfFile::parse(bytes)?;
     let about = about(&file)?;
@@ -304,7 +306,7 @@ mod tests {
     #[test]
     fn files_of_others_and_damaged_ones_are_refused_with_a_reason() {
         let refused = |bytes: &[u8]| parse(bytes).unwrap_err();
-        assert!(refused(b"solid ball").contains("no binary glTF"));
+        assert!(refused(b"solid ball").contains("not a binary glTF"));
         let good = as_glb(&textured_square(), &described("a"));
         let with = |from: &str, to: &str| {
             assert_eq!(from.len(), to.len(), "the file keeps its length");

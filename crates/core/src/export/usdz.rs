@@ -1,5 +1,5 @@
 //! USDZ: a package of OpenUSD with the scene as text and the texture as PNG. Metres (`metersPerUnit = 1`), y up;
-//! entries are stored and lie at multiples of 64 bytes, as the format wants.
+//! entries are stored and lie at multiples of 64 bytes, as the format requires.
 
 use super::zip::{self, Entry};
 use super::{Error, known, unique_uv};

@@ -1,5 +1,5 @@
-//! Zip packages for formats that are such: entries stored or deflated, in the order in which they are given, with the
-//! date of 1980, so that the same entries make the same bytes. Reads nothing.
+//! Writes zip packages, for formats that are based on zip: entries are stored or deflated in the given order, with a
+//! date in 1980, so that the same entries make the same bytes.
 
 use super::Error;
 use flate2::Compression;

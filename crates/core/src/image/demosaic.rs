@@ -1,5 +1,5 @@
-//! From a Bayer mosaic to colours by gradient-corrected linear interpolation (Malvar, He and Cutler,
-//! "High-quality linear interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004).
+//! Turns a Bayer mosaic into colours by gradient-corrected linear interpolation (Malvar, He and Cutler, "High-quality
+//! linear interpolation for demosaicing of Bayer-patterned color images", ICASSP 2004).
 //!
 //! A missing colour is the mean of its neighbours corrected by the second derivative of the colour that is
 //! there, so that edges stay where they are. In a row, columns of one parity hold red or blue (the row's

@@ -1,5 +1,5 @@
-//! Letters in pictures, for legends and captions: one small fixed-width font, drawn for this program in `font.txt`
-//! beside this file, where it can be read and corrected by eye.
+//! Letters in pictures, for legends and captions: one small fixed-width font, drawn for this program. `font.txt` beside
+//! this file has it in a form that can be read and corrected by eye.
 
 use super::RgbImage;
 use std::sync::OnceLock;

@@ -1,4 +1,4 @@
-//! What a model's files say of the object, from the recording and the program.
+//! Collects what a model's files say about the object, from the recording and the program.
 
 use crate::capture::{self, CaptureFacts};
 use crate::description::{Description, clean};

@@ -1,4 +1,4 @@
-//! Why no model was made of a capture.
+//! Why no model was made from a capture.
 
 use crate::{capture, output, reconstruct, storage};
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ pub enum Error {
     /// A file cannot be written.
     #[error(transparent)]
     Storage(#[from] storage::Error),
-    /// What people said cannot be added to a model's folder.
+    /// The notes cannot be added to a model's folder.
     #[error("{0}")]
     Unmarked(String),
     /// The finished folder cannot get its name.

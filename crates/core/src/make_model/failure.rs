@@ -1,4 +1,4 @@
-//! The report of a capture that became no model.
+//! The report of a capture whose model could not be made.
 
 use super::Error;
 use crate::reconstruct::Method;
@@ -17,8 +17,8 @@ pub struct FailedJob<'a> {
     pub capture: FailedCapture<'a>,
 }
 
-/// Writes why there is no model in the place where it would be, with the `log` of the process that should have made it.
-/// A model that is there stays, unless `force` says otherwise.
+/// Writes the report of the failure into the model's folder, with the `log` of the process that should have made the
+/// model. An existing model stays unless `force` is given.
 ///
 /// # Errors
 /// If it cannot be written.

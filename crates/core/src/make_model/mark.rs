@@ -1,5 +1,5 @@
-//! Marks a model that is there with what people said of its capture: in its report and on its preview. The model's own
-//! files stay as they are, for a note may be taken back.
+//! Marks an existing model with the notes on its capture, in its report and on its preview. The model's own files stay
+//! as they are, because a note may be taken back.
 
 use super::{Error, report_file};
 use crate::notes::{CaptureNotes, Said};
@@ -18,7 +18,7 @@ const MEMBER: &str = "notes";
 /// Pixels of the largest preview.
 const MOST_PIXELS: u64 = 40_000_000;
 
-/// Lets the report and the preview in `folder` say these notes, and no others.
+/// Replaces the notes in the report and on the preview in `folder` by these.
 ///
 /// # Errors
 /// If there is no report, or a file cannot be read or written.

@@ -72,7 +72,7 @@ pub enum Outcome {
         /// Whether the recording is damaged where the capture lies.
         damaged: bool,
     },
-    /// There is no model; its report says the same.
+    /// There is no model; its report has the same reason.
     Failed {
         /// Why.
         reason: String,

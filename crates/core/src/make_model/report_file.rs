@@ -56,7 +56,7 @@ struct Reason {
 /// The text of the report in `folder`.
 ///
 /// # Errors
-/// If there is none, or it is larger than any report: in words that name its file.
+/// If there is none, or it is larger than any report. The message names the file.
 pub(super) fn text(folder: &Path) -> Result<String, String> {
     let path = folder.join(NAME);
     let bad = |problem: String| format!("{}: {problem}", path.display());

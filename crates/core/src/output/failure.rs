@@ -3,9 +3,9 @@
 use crate::storage::{Error, StagedFolder};
 use std::path::Path;
 
-/// Puts the report of a failure (`report.json`) where the model would be, and beside it the `words` of the process
-/// that failed (`worker.log`), if there are any. A model that was made before is worth more than the report of a
-/// failure: it stays, unless it is to be replaced.
+/// Puts the report of a failure (`report.json`) where the model would be, and beside it the `words` of the process that
+/// failed (`worker.log`), if there are any. An existing model is worth more than the report of a failure: it stays,
+/// unless it is to be replaced.
 ///
 /// # Errors
 /// If the folder cannot be written.

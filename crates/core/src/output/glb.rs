@@ -30,9 +30,9 @@ impl Default for Parameters {
     }
 }
 
-/// A model as the bytes of a .glb. What is known of the model stands in the file's extras, and in the vocabularies of
-/// archives in its XMP packet. A model with no triangles becomes a valid file with an empty scene; one without
-/// texture a plain grey one.
+/// A model as the bytes of a .glb. Data about the model are in the file's extras and, in the vocabularies of archives,
+/// in its XMP packet. A model with no triangles becomes a valid file with an empty scene; one without texture a plain
+/// grey one.
 ///
 /// # Errors
 /// If the model's parts do not fit each other, hold a number that is not finite or exceed glTF's 4 GiB.

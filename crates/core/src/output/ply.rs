@@ -14,7 +14,7 @@ const FACE_BYTES: usize = 1 + 12;
 /// Colour of a model that has none.
 const GREY: [u8; 3] = [200; 3];
 
-/// A model as the bytes of a binary little-endian .ply. What is known of the model stands in comments.
+/// A model as the bytes of a binary little-endian .ply. Data about the model are in comments.
 ///
 /// # Errors
 /// If the model's parts do not fit each other or hold a number that is not finite.

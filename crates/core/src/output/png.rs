@@ -40,7 +40,7 @@ pub fn encode_grey_png(picture: &Grid<u8>) -> Result<Vec<u8>, Error> {
 /// Reads a picture that [`encode_png`] wrote, of at most `most` pixels.
 ///
 /// # Errors
-/// If it is no PNG, or larger.
+/// If it is not a PNG, or larger.
 pub fn decode_png(bytes: &[u8], most: u64) -> Result<RgbImage, Error> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), ::image::ImageFormat::Png);
     let mut limits = Limits::default();

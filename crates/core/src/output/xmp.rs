@@ -1,5 +1,5 @@
-//! What is known of a model in the vocabularies of archives: Dublin Core for the object and CRMdig, the extension of
-//! CIDOC CRM for digitisation, for how the model came about, in the form of glTF's extension `KHR_xmp_json_ld`.
+//! Data about a model in the vocabularies of archives: Dublin Core for the object, and CRMdig, the extension of CIDOC
+//! CRM for digitisation, for how the model was made. They have the form of glTF's extension `KHR_xmp_json_ld`.
 //! `design/metadata.md` names the sources.
 
 use crate::description::Description;
@@ -55,7 +55,7 @@ pub(super) fn packet(about: &Description) -> Value {
     Value::Object(packet)
 }
 
-/// How the model came about: the capture at the rig, and the program that made a model of it.
+/// How the model was made: the capture at the rig, and the program that made a model of it.
 fn digitization(about: &Description) -> Value {
     let mut process = Map::new();
     let mut put = |name: &str, value: Option<&str>| {

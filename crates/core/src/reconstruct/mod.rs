@@ -1,5 +1,5 @@
-//! The paper's method, one stage per folder: pure, no I/O, no hardware. This file is the only door; `pipeline` holds
-//! the order of the stages, their parameters and the checks between them.
+//! The paper's method, one stage per folder: pure, no I/O, no hardware. `pipeline` has the order of the stages, their
+//! parameters and the checks between them.
 
 pub mod depth;
 pub mod fairing;

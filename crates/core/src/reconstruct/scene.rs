@@ -22,7 +22,7 @@ pub struct ColorView {
     pub camera: Camera,
     /// Its picture, of the size of the camera's intrinsics, sRGB-encoded.
     pub image: RgbImage,
-    /// What tells the object from the rest.
+    /// What distinguishes the object from the backdrop.
     pub silhouette: SilhouetteSource,
 }
 

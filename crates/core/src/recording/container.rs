@@ -46,7 +46,7 @@ impl Seek for Blocks {
 
 /// A recording's file, open at its end.
 pub(super) struct Container {
-    /// `None` after a write that failed: nobody knows where the file ends then.
+    /// `None` after a write that failed: it is then unknown where the file ends.
     inner: Option<Inner>,
     /// A message that is put together; kept for its memory.
     message: Vec<u8>,

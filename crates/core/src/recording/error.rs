@@ -22,9 +22,7 @@ pub enum Error {
     #[error("{path}: is not an interrupted recording: its name should end in .mcap.part")]
     NotUnfinished { path: PathBuf },
     /// Nothing is missing at its end.
-    #[error(
-        "{path}: is not cut off, and so there is nothing to complete: scand info tells what of it is damaged"
-    )]
+    #[error("{path}: is not cut off, so there is nothing to complete: scand info lists its damage")]
     NotCutOff { path: PathBuf },
     /// A recording that is not lost.
     #[error("{path}: is still being written: close its session first, or stop the daemon")]
@@ -112,7 +110,7 @@ pub enum MessageError {
         /// What the decoder said.
         reason: String,
     },
-    /// A member that cannot be what it stands for.
+    /// A member with an impossible value.
     #[error("{field} is {found}, expected {expected}")]
     BadField {
         field: &'static str,

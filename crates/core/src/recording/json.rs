@@ -53,7 +53,7 @@ pub struct CameraInCapture {
         deserialize_with = "times"
     )]
     pub timestamps: Option<Vec<Timestamp>>,
-    /// What it lost; `None` where it lost nothing, or another writer says it in words of its own.
+    /// What it lost; `None` if it lost nothing, or if another writer describes the loss in another form.
     #[serde(
         default,
         skip_serializing_if = "Option::is_none",
@@ -264,7 +264,7 @@ enum Nanoseconds {
     Number(u64),
 }
 
-/// What this program would have written of a loss; whatever else stands there is no reason to refuse the capture.
+/// A loss in the form that this program writes; any other form is ignored and does not make the capture unreadable.
 fn known_loss<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Lost>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]

@@ -1,5 +1,5 @@
-//! What people said of captures: the notes in a recording, and those that came after it was complete. The latter lie
-//! beside it, in `NAME.notes.jsonl`, a line of JSON each: a complete recording never changes.
+//! People's notes on captures: those in a recording, and those that were made after it was complete. The latter lie
+//! beside it in `NAME.notes.jsonl`, one line of JSON each, because a complete recording never changes.
 
 use super::recovery::finished_name;
 use super::{Error, Note, Recording, Topic, json};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 const ENDING: &str = ".notes.jsonl";
 /// Largest file of notes that is read, in bytes.
 const LARGEST: u64 = 16 << 20;
-/// Most problems with notes that are told.
+/// Most problems with notes that are reported.
 const MOST_PROBLEMS: usize = 20;
 /// Longest text of a note that is kept, in letters.
 const LONGEST_TEXT: usize = 4096;

@@ -40,8 +40,8 @@ pub enum Packed {
     GivenUp,
 }
 
-/// Packs a complete recording. All that is in it stays, byte for byte and in the same order, and so do its name, its
-/// time, its owner and its permissions. It is given up as soon as `goes_on` says so, which is asked often.
+/// Packs a complete recording. Its contents stay the same, byte for byte and in the same order, and so do its name, its
+/// time, its owner and its permissions. Packing stops as soon as `goes_on` returns false; it is called often.
 ///
 /// # Errors
 /// If it is no complete and undamaged recording, or is being written or packed; or the packed copy cannot be written,
@@ -80,7 +80,7 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
     made
 }
 
-/// What a recording is made of; indexes are made anew.
+/// The records that are copied; indexes are written again.
 enum Part {
     /// A chunk and its content.
     Chunk(Chunk, Bytes),
@@ -172,7 +172,7 @@ impl<'a> Copy<'a> {
         Ok(copy)
     }
 
-    /// Copies all that is in a recording; a digest of it, or `None` if that was given up.
+    /// Copies the contents of a recording. Returns their digest, or `None` if it was stopped.
     fn fill(
         &mut self,
         source: &Source,

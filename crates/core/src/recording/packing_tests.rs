@@ -1,4 +1,4 @@
-//! A recording that was packed is the same recording, and one that was not is untouched.
+//! Tests that a packed recording has the same messages, and that one that could not be packed is unchanged.
 
 use super::testing::*;
 use super::*;

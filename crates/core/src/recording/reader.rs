@@ -44,11 +44,11 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Opens a file and finds what is in it. Damage is no error as long as anything can be read: see
-    /// [`Self::damage`]. Of one that is being written there is what it holds now.
+    /// Opens a file and indexes its contents. Damage is not an error as long as anything can be read: see
+    /// [`Self::damage`]. A file that is being written is indexed as far as it is written now.
     ///
     /// # Errors
-    /// If it cannot be read, is no MCAP file, or is a recording of another format.
+    /// If it cannot be read, is not an MCAP file, or is a recording of another format.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let source = Source::open(path)?;
         let mut index = Index::of(&source)?;
@@ -138,11 +138,11 @@ impl Recording {
         Ok(Some(board))
     }
 
-    /// What the recording says of the calibration that it carries: the last metadata record `calibration`. `None`
-    /// where nothing is known of it.
+    /// What the recording says about its calibration: the last metadata record `calibration`. `None` if it has no such
+    /// record.
     ///
     /// # Errors
-    /// If the record's verdict is none that a calibration can have.
+    /// If the record's verdict is not one that a calibration can have.
     pub fn calibration_record(&self) -> Result<Option<CalibrationRecord>, Error> {
         let mut records = self.index.metadata.iter().rev();
         let Some((_, pairs)) = records.find(|(name, _)| name == "calibration") else {
@@ -467,8 +467,8 @@ fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<Chunk>) {
     });
 }
 
-/// The messages of each topic of ours, in the order of their log times; messages of channels that nobody
-/// defined are counted as damage.
+/// The messages of each topic of ours, in the order of their log times; messages of undefined channels are counted as
+/// damage.
 fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
     let of_channel: BTreeMap<u16, Option<Topic>> = index
         .channels

@@ -71,7 +71,7 @@ pub fn recover_copy(cut: &Path) -> Result<Recovered, Error> {
     recovered
 }
 
-/// Completes a recording that was cut off. What was whole is never written over, and the rest is cut away when it is on
+/// Completes a recording that was cut off. Intact bytes are never overwritten, and the rest is cut off when it is on
 /// the disk under its own name: at any moment a power cut leaves a file of which nothing is lost, and which can be
 /// completed. Where a crash came between the recording's getting its name and the loss of its old one, the old one
 /// goes; another recording is never touched.
@@ -113,8 +113,8 @@ fn complete(found: &Truncated, file: &File, part: &Path, path: &Path) -> std::io
     rename_noreplace(part, path)
 }
 
-/// Copies what could not be read beside the recording, durably; where it is kept. What an earlier recovery has kept
-/// there stays.
+/// Copies what could not be read into a file beside the recording, durably, and returns its path. The file of an
+/// earlier recovery stays.
 fn keep_tail(mut file: &File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
     let mut tail = with_ending(path, "tail");
     let mut number = 1;

@@ -1,4 +1,4 @@
-//! What a crash leaves behind is made a recording again, and nothing of it is lost.
+//! Tests that what a crash leaves behind becomes a complete recording, without any loss.
 
 use super::testing::*;
 use super::*;

@@ -1,5 +1,5 @@
-//! Every JSON message that is written holds to the schema that the recording itself carries. The schemas are closed for
-//! this: a member that they do not name is an error here, although a reader ignores it.
+//! Tests that every JSON message that is written matches the schema in the recording. For this test the schemas are
+//! closed: a member that they do not name is an error here, although a reader ignores it.
 
 use super::testing::*;
 use super::*;

@@ -1,4 +1,4 @@
-//! Small recordings for tests, written in memory's own folder by the real writer.
+//! Small recordings for tests, which the real writer writes into a folder in memory.
 
 use super::{Compression, Writer};
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};

@@ -1,5 +1,5 @@
-//! The topics of a recording and the schemas their messages have. The words of a topic's name are those of the enums'
-//! members, in lower case, so that a new member is read and written without a list that could forget it.
+//! The topics of a recording and the schemas their messages have. The parts of a topic's name are the names of the
+//! enums' members in lower case, so that a new member needs no entry in a list.
 
 use crate::frame::CameraId;
 use serde::de::IntoDeserializer;
@@ -62,7 +62,7 @@ pub enum DepthPart {
 }
 
 impl Topic {
-    /// Reads a topic's name; `None` for one that is no business of ours.
+    /// Parses a topic's name; `None` if it is not a topic of the format.
     pub fn parse(name: &str) -> Option<Self> {
         let mut words = name.strip_prefix('/')?.split('/');
         let first = words.next()?;

@@ -79,11 +79,11 @@ pub struct Report<'a> {
     /// Where it comes from.
     #[serde(flatten)]
     pub origin: &'a Origin,
-    /// How the capture came about.
+    /// How the capture was taken.
     pub capture: &'a CaptureFacts,
     /// What the model's files say of the object.
     pub description: &'a Description,
-    /// What people said of the capture until the report was written, or marked.
+    /// People's notes on the capture until the report was written, or marked.
     pub notes: &'a CaptureNotes,
     /// How far the model can be trusted.
     pub verdict: &'a Verdict,

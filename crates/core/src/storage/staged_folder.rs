@@ -140,12 +140,12 @@ fn leftovers(parent: &Path, prefix: &str) -> Result<Vec<PathBuf>, Error> {
     Ok(found)
 }
 
-/// Whether nobody holds the lock of a folder in the making: the system lets go of a dead process' locks.
+/// Whether no process holds the lock of an unfinished folder: the system releases the locks of a dead process.
 fn is_abandoned(part: &Path) -> bool {
     File::open(part).is_ok_and(|folder| folder.try_lock().is_ok())
 }
 
-/// Removes a file or a folder; that it is gone already is no error.
+/// Removes a file or a folder; it is not an error if it does not exist.
 fn remove(path: &Path) -> Result<(), Error> {
     let removed = if path.is_dir() && !path.is_symlink() {
         fs::remove_dir_all(path)

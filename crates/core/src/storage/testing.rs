@@ -1,4 +1,4 @@
-//! What tests of this room share.
+//! Helpers for the tests of this room.
 
 use std::path::Path;
 

@@ -2,9 +2,9 @@
 //! I/O. It looks only at timestamps, so a replay and a live rig give the same captures. `H` stands for a frame: a
 //! reference into a recording, or the frame itself.
 //!
-//! A capture's window opens at its trigger less the tolerance and closes after the window's length or where
-//! the next trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two
-//! captures. Frames that a recording lists for a capture are that capture's whatever its window.
+//! A capture's window opens at its trigger less the tolerance and closes after the window's length or where the next
+//! trigger's window opens, whichever comes first. The windows are disjoint, so no frame serves two captures. Frames
+//! that a recording lists for a capture belong to it, whatever its window.
 
 mod free_running;
 
@@ -33,7 +33,7 @@ pub struct Parameters {
     /// Default 30, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub depth_frames: usize,
-    /// Fewest frames of a depth camera that make a capture.
+    /// Fewest frames of each depth camera that make a capture complete.
     /// Default 10, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub min_depth_frames: usize,

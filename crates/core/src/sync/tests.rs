@@ -1,4 +1,4 @@
-//! The rules of synchronisation, on streams that are made up.
+//! Tests the rules of synchronisation on made-up streams.
 
 use super::*;
 use proptest::prelude::*;

@@ -1,4 +1,4 @@
-//! What is painted is what a camera would see, and placements are such that a rig can be calibrated from them.
+//! Tests that a painted board is what a camera would see, and that a rig can be calibrated from the placements.
 
 use super::super::{Capture, Encoding, Options, Response};
 use super::paint::{Directions, rendered};

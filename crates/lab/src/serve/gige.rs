@@ -1,5 +1,5 @@
-//! One GigE Vision camera of the library's own simulator, on an address of this machine: what it shows, its clock and
-//! its faults. Which camera shows what is not decided here.
+//! One GigE Vision camera of the library's own simulator, on an address of this machine: its pictures, its clock and
+//! its faults. The caller decides which camera shows which pictures.
 #![allow(unsafe_code)] // The simulator asks for its pictures through a C callback.
 
 use super::pictures::{Album, Pixels, Shown};

@@ -1,4 +1,5 @@
-//! A convex body with leaning sides: a pentagon below, the same one smaller and moved above, and planes between.
+//! A convex body with leaning sides: a pentagon at the bottom, a smaller and shifted one on top, and planes between
+//! them.
 
 use super::revolve::{Ring, zip};
 use nalgebra::{Point2, Point3};

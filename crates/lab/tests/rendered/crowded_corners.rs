@@ -1,4 +1,4 @@
-//! Corners that markers crowd, in rendered pictures, compared with their true positions.
+//! Compares corners that lie close to markers, in rendered pictures, with their true positions.
 
 use nalgebra::{Isometry3, Point2, Vector3};
 use scand_core::calibration::Face;

@@ -1,5 +1,5 @@
-//! Whether the errors that models state are true: shapes, rigs and seeds, each reconstructed and held against the
-//! truth, pooled by provenance. `make error-trial` runs all of them and prints a table, the tests some small ones.
+//! Tests whether the errors that models state are right: shapes, rigs and seeds, each reconstructed, compared with the
+//! truth and pooled by provenance. `make error-trial` runs all of them and prints a table, the tests some small ones.
 
 use scand_core::evaluate::load::LoadedModel;
 use scand_core::evaluate::{self, Expected, evaluate};

@@ -77,7 +77,7 @@ impl CaptureThread {
         }
     }
 
-    /// Serves until nobody can give orders any more, then completes the session and ends all threads.
+    /// Serves until no thread can send orders any more, then completes the session and ends all threads.
     pub(super) fn run(mut self, orders: &Receiver<Order>) -> Vec<CameraId> {
         let events = self.rig.events().clone();
         let ticks = crossbeam_channel::tick(Heartbeat::INTERVAL);
@@ -146,7 +146,7 @@ impl CaptureThread {
         self.header_changed();
     }
 
-    /// Notes what a camera says, and tells the log when that changes what can be done; whether it does.
+    /// Records a camera's new state, and logs it if the camera becomes ready or away. Returns whether it does.
     fn note(&mut self, message: Message) -> bool {
         let id = message.camera.clone();
         let changed = self.rig.note(message);
@@ -184,7 +184,7 @@ impl CaptureThread {
         });
     }
 
-    /// What is to be known of a shot beside its frames: cameras that came or went meanwhile, and what was lost.
+    /// Logs what happened during a shot apart from its frames: cameras that became ready or away, and what was lost.
     fn note_shot(&mut self, result: &ShotResult) {
         for id in &result.changed {
             self.tell_state(id.clone());
@@ -198,7 +198,7 @@ impl CaptureThread {
         }
     }
 
-    /// Gives the recorder a piece of work. If its queue is full, the client that waits is told so.
+    /// Gives the recorder a piece of work. If its queue is full, the waiting client is told.
     fn hand_over(&mut self, work: Work) -> bool {
         let refused = self.recorder.hand_over(work).err();
         let handed = refused.is_none();

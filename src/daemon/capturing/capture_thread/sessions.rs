@@ -9,7 +9,7 @@ use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
 
 impl CaptureThread {
-    /// The next capture's id; begins a session, named by the time, where there is none.
+    /// The next capture's id. If no session is open, begins one that is named by the time.
     pub(super) fn next_id(&mut self) -> Result<String, String> {
         if self.session.is_none() {
             let now = self.rig.clock().timestamp();
@@ -81,8 +81,8 @@ impl CaptureThread {
         self.session = Some(Naming { name, captures: 0 });
     }
 
-    /// Brings a note to the disk: into the recording in progress if that has the capture, otherwise beside the
-    /// recording that has it. Only then does the note take effect.
+    /// Writes a note to the disk: into the recording in progress if that has the capture, otherwise beside the
+    /// recording that has it. The note takes effect only when it is on the disk.
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
         let time = self.rig.clock().timestamp();
         let is_of =

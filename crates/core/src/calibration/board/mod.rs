@@ -16,7 +16,7 @@ use std::ops::Range;
 /// A board with a pattern of squares.
 ///
 /// Each face has a frame of its own: the origin is the first inner corner, x runs along the rows, y down the columns
-/// and z into the board, away from whoever looks at the face. Looked at upright, the square before the first inner
+/// and z into the board, away from an observer of the face. Looked at upright, the square before the first inner
 /// corner, at the top left, is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Board {

@@ -1,5 +1,5 @@
-//! How a printed board differs from what it is said to be: its sheet is bent, and its squares are longer along the rows
-//! than down the columns, or shorter. Where a corner lies then, and where a line of sight meets the sheet.
+//! How a printed board differs from its description: its sheet is bent, and its squares are longer along the rows than
+//! down the columns, or shorter. Computes where a corner then lies, and where a line of sight meets the sheet.
 
 use super::{Board, Face};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -10,7 +10,7 @@ pub struct BoardShape {
     /// Metres by which the middle of each edge lies farther from the front's viewer than the middle of the board, for a
     /// parabola along the rows and one down the columns. The edges are those of the squares.
     pub bend: [f64; 2],
-    /// Part by which squares are longer along the rows, and shorter down the columns: their mean is what is said.
+    /// Share by which squares are longer along the rows, and shorter down the columns; their mean is the stated length.
     pub stretch: f64,
 }
 
@@ -92,7 +92,7 @@ impl Surface {
         self.shape
     }
 
-    /// Where a point of the board as it is said to be, in metres of the face's plane, really lies.
+    /// The true position of a point of the stated board, which is given in metres in the face's plane.
     #[inline]
     pub fn point(&self, p: [f64; 2]) -> Point3<f64> {
         let [x, y] = self.off_middle(p);
@@ -136,7 +136,7 @@ impl Surface {
         (t > 0.0).then_some(nominal)
     }
 
-    /// The place as it is said to be of one on the stretched sheet.
+    /// The stated position of a point on the stretched sheet.
     fn nominal(&self, p: [f64; 2]) -> [f64; 2] {
         let stretch = [1.0 + self.shape.stretch, 1.0 - self.shape.stretch];
         [0, 1].map(|a| self.middle[a] + (p[a] - self.middle[a]) / stretch[a])

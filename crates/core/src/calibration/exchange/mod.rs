@@ -40,7 +40,7 @@ impl RigCalibration {
     }
 }
 
-/// A line that tells what no file of others can hold.
+/// A comment line with what the formats of other programs cannot hold.
 fn response_comment(indent: &str, response: &DepthResponse) -> String {
     let (slope, intercept) = (response.slope, response.intercept);
     format!(

@@ -1,7 +1,6 @@
 //! Bundle adjustment: lenses, camera poses, the board's placements, its back's pose and its shape, all at once, by
-//! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a
-//! modern synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It solves; what is true of the result is
-//! judged elsewhere.
+//! Levenberg and Marquardt with the Schur complement over the placements (Triggs et al., "Bundle adjustment – a modern
+//! synthesis", 1999, sections 6.1 and 3.3 for the robust loss). It only solves; other files judge the result.
 
 use super::lens::{Lens, PARAMETERS};
 use super::sheet::{PRIOR_VARIANCE, Sheet, TERMS};
@@ -69,7 +68,7 @@ pub(super) struct Bundle {
     pub views: Vec<Observation>,
 }
 
-/// How residuals count: as Cauchy's loss of this scale in pixels; squared where it is infinite.
+/// The loss of residuals: Cauchy's, with this scale in pixels; squared if it is infinite.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Loss {
     pub scale_px: f64,
@@ -154,7 +153,7 @@ impl Bundle {
         shared + 6 * self.placements.iter().filter(|p| p.free).count()
     }
 
-    /// A point of a view's face, as it is said to be, in the board's frame.
+    /// The true position, in the board's frame, of a stated point of a view's face.
     pub(super) fn on_board(&self, view: &Observation, p: &Point3<f64>) -> Point3<f64> {
         let on_face = self.sheet.point(view.back, p);
         if view.back {

@@ -1,4 +1,4 @@
-//! A rig's cameras held where their calibration has them, and the board where most of them see it.
+//! Holds a rig's cameras at their calibrated poses, and places the board where most of them see it.
 
 use super::adjust::{Bundle, CameraState, Observation, PlacementState};
 use super::lens::{Lens, PARAMETERS};

@@ -1,4 +1,4 @@
-//! Whether a board of another size than it is said to be explains what the cameras of a calibrated rig see.
+//! Tests whether a board of another size than the stated one explains what the cameras of a calibrated rig see.
 
 use super::as_calibrated::{off_px, start};
 use super::lens::Lens;
@@ -7,13 +7,13 @@ use super::session::Session;
 use crate::calibration::Camera;
 use nalgebra::{Point3, Vector3};
 
-/// Part by which a board must differ from what it is said to be.
+/// Share by which a board's size must differ from the stated one.
 const LEAST: f64 = 0.005;
 /// Step in which the size is refined, as a part of it.
 const STEP: f64 = 0.002;
 
-/// By what part the board would have to be larger than it is said to be for no camera to be off by more than `most_px`;
-/// `None` where no size does that.
+/// By what share the board would have to be larger than stated so that no camera is off by more than `most_px`; `None`
+/// if no size does that.
 pub(super) fn explaining(session: &Session, cameras: &[Camera], most_px: f64) -> Option<f64> {
     let rough = by_rays(session, cameras)?;
     if !(0.2..=5.0).contains(&rough) {
@@ -60,7 +60,7 @@ fn by_rays(session: &Session, cameras: &[Camera]) -> Option<f64> {
     (squares > 0.0).then(|| along / squares)
 }
 
-/// The largest root mean square of a camera's residuals with a board that is so many times as large.
+/// The largest root mean square of a camera's residuals with a board that is `times` as large.
 fn off(session: &Session, cameras: &[Camera], times: f64) -> f64 {
     let mut scaled = session.clone();
     scaled.board.square *= times;

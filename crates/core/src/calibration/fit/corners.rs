@@ -1,5 +1,5 @@
-//! From a picture to the board's corners: ChESS features refined at their saddle point, a labelled grid of them, held
-//! against the board.
+//! Finds the board's corners in a picture: ChESS features, refined at their saddle points, form a labelled grid, which
+//! is compared with the board.
 
 use super::appearance;
 use super::grid::{self, Labelled, Rejection};

@@ -16,7 +16,7 @@ pub struct Wanted {
     /// Default 6, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub views: usize,
-    /// Placements that each camera shares with its nearest partner.
+    /// Placements that each camera shares with the camera with which it shares most.
     /// Default 4, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub shared: usize,
@@ -27,7 +27,8 @@ pub struct Wanted {
     /// Default 0.15, range 0.01 to 20.
     #[serde(deserialize_with = "range::from_a_hundredth::<_, _, 20>")]
     pub depth_step: f64,
-    /// Tilts against a depth camera, in degrees, one of which at most and one at least should be seen. Default 15, 35.
+    /// Tilts against a depth camera, in degrees: it should see the board tilted by at most the first, and by at least
+    /// the second. Default 15, 35.
     #[serde(deserialize_with = "range::each_within::<_, 0, 90>")]
     pub tilts_degrees: [f64; 2],
 }
@@ -128,8 +129,8 @@ fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wante
     found
 }
 
-/// The parts of a camera's picture that look through the table before they come as far as the board has been: nobody
-/// can show it there.
+/// The parts of a camera's picture whose lines of sight meet the table before they come as far as the board has been:
+/// the board cannot be shown there.
 fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
         return Default::default();
@@ -158,8 +159,8 @@ fn below_the_table(fit: &Fit, id: &CameraId) -> [[bool; 3]; 3] {
     })
 }
 
-/// Whether nearly all that a part of the picture shows at a distance is below z = 0: a sliver above is no place for a
-/// board.
+/// Whether nearly everything that a part of the picture shows at a distance is below z = 0: a board does not fit into
+/// the sliver above.
 fn part_is_below(camera: &Camera, distance: f64, part: [usize; 2]) -> bool {
     const SAMPLES: usize = 5;
     let size = [camera.intrinsics.width, camera.intrinsics.height];

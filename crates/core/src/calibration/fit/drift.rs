@@ -16,16 +16,17 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Watch {
-    /// Root mean square in pixels by which the board is elsewhere in its picture.
+    /// Root mean square displacement, in pixels, of the board in a camera's picture above which the camera moved.
     /// Default 0.4, range 0.001 to 1000.
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
-    /// And how many times what is usual among the cameras, where that is less.
+    /// It must also be more than this many times the usual displacement of the cameras, of which at most `moved_px`
+    /// counts.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
-    /// Millimetres at 1 m by which a depth camera may read too deep or too near beyond what its calibration left; it
-    /// grows with the square of the distance.
+    /// Millimetres at 1 m by which a depth camera may read too deep or too near, in addition to its calibration's
+    /// uncertainty; the limit grows with the square of the distance.
     /// Default 5, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_mm: f64,
@@ -65,7 +66,7 @@ pub struct Motion {
     pub rest_px: f64,
 }
 
-/// Why nothing can be said.
+/// Why the cameras cannot be checked.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CheckError {
@@ -81,10 +82,10 @@ pub enum CheckError {
     OtherBoard {
         /// By what part it looks larger.
         larger: f64,
-        /// What it is said to be.
+        /// The stated board.
         board: String,
     },
-    /// Nobody agrees with anybody.
+    /// Too many cameras disagree.
     #[error(
         "of {seen} cameras that saw the board, {moved} disagree with the calibration ({names}): \
         calibrate the rig again"
@@ -100,7 +101,7 @@ pub enum CheckError {
 fn other_board(larger: f64, board: &str) -> String {
     format!(
         "the board looks {:.1} % {} than {board}, and then no camera moved: show the board that --board names, or say with \
-         --board what it is; if it is that one, the rig was calibrated with a wrong size of the board: calibrate it anew",
+         --board what it is; if it is that one, the rig was calibrated with a wrong size of the board: calibrate it again",
         100.0 * larger.abs(),
         if larger > 0.0 { "larger" } else { "smaller" },
     )
@@ -111,7 +112,7 @@ fn other_board(larger: f64, board: &str) -> String {
 pub struct Checks {
     /// Each camera that is in both.
     pub cameras: Vec<Checked>,
-    /// How two cameras moved against each other where no third one tells which of them did.
+    /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// From the board's front to the rig, for each of the session's placements that was seen.
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
@@ -128,16 +129,15 @@ pub struct PairMotion {
     pub cameras: [CameraId; 2],
     /// The motion of the second one, if the first one stayed.
     pub motion: Motion,
-    /// By what part the board would have to be larger than it is said to be to explain it as well; none where that
-    /// does not.
+    /// By what share the board would have to be larger than stated to explain it as well; `None` if no size does.
     pub board_larger: Option<f64>,
 }
 
 /// Checks the cameras of a session against their calibration. Cameras that are not in it are left out.
 ///
 /// # Errors
-/// If fewer than two cameras saw the board, the board is of another size than it is said to be, or half of three or
-/// more cameras disagree.
+/// If fewer than two cameras saw the board, the board has another size than stated, or half of three or more cameras
+/// disagree.
 pub fn check(
     session: &Session,
     known: &RigCalibration,

@@ -25,7 +25,7 @@ pub enum Rejection {
         /// How many are needed.
         needed: usize,
     },
-    /// Another board, or a part of it, which on a checkerboard cannot be told.
+    /// Another board, or a part of this one; on a checkerboard the two cannot be distinguished.
     #[error("{}x{} inner corners were found, expected {}x{}", found[0], found[1], expected[0], expected[1])]
     Size {
         /// Columns and rows found, the longer first.
@@ -53,7 +53,7 @@ const LEAST_PART: f64 = 0.6;
 /// Least difference of bright and dark squares in grey levels.
 const LEAST_CONTRAST: f64 = 10.0;
 
-/// Takes out corners that are not where their neighbours let expect them, the worst first: each is held against the
+/// Removes corners that are not where their neighbours predict them, the worst first: each is compared with the
 /// homography of the corners up to two steps away.
 pub(super) fn without_false_corners(mut labelled: Labelled) -> Labelled {
     for _ in 0..labelled.len() {
@@ -71,7 +71,7 @@ pub(super) fn without_false_corners(mut labelled: Labelled) -> Labelled {
     labelled
 }
 
-/// How far a corner is from where its neighbours let expect it, in squares; infinite where it has too few.
+/// How far a corner is from where its neighbours predict it, in squares; infinite if it has too few neighbours.
 fn surprise(labelled: &Labelled, at: (i32, i32)) -> Option<f64> {
     let own = labelled.get(&at)?;
     let mut pairs = Vec::new();

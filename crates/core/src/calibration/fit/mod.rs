@@ -68,30 +68,32 @@ pub struct Parameters {
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
     pub min_views: usize,
-    /// Fewest corners that make a view.
+    /// Fewest corners of a view.
     /// Default 6, range 4 to 10000.
     #[serde(deserialize_with = "range::count::<_, _, 4, 10_000>")]
     pub min_corners: usize,
-    /// The placement that lies flat on the table; by default the one that all others lie above.
+    /// The placement that lies flat on the table; by default the one that lies below all others.
     pub table_placement: Option<String>,
-    /// How many times the usual residual a view may have before it is left out.
+    /// A view is left out if its residual is more than this many times the usual one.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub outlier_ratio: f64,
-    /// How many standard deviations a corner may be off before it is false.
+    /// A corner counts as false if it is off by more than this many standard deviations.
     /// Default 5, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub false_corner_deviations: f64,
-    /// Parts of the placements that are held out in turn to see how well they are predicted; 0 for no
-    /// such test.
+    /// Number of parts into which the placements are divided; each is held out in turn to test how well it is
+    /// predicted. 0 means no such test.
     /// Default 5, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub folds: usize,
-    /// How far, in millimetres, a board may be expected to be bent along its rows, and down its columns.
+    /// How far, in millimetres, a board is expected to be bent along its rows and down its columns, as one standard
+    /// deviation.
     /// Default 0.5, range 0.000001 to 100.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 100>")]
     pub bend_expected_mm: f64,
-    /// By how many per cent squares may be expected to be longer along the rows than their mean.
+    /// By how many per cent squares are expected to be longer along the rows than their mean, as one standard
+    /// deviation.
     /// Default 0.05, range 0.000001 to 10.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 10>")]
     pub stretch_expected_percent: f64,
@@ -126,7 +128,7 @@ pub enum Error {
     /// The cameras do not form one connected graph of shared board placements.
     #[error("{}", disjoint(.groups, .ambiguous))]
     Disjoint {
-        /// The cameras that hang together.
+        /// The groups of connected cameras.
         groups: Vec<Vec<CameraId>>,
         /// Pairs that share placements which do not say how the cameras lie to each other.
         ambiguous: Vec<[CameraId; 2]>,

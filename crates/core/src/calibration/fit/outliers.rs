@@ -23,7 +23,7 @@ struct Judged {
     alone: f64,
 }
 
-/// The root mean square of a view's residuals as their median tells it, so that single false corners do not count.
+/// The root mean square of a view's residuals, estimated from their median, so that single false corners do not count.
 pub(super) fn rms(bundle: &Bundle, view: &Observation) -> f64 {
     let lengths = bundle.residuals(view).into_iter();
     rms_of_median(median(lengths.map(|r| r.map_or(1e3, |r| r.norm()))))
@@ -64,7 +64,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 /// What residuals usually are, in pixels, where they are less: a fifth of a pixel and less is never worth a word.
 pub(super) const LEAST_USUAL: f64 = 0.06;
 
-/// What residuals usually are in the views of each camera: the median of its own, and of all where it has few.
+/// The usual residual in the views of each camera: the median of its own views, or of all if it has few.
 fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
     const FEW: usize = 3;
     let all = median(of_views.iter().copied()).max(LEAST_USUAL);
@@ -142,7 +142,8 @@ fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -
     };
     let (rest, odd) =
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture is of another time";
+    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
+                  taken at another time";
     (rest <= 1.0).then(|| Verdict::View(odd, reason.into()))
 }
 
@@ -231,7 +232,7 @@ pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, Strin
             found.push((
                 later,
                 format!(
-                    "the board lies where it lay at {}: it says nothing new",
+                    "the board lies where it lay at {}, so this placement adds nothing",
                     names[earlier]
                 ),
             ));

@@ -1,5 +1,5 @@
-//! How far the cameras' lines of sight may be off where objects stand: what the uncertainties of lenses and poses
-//! amount to together, for a rig as a whole may move without any harm to what is measured in it.
+//! Computes how far the cameras' lines of sight may be off where objects stand, from the uncertainties of lenses and
+//! poses together. Motions of the whole rig are left out, because they do not affect what is measured in it.
 
 use super::adjust::{CAMERA, CameraState};
 use super::lens::PARAMETERS;
@@ -8,12 +8,12 @@ use nalgebra::{
     Vector2, Vector3,
 };
 
-/// Points along each side of the box for which it is told.
+/// Points along each side of the box for which it is computed.
 const ALONG: usize = 5;
 /// Columns and rows of a picture's map.
 pub(super) const MAP: [usize; 2] = [8, 6];
 
-/// Standard deviations of where a camera sees what stands in the volume, both coordinates together.
+/// Standard deviations with which a camera sees points of the volume, both coordinates together.
 #[derive(serde::Serialize, Clone, Debug, Default, PartialEq)]
 pub struct Projection {
     /// Root mean square over the points of the volume that it sees, in pixels.

@@ -1,4 +1,4 @@
-//! Pictures of other sizes, in which boards are looked for that are too blurred or too small at their own.
+//! Resizes pictures in which the board is too blurred or too small to be found at the original size.
 
 use crate::image::Grid;
 use nalgebra::Point2;

@@ -18,7 +18,7 @@ pub struct Fit {
     pub placements: Vec<FittedPlacement>,
     /// Of a two-sided board: from the back's frame to the front's.
     pub front_from_back: Isometry3<f64>,
-    /// How the board differs from what it is said to be.
+    /// How the board differs from the stated one.
     pub shape: FittedShape,
     /// Name of the placement that the rig's frame lies on.
     pub table: String,
@@ -32,7 +32,7 @@ pub struct Fit {
     pub volume: Option<Volume>,
     /// Views, placements and cameras that were left out, and why.
     pub left_out: Vec<LeftOut>,
-    /// The board as it was seen and read, with all that was left out gone.
+    /// The detected views of the board, without those that were left out.
     pub views: Vec<View>,
     /// Residuals of each of these views.
     pub residuals: Vec<ViewResiduals>,
@@ -59,7 +59,7 @@ pub struct FittedCamera {
     pub false_corners: usize,
 }
 
-/// How the board differs from what it is said to be, as [`BoardShape`] says it.
+/// How the board differs from the stated one, as a [`BoardShape`].
 #[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq)]
 pub struct FittedShape {
     /// Bends along the rows and down the columns, in metres.
@@ -195,8 +195,8 @@ impl LeftOutShare {
 }
 
 impl Fit {
-    /// Standard deviation, in metres at the object, of where the cameras see what stands in the volume: the root mean
-    /// square over all of them.
+    /// Standard deviation, in metres at the object, with which the cameras see points of the volume: the root mean
+    /// square over all cameras.
     pub fn at_object(&self) -> Option<f64> {
         let of_cameras = self.cameras.iter().filter_map(|c| c.projection.as_ref());
         let squares: Vec<f64> = of_cameras.map(|p| p.at_object.powi(2)).collect();

@@ -1,5 +1,5 @@
-//! Weights each view by its residuals: a view whose corners are three times as exact counts nine times as much, and
-//! the uncertainty that is stated of its errors follows from its own residuals.
+//! Weights each view by its residuals: a view whose corners are three times as exact counts nine times as much, and its
+//! stated uncertainty follows from its own residuals.
 
 use super::adjust::{Bundle, Observation};
 use super::outliers::mild_loss;

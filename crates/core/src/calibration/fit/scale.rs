@@ -1,6 +1,6 @@
-//! Holds the board's size, which sets the scale of all lengths, against what else knows a length: a depth camera's
-//! slope, a ruler's reading of the printed ruler, the distance of two cameras. It says which of them contradict it;
-//! which one is wrong cannot be known.
+//! Compares the board's size, which sets the scale of all lengths, with independent measurements of a length: a depth
+//! camera's slope, a ruler held against the printed ruler, the distance of two cameras. It says which of them
+//! contradict the board's size; which side is wrong cannot be known.
 
 use super::result::Fit;
 use super::verdict::Judgement;
@@ -9,19 +9,19 @@ use crate::frame::CameraId;
 use crate::range;
 use std::collections::BTreeMap;
 
-/// What witnesses of the scale are expected to know.
+/// The limits for witnesses of the scale.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Witnesses {
-    /// Metres a unit of depth cameras as their factory set them; 0 where that is not known.
+    /// Metres per unit of depth cameras as the factory set them; 0 if that is not known.
     /// Default 0.001, range 0 to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub nominal_slope: f64,
-    /// Standard deviation of a factory's slope, as a part of it.
+    /// Standard deviation of the factory's slope, as a share of it.
     /// Default 0.01, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub slope_deviation: f64,
-    /// Part by which a witness and the board's size may differ, however sure the witness is.
+    /// Share by which a witness and the board's size may differ, however sure the witness is.
     /// Default 0.01, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub tolerance: f64,
@@ -42,7 +42,7 @@ impl Default for Witnesses {
     }
 }
 
-/// A slope that is more than so many times the nominal one, or less than its inverse, is of another unit.
+/// A slope that is more than this many times the nominal one, or less than its inverse, has another unit.
 const SAME_UNIT: f64 = 1.5;
 
 /// A length with its standard deviation, in metres.
@@ -90,7 +90,7 @@ pub struct Slope {
     pub deviation: f64,
 }
 
-/// What a witness says of the scale.
+/// What a witness says about the scale.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct Testimony {
     /// By what part the calibration's lengths, which the board's size sets, are larger than the witness says.
@@ -103,8 +103,8 @@ pub struct Testimony {
     pub words: String,
 }
 
-/// Asks all witnesses of the scale; `slopes` are those of depth cameras that the boards determine. A distance of a
-/// camera that could not be fitted says nothing.
+/// Compares all witnesses of the scale with the board's size; `slopes` are those of depth cameras that the boards
+/// determine. A distance to a camera that could not be fitted is ignored.
 pub fn witnesses(
     fit: &Fit,
     slopes: &BTreeMap<CameraId, Slope>,
@@ -121,7 +121,7 @@ pub fn witnesses(
     found
 }
 
-/// What there is to say of the scale, a line each.
+/// The messages about the scale, one line each.
 pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
     if testimonies.is_empty() {
         return vec![format!(
@@ -135,7 +135,7 @@ pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
 }
 
 impl Judgement {
-    /// Takes what witnesses of the scale say into account.
+    /// Adds the reasons that witnesses of the scale give.
     pub fn with_witnesses(mut self, testimonies: &[Testimony]) -> Self {
         for testimony in testimonies.iter().filter(|t| t.contradicts) {
             self.level = self.level.max(Level::Doubtful);
@@ -169,7 +169,7 @@ fn of_slope(fit: &Fit, id: &CameraId, slope: Slope, parameters: &Witnesses) -> O
         .hypot(slope.deviation / slope.value);
     let mut found = parameters.testimony(ratio - 1.0, deviation);
     let numbers = format!(
-        "scale: depth camera {id} has {:.6} m a unit, and {nominal} ±{:.1} % is nominal",
+        "scale: depth camera {id} has {:.6} m per unit; {nominal} ±{:.1} % is nominal",
         slope.value,
         100.0 * parameters.slope_deviation
     );
@@ -227,7 +227,7 @@ fn of_distance(fit: &Fit, distance: &CameraDistance, parameters: &Witnesses) -> 
     let mut found =
         parameters.testimony(length / measured.metres - 1.0, deviation / measured.metres);
     let numbers = format!(
-        "scale: cameras {} and {} are {} apart, and {} ±{} was measured",
+        "scale: cameras {} and {} are {} apart; measured: {} ±{}",
         a.camera.id,
         b.camera.id,
         millimetres(length),
@@ -255,7 +255,7 @@ fn other_board(board: &Board, off: f64) -> String {
 
 fn agrees(numbers: String, found: &Testimony) -> String {
     format!(
-        "{numbers}: they differ by {:+.2} %, which ±{:.2} % allows",
+        "{numbers}: they differ by {:+.2} %, within the allowed ±{:.2} %",
         100.0 * found.off,
         100.0 * found.deviation
     )

@@ -1,5 +1,4 @@
-//! The shape of the board's sheet as the fit's parameters: which of its terms are fitted, and what is believed of them
-//! before any picture.
+//! The shape of the board's sheet as parameters of the fit: which of its terms are fitted, and their prior.
 
 use crate::calibration::{Board, BoardShape, Face, Surface};
 use nalgebra::{Matrix3, Point2, Point3};
@@ -34,7 +33,7 @@ impl Sheet {
         }
     }
 
-    /// A flat sheet whose squares are as they are said to be.
+    /// A flat sheet whose squares have the stated size.
     pub(super) fn flat(board: &Board) -> Self {
         Self::of(board, BoardShape::default())
     }
@@ -56,7 +55,7 @@ impl Sheet {
         }
     }
 
-    /// Where a point of a face as it is said to be really lies, in the face's frame.
+    /// The true position, in the face's frame, of a stated point of a face.
     #[inline]
     pub(super) fn point(&self, back: bool, p: &Point3<f64>) -> Point3<f64> {
         self.face(back).point([p.x, p.y])

@@ -1,5 +1,5 @@
-//! Decides which terms of the board's shape are part of the fit: those that predict placements better that were held
-//! out, and on which both halves of the placements agree. What becomes of the others' doubt is decided here too.
+//! Decides which terms of the board's shape are part of the fit: those that predict held-out placements better, and on
+//! which both halves of the placements agree. Also decides how the uncertainty of the other terms is stated.
 
 use super::adjust::{Bundle, Loss};
 use super::holdout::{Prediction, held_out};
@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Part by which a term has to predict placements better.
 const PAYS: f64 = 0.02;
-/// Part by which the fit's own residuals have to grow without a term for it to be worth holding placements out.
+/// Share by which the fit's own residuals must grow without a term before placements are held out to test it.
 const MAY_PAY: f64 = 0.005;
 /// Standard deviations by which two halves of the placements may differ.
 const AGREE: f64 = 3.0;
@@ -37,8 +37,8 @@ pub(super) struct Settled {
 /// Which terms there are.
 type Mask = [bool; TERMS];
 
-/// Settles the shape of a bundle that is adjusted with all terms free. Where the pattern maps onto itself by a quarter
-/// turn, nobody knows which way rows run, and `is_square` keeps no term. `None` if the equations cannot be solved.
+/// Settles the shape of a bundle that is adjusted with all terms free. If the pattern maps onto itself by a quarter
+/// turn, the direction of its rows is unknown, and `is_square` keeps no term. `None` if the equations cannot be solved.
 pub(super) fn settled(mut bundle: Bundle, folds: Folds, is_square: bool) -> Option<Settled> {
     bundle.sheet.variance = bundle.variance();
     let whole = bundle.covariance(Loss::SQUARED)? * bundle.variance();
@@ -133,8 +133,8 @@ impl Estimate {
         (variance + self.terms[term].powi(2)).sqrt()
     }
 
-    /// The terms without which residuals grow by `least` and more; the least of the others is dropped first, for it may
-    /// be what a kept one is.
+    /// The terms without which residuals grow by `least` or more. The smallest of the others is dropped first, because
+    /// it may express the same shape as a term that is kept.
     fn gaining(&self, least: f64) -> Mask {
         let (mut rest, mut mask) = (*self, [true; TERMS]);
         loop {
@@ -159,7 +159,8 @@ struct Tried<'a> {
 }
 
 impl Tried<'_> {
-    /// The terms that predict placements better, and those of which that cannot be told though the residuals shrink.
+    /// The terms that predict placements better, and those for which this cannot be tested although the residuals
+    /// shrink.
     fn wanted(&mut self, joint: &Estimate) -> (Mask, Mask) {
         if self.folds.count < 2 {
             return (joint.gaining(PAYS), [false; TERMS]);

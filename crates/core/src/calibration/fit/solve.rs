@@ -30,8 +30,8 @@ const ELSEWHERE: f64 = 0.15;
 /// Fits a rig to a session.
 ///
 /// # Errors
-/// If no camera has enough views, the cameras do not hang together, the table's placement is not there, or the
-/// equations cannot be solved.
+/// If no camera has enough views, the cameras are not connected by shared placements, the table's placement is missing,
+/// or the equations cannot be solved.
 pub fn fit(session: &Session, parameters: &Parameters) -> Result<Fit, Error> {
     let mut left_out = Vec::new();
     let mut session = session.clone();
@@ -69,7 +69,7 @@ fn usable(
             continue;
         }
         let reason = match found {
-            0 => "it saw no board that could be used".to_owned(),
+            0 => "it has no usable view of the board".to_owned(),
             _ => format!(
                 "it has {found} views of the board that can be used, expected at least {needed}"
             ),
@@ -270,7 +270,7 @@ impl<'a> Solver<'a> {
         })
     }
 
-    /// Takes views and placements out, the worst first, until all that is left belongs together.
+    /// Removes views and placements, the worst first, until the rest is consistent.
     fn leave_out_what_does_not_belong(&mut self, left_out: &mut Vec<LeftOut>) {
         for (placement, reason) in outliers::duplicates(&self.bundle, &self.session.placements) {
             self.leave_out(&Verdict::Duplicate(placement, reason), left_out);
@@ -295,7 +295,7 @@ impl<'a> Solver<'a> {
             .map(|v| v.points.len() < fewest)
             .collect();
         for index in (0..poor.len()).rev().filter(|&i| poor[i]) {
-            let reason = "hardly any of its corners is where it should be".to_owned();
+            let reason = "few of its corners are where they should be".to_owned();
             self.leave_out(&Verdict::View(index, reason), left_out);
         }
         self.bundle.adjust(mild_loss(&self.bundle), 30);
@@ -341,7 +341,7 @@ impl<'a> Solver<'a> {
             .retain_views(|index, view| keep(index, view.placement));
     }
 
-    /// Whether every camera has the views that it needs, and all hang together.
+    /// Whether every camera has the views that it needs, and all cameras are connected.
     fn is_well_seen(&self) -> bool {
         let views = |c: usize| self.bundle.views.iter().filter(|v| v.camera == c).count();
         let enough = |c: usize| match self.session.cameras[c].known {
@@ -447,7 +447,7 @@ impl<'a> Solver<'a> {
         used.into_iter().collect()
     }
 
-    /// Placements of which nothing is used though nobody has said so yet.
+    /// Placements without any used view that are not in the list of omissions yet.
     fn unseen(&self, left_out: &[LeftOut]) -> Vec<LeftOut> {
         let used = self.used();
         let is_said = |name: &String| {
@@ -617,7 +617,7 @@ fn seen(session: &Session, view: &View) -> Observation {
     }
 }
 
-/// Whether some placement was seen from both sides, so that the back's pose can be told.
+/// Whether some placement was seen from both sides, so that the back's pose can be estimated.
 fn both_faces_at_once(session: &Session) -> bool {
     let of = |face: Face| -> BTreeSet<usize> {
         session

@@ -19,8 +19,8 @@ const SIDE_PER_WINDOW: usize = 128;
 const MARKER_REACH: f64 = 2.0;
 const NARROWEST: f64 = 2.0;
 
-/// Corners moved to where all gradients around them say that they are, which strays less than saddle points do; the
-/// window stays clear of the next corners and of markers, and where there is too little room the saddle point stays.
+/// Corners moved to where all gradients around them place them, which is more exact than saddle points; the window
+/// stays clear of the next corners and of markers, and where there is too little room the saddle point stays.
 pub(super) fn polished(
     picture: &Grid<u8>,
     mut corners: Vec<Corner>,
@@ -72,8 +72,8 @@ fn windows(size: [usize; 2], corners: &[Corner], board: &Board) -> Vec<Option<Wi
     corners.iter().map(window).collect()
 }
 
-/// What lies along the two edges that cross in a corner, with nothing of a marker in it. All that tells where the
-/// corner is lies there.
+/// The pixels along the two edges that cross in a corner, without any of a marker. They have all the information about
+/// the corner's position.
 struct Stripes {
     squares_from_pixels: Matrix2<f64>,
     /// Half a stripe's width in squares.

@@ -1,4 +1,4 @@
-//! A rig without pictures, for tests: cameras around a table, a board in many places, corners with noise.
+//! A rig without pictures, for tests: cameras around a table, a board at many places, and corners with noise.
 
 use super::session::{Corner, Session, SessionCamera, View};
 use crate::calibration::{Board, BoardShape, Camera, Distortion, Face, Intrinsics, Surface};

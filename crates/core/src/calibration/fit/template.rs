@@ -1,5 +1,5 @@
-//! What is printed around a corner, as a picture would show it: the ink on a grid finer than the pixels, blurred by
-//! a lens and shifted, with the derivatives by both.
+//! Renders what is printed around a corner as a picture would show it: the ink on a grid finer than the pixels, blurred
+//! by a lens and shifted, with the derivatives by blur and shift.
 
 use crate::calibration::{Board, Rectangle};
 use nalgebra::{Point2, Vector2};

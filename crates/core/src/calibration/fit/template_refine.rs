@@ -1,6 +1,6 @@
-//! Refines corners that markers crowd. A first fit says how the board lies, so that the print around such a corner
-//! can be laid over the picture until both agree; marker edges then contribute to the match instead of biasing it. It
-//! finds no board and fits no lens.
+//! Refines corners that lie close to markers. A first fit shows how the board lies, so the printed pattern around such
+//! a corner can be matched with the picture; marker edges then contribute to the match instead of biasing it. It finds
+//! no board and fits no lens.
 
 use super::result::Fit;
 use super::session::{Corner, Session, View};
@@ -93,7 +93,7 @@ impl<'a> Print<'a> {
         })
     }
 
-    /// Where a point of the face, as it is said to be, is seen.
+    /// Where a stated point of the face is seen.
     fn pixel(&self, on_face: Point3<f64>) -> Option<Point2<f64>> {
         let p = self.camera_from_face * self.surface.point([on_face.x, on_face.y]);
         self.lens.project(p.x, p.y, p.z)
@@ -117,7 +117,7 @@ impl<'a> Print<'a> {
         Some(steps[0].min(steps[1]))
     }
 
-    /// Where the print says that a corner is; `None` where it does not match what is seen.
+    /// Where a corner is according to the printed pattern; `None` if the pattern does not match the picture.
     fn matched(&self, picture: &Grid<u8>, corner: &Corner) -> Option<Point2<f64>> {
         let predicted = self.pixel(self.board.corner_position(corner.column, corner.row))?;
         let half = WINDOW_PART * self.square_px(corner, predicted)?;

@@ -1,5 +1,5 @@
-//! Whether what is stated of a calibration's errors is true: sessions of known truth with corners that are off by
-//! noise, boards that are bent and stretched as prints are, and all errors held against their stated deviations.
+//! Tests whether the stated errors of a calibration are right: sessions with known truth, noisy corners, and boards
+//! that are bent and stretched like real prints. All errors are compared with their stated deviations.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::{Fate, Fit, Parameters, fit};

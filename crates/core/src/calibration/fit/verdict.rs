@@ -1,4 +1,4 @@
-//! Judges a fit, in words. The limits are parameters; nothing is estimated here.
+//! Judges a fit: a verdict with its reasons. The limits are parameters; nothing is estimated here.
 
 use super::diagnosis::Finding;
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
@@ -23,49 +23,49 @@ pub struct Limits {
     /// Beyond which it is refused. Default 0.6.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub refused_px: f64,
-    /// How many times the fit's residual that of placements held out may be.
+    /// Largest ratio of the residual of held-out placements to that of the fit.
     /// Default 1.3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub held_out_ratio: f64,
-    /// Part of a camera's picture in which the board should have been seen.
+    /// Share of a camera's picture in which the board should have been seen.
     /// Default 0.2, range 0 to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub coverage: f64,
-    /// Fewest views of a camera with which nothing is amiss.
+    /// Fewest views of each camera.
     /// Default 6, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub views: usize,
-    /// Largest bias, in millimetres at any distance, that a depth camera's readings may be left with.
+    /// Largest bias, in millimetres at any distance, that may remain in a depth camera's readings.
     /// Default 1, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
-    /// Part of the views, of a camera with two or more of them or of all cameras, beyond which a calibration that
-    /// threw them out is doubtful.
+    /// Share of the views, of all cameras or of a camera with two or more, above which a calibration that left them out
+    /// is doubtful.
     /// Default 0.2, from 0 to `left_out_refused`.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub left_out_doubtful: f64,
-    /// And beyond which it is refused.
+    /// The same share, above which it is refused.
     /// Default 0.4, from `left_out_doubtful` to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub left_out_refused: f64,
-    /// Part of a camera's corners beyond which a calibration that dropped them is accepted at best.
+    /// Share of a camera's corners above which a calibration that dropped them is accepted at best.
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
     pub dropped_corners: f64,
-    /// How far, in millimetres, the board may be bent; beyond it a calibration is doubtful.
+    /// How far, in millimetres, the board may be bent; above it a calibration is doubtful.
     /// Default 1, range 0 to 100.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub bend_mm: f64,
-    /// By how many per cent its squares may be longer in one direction than in the other; beyond it a calibration is
+    /// By how many per cent its squares may be longer in one direction than in the other; above it a calibration is
     /// doubtful.
     /// Default 0.3, range 0 to 100.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub stretch_percent: f64,
-    /// Fewest placements with which a calibration is not doubtful.
+    /// With fewer placements a calibration is doubtful.
     /// Default 4, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
     pub placements: usize,
-    /// Standard deviation of a camera's focal length, as a part of it, beyond which a calibration is doubtful.
+    /// Standard deviation of a camera's focal length, as a share of it, above which a calibration is doubtful.
     /// Default 0.005, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub focal_deviation: f64,
@@ -141,11 +141,11 @@ pub struct Judgement {
     pub worst_placement: Option<(String, f64)>,
 }
 
-/// A reason, and what a calibration is worth at best because of it.
+/// A reason, and the best verdict that it allows.
 type Reason = (Level, String);
 
-/// Judges a fit with the causes that its left-out views agree on, and of each depth camera the largest bias in metres
-/// that its response leaves, or why it has none.
+/// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the largest bias in
+/// metres that its response leaves, or the reason why it has no response.
 pub fn judge(
     fit: &Fit,
     findings: &[Finding],
@@ -208,7 +208,7 @@ pub fn judge(
     }
 }
 
-/// The shares of views that were thrown out: of all cameras, and of each.
+/// The shares of views that were left out: of all cameras, and of each.
 fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     let level = |part: f64| match part {
         p if p > limits.left_out_refused => Level::Refused,
@@ -234,7 +234,7 @@ fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     std::iter::once(of_all).chain(of_each).collect()
 }
 
-/// Pairs of cameras that would have to be inside each other: streams that were exchanged do this.
+/// Pairs of cameras at the same place, as exchanged streams would give.
 fn at_one_place(fit: &Fit) -> Vec<Reason> {
     let apart = |a: &Camera, b: &Camera| {
         let axes = a.rig_from_camera * Vector3::z();
@@ -262,7 +262,7 @@ fn at_one_place(fit: &Fit) -> Vec<Reason> {
     found
 }
 
-/// What is amiss with a camera's residuals, views, coverage and corners.
+/// The reasons that a camera's residuals, views, coverage and corners give.
 fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
     // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
@@ -300,7 +300,7 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     found
 }
 
-/// What so few views cannot say, however well they fit.
+/// The reasons that too few views give, however well they fit.
 fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     let mut found = Vec::new();
     let placements = fit.placements.len();
@@ -317,7 +317,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
         let part = parts[0].max(parts[1]);
         if part > limits.focal_deviation {
             let words = format!(
-                "camera {}: its focal length is known to ±{:.2} % alone, expected {:.2} % or better",
+                "camera {}: its focal length is known only to ±{:.2} %, expected {:.2} % or better",
                 camera.camera.id,
                 100.0 * part,
                 100.0 * limits.focal_deviation
@@ -356,7 +356,7 @@ fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
     })
 }
 
-/// What is amiss with a depth camera's response, if anything is.
+/// The reason that a depth camera's response gives, if there is one.
 fn depth_reason(id: &CameraId, found: &Result<f64, String>, limits: &Limits) -> Option<String> {
     match found {
         Err(why) => Some(format!("depth camera {id} has no response: {why}")),

@@ -1,12 +1,12 @@
-//! Whether a camera's residuals show that its lens is beyond the lens model: they point to the middle of its picture,
-//! or away from it, as much as the distance from the middle says.
+//! Tests whether a camera's residuals show that the lens model does not fit its lens: they then point to the centre of
+//! the picture, or away from it, by an amount that depends on the distance from the centre.
 
 use super::result::{Fit, ViewResiduals};
 use nalgebra::Vector2;
 
 /// Rings of the picture, each with as many corners.
 const RINGS: usize = 8;
-/// Fewest corners for which something is said.
+/// Fewest corners for which this is tested.
 const FEWEST: usize = 200;
 /// Part of the residuals' squares, from 0 to 1, that the rings explain with a lens that is beyond its model.
 const SYSTEMATIC: f64 = 0.25;

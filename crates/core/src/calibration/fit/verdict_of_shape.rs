@@ -1,4 +1,4 @@
-//! What the board's shape means for a calibration, in words.
+//! The reasons that the board's shape gives for the verdict of a calibration.
 
 use super::result::{Fate, FittedShape, ShapeTerm};
 use crate::calibration::Level;
@@ -19,12 +19,12 @@ pub(super) fn of_shape(
     let bends = shape.bend.iter().zip(names);
     let unheld = bends.filter_map(|(term, name)| {
         let words = halves(term, 1e3, "mm")?;
-        let subject = format!("the board seems to be bent {name}, and was taken for flat");
+        let subject = format!("the board seems to be bent {name}, and was assumed to be flat");
         Some((Level::Doubtful, format!("{subject}: {words}")))
     });
     let stretch = halves(&shape.stretch, 2e2, "%").map(|words| {
         let subject =
-            "the board's squares seem to be longer in one direction, and were taken for equal";
+            "the board's squares seem to be longer in one direction, and were assumed to be equal";
         (Level::Doubtful, format!("{subject}: {words}"))
     });
     found.chain(unheld).chain(stretch).collect()
@@ -65,10 +65,10 @@ fn stretched(stretch: &ShapeTerm, most_percent: f64) -> Option<Reason> {
         true => (
             Level::Doubtful,
             format!(
-                "{words}, expected at most {most_percent} %; which of the two is as long as was said is not known"
+                "{words}, expected at most {most_percent} %; it is not known which of the two lengths is right"
             ),
         ),
-        false => (Level::Accepted, format!("{words}; the fit takes their mean for what was said")),
+        false => (Level::Accepted, format!("{words}; the fit assumes that their mean is the stated length")),
     })
 }
 
@@ -82,7 +82,7 @@ fn halves(term: &ShapeTerm, scale: f64, unit: &str) -> Option<String> {
                 "the first half of the placements says {first:+.2} ± {a:.2} {unit}, the last {last:+.2} ± {b:.2} {unit}"
             )
         }
-        None => "there are too few placements to hold it against".to_owned(),
+        None => "there are too few placements to check it".to_owned(),
     })
 }
 
@@ -152,7 +152,7 @@ mod tests {
             bend: [ShapeTerm::default(), unheld],
             ..FittedShape::default()
         };
-        let told = "the board seems to be bent down its columns, and was taken for flat: the first half of the \
+        let told = "the board seems to be bent down its columns, and was assumed to be flat: the first half of the \
                     placements says +0.40 ± 0.05 mm, the last -0.10 ± 0.05 mm";
         assert_eq!(words(shape), [(Level::Doubtful, told.to_owned())]);
         let untold = FittedShape {

@@ -1,4 +1,4 @@
-//! Whether a depth camera still reads what its response says: its readings against boards whose places the rig knows.
+//! Tests whether a depth camera's readings still match its response, on boards whose places the rig knows.
 
 use super::misfit::{self, Patch};
 use super::plane::{Plane, PlaneParameters, PlaneView};
@@ -13,7 +13,8 @@ pub struct DepthCheck {
     pub worst: DepthOff,
     /// Whether that is more than can be.
     pub is_off: bool,
-    /// By how many pixels in x and y depth lies beside its colour picture, where several placements say so.
+    /// By how many pixels in x and y the depth is displaced against its colour picture, if several placements show
+    /// that.
     pub beside_px: Option<[f64; 2]>,
 }
 

@@ -1,6 +1,6 @@
-//! Estimates how far a response may be off: by how much responses differ that are fitted without one of the boards
-//! each (the jackknife; Efron and Stein, "The jackknife estimate of variance", 1981). All pixels of a board share the
-//! error of its pose, so their number is no measure.
+//! Estimates how far a response may be off: each board in turn is left out, and the differences between the fitted
+//! responses give the error (the jackknife; Efron and Stein, "The jackknife estimate of variance", 1981). All pixels of
+//! a board share the error of its pose, so many pixels do not make the error smaller.
 
 use nalgebra::{Matrix4, Vector4};
 

@@ -1,5 +1,5 @@
-//! How much of a lateral scale s(z) = s₀ + s₁·z boards bear out: a polynomial is kept only where boards that are held
-//! out are predicted better by it, and otherwise a constant, or 1.
+//! Decides how much of a lateral scale s(z) = s₀ + s₁·z the boards support: a term is kept only if held-out boards are
+//! predicted better with it; otherwise the scale is a constant, or 1.
 
 use super::jackknife::{Normal, Normals};
 

@@ -1,5 +1,5 @@
-//! Why readings do not fit a line in the distance: each cause leaves a pattern of its own over boards that lie tilted
-//! this way and that. The pattern that predicts boards best to which it was not fitted is the most likely cause.
+//! Finds why readings do not fit a line in the distance: each cause leaves a pattern of its own on boards with
+//! different tilts. The most likely cause is the one whose pattern best predicts boards to which it was not fitted.
 
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 #[derive(serde::Serialize, Clone, Copy, Debug, PartialEq)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// Depth lies beside the colour picture by so many pixels in x and y.
+    /// The depth is displaced against the colour picture by this many pixels in x and y.
     Misregistered([f64; 2]),
-    /// The picture's corners read so many metres deeper than its middle, at 1 m.
+    /// The picture's corners read this many metres deeper than its centre, at 1 m.
     Bowl(f64),
-    /// Readings bend with the distance: by so many metres at most from the line, where boards were.
+    /// Readings are not linear in the distance: they leave the line by at most this many metres where boards were.
     Curve(f64),
 }
 
@@ -43,15 +43,15 @@ impl Cause {
     fn words(&self) -> String {
         match self {
             Self::Misregistered([x, y]) => format!(
-                "depth that lies beside its colour picture by {x:+.1} px in x and {y:+.1} px in y"
+                "depth that is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y"
             ),
             Self::Bowl(metres) => format!(
-                "a bowl, with the picture's corners {:.1} mm {} than its middle at 1 m",
+                "an error that grows from the picture's middle to its corners, which are {:.1} mm {} at 1 m",
                 1e3 * metres.abs(),
                 if *metres > 0.0 { "deeper" } else { "nearer" }
             ),
             Self::Curve(metres) => format!(
-                "readings that bend with the distance, by {:.1} mm from a line",
+                "a response that is not linear in the distance, by {:.1} mm from a line",
                 1e3 * metres
             ),
         }
@@ -118,7 +118,7 @@ impl Patch {
 /// Least error of boards held out, at 1 m, that is looked into, and the part of it that a cause must leave at most.
 const LEAST_ERROR: f64 = 0.4e-3;
 const EXPLAINS: f64 = 0.7;
-/// Another cause that leaves no more than so many times what the most likely one does is named too.
+/// Another cause is named too if it leaves at most this many times what the most likely one leaves.
 const AS_WELL: f64 = 1.15;
 /// Fewest boards that tell causes apart.
 const FEWEST_BOARDS: usize = 5;
@@ -183,8 +183,8 @@ pub(super) fn explain(boards: &[Vec<Patch>]) -> Option<Misfit> {
     })
 }
 
-/// By how many pixels in x and y depth lies beside its colour picture, where that explains what boards are off far
-/// better than an offset and a slope do.
+/// By how many pixels in x and y the depth is displaced against its colour picture, if that explains the errors on
+/// boards far better than an offset and a slope do.
 pub(super) fn shift(boards: &[Vec<Patch>]) -> Option<[f64; 2]> {
     explain(boards)?
         .causes

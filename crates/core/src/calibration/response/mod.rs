@@ -1,5 +1,5 @@
-//! Fits what a depth camera's readings mean: as the paper does, from a table of measurements, and from boards whose
-//! planes its colour picture gives. Pure functions; nothing here reads a recording.
+//! Fits how a depth camera's readings relate to distances: from a table of measurements, as in the paper, or from
+//! boards whose planes are known from its colour picture. Pure functions; nothing here reads a recording.
 
 mod check;
 mod correction;
@@ -53,7 +53,7 @@ pub enum ResponseError {
         /// Where the fit holds, in metres.
         range: [f64; 2],
     },
-    /// A fit that is no sensor's.
+    /// A fit that no real sensor would give.
     #[error(transparent)]
     Impossible(#[from] super::Error),
 }

@@ -85,11 +85,11 @@ impl PaperFit {
         Ok(width + scale.compensation.at(distance))
     }
 
-    /// The line as a response in metres, from the smallest to the largest distance of the table. The widths do not
-    /// enter: that an object seems smaller from farther away is what the lens explains.
+    /// The line as a response in metres, from the smallest to the largest distance of the table. The widths are not
+    /// used: the lens explains that an object seems smaller from farther away.
     ///
     /// # Errors
-    /// If the line is no sensor's.
+    /// If no real sensor would give this line.
     pub fn response(&self) -> Result<DepthResponse, ResponseError> {
         let [at_zero, slope] = [0, 1].map(|k| self.depth.coefficients[k]);
         let response = DepthResponse {

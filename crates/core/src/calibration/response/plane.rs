@@ -33,7 +33,7 @@ pub struct PlaneParameters {
     /// Default 60, range 1 to 89.
     #[serde(deserialize_with = "range::within::<_, _, 1, 89>")]
     pub steepest_degrees: f64,
-    /// Fewest views that say enough.
+    /// Fewest views that are needed.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
     pub min_views: usize,
@@ -47,11 +47,11 @@ pub struct PlaneParameters {
     /// Default 0.0015, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub noise_at_1m: f64,
-    /// By how much the scale s(z) may be expected to be off 1, and to change a metre.
+    /// Expected deviation of the scale s(z) from 1, and expected change of it per metre, as one standard deviation.
     /// Default 0.02, range 0.000001 to 1.
     #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
     pub scale_expected: f64,
-    /// Pixels whose errors are one and the same, because a sensor matches windows.
+    /// Number of neighbouring pixels that share one error, because the sensor matches windows.
     /// Default 100, range 1 to 1000000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1_000_000>")]
     pub correlated_pixels: f64,
@@ -86,7 +86,7 @@ pub struct PlaneFit {
     pub left_out: Vec<(String, String)>,
     /// A smooth correction a pixel, and whether it would pay.
     pub correction: Correction,
-    /// Why the line does not fit, where it does not and something explains it.
+    /// Why the line does not fit, if it does not and a cause explains it.
     pub misfit: Option<Misfit>,
 }
 
@@ -131,7 +131,7 @@ const FEWEST_IN_VIEW: usize = 100;
 const RIM: f64 = 0.4;
 /// How far beyond the boards the line may be followed, as a part of the distance.
 const BEYOND: f64 = 0.25;
-/// A view that is off by more than so many deviations, and by so many metres at 1 m, is left out.
+/// A view is left out if it is off by more than this many deviations, and by this many metres at 1 m.
 const VIEW_DEVIATIONS: f64 = 6.0;
 const VIEW_OFF: f64 = 0.004;
 
@@ -170,7 +170,7 @@ type Values = Vector4<f64>;
 /// Fits a response to boards.
 ///
 /// # Errors
-/// If too few views show enough of the board in depth, or what comes out is no sensor's response.
+/// If too few views show enough of the board in depth, or no real sensor would have the fitted response.
 pub fn fit_plane(
     lens: &Intrinsics,
     board: &Board,

@@ -1,4 +1,4 @@
-//! Fits to boards find known responses again.
+//! Tests that fits to boards recover known responses.
 
 use super::*;
 use crate::calibration::{Board, DepthResponse, Distortion, Intrinsics};
@@ -231,7 +231,7 @@ fn depth_beside_its_colour_picture_is_told_from_a_bowl_and_a_bend() {
     assert!(
         misfit
             .words()
-            .contains("depth that lies beside its colour picture by +"),
+            .contains("depth that is displaced against its colour picture by +"),
         "{}",
         misfit.words()
     );

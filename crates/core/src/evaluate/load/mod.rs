@@ -1,9 +1,7 @@
 //! Reads model files back: PLY and GLB into one mesh in the rig's frame (z up, metres) with what they know of each
-//! vertex. Nothing in a file is trusted: counts are held against the file's size before memory is taken, indices
-//! against the vertices, and coordinates must be finite.
-//!
-//! GLB goes through the crate `gltf` (`glb.rs` says how far). PLY has a reader of its own, because no crate holds a
-//! header's counts against the file's size.
+//! vertex. Nothing in a file is trusted: counts are compared with the file's size before memory is allocated, indices
+//! with the number of vertices, and coordinates must be finite. GLB is read with the crate `gltf` (`glb.rs` says how
+//! far). PLY has its own reader, because no crate compares a header's counts with the file's size.
 
 mod glb;
 mod ply;

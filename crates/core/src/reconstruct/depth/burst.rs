@@ -193,7 +193,7 @@ impl Readings {
     }
 }
 
-/// Median of one pixel's readings; 0 where there are none. `sorted` is room to work in.
+/// Median of one pixel's readings; 0 if there are none. `sorted` is working memory.
 fn median_at(frames: &[Grid<f32>], pixel: usize, sorted: &mut Vec<f32>) -> f32 {
     sorted.clear();
     let readings = frames.iter().map(|frame| frame.pixels()[pixel]);

@@ -59,8 +59,8 @@ pub enum Method {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Spread {
-    /// The readings near their median count, the others do not. A rim that is read now on this side, now
-    /// on the other, stays where it is seen in most of the frames.
+    /// Only the readings near their median count. A rim that some frames read on one side and some on the other stays
+    /// where most of the frames see it.
     #[default]
     Majority,
     /// The paper's equation 2: the pixel is left out.
@@ -84,14 +84,13 @@ pub struct Parameters {
     /// Default 8, range 0.001 to 1000000.
     #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub majority_mm: f32,
-    /// A pixel is measured only where at least this share of the frames has a reading. Rims are seen in
-    /// some frames and missed in others, and those readings belong to the near side. The paper has no such
-    /// test.
+    /// A pixel counts as measured only if at least this share of the frames has a reading there. Beside a rim only some
+    /// frames have a reading, and it belongs to the near side. The paper has no such test.
     /// Default 0.3, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub least_share: f32,
 
-    /// Levels of the pyramid, the full size included.
+    /// Levels of the pyramid, including the full size.
     /// Default 4, range 1 to 12.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 12>")]
     pub levels: usize,
@@ -107,50 +106,52 @@ pub struct Parameters {
     /// Default 0.1, range 0.001 to 1000.
     #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000>")]
     pub range_sigma: f32,
-    /// Standard deviation in millimetres of a range weight on depth as well; 0 has none, as in the paper.
+    /// Standard deviation in millimetres of an additional range weight on depth; 0 means no such weight, as in the
+    /// paper.
     /// Default 0, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub depth_sigma_mm: f32,
 
-    /// Two depths this many millimetres apart around a hole may be an edge that hides what is behind.
+    /// If the depths on both sides of a hole differ by at least this many millimetres, the hole may be an edge that
+    /// hides what is behind it.
     /// Default 12, range 0.001 to 1000000.
     #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub least_step_mm: f32,
-    /// Widest hole in pixels that such an edge may leave; a wider one is a wall.
+    /// Widest hole, in pixels, that may be such an edge; a wider one is a wall.
     /// Default 3.5, range 0 to 6.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 6>")]
     pub widest_step_px: f32,
-    /// Steepest slope (metres a metre across the view) towards the edge that what lies behind it may have;
-    /// a steeper one is a wall's foot.
+    /// Steepest slope towards the edge (metres of depth per metre across the view) that the surface behind it may have;
+    /// a steeper surface is the foot of a wall.
     /// Default 1, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub steepest_floor: f32,
 
-    /// The plate's stiffness: weight of its bending against its distance from the readings, both in
-    /// units of a reading's expected error.
+    /// The plate's stiffness: the weight of its bending relative to its distance from the readings, both in units of a
+    /// reading's expected error.
     /// Default 120, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub stiffness: f32,
-    /// Bending, in expected errors a pixel squared, at which the plate begins to break; lower than the
-    /// noise, for it is what the smoothed plate may do.
+    /// Bending, in expected errors per pixel squared, at which the plate begins to break. It is below the noise,
+    /// because it applies to the smoothed plate.
     /// Default 0.3, range 0.001 to 1000000.
     #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000000>")]
     pub bend_limit: f32,
-    /// The same in the first round, in units of the bending that the readings' noise makes: so that noise
-    /// is not taken for edges.
+    /// The same for the first round, in units of the bending that the readings' noise causes, so that noise is not
+    /// mistaken for edges.
     /// Default 0.3, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub noise_bend: f32,
-    /// How often the plate's weights are set anew.
+    /// How often the plate's weights are computed again.
     /// Default 5, range 0 to 100.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 100>")]
     pub plate_rounds: usize,
-    /// Steps of conjugate gradients between.
+    /// Steps of conjugate gradients between two such rounds.
     /// Default 20, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub plate_steps: usize,
-    /// Standard deviation in pixels of the window over which the sensor matches its pattern, and so takes the
-    /// mean of a surface: the plate undoes it. 0 for a sensor without one.
+    /// Standard deviation in pixels of the window over which the sensor matches its pattern. The sensor averages a
+    /// surface over this window, and the plate undoes that. 0 for a sensor without such a window.
     /// Default 2, range 0 to 8.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 8>")]
     pub window_sigma_px: f32,
@@ -192,7 +193,7 @@ pub enum DepthKind {
     None = 0,
     /// The mean of valid readings.
     Measured = 1,
-    /// No reading that can be trusted: carried over from around.
+    /// There is no reading that can be trusted: the depth is filled in from the surroundings.
     Filled = 2,
 }
 
@@ -205,7 +206,7 @@ pub struct Facts {
     pub region: usize,
     /// Pixels with depth from readings.
     pub measured: usize,
-    /// Pixels with depth carried over from around.
+    /// Pixels whose depth is filled in from the surroundings.
     pub filled: usize,
     /// Pixels without depth.
     pub empty: usize,
@@ -236,9 +237,9 @@ pub struct EnhancedDepth {
     pub facts: Facts,
 }
 
-/// Enhances a burst. `region` has the size of the camera's pictures and is 128 and up where the object can
-/// be; no reading outside it is used and nothing outside it is filled. A burst without frames or readings
-/// is no error: every pixel is [`DepthKind::None`].
+/// Enhances a burst. `region` has the size of the camera's pictures and is 128 and up where the object can be; no
+/// reading outside it is used and nothing outside it is filled. A burst without frames or readings is not an error:
+/// every pixel is then [`DepthKind::None`].
 ///
 /// # Errors
 /// If a picture or the region has not the size of the camera's calibration.

@@ -5,8 +5,8 @@ use super::burst::Fused;
 use crate::image::Grid;
 use crate::statistics::upper_median;
 
-/// The sensor's noise in one frame: σ(z, slope)² = (coefficient·z²)² + (jitter·slope)², with the part that is the
-/// same in every frame beside it.
+/// The sensor's noise in one frame: σ(z, slope)² = (coefficient·z²)² + (jitter·slope)², and separately the part that is
+/// the same in every frame.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SensorNoise {
     /// Standard deviation of one reading per squared depth, in 1/m: disparity noise grows with z².

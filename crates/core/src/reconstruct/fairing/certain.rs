@@ -1,5 +1,5 @@
-//! Which vertices of a hull lie on an edge that the silhouettes show: where many cones are tight, their normals differ,
-//! and nothing else touches their contours. There the surface stays, and may bend.
+//! Finds the vertices of a hull that lie on an edge that the silhouettes show: many cones meet there, their normals
+//! differ, and nothing else touches their contours. There the surface stays in place, and may bend.
 
 use super::contour::Contour;
 use super::shape::{Role, Shape};
@@ -20,8 +20,8 @@ const ELSEWHERE_EDGES: f64 = 4.0;
 const LEAST_ANGLE_DEG: f64 = 25.0;
 /// How often gaps between certain vertices are closed.
 const CLOSINGS: usize = 3;
-/// Certain vertices that hang together must reach this far, in pixels, and this many of the mesh's edges: what is
-/// shorter is the rounding of something small.
+/// A connected group of certain vertices must be at least this long, in pixels and in edges of the mesh; a shorter
+/// group is the rounding of something small.
 const CHAIN_PX: f64 = 8.0;
 const CHAIN_EDGES: f64 = 3.0;
 
@@ -149,8 +149,8 @@ fn whole(pixel: Point2<f64>) -> [i64; 2] {
     [pixel.x.round() as i64, pixel.y.round() as i64]
 }
 
-/// For each vertex the number of its tight cones whose contour nothing else explains. Where cones of neighbouring
-/// views meet in front of a side by chance, edges beside it, where more cones meet, touch each of their contours.
+/// For each vertex the number of its tight cones whose contour nothing else explains. If cones of neighbouring views
+/// meet in front of a side by chance, the edges beside that side, where more cones meet, touch each of their contours.
 fn own_cones(
     shape: &Shape,
     views: usize,

@@ -1,5 +1,5 @@
-//! Where the vertical lines through a lattice's corners enter and leave a closed mesh: tells inside from outside far
-//! from the surface.
+//! Finds where the vertical lines through a lattice's corners enter and leave a closed mesh, which distinguishes inside
+//! from outside far from the surface.
 
 use crate::array::three;
 use crate::reconstruct::surface::Lattice;

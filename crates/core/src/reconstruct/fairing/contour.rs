@@ -1,5 +1,5 @@
-//! How far a point's picture is from the contour of a silhouette: the exact distance to the level set, in a band
-//! around it. Knows one view; what is made of the distances is not decided here.
+//! Measures how far a point's projection is from the contour of a silhouette: the exact distance to the level set, in a
+//! band around it. It knows one view only; other files decide what the distances mean.
 
 use crate::calibration::Camera;
 use crate::image::{Grid, PixelRect};

@@ -1,5 +1,5 @@
-//! The curved surface that a mesh with normals stands for: Phong tessellation (Boubekeur and Alexa 2008). Knows no
-//! camera and no lattice.
+//! The curved surface through a mesh with normals: Phong tessellation (Boubekeur and Alexa 2008). Knows no camera and
+//! no lattice.
 
 use super::shape::{Shape, corner_normals};
 use crate::array::three;

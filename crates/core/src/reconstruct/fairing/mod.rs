@@ -1,6 +1,5 @@
-//! Touch-anchored fairing of the hull: of the surfaces whose outlines lie on the contours, the one of least bending.
-//! Between views the hull stands proud of the object; where silhouettes show edges it does not. Which depth there
-//! is, and what is carved, is not decided here.
+//! Fairs the hull: finds the surface of least bending whose outlines lie on the contours. Between views the hull stands
+//! out from the object; at edges that silhouettes show it does not. This room uses no depth and carves nothing.
 //!
 //! - `contour` measures distances to a silhouette's contour;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;

@@ -1,4 +1,5 @@
-//! The nearest triangle of each corner of a lattice that lies near a mesh. Work and memory grow with the surface.
+//! Finds the nearest triangle for each corner of a lattice that lies near a mesh. Work and memory grow with the
+//! surface.
 
 use super::curved::Curved;
 use crate::array::three;

@@ -1,7 +1,7 @@
-//! Faired hulls against shapes that are known exactly.
+//! Compares faired hulls with shapes that are known exactly.
 
 use super::*;
-use crate::calibration::{Camera, Distortion, Intrinsics};
+use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
 use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Mesh, check, components};

@@ -26,12 +26,11 @@ pub struct Parameters {
     /// Default 0, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000>")]
     pub cell_size: f64,
-    /// Cells along the diagonal of the object's bounds, where `cell_size` is 0. 200 give 70,000 to
-    /// 90,000 vertices.
+    /// Cells along the diagonal of the object's bounds, if `cell_size` is 0. 200 give 70,000 to 90,000 vertices.
     /// Default 200, range 8 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 8, 1000>")]
     pub resolution: f64,
-    /// Where `cell_size` is 0, cells are not made smaller than this many pixels.
+    /// If `cell_size` is 0, cells are not made smaller than this many pixels.
     /// Default 0.6, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000>")]
     pub smallest_cell_px: f64,
@@ -39,16 +38,16 @@ pub struct Parameters {
     /// Default 2, range 1 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 1000>")]
     pub least_views: usize,
-    /// Pieces with a smaller share of the largest one's volume are dropped: they are phantoms, where cones
-    /// meet away from the object, or specks.
+    /// Pieces with a smaller share of the largest one's volume are dropped: they are specks, or phantoms where cones
+    /// meet away from the object.
     /// Default 0.05, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub smallest_piece: f64,
-    /// What becomes of the facets that it has between views. Default `touch`.
+    /// How the facets that it has between views are treated. Default `touch`.
     pub fairing: Fairing,
 }
 
-/// What becomes of the facets that the hull has where no view touches the object.
+/// How the facets that the hull has where no view touches the object are treated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fairing {
@@ -103,7 +102,7 @@ pub enum Error {
         /// Edge of a cell.
         cell_size: f64,
     },
-    /// Silhouettes that are no object's.
+    /// Silhouettes that cannot be those of an object.
     #[error(
         "the hull's surface crosses {cells} cells, expected at most {most} for an object of this size: \
          silhouettes are speckled{}",
@@ -117,12 +116,12 @@ pub enum Error {
         /// The camera whose silhouette has the longest outline for its size.
         camera: Option<String>,
     },
-    /// A cell size that would ask for too much.
+    /// A cell size so small that it would need too much work.
     #[error(
         "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
     )]
     CellTooSmall { found: f64, least: f64 },
-    /// A cell size that would leave nothing of the object's form, as one in millimetres would.
+    /// A cell size so large that the object's form is lost, as when it was given in millimetres.
     #[error(
         "hull.cell_size is {found} m: expected {most:.2e} m or less for an object of this size, or 0"
     )]
@@ -185,7 +184,7 @@ const MOST_CELLS: f64 = 10.0;
 /// Extracts the hull's surface and drops stray pieces.
 ///
 /// # Errors
-/// If there is no surface, or one so ragged that it would take more work than any object's.
+/// If there is no surface, or one that is far more ragged than that of any object.
 pub fn extract(
     hull: &Hull,
     lattice: &Lattice,

@@ -1,4 +1,4 @@
-//! Hulls against shapes that are known exactly.
+//! Compares hulls with shapes that are known exactly.
 
 use super::*;
 use crate::calibration::{Camera, Distortion, Intrinsics};

@@ -1,6 +1,6 @@
-//! Lines through the hull: where one leaves it, and what bounds it there. Along the viewing ray of a point of the
-//! hull's surface this is its viewing edge, which the true surface touches somewhere (Cheung, Baker and Kanade, "Visual
-//! hull alignment and refinement across time", 2003).
+//! Lines through the hull: where a line leaves the hull, and which constraint bounds it there. On the viewing ray of a
+//! point of the hull's surface, the part within the hull is its viewing edge, which the true surface touches somewhere
+//! (Cheung, Baker and Kanade, "Visual hull alignment and refinement across time", 2003).
 
 use super::solid::Hull;
 use crate::reconstruct::surface::Side;
@@ -42,8 +42,9 @@ impl Hull<'_> {
         cones.filter_map(move |(i, cone)| Some((i, cone.normal_near(p, radius_px)?)))
     }
 
-    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that has no
-    /// say, because the line is one of its viewing rays. In steps of so many metres: what is thinner may be missed.
+    /// Where a line from a point on or in the hull leaves it along a unit vector. `without` is a camera that is
+    /// ignored, because the line is one of its viewing rays. The line is followed in steps of `step` metres; thinner
+    /// parts may be missed.
     pub fn exit(&self, from: Point3<f64>, along: Vector3<f64>, without: usize, step: f64) -> Exit {
         let wall = self.wall(from, along);
         let mut begin = 0.0;

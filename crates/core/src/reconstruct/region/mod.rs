@@ -3,9 +3,9 @@
 //! is itself hollow make the regions of interest. Nothing is carved or moved here.
 //!
 //! - `front` renders the hull's front surface (equations 3 and 4) and its first way out;
-//! - `bias` estimates what the depth camera's calibration left over;
+//! - `bias` estimates the error that the depth camera's calibration left;
 //! - `hollow` measures how far the measured surface itself lies behind its own rims;
-//! - `support` tells which holes of the depth lie between a hollow's readings;
+//! - `support` decides which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference.
 
 mod bias;
@@ -26,43 +26,42 @@ use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
 #[derive(Clone, Debug, PartialEq, serde::Deserialize, serde::Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// T of equation 4: a vertex belongs to the front where the median of n·d over it and its neighbours is
-    /// larger.
+    /// T of equation 4: a vertex belongs to the front if the median of n·d over it and its neighbours is larger.
     /// Default 0.5, range -1 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f32, -1, 1>")]
     pub front_threshold: f32,
-    /// α of equation 5: without a standard deviation of the difference above this there is no region.
+    /// α of equation 5: there is a region only if the standard deviation of the difference is larger.
     /// Default 2, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub alpha_mm: f32,
-    /// Half the window of the adaptive threshold, as a share of the object's extent in the picture. The
-    /// paper gives none; a small window would leave flat floors out.
+    /// Half the window of the adaptive threshold, as a share of the object's extent in the picture. The paper gives no
+    /// value; with a small window, flat floors would be missing.
     /// Default 0.5, range 0 to 10.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 10>")]
     pub window: f32,
-    /// Times that erosion and then dilation are applied.
+    /// How many times erosion and then dilation are applied.
     /// Default 1, range 0 to 100.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 100>")]
     pub morphology_iterations: usize,
-    /// A region begins where the difference exceeds this many standard errors …
+    /// A region begins at pixels whose difference exceeds this many standard errors …
     /// Default 3, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub significance: f32,
-    /// … and goes on where it exceeds this many: on a wall, known from filled depth alone, the best estimate
-    /// is better than none.
+    /// … and grows over pixels whose difference exceeds this many: on a wall that is known only from filled depth, the
+    /// best estimate is better than none.
     /// Default 1, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub growing_significance: f32,
-    /// Nowhere is a difference of fewer millimetres enough.
+    /// Smallest difference in millimetres that counts anywhere.
     /// Default 1, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub least_difference_mm: f32,
-    /// A region needs pixels that lie this far behind the measured surface's own rims: a hull that stands
-    /// off a flat or convex surface is no concavity.
+    /// A region needs pixels that lie this far behind the measured surface's own rims: where the hull stands off a flat
+    /// or convex surface, there is no concavity.
     /// Default 4, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub least_hollow_mm: f32,
-    /// Pixels that a region needs.
+    /// Fewest pixels of a region.
     /// Default 12, range 1 to 1000000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 1000000>")]
     pub least_pixels: usize,
@@ -70,7 +69,7 @@ pub struct Parameters {
     /// Default 0.5, range 0 to 100.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 100>")]
     pub registration_px: f32,
-    /// Bias that a depth camera may have where its recording does not say.
+    /// Bias in millimetres that a depth camera is assumed to have if its recording does not state one.
     /// Default 10, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub unstated_uncertainty_mm: f32,

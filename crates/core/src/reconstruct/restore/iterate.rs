@@ -42,7 +42,7 @@ pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, S
     Err(Singular(patch.inner))
 }
 
-/// A coordinate that has arrived stays where it is.
+/// A coordinate that has converged does not change any more.
 fn ratio(a: f64, b: f64) -> f64 {
     if b > 0.0 { a / b } else { 0.0 }
 }

@@ -41,20 +41,20 @@ pub enum Form {
 pub struct Parameters {
     /// Which form.
     pub form: Form,
-    /// Thinnest wall that stays where the depth does not clearly show that there is no wall.
+    /// Thinnest wall that is kept unless the depth clearly shows that there is no wall.
     /// Default 2, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub least_wall_mm: f32,
-    /// Readings that must agree before the object is opened all the way through.
+    /// How many readings must agree before the object is opened all the way through.
     /// Default 6, range 1 to 1000000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1, 1000000>")]
     pub least_opening_px: usize,
-    /// Carving: weight of smoothness against the depth. 0 leaves the carved surface as it is.
+    /// For `carve`: weight of smoothness relative to the depth. 0 leaves the carved surface as it is.
     /// Default 1, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub smoothness: f64,
-    /// Lid: weight of the depth's positions against its Laplacian coordinates. 0 leaves the border as the
-    /// only anchor.
+    /// For `lid`: weight of the depth's positions relative to its Laplacian coordinates. With 0 the border is the only
+    /// anchor.
     /// Default 0.1, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub anchor_weight: f64,

@@ -41,8 +41,8 @@ pub struct DifferenceFacts {
     pub weak_contour: f32,
     /// Share of the backdrop around the volume that differs from the background.
     pub mismatch: f32,
-    /// Share of the object that is no brighter than the backdrop, lit or in a shadow, and told from it by an outline
-    /// alone; `None` in a picture with colours.
+    /// Share of the object that is no brighter than the backdrop, lit or in a shadow, and that only an outline
+    /// distinguishes from it; `None` in a picture with colours.
     pub told_by_outline: Option<f32>,
     /// Separate pieces of the silhouette.
     pub pieces: usize,

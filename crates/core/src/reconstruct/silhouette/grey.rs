@@ -32,7 +32,7 @@ pub(super) fn decide(
     segment::decide(&leaning, ratios, SHARPNESS, parameters)
 }
 
-/// Share of the object's cells that only the outline tells from the backdrop.
+/// Share of the object's cells that only the outline distinguishes from the backdrop.
 pub(super) fn told_by_outline(object: &Grid<bool>, evidence: &Grid<f32>) -> f32 {
     let cells = object.pixels().iter().zip(evidence.pixels());
     let (unsure, all) = cells

@@ -40,15 +40,15 @@ pub struct Parameters {
     /// Default 4, range 0.001 to 1000.
     #[serde(deserialize_with = "crate::range::from_a_thousandth::<_, f32, 1000>")]
     pub significance: f32,
-    /// Darkest shadow that may fall on the backdrop, as a share of its light.
+    /// Darkest shadow that may fall on the backdrop, as a share of the backdrop's brightness.
     /// Default 0.12, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub darkest_shadow: f32,
-    /// How much of the light that a shadow takes may be coloured, as a share.
+    /// How strongly a shadow may be coloured, as a share of the light that it removes.
     /// Default 0.15, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub shadow_tint: f32,
-    /// How much light the object may throw onto the backdrop, as a share of its light.
+    /// How much light the object may reflect onto the backdrop, as a share of the backdrop's brightness.
     /// Default 0.06, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1>")]
     pub spill: f32,
@@ -56,7 +56,7 @@ pub struct Parameters {
     /// Default 12, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub smoothness: f32,
-    /// Smallest hole that stays a hole, in pixels.
+    /// Smallest hole in a silhouette that is kept, in pixels.
     /// Default 40, range 0 to 1000000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000000>")]
     pub smallest_hole_px: f32,

@@ -14,7 +14,7 @@ const ABRUPT: f32 = 0.1;
 /// Share of the cost of a boundary that remains where the light changes most.
 const LEAST: f32 = 0.03;
 
-/// Decides all cells from what each says by itself and how its light compares with the background's; the higher
+/// Decides all cells from the evidence of each and from how its light compares with the background's; the higher
 /// `sharpness`, the less a boundary costs where that changes.
 pub(super) fn decide(
     evidence: &Grid<f32>,

@@ -1,5 +1,5 @@
 //! Evens out exposures: finds one gain for each camera and channel, so that two cameras agree on a vertex that both
-//! see. Gains act on the encoded values: a power law turns a factor of the light into a factor of them.
+//! see. Gains act on the encoded values: by a power law, a factor of the light is a factor of these values too.
 
 use super::Surface;
 use super::view::View;

@@ -30,35 +30,35 @@ pub struct Parameters {
     /// Default 4096, range 64 to 16384.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 64, 16384>")]
     pub largest_side: usize,
-    /// How far from an edge, of the silhouette or of what hides the surface, a picture is trusted, in
-    /// pixels: nearer it serves only where no other does, and nearer than three quarters of it not at
-    /// all, since light from behind mixes in.
+    /// Distance in pixels from an edge (of the silhouette, or of what hides the surface) at which a picture is trusted.
+    /// Nearer pixels are used only where no other camera sees the surface, and those nearer than three quarters of the
+    /// distance never, because light from behind mixes in.
     /// Default 2, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000>")]
     pub edge_margin_px: f32,
-    /// Pixels of the z-buffer that decides what is hidden, at most, a camera.
+    /// Most pixels, for each camera, of the z-buffer that decides what is hidden.
     /// Default 400000, range 1000 to 100000000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 1000, 100000000>")]
     pub occlusion_pixels: usize,
-    /// What a border between cameras costs, against the loss of seeing a face less well, which is at
+    /// Cost of a border between two cameras, relative to the loss from a camera that sees a face less well, which is at
     /// most 1.
     /// Default 1, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f32, 0, 1000000>")]
     pub smoothness: f32,
-    /// Regions of one camera with fewer faces go to a neighbour that sees them too.
+    /// Regions of one camera with fewer faces are given to a neighbouring camera that sees them too.
     /// Default 150, range 0 to 1000000000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000000000>")]
     pub smallest_chart_faces: usize,
-    /// Half the width of the band in which two cameras are mixed, in rings of vertices.
+    /// Half the width of the band in which two cameras are blended, in rings of vertices.
     /// Default 4, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub feather_rings: usize,
-    /// How far the difference of a camera to the mean of all is smoothed before it is taken out, in
-    /// rings of vertices. 0 leaves differences in.
+    /// Rings of vertices over which a camera's difference to the mean of all cameras is smoothed before it is removed.
+    /// With 0 it is not removed.
     /// Default 8, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub level_rings: usize,
-    /// Texels by which charts are extended beyond their edge, against bleeding in smaller mip levels.
+    /// Texels by which charts are extended beyond their edge, so that smaller mip levels do not bleed.
     /// Default 4, range 0 to 64.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub gutter_px: usize,

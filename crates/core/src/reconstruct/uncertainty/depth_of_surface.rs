@@ -1,9 +1,9 @@
-//! How deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge through
-//! it.
+//! Computes how deep the true surface is expected to lie beneath a point of the hull's surface, from the viewing edge
+//! through that point.
 
 use super::touch::{End, ViewingEdge};
 
-/// Where no edge of the object tells where it touches: share of what is expected if it touched at an end.
+/// If no edge of the object shows where it touches: the share of what is expected if it touched at an end.
 const TOUCH_AT_END: f64 = 0.33;
 
 /// The expected depth in metres. `design/surface.md` has the reasoning and what it was measured on.

@@ -1,7 +1,6 @@
-//! The expected error of the hull's vertices, from what the silhouettes tell around each: `touch` finds the viewing
-//! edge through a vertex and where the true surface touches it, `depth_of_surface` how far that leaves the surface
-//! beneath the vertex, and `patches` spreads what was found at some vertices over all. Nothing here moves a vertex or
-//! knows depth.
+//! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
+//! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
+//! the vertex, and `patches` spreads the results of some vertices over all. Nothing here moves a vertex or uses depth.
 
 mod depth_of_surface;
 mod patches;

@@ -1,5 +1,5 @@
-//! Patches of a surface a few cells wide, in each of which one vertex speaks for the others: what is asked of it costs
-//! too much to be asked of all, and varies little from one to the next.
+//! Patches of a surface a few cells wide, in each of which one vertex stands for the others: its error takes too long
+//! to compute for all vertices, and varies little from one vertex to the next.
 
 use nalgebra::Point3;
 

@@ -1,6 +1,7 @@
 //! Viewing edges. A viewing edge is the part of a camera's viewing ray, along the hull's surface, that lies in the
-//! hull: the true surface touches it once at least. Where on it tells how far the true surface is from the rest of it.
-//! At an end where the outlines of three cameras or more meet at an angle, the object has an edge, and touches there.
+//! hull: the true surface touches it at least once. The position of that touch determines how far the true surface is
+//! from the rest of the edge. At an end where the outlines of three cameras or more meet at an angle, the object has an
+//! edge, and touches there.
 
 use crate::reconstruct::hull::Hull;
 use nalgebra::Point3;

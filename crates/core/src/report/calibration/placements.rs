@@ -1,4 +1,4 @@
-//! The placements: what became of each camera's view of each, as a plot in which a bump is seen, and their figures.
+//! The placements: a plot of each camera's view of each placement, in which a bumped camera shows, and their figures.
 
 use super::html::escaped;
 use super::{CalibrationPage, by_rms};

@@ -1,4 +1,4 @@
-//! The page says what the fit says, needs nothing else, and takes no text for its own.
+//! Tests that the page has the results of the fit, needs no other file, and escapes every text.
 
 use super::*;
 use crate::calibration::fit::{

@@ -22,13 +22,13 @@ pub struct ColorMeasures {
     pub camera: CameraId,
     /// Width and height in pixels of the object in its picture.
     pub object_px: [usize; 2],
-    /// Its silhouette beside the hull.
+    /// Its silhouette, compared with the hull.
     pub consistency: Consistency,
     /// What was found of its silhouette alone.
     pub silhouette: Facts,
 }
 
-/// A silhouette beside the hull's projection, within the volume's.
+/// A silhouette, compared with the hull's projection, within the projection of the volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Consistency {
     /// Share of the silhouette's area that the hull's projection covers.
@@ -38,8 +38,8 @@ pub struct Consistency {
     pub missing: f64,
     /// Area of both over area of either.
     pub iou: f64,
-    /// By how many of its pixels the silhouette lies beside the hull's projection, x and y: twice what the
-    /// contours show in the mean, because only one side of a displaced silhouette shows.
+    /// By how many of its pixels the silhouette is displaced against the hull's projection, in x and y: twice the mean
+    /// of what the contours show, because only one side of a displaced silhouette shows it.
     pub shift_px: [f64; 2],
     /// Edge of a cell of the comparison, in pixels.
     pub cell_px: f64,
@@ -107,7 +107,7 @@ impl Consistency {
         }
     }
 
-    /// By how many pixels, x and y, a silhouette lies beside where a hull that it has no part in allows it.
+    /// By how many pixels, in x and y, a silhouette is displaced against a hull that was made without it.
     pub(super) fn shift_against(
         camera: &Camera,
         silhouette: &Silhouette,

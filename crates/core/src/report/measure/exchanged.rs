@@ -1,6 +1,6 @@
-//! Finds two cameras that were exchanged: whose pictures bear each other's names, or whose poses were entered for each
-//! other. With each other's place all silhouettes agree again. Pairs are compared by how much of space stays in all
-//! silhouettes, on a coarse grid of points; the best few are then made hulls of and measured.
+//! Finds two cameras that were exchanged: their pictures have each other's names, or their poses were entered for each
+//! other. If they are exchanged back, all silhouettes agree again. Pairs are compared by how much of space lies in all
+//! silhouettes, on a coarse grid of points; for the best few, hulls are made and measured.
 
 use super::color::{ColorMeasures, Consistency};
 use super::trial_hull::trial_hull;

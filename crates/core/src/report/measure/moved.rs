@@ -1,7 +1,7 @@
-//! Finds the camera that has moved since the calibration: the one without which the others agree again. Also
-//! measures by how much its silhouette is displaced against the hull of the others. Both need the camera to be left
-//! out, because the hull of all cameras stays within every silhouette, which hides half of the error and blames
-//! other cameras as well.
+//! Finds the camera that has moved since the calibration: the one without which the others agree again. Also measures
+//! by how much its silhouette is displaced against the hull of the others. Both need the camera to be left out, because
+//! the hull of all cameras stays within every silhouette, which hides half of the error and makes other cameras look
+//! wrong as well.
 
 use super::color::{ColorMeasures, Consistency};
 use super::trial_hull::trial_hull;
@@ -15,14 +15,14 @@ use serde::Serialize;
 pub struct Moved {
     /// The camera.
     pub camera: CameraId,
-    /// By how many pixels its silhouette lies beside where the others put it, x to the right and y down.
+    /// By how many pixels its silhouette is displaced from where the others put it, x to the right and y down.
     pub shift_px: [f64; 2],
     /// The length of that over the longest side of the object in the picture.
     pub shift_share: f64,
-    /// How far the other cameras' silhouettes lie beside the hull of all, as a share of the object's longest
-    /// side; the root of the mean square over them.
+    /// How far the other cameras' silhouettes are displaced against the hull of all cameras, as a share of the object's
+    /// longest side: the root mean square over them.
     pub others_share_with: f64,
-    /// The same beside the hull without it.
+    /// The same against the hull without it.
     pub others_share_without: f64,
 }
 

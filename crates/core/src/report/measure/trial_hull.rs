@@ -1,5 +1,5 @@
-//! Hulls that are made on trial, to find which camera is to blame: of other cameras than those of the model, or of
-//! cameras at other places. They are coarser than the model.
+//! Trial hulls, to find the camera that causes an error: from other cameras than those of the model, or from cameras at
+//! other places. They are coarser than the model.
 
 use crate::calibration::Camera;
 use crate::mesh::Mesh;

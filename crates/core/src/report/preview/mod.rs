@@ -50,8 +50,7 @@ fn level_color(level: Level) -> [u8; 3] {
     }
 }
 
-/// Draws the sheet; what is known of the object stands beside the verdict. What people said of the capture is added by
-/// [`stamp`].
+/// Draws the sheet, with the data about the object beside the verdict. [`stamp`] adds the notes on the capture.
 pub fn preview(
     scene: &Scene,
     made: &Reconstruction,
@@ -75,7 +74,7 @@ struct Panels {
     views: Vec<ViewPanels>,
     depths: Vec<DepthPanels>,
     outlines: Vec<RgbImage>,
-    /// Cameras whose silhouettes there is no room for.
+    /// Cameras whose silhouettes do not fit on the sheet.
     left_out: usize,
 }
 
@@ -307,8 +306,8 @@ fn header(
     top + 2 * GAP
 }
 
-/// Writes what people said of a capture on its sheet, over what stood there before: the last decision and the last
-/// text. A picture that is no sheet stays as it is.
+/// Writes the notes on a capture on its sheet, over earlier ones: the last decision and the last text. A picture that
+/// is not a sheet stays as it is.
 pub fn stamp(sheet: &mut RgbImage, notes: &CaptureNotes) {
     let top = MARGIN + TITLE + LINE;
     if sheet.width() != WIDTH || sheet.height() < header_height(0) {

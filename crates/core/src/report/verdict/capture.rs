@@ -42,7 +42,7 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
     repeat(Code::Warning, capture.warnings.iter().cloned(), into);
 }
 
-/// A model is no better than the calibration that it stands on.
+/// A model is no better than its calibration.
 fn doubted(calibration: &calibration::Verdict) -> Option<Reason> {
     let (level, worth) = match calibration.level {
         calibration::Level::Good | calibration::Level::Accepted => return None,

@@ -100,7 +100,7 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         &parameters.region_unread,
         each(|r| 1.0 - r.coverage).into_iter(),
         |v| format!("{} without readings", percent(v)),
-        |names| format!("the hollow was hardly read, so its shape is interpolated: {names}"),
+        |names| format!("the depth camera got few readings in the hollow, so its shape is interpolated: {names}"),
     ));
     into.extend(about_cameras(
         Code::RegionLarge,
@@ -119,6 +119,8 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         &parameters.disagreement_mm,
         each(|r| 1e3 * r.disagreement).into_iter(),
         |v| format!("a tenth beyond {v:.1} mm"),
-        |names| format!("the restored surface is not where the depth was read: {names}"),
+        |names| {
+            format!("the restored surface does not lie where the depth camera read it: {names}")
+        },
     ));
 }

@@ -22,9 +22,9 @@ use serde::Serialize;
 #[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "snake_case")]
 pub enum Code {
-    /// A silhouette lies beside the place that the other cameras give it: the camera moved.
+    /// A silhouette is displaced from where the other cameras put it: the camera moved.
     CameraDisplaced,
-    /// All silhouettes lie beside the model: the calibration is that of another recording or rig.
+    /// All silhouettes are displaced against the model: the calibration is that of another recording or rig.
     CalibrationForeign,
     /// Two cameras have each other's pictures or poses.
     CamerasExchanged,
@@ -40,7 +40,7 @@ pub enum Code {
     Blurred,
     /// The backdrop differs from its background picture.
     BackdropChanged,
-    /// Without colours an outline alone tells the object from its shadow.
+    /// Without colours, only an outline distinguishes the object from its shadow.
     ToldByOutline,
     /// The background is old.
     BackgroundOld,
@@ -76,7 +76,7 @@ pub enum Code {
     CarvingUndone,
     /// Pieces were dropped.
     PiecesDropped,
-    /// The model is no solid.
+    /// The model is not a solid.
     NotWatertight,
     /// The model is in more pieces than the object.
     SeveralComponents,
@@ -120,7 +120,7 @@ impl Verdict {
     }
 }
 
-/// Judges a model by the figures of its reconstruction and by how its capture came about.
+/// Judges a model by the figures of its reconstruction and by how its capture was taken.
 pub fn judge(measured: &Measurements, capture: &CaptureFacts, parameters: &Parameters) -> Verdict {
     let mut reasons = Vec::new();
     silhouettes::judge(measured, parameters, &mut reasons);
@@ -131,7 +131,7 @@ pub fn judge(measured: &Measurements, capture: &CaptureFacts, parameters: &Param
 }
 
 impl Limits {
-    /// The level of a value; `None` where there is nothing to say. A value that is no number is red.
+    /// The level of a value; `None` if it gives no reason. A value that is not a number is red.
     fn level(&self, value: f64) -> Option<Level> {
         let within = |limit: f64| value <= limit;
         match self.red {

@@ -13,7 +13,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         words,
     };
     if !model.watertight {
-        let words = "the model's surface is not that of a solid".to_owned();
+        let words = "the model's surface does not enclose a solid".to_owned();
         into.push(reason(Level::Red, Code::NotWatertight, words));
     }
     let beyond = |limits: &Limits, value: f64| limits.level(value).map(|level| (level, value));

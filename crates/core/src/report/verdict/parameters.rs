@@ -50,7 +50,8 @@ pub struct Parameters {
     pub blur_px: Limits,
     /// Share of the backdrop around the object that differs from the background picture. Default 0.35.
     pub backdrop_changed: Limits,
-    /// Share of the object that, in a picture without colours, its outline alone tells from a shadow. Default 0.2.
+    /// Share of the object that, in a picture without colours, only its outline distinguishes from a shadow. Default
+    /// 0.2.
     pub told_by_outline: Limits,
     /// Hours between the background and the capture. Default 24.
     pub background_age_h: Limits,
@@ -77,7 +78,7 @@ pub struct Parameters {
     pub openings_closed: Limits,
     /// Stray pieces dropped from the hull, or cut off by carving; fewer are a note. Default 100.
     pub dropped_pieces: Limits,
-    /// Components of the model, pieces that hang together; of one object there is one. Default 1.
+    /// Connected pieces of the model; a single object has one. Default 1.
     pub components: Limits,
     /// Handles of the model, of which perforations are made. Default 4.
     pub handles: Limits,

@@ -1,4 +1,4 @@
-//! The rules on figures made by hand; that the figures tell faults is shown on simulated rigs elsewhere.
+//! Tests the rules on made-up figures. Tests on simulated rigs, elsewhere, show that the figures reveal faults.
 
 use super::*;
 use crate::capture::{ColorFacts, LeftOut, Silhouette};

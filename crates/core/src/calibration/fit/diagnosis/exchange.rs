@@ -1,5 +1,5 @@
-//! Whether cameras are, after a change, where others were before it: their cables or names were exchanged, of two
-//! cameras or of several in a ring.
+//! Tests whether cameras are, after a change, where other cameras were before it. Then the cables or names of two
+//! cameras, or of several in a ring, were exchanged.
 
 use super::split::{Split, is_near};
 use super::suspects::Reference;
@@ -95,7 +95,7 @@ fn with_reference(reference: &Reference, splits: &[Split]) -> Option<Exchange> {
     })
 }
 
-/// All orders of so many things.
+/// All permutations of this many things.
 fn permutations(count: usize) -> Vec<Vec<usize>> {
     let mut all: Vec<Vec<usize>> = vec![Vec::new()];
     for _ in 0..count {

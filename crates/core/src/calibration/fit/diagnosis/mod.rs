@@ -1,5 +1,5 @@
-//! Asks the views that contradict a rig whether they agree with each other: on another pose of their camera, another
-//! lens, another camera's place, another moment, or a mirrored picture. It names causes; it changes no fit.
+//! Tests whether the views that contradict a rig agree with each other: on another pose of their camera, another lens,
+//! another camera's place, another moment, or a mirrored picture. It names causes and changes no fit.
 
 mod exchange;
 mod moment;
@@ -26,7 +26,7 @@ pub struct Finding {
     pub words: String,
 }
 
-/// What the views that `fit` left out, or could not join where there is no fit, have in common.
+/// What the views have in common that `fit` left out or, if there is no fit, could not be joined.
 pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Vec<Finding> {
     let candidates = Reference::candidates(session, fit, parameters);
     let told = candidates
@@ -37,7 +37,7 @@ pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -
     explained.min_by_key(Vec::len).unwrap_or_default()
 }
 
-/// The causes on which the suspected cameras' views agree, held against this rig of the others.
+/// The causes on which the suspected cameras' views agree, compared with this rig of the others.
 fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut splits = Vec::new();

@@ -1,5 +1,5 @@
-//! Whether a camera's pictures are of another moment than their placement, or mirrored: by votes of its views for one
-//! place of the camera. What is told here is gross: another placement of the board lies a board's length away.
+//! Tests whether a camera's pictures are of another moment than their placement, or mirrored: its views vote for one
+//! pose of the camera. Only gross errors are found here: another placement of the board lies a board's length away.
 
 use super::super::Parameters;
 use super::super::pose_graph::{AGREES, Comparison};
@@ -9,7 +9,7 @@ use nalgebra::Isometry3;
 
 /// What is wrong with the moment of a camera's pictures.
 pub(super) enum Moment {
-    /// They are of the placement so many before (less than 0) or after, all or from a placement on.
+    /// They are of a placement this many before (less than 0) or after, all of them or from a placement on.
     Shifted { by: isize, from: Option<usize> },
     /// They are mirrored.
     Mirrored,
@@ -21,7 +21,7 @@ const SHIFTS: [isize; 6] = [-1, 1, -2, 2, -3, 3];
 const MOST_AGREE: f64 = 0.8;
 const FEW_AGREE: f64 = 0.5;
 
-/// What is wrong with the moment of a camera's pictures; `None` if nothing is, or it cannot be told.
+/// What is wrong with the moment of a camera's pictures; `None` if nothing is wrong, or it cannot be known.
 pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Option<Moment> {
     let subject = &reference.session.cameras[camera];
     let views = reference.views(camera);

@@ -1,5 +1,5 @@
-//! Whether a camera's views agree once they are split in two, before and after a placement: with another pose from
-//! there on, another lens, or both. The placements are held by the cameras of the reference and free within what these
+//! Tests whether a camera's views agree if they are split in two at a placement: from there on, the camera has another
+//! pose, another lens, or both. The reference cameras hold the placements, which may move within what those cameras
 //! saw.
 
 use super::super::Parameters;
@@ -17,7 +17,7 @@ use nalgebra::Isometry3;
 
 /// Fewest views on either side of a split.
 const FEWEST: usize = 2;
-/// Fewest views from which pose and lens are told at once.
+/// Fewest views from which pose and lens can be estimated together.
 const FEWEST_FOR_BOTH: usize = 3;
 /// Part of the views after a split that must agree on it.
 const MOST_AGREE: f64 = 0.75;
@@ -99,7 +99,7 @@ pub(super) fn is_near(a: &Isometry3<f64>, b: &Isometry3<f64>, went: f64) -> bool
     went > 0.02 && metres < 0.1 * went && degrees < 3.0
 }
 
-/// The splits after which a camera's views agree, two at most; none where they agree without one, or with none.
+/// The splits after which a camera's views agree, at most two; empty if they agree without a split, or with no split.
 pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Vec<Split> {
     let Some(resection) = Resection::of(reference, camera, parameters) else {
         return Vec::new();
@@ -116,7 +116,7 @@ pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) 
 }
 
 impl<'a> Resection<'a> {
-    /// A camera's views; `None` where too few can be held against the reference.
+    /// A camera's views; `None` if too few can be compared with the reference.
     fn of(reference: &'a Reference<'a>, camera: usize, parameters: &Parameters) -> Option<Self> {
         let subject = &reference.session.cameras[camera];
         let all = reference.views(camera);

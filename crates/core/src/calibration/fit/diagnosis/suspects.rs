@@ -1,4 +1,4 @@
-//! Which cameras contradict the rig, and what the others say of the placements without them.
+//! Finds the cameras that contradict the rig, and fits the placements from the other cameras alone.
 
 use super::super::outliers::LEAST_USUAL;
 use super::super::planar::PlanePose;
@@ -104,7 +104,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// A camera by itself: what no other camera can spoil.
+/// A camera by itself: results that no other camera can affect.
 pub(super) struct Solo {
     pub lens: super::super::lens::Lens,
     /// The views that a pose explains, with the board's (the front's) pose in each.
