@@ -98,14 +98,12 @@ impl<'a> Contour<'a> {
         Some(mix(top) * (1.0 - fy) + mix(bottom) * fy)
     }
 
-    /// Whether the picture of a point of the rig's frame lies outside the silhouette, too far for [`Self::offset`].
-    /// Outside the camera's picture nothing is known.
-    pub(super) fn is_far_outside(&self, p: Point3<f64>) -> bool {
-        let seen = self.camera.project(p).map(|(pixel, _)| pixel);
-        let Some(pixel) = seen.filter(|pixel| self.camera.intrinsics.contains(*pixel)) else {
-            return false;
-        };
-        self.sample(pixel).is_none_or(|d| d <= -REACH_PX)
+    /// How many pixels the picture of a point of the rig's frame lies inside the silhouette, saturated at [`BAND_PX`];
+    /// `None` where the camera's picture does not have it.
+    pub(super) fn inside_px(&self, p: Point3<f64>) -> Option<f64> {
+        let (pixel, _) = self.camera.project(p)?;
+        let is_seen = self.camera.intrinsics.contains(pixel);
+        is_seen.then(|| self.sample(pixel).unwrap_or(-f64::from(BAND_PX)))
     }
 
     /// Where a point of the rig's frame lies against the contour; `None` where its picture is far from it.

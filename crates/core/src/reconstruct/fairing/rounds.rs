@@ -1,6 +1,6 @@
 //! One estimate: how far each vertex moves, so that the surface bends least and its rims lie on the contours.
 
-use super::contour::{Contour, Offset};
+use super::contour::{Contour, Offset, REACH_PX};
 use super::shape::{Role, Shape};
 use super::solve::Rows;
 use crate::array::three;
@@ -101,15 +101,16 @@ fn within_cones(
     for _ in 0..PULLS {
         let mut is_within = true;
         for contour in contours {
-            if contour.is_far_outside(p) {
-                return before;
+            match contour.inside_px(p) {
+                Some(inside) if inside <= -REACH_PX => return before,
+                Some(inside) if inside < -OUTSIDE_PX => {}
+                _ => continue,
             }
-            let outside = contour.offset(p).filter(|o| o.inside_px < -OUTSIDE_PX);
             let Some(Offset {
                 inside_px,
                 mut gradient,
                 ..
-            }) = outside
+            }) = contour.offset(p)
             else {
                 continue;
             };
