@@ -41,7 +41,7 @@ const LEVELS: [Level; 2] = [
     Level {
         cells: 4,
         rounds: 8,
-        steps: 400,
+        steps: 150,
     },
     Level {
         cells: 2,

@@ -52,7 +52,7 @@ impl Rows {
     /// by `damping` of its own weight, so that there is one solution.
     pub(super) fn solve(&self, unknowns: usize, damping: f64, steps: usize) -> Vec<f64> {
         /// What is left of the residual, against the first one.
-        const TOLERANCE: f64 = 1e-4;
+        const TOLERANCE: f64 = 1e-3;
         let mut diagonal = vec![0.0; unknowns];
         let mut residual = vec![0.0; unknowns];
         for row in 0..self.residuals.len() {
