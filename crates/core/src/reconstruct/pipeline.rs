@@ -193,7 +193,8 @@ pub fn reconstruct_from(
         front_threshold: parameters.region.front_threshold,
     };
     let mut depths = depths(scene, standing, &start.surface, parameters, &begin)?;
-    standing.leave_each_region_to_one(&mut depths);
+    let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
+    standing.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;

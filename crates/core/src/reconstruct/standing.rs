@@ -1,7 +1,9 @@
 //! How an object stood in the captures that a scene is fused of. A scene of one capture has none of it.
 
+use super::depth::EnhancedDepth;
 use super::hull::Plane;
-use super::{DepthResult, DepthView, Scene};
+use super::region::Regions;
+use super::{DepthView, Scene};
 use crate::calibration::Volume;
 use nalgebra::{Isometry3, Point2, Point3};
 
@@ -52,12 +54,12 @@ impl Standing {
 
     /// Where depth cameras of several captures see one hollow, leaves it to the one that sees most of it: the nearest
     /// of several readings would be too near, for noise.
-    pub(super) fn leave_each_region_to_one(&self, depths: &mut [DepthResult]) {
+    pub(super) fn leave_each_region_to_one(&self, depths: &mut [(&EnhancedDepth, &mut Regions)]) {
         if self.depths.len() < 2 || self.depths.len() != depths.len() {
             return;
         }
         let seen: Vec<Region> = (0..depths.len())
-            .flat_map(|view| self.regions(view, &depths[view]))
+            .flat_map(|view| self.regions(view, depths[view].0, &*depths[view].1))
             .collect();
         let mut order: Vec<usize> = (0..seen.len()).collect();
         order.sort_by_key(|&i| (seen[i].rank, std::cmp::Reverse(seen[i].size), i));
@@ -68,20 +70,21 @@ impl Standing {
                 .iter()
                 .any(|k| k.capture != region.capture && region.common(k) > COMMON);
             if is_taken {
-                let labels = &mut depths[region.view].regions.labels;
+                let regions = &mut *depths[region.view].1;
+                let labels = &mut regions.labels;
                 let all = labels.pixels_mut().iter_mut();
                 all.filter(|l| **l == region.label).for_each(|l| *l = 0);
-                depths[region.view].regions.count -= 1;
+                regions.count -= 1;
             } else {
                 kept.push(region);
             }
         }
     }
 
-    fn regions(&self, view: usize, result: &DepthResult) -> Vec<Region> {
+    fn regions(&self, view: usize, enhanced: &EnhancedDepth, regions: &Regions) -> Vec<Region> {
         const STEP: usize = 3;
         let own = &self.depths[view];
-        let (regions, depth) = (&result.regions, &result.enhanced.depth);
+        let depth = &enhanced.depth;
         let mut found: Vec<Region> = (1..=regions.count)
             .map(|label| Region {
                 view,
