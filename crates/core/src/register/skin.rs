@@ -34,6 +34,9 @@ struct Point {
     weight: f64,
 }
 
+/// The weight and the linear colour that a camera gives a vertex; `None` where it does not see it.
+type Sample = Option<(f64, Vector3<f64>)>;
+
 /// A capture's colours on its hull.
 #[derive(Clone, Debug)]
 pub(super) struct Skin {
@@ -69,7 +72,7 @@ const LEAST_POINTS: usize = 100;
 impl Skin {
     /// The colours of a capture on its hull.
     pub(super) fn new(capture: &CaptureSilhouettes, body: &Body) -> Self {
-        let samples: Vec<Vec<Option<(f64, Vector3<f64>)>>> = capture
+        let samples: Vec<Vec<Sample>> = capture
             .scene
             .colors
             .par_iter()
@@ -224,7 +227,7 @@ fn brightness(color: Vector3<f64>) -> f64 {
 }
 
 /// For each vertex the weight and the linear colour that a camera gives it; `None` where it does not see it.
-fn seen(camera: &Camera, image: &RgbImage, body: &Body) -> Vec<Option<(f64, Vector3<f64>)>> {
+fn seen(camera: &Camera, image: &RgbImage, body: &Body) -> Vec<Sample> {
     let vertices = &body.mesh.vertices;
     let projected: Vec<[f32; 3]> = vertices
         .iter()
