@@ -15,7 +15,7 @@
 pub use scand_core::{
     array, bag, calibrate, calibration, capture, dataset, description, evaluate, export, frame,
     gltf_file, image, level, make_model, mesh, notes, output, queue, range, reconstruct, recording,
-    report, statistics, storage, sync,
+    register, report, statistics, storage, sync,
 };
 
 #[cfg(feature = "live")]

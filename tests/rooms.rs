@@ -66,6 +66,17 @@ const ROOMS: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "register",
+        &[
+            "calibration",
+            "image",
+            "level",
+            "mesh",
+            "reconstruct",
+            "statistics",
+        ],
+    ),
+    (
         "report",
         &[
             "description",
@@ -145,6 +156,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "output",
             "reconstruct",
             "recording",
+            "register",
             "report",
             "storage",
         ],

@@ -16,6 +16,7 @@ pub mod demo;
 pub mod diff;
 pub mod evaluate;
 pub mod export;
+pub mod fuse;
 pub mod generate;
 pub mod info;
 pub mod live;
@@ -124,6 +125,7 @@ Usage: {usage}
 
 Reconstruct:
   replay      Reconstruct every capture of recordings
+  fuse        Make one model of several captures of an object
   demo        Reconstruct a simulated cup, to see what comes out
   simulate    Render a rig around an object of known shape into a recording
 
@@ -200,6 +202,7 @@ enum Command {
     Evaluate(evaluate::Args),
     Events(live::client::EventsArgs),
     Export(Box<export::Args>),
+    Fuse(Box<fuse::Args>),
     #[command(hide = true)]
     Generate(generate::Args),
     Info(info::Args),
@@ -249,6 +252,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::client::events(args),
         Some(Command::Export(args)) => export::run(*args),
+        Some(Command::Fuse(args)) => fuse::run(*args),
         Some(Command::Generate(args)) => generate::run(args),
         Some(Command::Info(args)) => info::run(args),
         #[cfg(feature = "live")]

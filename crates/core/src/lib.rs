@@ -35,6 +35,7 @@ pub mod queue;
 pub mod range;
 pub mod reconstruct;
 pub mod recording;
+pub mod register;
 pub mod report;
 pub mod statistics;
 pub mod storage;

@@ -22,6 +22,18 @@ pub enum Error {
         .0.display()
     )]
     OtherModel(PathBuf),
+    /// An object without captures.
+    #[error("no capture of the object can be used")]
+    NoCaptures,
+    /// A capture has the name that the object's folder would have.
+    #[error(
+        "{}: a capture of the recording has this name, so that the object's folder cannot: give another --out",
+        .0.display()
+    )]
+    NameTaken(PathBuf),
+    /// Captures that cannot be fused, with the reason of each.
+    #[error("no model was made, for fewer than two captures agree: {0}")]
+    NotOneObject(String),
     /// A model or a picture cannot be encoded.
     #[error(transparent)]
     Encoding(#[from] output::Error),

@@ -6,12 +6,17 @@ mod about;
 mod error;
 mod failure;
 mod mark;
+mod object;
 mod report_file;
 mod stages;
 
 pub use error::Error;
 pub use failure::{FailedJob, report_failure};
 pub use mark::{mark, mark_also};
+pub use object::{
+    FusedCapture, Fusion, Gathered, ObjectOutcome, ObjectRequest, Pose, Registering, Source,
+    Wanted, WorstStretch, gather, read_poses, subject_of,
+};
 pub use report_file::{Model, ReportFile};
 
 use crate::calibration::RigCalibration;
@@ -21,7 +26,7 @@ use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
 use crate::output;
 use crate::reconstruct::{self, Reconstruction, Scene};
-use crate::report::{self, Measurements, Origin, Verdict};
+use crate::report::{self, Measurements, Origin, Reason, Verdict};
 use crate::storage::StagedFolder;
 use stages::StageTimer;
 use std::path::{Path, PathBuf};
@@ -143,6 +148,7 @@ impl ModelMaker<'_> {
             about,
             notes,
             reconstruction,
+            captures: Vec::new(),
         };
         let path = session.recording().path();
         let origin = failure::origin(path, self.settings.reconstruction.method, &digest);
@@ -182,7 +188,7 @@ impl ModelMaker<'_> {
         timer: &StageTimer,
     ) -> Result<Verdict, Error> {
         let staged = StagedFolder::create(folder)?;
-        let (measured, verdict) = self.write_model(&staged, &made)?;
+        let (measured, verdict) = self.write_model(&staged, &made, Vec::new())?;
         timer.begin("files");
         let Made {
             scene,
@@ -190,6 +196,7 @@ impl ModelMaker<'_> {
             about,
             notes,
             reconstruction,
+            ..
         } = made;
         let finish = || -> Result<(), Error> {
             let report = report::Report::new(
@@ -210,11 +217,13 @@ impl ModelMaker<'_> {
         Ok(verdict)
     }
 
-    /// Measures and judges a model, and writes it and its picture, each on a core of its own.
+    /// Measures and judges a model, and writes it and its picture, each on a core of its own. `more` are reasons
+    /// besides those that its figures give.
     fn write_model(
         &self,
         staged: &StagedFolder,
         made: &Made,
+        more: Vec<Reason>,
     ) -> Result<(Measurements, Verdict), Error> {
         let (model, about) = (&made.reconstruction.model, &made.about);
         let judged = || -> Result<(Measurements, Verdict), Error> {
@@ -224,7 +233,14 @@ impl ModelMaker<'_> {
                 self.settings.reconstruction.method,
             );
             let verdict = report::judge(&measured, &made.facts, &self.settings.verdict);
-            let mut sheet = report::preview(&made.scene, &made.reconstruction, &verdict, about);
+            let verdict = verdict.with(more);
+            let (scene, reconstruction) = (&made.scene, &made.reconstruction);
+            let mut sheet = match &made.captures[..] {
+                [] => report::preview(scene, reconstruction, &verdict, about),
+                captures => {
+                    report::preview_object(scene, reconstruction, &verdict, about, captures)
+                }
+            };
             report::stamp(&mut sheet, &made.notes);
             staged.write(mark::PREVIEW, &output::encode_png(&sheet)?)?;
             Ok((measured, verdict))
@@ -250,4 +266,6 @@ struct Made {
     about: Description,
     notes: CaptureNotes,
     reconstruction: Reconstruction,
+    /// The captures that it was fused of; none where it is one.
+    captures: Vec<report::CaptureViews>,
 }

@@ -11,11 +11,16 @@ pub mod region;
 pub mod restore;
 mod scene;
 pub mod silhouette;
+mod standing;
 pub mod surface;
 pub mod texture;
 pub mod uncertainty;
 
 pub use model::{Model, Provenance, Texture};
-pub use pipeline::{DepthResult, Error, Method, Parameters, Reconstruction, reconstruct};
+pub use pipeline::{
+    DepthResult, Error, Method, Parameters, Reconstruction, reconstruct, reconstruct_from,
+    silhouettes,
+};
 pub use progress::{Progress, Silent, Stage};
 pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};
+pub use standing::{OwnDepth, Standing};

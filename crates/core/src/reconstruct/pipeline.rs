@@ -9,7 +9,7 @@ use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::uncertainty::{self, FairedHull};
-use super::{Model, Progress, Scene, Stage};
+use super::{Model, Progress, Scene, Stage, Standing};
 use crate::image::Mask;
 use crate::mesh::{
     Component, Mesh, Simplified, SimplifyError, components, simplify, vertex_normals,
@@ -141,17 +141,30 @@ pub fn reconstruct(
     parameters: &Parameters,
     progress: &dyn Progress,
 ) -> Result<Reconstruction, Error> {
-    let begin = |stage| {
-        progress.stage(stage);
-        if progress.is_cancelled() {
-            Err(Error::Cancelled)
-        } else {
-            Ok(())
-        }
-    };
-    begin(Stage::Silhouettes)?;
+    begin(Stage::Silhouettes, progress)?;
     let silhouettes = silhouettes(scene, parameters)?;
+    reconstruct_from(
+        scene,
+        silhouettes,
+        &Standing::default(),
+        parameters,
+        progress,
+    )
+}
 
+/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `standing` says how
+/// the object stood in each.
+///
+/// # Errors
+/// What makes a model impossible, with the camera and the value that are to blame.
+pub fn reconstruct_from(
+    scene: &Scene,
+    silhouettes: Vec<Silhouette>,
+    standing: &Standing,
+    parameters: &Parameters,
+    progress: &dyn Progress,
+) -> Result<Reconstruction, Error> {
+    let begin = |stage| begin(stage, progress);
     begin(Stage::Hull)?;
     let cones = scene
         .colors
@@ -159,7 +172,7 @@ pub fn reconstruct(
         .zip(&silhouettes)
         .map(|(v, s)| Cone::new(&v.camera, &s.level))
         .collect();
-    let hull = Hull::new(cones, scene.volume, parameters.hull.least_views);
+    let hull = Hull::new(cones, scene.volume, parameters.hull.least_views).within(&standing.tables);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
@@ -179,7 +192,9 @@ pub fn reconstruct(
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let depths = depths(scene, &start.surface, parameters, &begin)?;
+    let mut depths = depths(scene, standing, &start.surface, parameters, &begin)?;
+    let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
+    standing.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
@@ -200,7 +215,8 @@ pub fn reconstruct(
 
     begin(Stage::Texture)?;
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
-    let texture = texture::paint(&restored.model, scene, &masks, &parameters.texture);
+    let (model, painting) = (&restored.model, &parameters.texture);
+    let texture = texture::paint_in_order(model, scene, &masks, &standing.ranks, painting);
     restored.model.texture = Some(texture);
     Ok(Reconstruction {
         model: restored.model,
@@ -215,6 +231,15 @@ pub fn reconstruct(
         fairing: faired.as_ref().map(|(faired, _)| faired.facts),
         hull: extracted.surface.mesh,
     })
+}
+
+fn begin(stage: Stage, progress: &dyn Progress) -> Result<(), Error> {
+    progress.stage(stage);
+    if progress.is_cancelled() {
+        Err(Error::Cancelled)
+    } else {
+        Ok(())
+    }
 }
 
 /// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be.
@@ -244,7 +269,11 @@ fn handles(mesh: &Mesh) -> Vec<i64> {
     handles
 }
 
-fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {
+/// The silhouettes of a capture's colour views, in their order.
+///
+/// # Errors
+/// If one cannot be found, with its camera.
+pub fn silhouettes(scene: &Scene, parameters: &Parameters) -> Result<Vec<Silhouette>, Error> {
     if scene.colors.len() < 2 {
         return Err(Error::TooFewCameras {
             found: scene.colors.len(),
@@ -286,6 +315,7 @@ fn misplaced_volume(
 /// Enhances each depth view and finds its regions.
 fn depths(
     scene: &Scene,
+    standing: &Standing,
     hull: &Surface,
     parameters: &Parameters,
     begin: &dyn Fn(Stage) -> Result<(), Error>,
@@ -303,12 +333,15 @@ fn depths(
         enhanced.push((front, object, depth));
     }
     begin(Stage::Region)?;
-    let (volume, parameters) = (&scene.volume, &parameters.region);
-    let find = |(view, (front, object, enhanced)): (_, (_, _, EnhancedDepth))| DepthResult {
-        regions: region::find(front, view, &enhanced, volume, &object, parameters),
-        enhanced,
+    let parameters = &parameters.region;
+    let find = |(i, (front, object, enhanced)): (usize, (_, _, EnhancedDepth))| {
+        let (view, volume) = standing.depth_in_its_rig(scene, i);
+        DepthResult {
+            regions: region::find(front, view, &enhanced, volume, &object, parameters),
+            enhanced,
+        }
     };
-    Ok(scene.depths.iter().zip(enhanced).map(find).collect())
+    Ok(enhanced.into_iter().enumerate().map(find).collect())
 }
 
 /// The model with fewer vertices, each of which it had before.

@@ -16,5 +16,5 @@ pub use measure::{
     ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, Moved,
     ProvenanceMeasures, RegionMeasures, measure,
 };
-pub use preview::{preview, stamp};
+pub use preview::{CaptureViews, preview, preview_object, stamp};
 pub use verdict::{Code, Limits, Parameters, Reason, Verdict, judge};

@@ -10,7 +10,7 @@ mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
-pub use solid::{FLOOR, Hull};
+pub use solid::{FLOOR, Hull, Plane};
 pub use viewing::Exit;
 
 use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};

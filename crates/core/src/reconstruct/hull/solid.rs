@@ -14,10 +14,27 @@ const WALLS: Constraint = Constraint::MAX - 6;
 /// The bit for the volume and for whether enough cameras see a point.
 const BOUNDS: Undecided = 1;
 
+/// A plane that bounds the object, as the table that it stood on in another capture: nothing is beyond it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plane {
+    /// A point of it.
+    pub point: Point3<f64>,
+    /// Unit normal, towards the object.
+    pub normal: Vector3<f64>,
+}
+
+impl Plane {
+    /// How far a point is from it, positive on the object's side.
+    fn distance(&self, p: Point3<f64>) -> f64 {
+        (p - self.point).dot(&self.normal)
+    }
+}
+
 /// The visual hull.
 pub struct Hull<'a> {
     cones: Vec<Cone<'a>>,
     volume: Volume,
+    planes: Vec<Plane>,
     least_views: usize,
     /// Turns metres beyond the volume's faces into the units of a silhouette.
     values_per_metre: f64,
@@ -32,9 +49,17 @@ impl<'a> Hull<'a> {
         Self {
             cones,
             volume,
+            planes: Vec::new(),
             least_views,
             values_per_metre,
         }
+    }
+
+    /// Bounded by planes as well.
+    #[must_use]
+    pub fn within(mut self, planes: &[Plane]) -> Self {
+        self.planes = planes.to_vec();
+        self
     }
 
     /// The box that bounds it.
@@ -104,14 +129,22 @@ impl<'a> Hull<'a> {
             .filter(move |(i, _)| undecided & Self::bit(*i) != 0)
     }
 
-    /// Distance to the nearest face of the volume, positive within, and the face.
+    /// Distance to the nearest face of the volume, or to a plane, positive within, and its number: planes come after
+    /// the six faces.
     fn nearest_face(&self, p: Point3<f64>) -> (f64, usize) {
         let (below, above) = (p - self.volume.min, self.volume.max - p);
         let distances = [below.x, above.x, below.y, above.y, below.z, above.z];
         let face = (0..6)
             .min_by(|&a, &b| distances[a].total_cmp(&distances[b]))
             .unwrap_or(0);
-        (distances[face], face)
+        let mut nearest = (distances[face], face);
+        for (number, plane) in self.planes.iter().enumerate() {
+            let distance = plane.distance(p);
+            if distance < nearest.0 {
+                nearest = (distance, 6 + number);
+            }
+        }
+        nearest
     }
 
     /// The value of the volume's bounds alone, and the face.
@@ -162,11 +195,22 @@ impl Solid for Hull<'_> {
         if undecided & BOUNDS != 0 {
             let reach = |p: Point3<f64>, q: Point3<f64>| (p - q).min();
             let beyond = reach(center, self.volume.min).min(reach(self.volume.max, center));
-            if beyond < -half {
+            // A cube reaches farther towards a slanted plane than towards a face.
+            let planes = self.planes.iter().map(|plane| {
+                let reach = half * plane.normal.abs().sum();
+                plane.distance(center) + half - reach
+            });
+            let surely = planes.fold(beyond, f64::min);
+            let planes = self.planes.iter().map(|plane| {
+                let reach = half * plane.normal.abs().sum();
+                plane.distance(center) + reach - half
+            });
+            let possibly = planes.fold(beyond, f64::min);
+            if possibly < -half {
                 return Side::Outside;
             }
             // Cameras that were decided before were not asked, so the count may be too low.
-            if beyond <= half || seen < self.least_views && !self.all_is_seen(center, half) {
+            if surely <= half || seen < self.least_views && !self.all_is_seen(center, half) {
                 left |= BOUNDS;
             }
         }
@@ -210,6 +254,9 @@ impl Solid for Hull<'_> {
             && let Some(normal) = self.cones[i].normal(p)
         {
             return (normal.cast(), i as Constraint);
+        }
+        if let Some(plane) = face.checked_sub(6).and_then(|i| self.planes.get(i)) {
+            return (-plane.normal.cast(), FLOOR);
         }
         let mut normal = Vector3::zeros();
         normal[face / 2] = if face % 2 == 0 { -1.0 } else { 1.0 };

@@ -113,6 +113,16 @@ fn fill_row(surface: &Surface, triangle: usize, row: &mut [f32]) {
         let kind = if view.is_depth { DEPTH_COLOR } else { 1.0 };
         *score = resolution * resolution * cosine * cosine * trust * kind;
     }
+    let ranks = row
+        .iter()
+        .zip(&surface.views)
+        .filter(|(score, _)| **score > 0.0);
+    let first = ranks.map(|(_, view)| view.rank).min().unwrap_or(0);
+    for (score, view) in row.iter_mut().zip(&surface.views) {
+        if view.rank > first {
+            *score = 0.0;
+        }
+    }
     let best = row.iter().copied().fold(0.0, f32::max);
     if best > 0.0 {
         row.iter_mut().for_each(|score| *score /= best);

@@ -101,7 +101,19 @@ pub fn paint(
     silhouettes: &[&Mask],
     parameters: &Parameters,
 ) -> Texture {
-    let surface = Surface::new(&model.mesh, scene, silhouettes, parameters);
+    paint_in_order(model, scene, silhouettes, &[], parameters)
+}
+
+/// As [`paint`], from views that have a rank, first the colour cameras', then the depth cameras': a view paints only
+/// what no view of a lower rank sees. Without ranks all are alike.
+pub fn paint_in_order(
+    model: &Model,
+    scene: &Scene,
+    silhouettes: &[&Mask],
+    ranks: &[u8],
+    parameters: &Parameters,
+) -> Texture {
+    let surface = Surface::new(&model.mesh, scene, silhouettes, ranks, parameters);
     let even = || {
         let gains = exposure::even_out(&surface);
         let samples = exposure::samples(&surface, &gains);
@@ -136,6 +148,7 @@ impl<'a> Surface<'a> {
         mesh: &'a Mesh,
         scene: &'a Scene,
         silhouettes: &[&'a Mask],
+        ranks: &[u8],
         parameters: &Parameters,
     ) -> Self {
         let connect = || {
@@ -145,7 +158,7 @@ impl<'a> Surface<'a> {
             (rings, across, normals)
         };
         let ((rings, across, normals), views) =
-            rayon::join(connect, || view::views(mesh, scene, silhouettes));
+            rayon::join(connect, || view::views(mesh, scene, silhouettes, ranks));
         let sights = visibility::sights(mesh, &normals, &views, parameters);
         Self {
             mesh,

@@ -18,6 +18,8 @@ pub(super) struct View<'a> {
     pub silhouette: Option<&'a Mask>,
     /// Whether it is a depth camera's colour: coarse, and used where no colour camera sees.
     pub is_depth: bool,
+    /// Views of a lower rank go before it.
+    pub rank: u8,
     /// The camera's centre in the rig's frame.
     pub center: Point3<f32>,
     /// Pixels a metre at one metre.
@@ -27,7 +29,13 @@ pub(super) struct View<'a> {
 }
 
 /// The views of a scene: colour cameras first, then depth cameras that have colour.
-pub(super) fn views<'a>(mesh: &Mesh, scene: &'a Scene, silhouettes: &[&'a Mask]) -> Vec<View<'a>> {
+pub(super) fn views<'a>(
+    mesh: &Mesh,
+    scene: &'a Scene,
+    silhouettes: &[&'a Mask],
+    ranks: &[u8],
+) -> Vec<View<'a>> {
+    let rank = |i: usize| ranks.get(i).copied().unwrap_or(0);
     let colors = scene.colors.iter().enumerate().map(|(i, view)| {
         let camera = &view.camera;
         let projected = mesh.vertices.par_iter();
@@ -38,6 +46,7 @@ pub(super) fn views<'a>(mesh: &Mesh, scene: &'a Scene, silhouettes: &[&'a Mask])
                 .copied()
                 .filter(|s| s.same_size(&view.image)),
             is_depth: false,
+            rank: rank(i),
             center: camera.center().cast(),
             focal_px: camera.intrinsics.focal_px.min() as f32,
             projected: projected.map(|&p| camera.project_for_raster(p)).collect(),
@@ -46,7 +55,8 @@ pub(super) fn views<'a>(mesh: &Mesh, scene: &'a Scene, silhouettes: &[&'a Mask])
     let depths = scene
         .depths
         .iter()
-        .filter_map(|view| depth_view(mesh, view));
+        .enumerate()
+        .filter_map(|(i, view)| depth_view(mesh, view, rank(scene.colors.len() + i)));
     colors.chain(depths).filter(|v| has_pixels(v)).collect()
 }
 
@@ -54,7 +64,7 @@ fn has_pixels(view: &View) -> bool {
     view.image.width() > 1 && view.image.height() > 1
 }
 
-fn depth_view<'a>(mesh: &Mesh, view: &'a DepthView) -> Option<View<'a>> {
+fn depth_view<'a>(mesh: &Mesh, view: &'a DepthView, rank: u8) -> Option<View<'a>> {
     let camera = &view.camera.camera;
     let vertices = mesh.vertices.par_iter();
     let projected: Vec<_> = vertices.map(|&p| project(&view.camera, p)).collect();
@@ -62,6 +72,7 @@ fn depth_view<'a>(mesh: &Mesh, view: &'a DepthView) -> Option<View<'a>> {
         image: mean_color(view, &projected)?,
         silhouette: None,
         is_depth: true,
+        rank,
         center: camera.center().cast(),
         focal_px: camera.intrinsics.focal_px.min() as f32,
         projected,

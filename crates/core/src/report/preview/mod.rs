@@ -4,9 +4,12 @@
 
 mod canvas;
 mod depth;
+mod object;
 mod outlines;
 mod views;
 mod window;
+
+pub use object::{CaptureViews, preview_object};
 
 use super::coarse::coarse;
 use super::verdict::Verdict;

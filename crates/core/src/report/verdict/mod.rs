@@ -86,6 +86,14 @@ pub enum Code {
     OpenedByDepth,
     /// Much of the model was seen by no colour camera.
     Unpainted,
+    /// What holds the pose of a capture, of several of one object.
+    PoseFound,
+    /// The evidence for the pose of a capture is not clear.
+    PoseDoubtful,
+    /// A turn of a capture cannot be known.
+    TurnUnknown,
+    /// A capture of the object is not part of the model.
+    CaptureLeftOut,
 }
 
 /// One reason of a verdict.
@@ -117,6 +125,14 @@ impl Verdict {
             level: reasons.first().map_or(Level::Green, |first| first.level),
             reasons,
         }
+    }
+
+    /// With more reasons.
+    #[must_use]
+    pub fn with(self, more: Vec<Reason>) -> Self {
+        let mut reasons = self.reasons;
+        reasons.extend(more);
+        Self::of(reasons)
     }
 }
 

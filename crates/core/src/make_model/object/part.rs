@@ -1,0 +1,272 @@
+//! The part of a report that tells how captures of one object were fused, and the reasons that come from it.
+
+use crate::frame::CaptureId;
+use crate::level::Level;
+use crate::register::{Colours, DepthWitness, HeldBy, Refusal, Registered, Registration, Rival};
+use crate::report::{Code, Reason};
+use serde::Serialize;
+
+/// How captures were fused.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fusion {
+    /// The object's number, or other name.
+    pub subject: String,
+    /// The capture whose rig is the model's frame.
+    pub frame_of: CaptureId,
+    /// A capture each, in the order of their triggers.
+    pub captures: Vec<FusedCapture>,
+    /// Captures that did not count, in words.
+    pub not_used: Vec<String>,
+    /// Share of the surface that no camera of any fused capture faced.
+    pub unseen_share: f64,
+    /// Where that lies, as the object stands in the last of them.
+    pub unseen_side: Option<&'static str>,
+}
+
+/// A capture in a fusion.
+#[derive(Clone, Debug, Serialize)]
+pub struct FusedCapture {
+    /// The file name of its recording.
+    pub recording: String,
+    /// Its name.
+    pub id: CaptureId,
+    /// Whether it is part of the model.
+    pub is_fused: bool,
+    /// What holds its pose; `null` where it has none.
+    pub held_by: Option<HeldBy>,
+    /// Why it has no pose.
+    pub refused: Option<Refusal>,
+    /// How clear the evidence is.
+    pub level: Level,
+    /// The same in words.
+    pub words: String,
+    /// Maps a point of the object into the capture's rig.
+    pub rig_from_object: Option<Pose>,
+    /// The capture that it was compared with.
+    pub compared_with: Option<CaptureId>,
+    /// Standard deviation of its turn.
+    pub sigma_deg: Option<f64>,
+    /// Standard deviation of its place.
+    pub sigma_mm: Option<f64>,
+    /// The axis, in the object's frame, about which the form leaves the turn open.
+    pub free_axis: Option<[f64; 3]>,
+    /// What its silhouettes say against each other.
+    pub own_noise_mm: f64,
+    /// What silhouettes say against its pose.
+    pub disagreement_mm: Option<f64>,
+    /// The most of that that is accepted.
+    pub accepted_mm: f64,
+    /// What all other captures together say against its silhouettes.
+    pub all_at_once_mm: Option<f64>,
+    /// The stretch of contour that misses most.
+    pub worst_stretch: Option<WorstStretch>,
+    /// What depth says.
+    pub depth: Option<DepthWitness>,
+    /// What colours say.
+    pub colours: Option<Colours>,
+    /// Other poses that the silhouettes bear.
+    pub rivals: Vec<Rival>,
+    /// What it was used for.
+    pub used_for: Vec<&'static str>,
+}
+
+/// A pose as a report has it.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Pose {
+    /// Quaternion x y z w.
+    pub rotation: [f64; 4],
+    /// In metres.
+    pub translation: [f64; 3],
+}
+
+/// A stretch of contour that misses.
+#[derive(Clone, Debug, Serialize)]
+pub struct WorstStretch {
+    /// Its capture.
+    pub capture: CaptureId,
+    /// Its camera.
+    pub camera: String,
+    /// Its length.
+    pub length_px: f64,
+    /// By how much it misses.
+    pub miss_px: f64,
+}
+
+/// What is known of a capture besides its pose.
+pub(super) struct Known {
+    pub(super) recording: String,
+    pub(super) id: CaptureId,
+    pub(super) cameras: Vec<String>,
+}
+
+impl Fusion {
+    /// Of a registration.
+    pub(super) fn new(
+        subject: &str,
+        known: &[Known],
+        found: &Registration,
+        not_used: Vec<String>,
+    ) -> Self {
+        let is_one = found.placed().len() > 1 || known.len() == 1;
+        let capture = |i: usize| fused_capture(i, known, &found.captures[i], is_one);
+        Self {
+            subject: subject.to_owned(),
+            frame_of: known[found.frame_of].id.clone(),
+            captures: (0..known.len()).map(capture).collect(),
+            not_used,
+            unseen_share: found.unseen.share,
+            unseen_side: (found.unseen.share > 0.01).then(|| side(found)),
+        }
+    }
+
+    /// The captures that are not part of the model, by name and with the reason.
+    pub fn left_out(&self) -> impl Iterator<Item = String> + '_ {
+        let is_left = |c: &&FusedCapture| !c.is_fused && c.held_by != Some(HeldBy::Frame);
+        let left = self.captures.iter().filter(is_left);
+        left.map(|c| format!("{}: {}", c.id, c.words))
+    }
+
+    /// What a person should know, as reasons of the verdict.
+    pub(super) fn reasons(&self) -> Vec<Reason> {
+        let reason = |c: &FusedCapture| {
+            let (level, code) = match (c.held_by, c.is_fused) {
+                (Some(HeldBy::Frame), _) => return None,
+                (_, false) => (Level::Amber, Code::CaptureLeftOut),
+                (Some(HeldBy::Nothing), _) => (Level::Amber, Code::TurnUnknown),
+                _ if c.level > Level::Green => (Level::Amber, Code::PoseDoubtful),
+                _ => (Level::Green, Code::PoseFound),
+            };
+            Some(Reason {
+                level,
+                code,
+                cameras: Vec::new(),
+                words: format!("capture {}: {}", c.id, c.words),
+            })
+        };
+        self.captures.iter().filter_map(reason).collect()
+    }
+}
+
+fn side(found: &Registration) -> &'static str {
+    let z = found.unseen.towards.z;
+    if z < -0.5 {
+        "underneath, as the object stands now: turn it upside-down"
+    } else if z > 0.5 {
+        "on top, as the object stands now"
+    } else {
+        "on a side, as the object stands now: lay it on its other side"
+    }
+}
+
+fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) -> FusedCapture {
+    let is_fused = found.is_placed() && is_one;
+    let held_by = found.verdict.ok();
+    let used_for = match held_by {
+        _ if !is_fused => vec![],
+        Some(HeldBy::Nothing) => vec!["form", "what others do not see"],
+        _ => vec!["form", "depth", "colour"],
+    };
+    let pose = |p: nalgebra::Isometry3<f64>| Pose {
+        rotation: p.rotation.coords.into(),
+        translation: p.translation.vector.into(),
+    };
+    let is_known = !matches!(held_by, None | Some(HeldBy::Nothing | HeldBy::Given));
+    FusedCapture {
+        recording: known[i].recording.clone(),
+        id: known[i].id.clone(),
+        is_fused,
+        held_by,
+        refused: found.verdict.err(),
+        level: found.level,
+        words: words(found, known),
+        rig_from_object: found
+            .rig_from_object
+            .filter(|_| found.is_placed())
+            .map(pose),
+        compared_with: found.against.map(|a| known[a].id.clone()),
+        sigma_deg: is_known.then_some(found.sigma_deg),
+        sigma_mm: is_known.then_some(found.sigma_mm),
+        free_axis: found.free_axis.map(|a| a.into_inner().into()),
+        own_noise_mm: found.own_noise_mm,
+        disagreement_mm: found.disagreement_mm,
+        accepted_mm: found.accepted_mm,
+        all_at_once_mm: found.all_at_once_mm,
+        worst_stretch: found.worst_stretch.as_ref().map(|(of, s)| WorstStretch {
+            capture: known[*of].id.clone(),
+            camera: known[*of].cameras[s.camera].clone(),
+            length_px: s.length_px,
+            miss_px: s.miss_px,
+        }),
+        depth: found.depth,
+        colours: found.colours,
+        rivals: found.rivals.clone(),
+        used_for,
+    }
+}
+
+/// What was found of a capture, and what a person can do about it.
+fn words(found: &Registered, known: &[Known]) -> String {
+    let to = found
+        .against
+        .map_or_else(|| "the others".to_owned(), |a| known[a].id.to_string());
+    let off = found.disagreement_mm.unwrap_or(0.0);
+    let most = found.accepted_mm;
+    let place = found
+        .worst_stretch
+        .as_ref()
+        .map_or_else(String::new, |(of, s)| {
+            let (id, camera) = (&known[*of].id, &known[*of].cameras[s.camera]);
+            format!(
+                " (worst in camera {camera} of {id}: {:.0} px of contour are off by {:.1} px)",
+                s.length_px, s.miss_px
+            )
+        });
+    match found.verdict {
+        Ok(HeldBy::Frame) => "the model has the frame of its rig".to_owned(),
+        Ok(HeldBy::Silhouettes) => format!(
+            "its pose is held by the silhouettes alone, to {:.2} degrees",
+            found.sigma_deg
+        ),
+        Ok(HeldBy::Colours) => {
+            let colours = found.colours.map_or((0.0, 0.0), |c| (c.best, c.next));
+            format!(
+                "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn",
+                colours.0, colours.1
+            )
+        }
+        Ok(HeldBy::Depth) => {
+            "its turn was found by depth alone, to about 2 degrees: look at the hollow for steps".to_owned()
+        }
+        Ok(HeldBy::Nothing) => {
+            "its turn about the axis cannot be known: neither form nor colours nor depth tell one turn from another. The \
+             form does not depend on it; each side has the colours and the depth of one capture"
+                .to_owned()
+        }
+        Ok(HeldBy::Given) => format!("its pose was given; silhouettes disagree with it by {off:.2} mm"),
+        Err(Refusal::ContradictsItself) => format!(
+            "its silhouettes contradict each other by {:.2} mm{place}: a prop, a lost piece of a silhouette, or something \
+             moved while the cameras took their pictures; take this capture again",
+            found.own_noise_mm
+        ),
+        Err(Refusal::NoHull) => "its silhouettes have no body in common; take this capture again".to_owned(),
+        Err(Refusal::NoPose) => format!(
+            "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
+             {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"
+        ),
+        Err(Refusal::Stretch) => format!(
+            "a part of its outline disagrees with {to}{place}: the object changed there, or something hid it"
+        ),
+        Err(Refusal::DepthContradicts) => format!(
+            "depth contradicts the pose in which its silhouettes agree with {to}: put a mark in view, or add a capture in a \
+             pose in between"
+        ),
+        Err(Refusal::Undecided) => format!(
+            "its silhouettes agree with {to} in several poses that differ in colours or hollows, and nothing decides \
+             between them: put a mark in view of both captures, or add a capture in a pose in between"
+        ),
+        Err(Refusal::AllAtOnce) => format!(
+            "it agrees with one capture, but not with all others together ({:.2} mm): take this capture again",
+            found.all_at_once_mm.unwrap_or(0.0)
+        ),
+    }
+}

@@ -1,0 +1,139 @@
+//! How an object stood in the captures that a scene is fused of. A scene of one capture has none of it.
+
+use super::depth::EnhancedDepth;
+use super::hull::Plane;
+use super::region::Regions;
+use super::{DepthView, Scene};
+use crate::calibration::Volume;
+use nalgebra::{Isometry3, Point2, Point3};
+
+/// Share of a region's pixels that another camera's better one must see too, to take its place.
+const COMMON: f64 = 0.3;
+/// Metres within which two cameras' readings are of one place.
+const SAME_PLACE: f64 = 0.012;
+
+/// How the object stood in the captures that a scene is fused of.
+#[derive(Clone, Debug, Default)]
+pub struct Standing {
+    /// The tables of all captures but the one whose frame the scene has, in that frame.
+    pub tables: Vec<Plane>,
+    /// The depth views in the frames of their own captures' rigs, in the order of the scene's; empty where that is the
+    /// scene's frame.
+    pub depths: Vec<OwnDepth>,
+    /// For each colour view, then each depth view, its rank in painting; empty where all are alike.
+    pub ranks: Vec<u8>,
+}
+
+/// A depth view in its own rig's frame.
+#[derive(Clone, Debug)]
+pub struct OwnDepth {
+    /// The view.
+    pub view: DepthView,
+    /// The box that bounds the object in that rig.
+    pub volume: Volume,
+    /// Maps a point of that rig into the scene.
+    pub scene_from_rig: Isometry3<f64>,
+    /// The number of its capture.
+    pub capture: usize,
+    /// Of two that see one hollow, the one of the lower rank carves it, and of one rank the one that sees more of it.
+    pub rank: u8,
+}
+
+impl Standing {
+    /// A depth view with its table, both in the frame of its own rig.
+    pub(super) fn depth_in_its_rig<'a>(
+        &'a self,
+        scene: &'a Scene,
+        index: usize,
+    ) -> (&'a DepthView, &'a Volume) {
+        match self.depths.get(index) {
+            Some(own) => (&own.view, &own.volume),
+            None => (&scene.depths[index], &scene.volume),
+        }
+    }
+
+    /// Where depth cameras of several captures see one hollow, leaves it to the one that sees most of it: the nearest
+    /// of several readings would be too near, for noise.
+    pub(super) fn leave_each_region_to_one(&self, depths: &mut [(&EnhancedDepth, &mut Regions)]) {
+        if self.depths.len() < 2 || self.depths.len() != depths.len() {
+            return;
+        }
+        let seen: Vec<Region> = (0..depths.len())
+            .flat_map(|view| self.regions(view, depths[view].0, &*depths[view].1))
+            .collect();
+        let mut order: Vec<usize> = (0..seen.len()).collect();
+        order.sort_by_key(|&i| (seen[i].rank, std::cmp::Reverse(seen[i].size), i));
+        let mut kept: Vec<&Region> = Vec::new();
+        for &i in &order {
+            let region = &seen[i];
+            let is_taken = kept
+                .iter()
+                .any(|k| k.capture != region.capture && region.common(k) > COMMON);
+            if is_taken {
+                let regions = &mut *depths[region.view].1;
+                let labels = &mut regions.labels;
+                let all = labels.pixels_mut().iter_mut();
+                all.filter(|l| **l == region.label).for_each(|l| *l = 0);
+                regions.count -= 1;
+            } else {
+                kept.push(region);
+            }
+        }
+    }
+
+    fn regions(&self, view: usize, enhanced: &EnhancedDepth, regions: &Regions) -> Vec<Region> {
+        const STEP: usize = 3;
+        let own = &self.depths[view];
+        let depth = &enhanced.depth;
+        let mut found: Vec<Region> = (1..=regions.count)
+            .map(|label| Region {
+                view,
+                capture: own.capture,
+                rank: own.rank,
+                label: label as u16,
+                size: 0,
+                points: Vec::new(),
+            })
+            .collect();
+        for y in 0..depth.height() {
+            for x in 0..depth.width() {
+                let label = usize::from(regions.labels[(x, y)]);
+                let Some(region) = label.checked_sub(1).and_then(|i| found.get_mut(i)) else {
+                    continue;
+                };
+                region.size += 1;
+                if x % STEP == 0 && y % STEP == 0 {
+                    let pixel = Point2::new(x as f64, y as f64);
+                    let metres = f64::from(depth[(x, y)]) - regions.bias.metres;
+                    let point = own.view.camera.point(pixel, metres);
+                    region.points.extend(point.map(|p| own.scene_from_rig * p));
+                }
+            }
+        }
+        found
+    }
+}
+
+/// A concave region that one depth view sees.
+struct Region {
+    view: usize,
+    capture: usize,
+    rank: u8,
+    label: u16,
+    size: usize,
+    points: Vec<Point3<f64>>,
+}
+
+impl Region {
+    /// The share of its points that lie near points of another.
+    fn common(&self, other: &Self) -> f64 {
+        let near = |p: &&Point3<f64>| {
+            let squared = SAME_PLACE * SAME_PLACE;
+            other
+                .points
+                .iter()
+                .any(|q| (q - **p).norm_squared() < squared)
+        };
+        self.points.iter().filter(near).count() as f64 / self.points.len().max(1) as f64
+    }
+}

@@ -1,0 +1,225 @@
+//! Two captures: whether they are of one object, how it was turned between them, and what says so.
+
+use super::align::{Aligned, Rays, align};
+use super::body::Body;
+use super::depth::Depths;
+use super::hold::Hold;
+use super::motion::displacement;
+use super::noise::{self, Disagreement};
+use super::search;
+use super::skin::Skin;
+use super::touch::Target;
+use super::{Colours, DepthWitness, HeldBy, Refusal, Rival, limits};
+use nalgebra::{Isometry3, UnitVector3};
+use rayon::prelude::*;
+
+/// A capture prepared for comparisons.
+pub(super) struct Prepared {
+    pub(super) body: Body,
+    pub(super) skin: Skin,
+    pub(super) depths: Depths,
+    /// What its silhouettes say against each other.
+    pub(super) own: Disagreement,
+}
+
+/// What was found of two captures.
+#[derive(Clone, Debug)]
+pub(super) struct Decision {
+    /// Maps a point of the first's rig into the second's; the best there is, also where it is refused.
+    pub(super) pose: Isometry3<f64>,
+    /// What holds it, or why it is refused.
+    pub(super) verdict: Result<HeldBy, Refusal>,
+    /// By how much contours disagree at it: all rays of both, in metres.
+    pub(super) disagreement: f64,
+    /// The worse of the two captures' own noise.
+    pub(super) noise: f64,
+    /// Worst stretch among both captures' contours; whether it is the second's.
+    pub(super) stretch: Option<(noise::Stretch, bool)>,
+    /// The axis in the second's rig about which a turn is free.
+    pub(super) free_axis: Option<UnitVector3<f64>>,
+    /// Other poses that the silhouettes bear, and how far they move the surface.
+    pub(super) rivals: Vec<Rival>,
+    pub(super) colours: Option<Colours>,
+    pub(super) depth: Option<DepthWitness>,
+    /// Standard deviations: degrees, and metres of the surface.
+    pub(super) uncertainty: (f64, f64),
+}
+
+/// Two captures that are compared.
+pub(super) struct Two<'a> {
+    pub(super) a: &'a Prepared,
+    pub(super) b: &'a Prepared,
+    /// The worse own noise, and what of it is accepted at a pose.
+    noise: f64,
+    accept: f64,
+    /// The most that still counts as no objection.
+    pub(super) object: f64,
+}
+
+/// Candidates of the search that are refined.
+const MOST_REFINED: usize = 24;
+/// Candidates that cost more than this many times the best are left out.
+const COSTLIER: f64 = 2.5;
+
+/// Decides about two captures. `given` is a pose that is known, and only checked.
+pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) -> Decision {
+    let noise = a.own.rms.max(b.own.rms);
+    let pixel = a.body.pixel.max(b.body.pixel);
+    let two = Two {
+        a,
+        b,
+        noise,
+        accept: limits::accepted(noise, pixel),
+        object: limits::objection(noise, pixel),
+    };
+    match given {
+        Some(pose) => two.checked(pose),
+        None => two.found(),
+    }
+}
+
+impl Two<'_> {
+    fn checked(&self, pose: Isometry3<f64>) -> Decision {
+        let still = Rays {
+            rounds: 0,
+            ..Rays::MANY
+        };
+        let aligned = align(&self.a.body, &self.b.body, pose, still, None);
+        let mut decision = self.state(&aligned, Ok(HeldBy::Given));
+        decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
+        decision.depth = self.depth_at(&aligned.pose);
+        if decision.verdict.is_ok() && self.is_contradicted(&decision) {
+            decision.verdict = Err(Refusal::DepthContradicts);
+        }
+        decision
+    }
+
+    fn found(&self) -> Decision {
+        let (a, b) = (&self.a.body, &self.b.body);
+        let refined = self.refined();
+        let Some(best) = refined.first() else {
+            let nowhere = align(a, b, Isometry3::identity(), Rays::FEW, None);
+            return self.state(&nowhere, Err(Refusal::NoPose));
+        };
+        let best = align(a, b, best.pose, Rays::MANY, None);
+        let stated = self.state(&best, Ok(HeldBy::Silhouettes));
+        if stated.verdict.is_err() {
+            return stated;
+        }
+        let hold = Hold::of(a, b, &best, self.object);
+        let apart = limits::APART * a.radius;
+        let bearable = refined
+            .iter()
+            .skip(1)
+            .filter(|r| r.disagreement < self.object);
+        let rivals: Vec<&Aligned> = bearable
+            .filter(|r| displacement(&r.pose, &best.pose, &a.surface) > apart)
+            .collect();
+        if !hold.is_free() && rivals.is_empty() {
+            return self.unique(stated);
+        }
+        self.by_witnesses(stated, &best, &hold, &rivals)
+    }
+
+    /// The survivors of the search on the silhouettes, each once, the best first.
+    fn refined(&self) -> Vec<Aligned> {
+        let (a, b) = (&self.a.body, &self.b.body);
+        let found = search::candidates(a, b);
+        let first = found.first().map_or(0.0, |c| c.cost);
+        let limit = (COSTLIER * first).max(first + 0.02 * a.radius);
+        let near = found.iter().filter(|c| c.cost <= limit).take(MOST_REFINED);
+        let near: Vec<_> = near.collect();
+        let mut refined: Vec<Aligned> = near
+            .par_iter()
+            .map(|c| align(a, b, c.pose, Rays::FEW, None))
+            .collect();
+        refined.sort_by(|x, y| x.disagreement.total_cmp(&y.disagreement));
+        let mut kept: Vec<Aligned> = Vec::new();
+        for aligned in refined {
+            let same = |k: &Aligned| {
+                displacement(&k.pose, &aligned.pose, &a.surface) < limits::SAME * a.radius
+            };
+            if !kept.iter().any(same) {
+                kept.push(aligned);
+            }
+        }
+        kept
+    }
+
+    /// A pose that the silhouettes alone hold.
+    fn unique(&self, mut decision: Decision) -> Decision {
+        decision.colours = Some(self.colours_at(&decision.pose, 0.0));
+        decision.depth = self.depth_at(&decision.pose);
+        if self.is_contradicted(&decision) {
+            decision.verdict = Err(Refusal::DepthContradicts);
+        }
+        decision
+    }
+
+    pub(super) fn rival(&self, rival: &Aligned, best: &Aligned) -> Rival {
+        Rival {
+            turned_deg: (best.pose.inverse() * rival.pose)
+                .rotation
+                .angle()
+                .to_degrees(),
+            moved_mm: 1e3 * displacement(&rival.pose, &best.pose, &self.a.body.surface),
+            disagreement_mm: 1e3 * rival.disagreement,
+        }
+    }
+
+    /// What is known of a pose, refused where the silhouettes do not bear it.
+    pub(super) fn state(&self, aligned: &Aligned, verdict: Result<HeldBy, Refusal>) -> Decision {
+        let (a, b) = (&self.a.body, &self.b.body);
+        let target = |body, body_from_ray| {
+            [Target {
+                body,
+                body_from_ray,
+                is_self: false,
+            }]
+        };
+        let of_a = noise::of_rays(a, &target(b, aligned.pose));
+        let of_b = noise::of_rays(b, &target(a, aligned.pose.inverse()));
+        let disagreement = (0.5 * (of_a.rms.powi(2) + of_b.rms.powi(2))).sqrt();
+        let stretches = [(of_a.stretch, false), (of_b.stretch, true)];
+        let stretch = stretches
+            .into_iter()
+            .filter_map(|(s, is_second)| Some((s?, is_second)))
+            .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
+        let own =
+            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
+        let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
+        let is_long = worst > limits::stretch(own[0].max(own[1]));
+        let verdict = match verdict {
+            Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
+            Ok(_) if is_long => Err(Refusal::Stretch),
+            verdict => verdict,
+        };
+        Decision {
+            uncertainty: self.uncertainty(aligned, disagreement),
+            pose: aligned.pose,
+            verdict,
+            disagreement,
+            noise: self.noise,
+            stretch,
+            free_axis: None,
+            rivals: Vec::new(),
+            colours: None,
+            depth: None,
+        }
+    }
+
+    /// Standard deviations of turn and place, from how firmly contours hold the pose: neighbouring points of a contour
+    /// err together, so that far fewer count than there are.
+    fn uncertainty(&self, aligned: &Aligned, disagreement: f64) -> (f64, f64) {
+        const INDEPENDENT: f64 = 100.0;
+        let scatter = disagreement.max(0.1 * self.a.body.pixel).powi(2) / INDEPENDENT;
+        let Some(inverse) = (aligned.firmness + nalgebra::Matrix6::identity() * 1e-9).try_inverse()
+        else {
+            return (180.0, self.a.body.radius);
+        };
+        let sum = |range: std::ops::Range<usize>| range.map(|i| inverse[(i, i)]).sum::<f64>();
+        let turn = (sum(3..6) * scatter).sqrt() / super::align::lever(&self.a.body, &self.b.body);
+        let place = (sum(0..3) * scatter).sqrt();
+        (turn.to_degrees().min(180.0), place)
+    }
+}

@@ -1,0 +1,147 @@
+//! What depth cameras say of a pose: a point that one capture measured cannot lie in front of what another measured
+//! behind it.
+
+use super::CaptureSilhouettes;
+use super::body::Body;
+use crate::calibration::DepthCamera;
+use crate::image::Grid;
+use crate::reconstruct::DepthView;
+use nalgebra::{Isometry3, Point2, Point3};
+
+/// Points of a capture that are compared, at most.
+const MOST_POINTS: usize = 6000;
+/// Fewer common points tell nothing.
+const LEAST_POINTS: usize = 200;
+/// Metres by which a point must lie in front of a reading to contradict it, besides what calibrations may be off by.
+const TOLERANCE: f64 = 0.006;
+/// Metres between neighbouring readings from which on they are an edge's.
+const EDGE: f64 = 0.01;
+/// Metres above the table from which on a reading is the object's.
+const ABOVE_TABLE: f64 = 0.005;
+
+/// A capture's depth images, each of one depth camera.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Depths(Vec<Depth>);
+
+#[derive(Clone, Debug)]
+struct Depth {
+    camera: DepthCamera,
+    /// The nearest reading around each pixel in metres; 0 is none.
+    nearest: Grid<f32>,
+    points: Vec<Point3<f64>>,
+    tolerance: f64,
+}
+
+/// What depth says of a pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Contradiction {
+    /// Share of the common points that contradict.
+    pub(super) share: f64,
+    /// Points that both captures measured.
+    pub(super) points: usize,
+}
+
+impl Depths {
+    /// Of a capture.
+    pub(super) fn new(capture: &CaptureSilhouettes, body: &Body) -> Self {
+        Self(
+            capture
+                .scene
+                .depths
+                .iter()
+                .map(|view| Depth::new(view, body))
+                .collect(),
+        )
+    }
+}
+
+impl Depth {
+    fn new(view: &DepthView, body: &Body) -> Self {
+        let mean = mean_depth(view);
+        let (width, height) = (mean.width(), mean.height());
+        let mean = &mean;
+        let around = |x: usize, y: usize| {
+            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+            let near = near.filter_map(move |(dx, dy)| mean.get(x as isize + dx, y as isize + dy));
+            near.copied().filter(|&d| d > 0.0)
+        };
+        let nearest = Grid::from_fn(width, height, |x, y| {
+            let least = around(x, y).fold(f32::INFINITY, f32::min);
+            if least.is_finite() { least } else { 0.0 }
+        });
+        let mut points = Vec::new();
+        for y in 0..height {
+            for x in 0..width {
+                let depth = mean[(x, y)];
+                let is_edge = around(x, y).any(|d| f64::from((d - depth).abs()) > EDGE);
+                if depth <= 0.0 || is_edge {
+                    continue;
+                }
+                let pixel = Point2::new(x as f64, y as f64);
+                let Some(p) = view.camera.point(pixel, depth.into()) else {
+                    continue;
+                };
+                let is_object = p.z > body.floor + ABOVE_TABLE && body.value(p, 0.0) > 0.0;
+                if is_object {
+                    points.push(p);
+                }
+            }
+        }
+        let step = points.len().div_ceil(MOST_POINTS).max(1);
+        Self {
+            nearest,
+            points: points.into_iter().step_by(step).collect(),
+            tolerance: TOLERANCE + view.camera.response.uncertainty,
+            camera: view.camera.clone(),
+        }
+    }
+}
+
+fn mean_depth(view: &DepthView) -> Grid<f32> {
+    let lens = &view.camera.camera.intrinsics;
+    Grid::from_fn_parallel(lens.width, lens.height, |x, y| {
+        let at = |readings: &Grid<u16>| readings.get(x as isize, y as isize).copied();
+        let readings = view.frames.iter().filter_map(|f| at(&f.readings));
+        let depths = readings.filter_map(|r| view.camera.response.depth(r));
+        let (sum, count) = depths.fold((0.0, 0), |(s, n), d| (s + d, n + 1));
+        if 2 * count > view.frames.len() {
+            (sum / count as f64) as f32
+        } else {
+            0.0
+        }
+    })
+}
+
+/// What the depths of two captures say of a pose; `None` where they have too little in common.
+pub(super) fn contradiction(
+    a: &Depths,
+    b: &Depths,
+    pose: &Isometry3<f64>,
+) -> Option<Contradiction> {
+    let back = pose.inverse();
+    let (mut against, mut common) = (0, 0);
+    for (from, to, pose) in [(a, b, pose), (b, a, &back)] {
+        for (of, by) in from
+            .0
+            .iter()
+            .flat_map(|of| to.0.iter().map(move |by| (of, by)))
+        {
+            for p in &of.points {
+                let p = pose * p;
+                let Some((pixel, depth)) = by.camera.project(p) else {
+                    continue;
+                };
+                let at = (pixel.x.round() as isize, pixel.y.round() as isize);
+                let Some(&seen) = by.nearest.get(at.0, at.1).filter(|&&d| d > 0.0) else {
+                    continue;
+                };
+                common += 1;
+                against += usize::from(f64::from(seen) - depth > of.tolerance.max(by.tolerance));
+            }
+        }
+    }
+    (common >= LEAST_POINTS).then(|| Contradiction {
+        share: against as f64 / common as f64,
+        points: common,
+    })
+}

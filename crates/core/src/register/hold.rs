@@ -1,0 +1,189 @@
+//! Whether the silhouettes hold a pose: it is made to slip in its softest direction, and what they object to that is
+//! compared with their noise. A direction without an objection is a symmetry of the outside.
+
+use super::align::{Aligned, Rays, align, lever};
+use super::body::Body;
+use super::motion::{Twist, displacement, moved};
+use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
+use rayon::prelude::*;
+
+/// Degrees by which a pose is made to slip.
+const SLIPS_DEG: [f64; 3] = [5.0, 10.0, 30.0];
+/// Degrees of slip from which on without an objection a direction counts as free.
+pub(super) const FREE_DEG: f64 = 10.0;
+/// Poses along a free turn that are put back on the silhouettes.
+const ANCHORS: usize = 12;
+/// Directions that are made to slip, the softest first.
+const DIRECTIONS: usize = 2;
+
+/// What holds a pose in place.
+#[derive(Clone, Debug)]
+pub(super) struct Hold {
+    /// For each of the softest directions the most degrees of slip that the silhouettes do not object to.
+    pub(super) free_deg: [f64; DIRECTIONS],
+    /// The softest direction, with turns multiplied by the lever.
+    pub(super) softest: Twist,
+}
+
+impl Hold {
+    /// Makes a pose slip. Up to `limit` metres of disagreement are no objection.
+    pub(super) fn of(a: &Body, b: &Body, aligned: &Aligned, limit: f64) -> Self {
+        let directions = aligned.softest();
+        let mut free_deg = [0.0; DIRECTIONS];
+        for (free, (direction, _)) in free_deg.iter_mut().zip(&directions) {
+            for degrees in SLIPS_DEG {
+                let slipped = [1.0, -1.0].map(|sign| {
+                    let pose = slip(a, b, &aligned.pose, direction, sign * degrees.to_radians());
+                    align(a, b, pose, Rays::SOME, Some(direction)).disagreement
+                });
+                if slipped[0].max(slipped[1]) >= limit {
+                    break;
+                }
+                *free = degrees;
+            }
+        }
+        Self {
+            free_deg,
+            softest: directions[0].0,
+        }
+    }
+
+    /// Whether a turn is free, and nothing else is.
+    pub(super) fn is_free(&self) -> bool {
+        self.free_deg[0] >= FREE_DEG
+    }
+}
+
+/// A pose moved along a direction until it has turned by `radians`.
+fn slip(
+    a: &Body,
+    b: &Body,
+    pose: &Isometry3<f64>,
+    direction: &Twist,
+    radians: f64,
+) -> Isometry3<f64> {
+    moved(pose, b.center, &twist(a, b, direction, radians))
+}
+
+fn twist(a: &Body, b: &Body, direction: &Twist, radians: f64) -> Twist {
+    let lever = lever(a, b);
+    let turn = direction.fixed_rows::<3>(3).norm().max(0.3);
+    let mut twist = direction * (radians * lever / turn);
+    for i in 3..6 {
+        twist[i] /= lever;
+    }
+    twist
+}
+
+/// The axis of a direction, in the second body's rig.
+pub(super) fn axis(direction: &Twist) -> Option<UnitVector3<f64>> {
+    let turn: Vector3<f64> = direction.fixed_rows::<3>(3).into_owned();
+    UnitVector3::try_new(turn, 1e-3)
+}
+
+/// Poses all the way round a free turn.
+#[derive(Clone, Debug)]
+pub(super) struct Turns {
+    anchors: Vec<(Aligned, Twist)>,
+}
+
+impl Turns {
+    /// Turns a pose in steps, each put back on the silhouettes.
+    pub(super) fn of(a: &Body, b: &Body, aligned: &Aligned, direction: &Twist) -> Self {
+        let half = ANCHORS / 2;
+        let step = std::f64::consts::TAU / ANCHORS as f64;
+        let way = |(sign, count): (f64, usize)| {
+            let mut found: Vec<(Aligned, Twist)> = Vec::new();
+            let (mut pose, mut along) = (aligned.pose, *direction);
+            for _ in 0..count {
+                let turned = slip(a, b, &pose, &along, sign * step);
+                let next = align(a, b, turned, Rays::SOME, Some(&along));
+                let softest = next.softest()[0].0;
+                along = if softest.dot(&along) < 0.0 {
+                    -softest
+                } else {
+                    softest
+                };
+                pose = next.pose;
+                found.push((next, along));
+            }
+            found
+        };
+        let mut ways = [(1.0, half), (-1.0, half - 1)]
+            .par_iter()
+            .map(|&w| way(w))
+            .collect::<Vec<_>>();
+        let back = ways.pop().unwrap_or_default();
+        let mut anchors = vec![(aligned.clone(), *direction)];
+        anchors.extend(ways.pop().unwrap_or_default());
+        anchors.extend(back.into_iter().rev());
+        Self { anchors }
+    }
+
+    /// Poses about `degrees` apart, where the silhouettes do not object by more than `limit` metres.
+    pub(super) fn bearable(
+        &self,
+        a: &Body,
+        b: &Body,
+        degrees: f64,
+        limit: f64,
+    ) -> Vec<Isometry3<f64>> {
+        let each = 360.0 / ANCHORS as f64;
+        let count = (each / degrees).round().max(1.0) as usize;
+        let of_anchor = |(aligned, along): &(Aligned, Twist)| {
+            let at = |i: usize| ((i as f64 + 0.5) / count as f64 - 0.5) * each;
+            let (pose, along) = (aligned.pose, *along);
+            let turned = move |i: usize| slip(a, b, &pose, &along, at(i).to_radians());
+            (0..count).map(turned).collect::<Vec<_>>()
+        };
+        let anchors = self.anchors.iter();
+        let bearable = anchors.filter(|(aligned, _)| aligned.disagreement < limit);
+        bearable.flat_map(of_anchor).collect()
+    }
+
+    /// Whether a pose is one of these turns, to within `apart` metres.
+    pub(super) fn contain(
+        &self,
+        a: &Body,
+        b: &Body,
+        pose: &Isometry3<f64>,
+        apart: f64,
+        points: &[Point3<f64>],
+    ) -> bool {
+        let poses = self.bearable(a, b, 2.0, f64::INFINITY);
+        poses.iter().any(|p| displacement(p, pose, points) < apart)
+    }
+}
+
+/// The pose at which `rating` is highest within a few degrees of slip along a direction.
+pub(super) fn polished(
+    a: &Body,
+    b: &Body,
+    pose: &Isometry3<f64>,
+    direction: &Twist,
+    rating: &(dyn Fn(&Isometry3<f64>) -> f64 + Sync),
+) -> Isometry3<f64> {
+    const SPANS_DEG: [f64; 3] = [3.0, 0.75, 0.25];
+    const SIDE: i32 = 4;
+    let mut pose = *pose;
+    for span in SPANS_DEG {
+        let step = span.to_radians() / f64::from(SIDE);
+        let at = |i: i32| slip(a, b, &pose, direction, f64::from(i) * step);
+        let rated: Vec<f64> = (-SIDE..=SIDE)
+            .into_par_iter()
+            .map(|i| rating(&at(i)))
+            .collect();
+        let best = (0..rated.len()).max_by(|&i, &j| rated[i].total_cmp(&rated[j]).then(j.cmp(&i)));
+        let best = best.unwrap_or(SIDE as usize);
+        let mut place = best as f64 - f64::from(SIDE);
+        if best > 0 && best + 1 < rated.len() {
+            let (l, m, r) = (rated[best - 1], rated[best], rated[best + 1]);
+            let bend = l - 2.0 * m + r;
+            if bend < 0.0 {
+                place += 0.5 * (l - r) / bend;
+            }
+        }
+        pose = slip(a, b, &pose, direction, place * step);
+    }
+    pose
+}

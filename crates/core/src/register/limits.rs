@@ -1,0 +1,80 @@
+//! The limits by which poses are accepted or refused, all in one place. `design/fusion.md` has the measurements that
+//! they come from.
+
+/// Own noise beyond this many metres, or beyond [`OWN_PX`], is a contradiction.
+const OWN: f64 = 0.15e-3;
+/// Pixels of the same.
+const OWN_PX: f64 = 0.4;
+/// A pose is accepted up to this many times the own noise …
+const ACCEPTED: f64 = 1.5;
+/// … or this many pixels more than it, where it is tiny.
+const ACCEPTED_MORE_PX: f64 = 0.08;
+/// The lower half of the gap, in which a pose is green.
+const GREEN: f64 = 1.4;
+/// Silhouettes object to a pose from this many times the own noise on.
+const OBJECTION: f64 = 2.0;
+/// Pixels of the same, where the noise is tiny.
+const OBJECTION_MORE_PX: f64 = 0.12;
+/// All other captures together may say so many times the own noise against one: the more cones, the more of them err …
+const ALL_AT_ONCE: f64 = 2.5;
+/// … or so many pixels more than it.
+const ALL_AT_ONCE_MORE_PX: f64 = 0.2;
+/// A stretch of contour may miss by so many square pixels, length by depth, or by twice what it misses in its own
+/// capture.
+const STRETCH_PX2: f64 = 70.0;
+
+/// Poses that move the surface by more than this share of its radius differ.
+pub(super) const APART: f64 = 0.13;
+/// Poses that move it by less are one.
+pub(super) const SAME: f64 = 0.025;
+/// Free turns that are compared: those of a body of revolution upright and upside-down, and their like.
+pub(super) const MOST_TURNS: usize = 2;
+
+/// Colours decide from this correlation on …
+pub(super) const CORRELATION: f64 = 0.35;
+/// … if it is larger than any other pose's by this.
+pub(super) const CORRELATION_MARGIN: f64 = 0.12;
+/// Contrast of the logarithm of brightness below which a surface is plain.
+pub(super) const PLAIN: f64 = 0.06;
+
+/// Share of depth readings beyond which they contradict a pose.
+pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
+/// Poses that depth finds equally good may differ by this share of the radius and still count as one.
+pub(super) const DEPTH_SPREAD: f64 = 0.12;
+
+/// The most own noise that a capture may have, in metres.
+pub(super) fn own(pixel: f64) -> f64 {
+    OWN.max(OWN_PX * pixel)
+}
+
+/// The most disagreement of a pose that is accepted, in metres.
+pub(super) fn accepted(noise: f64, pixel: f64) -> f64 {
+    (ACCEPTED * noise)
+        .max(noise + ACCEPTED_MORE_PX * pixel)
+        .min(1.2 * own(pixel))
+}
+
+/// Whether a pose's disagreement lies in the lower half of what is accepted.
+pub(super) fn is_green(disagreement: f64, noise: f64, pixel: f64) -> bool {
+    disagreement <= (GREEN * noise).max(noise + 0.8 * ACCEPTED_MORE_PX * pixel)
+}
+
+/// The disagreement from which on silhouettes object, in metres.
+pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
+    (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
+}
+
+/// The largest weight of a stretch that is accepted, given the worst of the captures by themselves.
+pub(super) fn stretch(own: f64) -> f64 {
+    STRETCH_PX2.max(2.0 * own)
+}
+
+/// The most contradicting share that is borne where the least of any turn is known.
+pub(super) fn depth(least: f64) -> f64 {
+    2.0 * least + 0.01
+}
+
+/// The most that all other captures may say against one, in metres.
+pub(super) fn all_at_once(noise: f64, pixel: f64) -> f64 {
+    (ALL_AT_ONCE * noise).max(noise + ALL_AT_ONCE_MORE_PX * pixel)
+}

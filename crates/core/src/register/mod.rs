@@ -1,0 +1,187 @@
+//! Finds how several captures of one rigid object lie against each other, or says why that cannot be known. Three kinds
+//! of evidence: silhouettes, colours and depth; no pose is stated that they do not hold, or choose, or show not to
+//! matter. Pure: no I/O, no clock, no chance.
+//!
+//! - `contour`, `outline`: a silhouette's contour, and the distance to it without the lens;
+//! - `body`: a capture's outlines, viewing rays and hull;
+//! - `search`: all rotations, on the hulls' fields; `align`: the survivors, by rays that must `touch`;
+//! - `hold`: in which direction the silhouettes do not object;
+//! - `skin` and `depth`: the witnesses; `noise`: what a capture says against itself;
+//! - `decide`: two captures, by `witnesses` where silhouettes leave a choice; `group`: all of them;
+//! - `unseen`: what no camera faced.
+
+mod align;
+mod body;
+mod contour;
+mod decide;
+mod depth;
+mod group;
+mod hold;
+mod limits;
+mod motion;
+mod noise;
+mod outline;
+mod search;
+mod skin;
+mod touch;
+mod unseen;
+mod witnesses;
+
+pub use group::register;
+pub use noise::{Disagreement, Stretch};
+pub use unseen::Unseen;
+
+use crate::level::Level;
+use crate::reconstruct::silhouette::Silhouette;
+use crate::reconstruct::{Scene, hull};
+use nalgebra::{Isometry3, UnitVector3};
+
+/// A capture, with the silhouettes of its colour cameras in their order.
+#[derive(Clone, Copy)]
+pub struct CaptureSilhouettes<'a> {
+    /// The capture.
+    pub scene: &'a Scene,
+    /// Its silhouettes.
+    pub silhouettes: &'a [Silhouette],
+}
+
+/// Why a capture cannot be compared with others.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// It has no hull.
+    #[error(transparent)]
+    Hull(#[from] hull::Error),
+}
+
+/// What holds a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeldBy {
+    /// It is the one whose frame the object has.
+    Frame,
+    /// The silhouettes alone.
+    Silhouettes,
+    /// Colours, among poses that the silhouettes bear.
+    Colours,
+    /// Depth, among poses that the silhouettes bear.
+    Depth,
+    /// Nothing: a turn cannot be known, and the form does not depend on it.
+    Nothing,
+    /// Somebody who gave it.
+    Given,
+}
+
+/// Why a capture has no pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Refusal {
+    /// Its silhouettes contradict each other.
+    ContradictsItself,
+    /// It has no hull.
+    NoHull,
+    /// With every pose the silhouettes contradict those of the others.
+    NoPose,
+    /// A stretch of a contour contradicts the others.
+    Stretch,
+    /// Depth contradicts the pose that silhouettes or colours chose.
+    DepthContradicts,
+    /// Several poses differ in more than the silhouettes show, and nothing decides.
+    Undecided,
+    /// It agrees with another capture, but not with all.
+    AllAtOnce,
+}
+
+/// Another pose that the silhouettes bear.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Rival {
+    /// How far it is turned against the best one.
+    pub turned_deg: f64,
+    /// How far it moves the surface, root of the mean square.
+    pub moved_mm: f64,
+    /// What the silhouettes say against it.
+    pub disagreement_mm: f64,
+}
+
+/// What colours say.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Colours {
+    /// Correlation of the contrasts over the common surface at the pose.
+    pub best: f64,
+    /// The highest at another pose that the silhouettes bear; 0 where there is none.
+    pub next: f64,
+    /// Standard deviation of the logarithm of brightness against its surroundings, of the plainer capture.
+    pub contrast: f64,
+}
+
+/// What depth says.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct DepthWitness {
+    /// Share of the common readings that contradict the pose.
+    pub contradicting: f64,
+    /// The least share at any pose that the silhouettes bear.
+    pub least: f64,
+}
+
+/// What was found of a capture.
+#[derive(Clone, Debug)]
+pub struct Registered {
+    /// What holds its pose, or why it has none.
+    pub verdict: Result<HeldBy, Refusal>,
+    /// Green where the evidence is clear, else amber; red where there is no pose.
+    pub level: Level,
+    /// Maps a point of the object into the capture's rig. Where the pose is refused, the best there is, or `None`.
+    pub rig_from_object: Option<Isometry3<f64>>,
+    /// The number of the capture that it was compared with.
+    pub against: Option<usize>,
+    /// Standard deviation of its turn.
+    pub sigma_deg: f64,
+    /// Standard deviation of its place.
+    pub sigma_mm: f64,
+    /// The axis in the object's frame about which its turn is not known from form.
+    pub free_axis: Option<UnitVector3<f64>>,
+    /// What its silhouettes say against each other, in millimetres.
+    pub own_noise_mm: f64,
+    /// What silhouettes say against the pose, in millimetres.
+    pub disagreement_mm: Option<f64>,
+    /// Beyond this many millimetres the pose is refused.
+    pub accepted_mm: f64,
+    /// The worst stretch of contour, and the number of its capture.
+    pub worst_stretch: Option<(usize, Stretch)>,
+    /// What depth says.
+    pub depth: Option<DepthWitness>,
+    /// What colours say.
+    pub colours: Option<Colours>,
+    /// Other poses that the silhouettes bear.
+    pub rivals: Vec<Rival>,
+    /// What all other captures together say against its silhouettes, in millimetres.
+    pub all_at_once_mm: Option<f64>,
+}
+
+/// How captures of one object lie against each other.
+#[derive(Clone, Debug)]
+pub struct Registration {
+    /// The number of the capture whose rig is the object's frame.
+    pub frame_of: usize,
+    /// A capture each, in their order.
+    pub captures: Vec<Registered>,
+    /// What no camera of the captures with a pose faced.
+    pub unseen: Unseen,
+}
+
+impl Registered {
+    /// Whether the capture has a pose.
+    pub fn is_placed(&self) -> bool {
+        self.verdict.is_ok()
+    }
+}
+
+impl Registration {
+    /// The numbers of the captures with a pose.
+    pub fn placed(&self) -> Vec<usize> {
+        let numbers = 0..self.captures.len();
+        numbers.filter(|&i| self.captures[i].is_placed()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,229 @@
+//! `scand fuse`: one model of several captures of one object, or the reason why there is none.
+
+use super::wrong_usage;
+use crate::capture::CaptureSession;
+use crate::config::Config;
+use crate::frame::CaptureId;
+use crate::make_model::{
+    ModelMaker, ObjectOutcome, ObjectRequest, Settings, Source, Wanted, gather, read_poses,
+    subject_of,
+};
+use crate::recording::finished_name;
+use crate::storage;
+use crate::words::count;
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Make one model of several captures of one object, which was turned between them
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "The model lies in DIR/RECORDING/SUBJECT.object/, where RECORDING is the one with the earliest capture. \
+Its report says what holds each capture's pose.
+
+Exit codes: 0, all captures are fused; 3, a model was made, and captures were left out; 1, there is no model.
+
+Examples:
+  scand fuse pot.mcap --subject 17
+  scand fuse monday.mcap tuesday.mcap --subject 17 --upright pot-003
+  scand fuse pot.mcap --capture pot-000 --capture pot-001"
+)]
+pub struct Args {
+    /// Recordings with captures of the object
+    #[arg(required = true, value_name = "FILE")]
+    recordings: Vec<PathBuf>,
+    /// Take the captures of this subject, except those that a person rejected
+    #[arg(long, value_name = "SUBJECT", conflicts_with = "capture")]
+    subject: Option<String>,
+    /// Take this capture; give it twice or more
+    #[arg(long, value_name = "ID", required_unless_present = "subject")]
+    capture: Vec<String>,
+    /// Let the model have the frame of this capture's rig, instead of the earliest one's
+    #[arg(long, value_name = "ID")]
+    upright: Option<String>,
+    /// Read the captures' poses from this file (JSON with rig_from_object), instead of finding them
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
+    /// Write the model into DIR/RECORDING/SUBJECT.object/
+    #[arg(short, long, default_value = "out", value_name = "DIR")]
+    out: PathBuf,
+    /// Read this configuration (TOML); config/replay.toml shows every setting
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Set one value of the configuration; may be given several times
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Replace a model that was made from other inputs or settings
+    #[arg(short, long)]
+    force: bool,
+    /// Print a line of JSON instead of words
+    #[arg(long)]
+    json: bool,
+    /// Print only errors
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// Exit code of a fusion that leaves captures out.
+const EXIT_LEFT_OUT: u8 = super::EXIT_INCOMPLETE;
+
+/// Makes the model of one object.
+///
+/// # Errors
+/// If the arguments contradict each other, a recording cannot be read, or no capture is the object's.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let config = Config::load(args.config.as_deref(), &args.set)
+        .map_err(|e| super::BadConfiguration(e.into()))?;
+    let settings = Settings {
+        reconstruction: config.reconstruction(),
+        verdict: config.verdict.clone(),
+        glb: config.glb.clone(),
+        text: config.replay_toml()?,
+    };
+    let open = |path: &PathBuf| {
+        CaptureSession::open(path, &config.sync).with_context(|| path.display().to_string())
+    };
+    let mut paths = args.recordings.clone();
+    paths.sort();
+    paths.dedup();
+    let sessions: Vec<CaptureSession> = paths.iter().map(open).collect::<Result<_, _>>()?;
+    let wanted = match &args.subject {
+        Some(subject) if subject.is_empty() => {
+            return Err(wrong_usage(
+                "--subject is empty: expected the object's number",
+            ));
+        }
+        Some(subject) => Wanted::Subject(subject),
+        None => Wanted::Captures(&args.capture),
+    };
+    let found = gather(&sessions, wanted);
+    let ids: Vec<CaptureId> = found.captures.iter().map(|(_, id)| id.clone()).collect();
+    check(&args, &ids, &found.left_out)?;
+    let given = args
+        .poses
+        .as_deref()
+        .map(|path| poses(path, ids.len()))
+        .transpose()?;
+    let sources: Vec<Source> = found
+        .captures
+        .iter()
+        .map(|(number, id)| Source {
+            session: &sessions[*number],
+            id,
+        })
+        .collect();
+    let first = sources[0].session.recording().path();
+    let folder = args.out.join(stem(first)?);
+    storage::check_writable(&folder).context("nothing was made: give another folder with --out")?;
+    let maker = ModelMaker {
+        settings: &settings,
+        calibration: None,
+        force: args.force,
+        folder,
+        on_stage: &|_, stage| {
+            if !args.quiet && !args.json {
+                eprintln!("{stage}");
+            }
+        },
+    };
+    let request = ObjectRequest {
+        subject: args.subject.as_deref().unwrap_or_else(|| subject_of(&ids)),
+        upright: args.upright.as_deref(),
+        given: given.as_deref(),
+        not_used: found.left_out.clone(),
+    };
+    let outcome = maker.make_object(&sources, &request);
+    Ok(told(&args, &request, &outcome))
+}
+
+/// Refuses captures that are not there.
+fn check(args: &Args, ids: &[CaptureId], left_out: &[String]) -> anyhow::Result<()> {
+    let is_there = |name: &&String| !ids.iter().any(|id| id.as_str() == name.as_str());
+    if let Some(missing) = args.capture.iter().chain(&args.upright).find(is_there) {
+        anyhow::bail!("there is no capture {missing:?} that can be used");
+    }
+    anyhow::ensure!(
+        !ids.is_empty(),
+        "no capture of subject {:?} can be used{}",
+        args.subject.as_deref().unwrap_or_default(),
+        left_out
+            .iter()
+            .map(|l| format!("; {l}"))
+            .collect::<String>()
+    );
+    Ok(())
+}
+
+/// Reads poses, one a capture.
+fn poses(path: &Path, captures: usize) -> anyhow::Result<Vec<nalgebra::Isometry3<f64>>> {
+    let name = || path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(name)?;
+    let poses = read_poses(&text)
+        .map_err(anyhow::Error::msg)
+        .with_context(name)?;
+    anyhow::ensure!(
+        poses.len() == captures,
+        "{}: rig_from_object has {} for {}",
+        name(),
+        count(poses.len(), "pose"),
+        count(captures, "capture")
+    );
+    Ok(poses)
+}
+
+/// The name of a recording without its ending.
+fn stem(path: &Path) -> anyhow::Result<String> {
+    let complete = finished_name(path).unwrap_or_else(|| path.to_owned());
+    let stem = complete
+        .file_stem()
+        .and_then(|s| s.to_str())
+        .map(str::to_owned);
+    stem.with_context(|| format!("{}: the recording's name is not UTF-8", path.display()))
+}
+
+/// Prints what became of the object; its exit code.
+fn told(args: &Args, request: &ObjectRequest, outcome: &ObjectOutcome) -> ExitCode {
+    let (model, left_out, fusion) = match outcome {
+        ObjectOutcome::Failed { reason, fusion } => {
+            if args.json {
+                outln!(
+                    "{}",
+                    serde_json::json!({"subject": request.subject, "result": "failed", "reason": reason, "fusion": fusion})
+                );
+            }
+            eprintln!("scand: {}: {reason}", request.subject);
+            return ExitCode::FAILURE;
+        }
+        ObjectOutcome::Made { model, fusion, .. } => {
+            (model, fusion.left_out().collect(), Some(fusion))
+        }
+        ObjectOutcome::Unchanged { model, left_out } => (model, left_out.clone(), None),
+    };
+    if args.json {
+        outln!(
+            "{}",
+            serde_json::json!({
+                "subject": request.subject, "result": "done", "verdict": model.verdict, "reasons": model.reasons,
+                "folder": model.folder, "left_out": left_out, "fusion": fusion,
+            })
+        );
+    } else if !args.quiet {
+        outln!("{}: {}", request.subject, model.verdict.name());
+        for reason in &model.reasons {
+            outln!("  {reason}");
+        }
+        if let Some(fusion) = fusion.filter(|f| f.unseen_share > 0.01) {
+            let side = fusion.unseen_side.unwrap_or("in places");
+            outln!(
+                "  {:.0} % of the surface was faced by no camera; it lies {side}",
+                100.0 * fusion.unseen_share
+            );
+        }
+        outln!("  {}", model.folder.display());
+    }
+    if left_out.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::from(EXIT_LEFT_OUT)
+    }
+}
