@@ -117,6 +117,8 @@ pub struct Reconstruction {
     pub dropped_hull_pieces: usize,
     /// Pieces that carving cut off, dropped.
     pub dropped_carved_pieces: usize,
+    /// Cubic metres that no camera objects to, but too few see past what they ignore; `None` where none ignores any.
+    pub unproved_volume: Option<f64>,
     /// Rays of colour cameras that carving had opened and that were closed again.
     pub closed_openings: usize,
 }
@@ -157,7 +159,7 @@ pub fn reconstruct(
         .colors
         .par_iter()
         .zip(&silhouettes)
-        .map(|(v, s)| Cone::new(&v.camera, &s.level))
+        .map(|(v, s)| Cone::knowing(&v.camera, &s.level, s.unknown.as_ref()))
         .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
@@ -200,6 +202,7 @@ pub fn reconstruct(
 
     begin(Stage::Texture)?;
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
+    let unproved_volume = hull.unproved_volume();
     let texture = texture::paint(&restored.model, scene, &masks, &parameters.texture);
     restored.model.texture = Some(texture);
     Ok(Reconstruction {
@@ -211,6 +214,7 @@ pub fn reconstruct(
         dropped_carved_pieces: restored
             .dropped_pieces
             .saturating_sub(extracted.dropped_pieces),
+        unproved_volume,
         closed_openings: restored.closed_openings,
         fairing: faired.as_ref().map(|(faired, _)| faired.facts),
         hull: extracted.surface.mesh,

@@ -86,6 +86,8 @@ pub enum Code {
     OpenedByDepth,
     /// Much of the model was seen by no colour camera.
     Unpainted,
+    /// What is ignored in the pictures leaves it open whether more belongs to the object.
+    Unproved,
 }
 
 /// One reason of a verdict.
