@@ -158,6 +158,7 @@ fn capture(seed: u64) -> FinishedCapture {
             source: "bench".into(),
             press_id: None,
             subject: None,
+            placement: None,
         },
         frames,
         record: CaptureRecord {

@@ -134,6 +134,7 @@ pub fn solid(bytes: &[u8]) {
             0 => u8::from(next() > 100) * 255,
             _ => next(),
         })),
+        ignored: (first & 2 != 0).then(|| Grid::from_fn(SIZE, SIZE, |_, _| next())),
     });
     let colors = colors.collect();
     let color = Arc::new(RgbImage::filled(SIZE, SIZE, [90, 120, 150]));

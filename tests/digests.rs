@@ -113,6 +113,7 @@ fn capture(number: usize, ms: u64, outcome: Outcome) -> FinishedCapture {
         source: "pedal".into(),
         press_id: Some(format!("p-{number}")),
         subject: (number == 1).then(|| "1884.3".into()),
+        placement: None,
     };
     let frame = |camera, stream, after, encoding, bytes| Frame {
         camera: id(camera),

@@ -57,6 +57,8 @@ class ColorView:
     rig_from_camera: np.ndarray | None
     #: (height, width) uint8, 128 and more is object; None if the recording has none.
     mask: np.ndarray | None
+    #: (height, width) uint8, 128 and more is unknown, because a prop is in front; None if the recording has none.
+    ignored: np.ndarray | None
     #: The view of the empty rig, as `picture`; None if the recording has none.
     background: np.ndarray | bytes | None
 
@@ -92,6 +94,8 @@ class Capture:
     time_ns: int
     #: The object's number, if it was given.
     subject: str | None
+    #: How the object lay, in a person's words, if they were given.
+    placement: str | None
     #: `complete`, `failed` or None where the recording does not say.
     outcome: str | None
     #: Colour cameras by their ids.
@@ -154,10 +158,12 @@ class Recording:
 
     def _capture(self, time, trigger, end):
         subject = trigger.get("subject")
+        placement = trigger.get("placement")
         capture = Capture(
             id=trigger["id"],
             time_ns=time,
             subject=None if subject is None else str(subject),
+            placement=None if placement is None else str(placement),
             outcome=end.get("outcome"),
             notes=self._notes(trigger["id"], time),
         )
@@ -181,6 +187,7 @@ class Recording:
 
     def _color(self, id, time, message, trigger):
         masks = [mask for at, mask in self._messages.get(f"/color/{id}/mask", []) if at == time]
+        ignored = [mask for at, mask in self._messages.get(f"/color/{id}/ignore", []) if at == time]
         background = self._newest(f"/color/{id}/background", trigger)
         return ColorView(
             picture=_pixels(message),
@@ -189,6 +196,7 @@ class Recording:
             lens=self._lens(f"/color/{id}/calibration", trigger),
             rig_from_camera=self._pose(id, trigger),
             mask=_pixels(masks[0]) if masks else None,
+            ignored=_pixels(ignored[-1]) if ignored else None,
             background=None if background is None else _pixels(background),
         )
 

@@ -134,7 +134,13 @@ struct CameraInfo {
     images: usize,
     backgrounds: usize,
     masks: usize,
+    #[serde(skip_serializing_if = "is_zero")]
+    ignore_masks: usize,
     calibration: Result<CalibrationInfo, String>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// A lens at a pose.
@@ -215,6 +221,7 @@ fn cameras(recording: &Recording, rig: &RigAt<'_>) -> Vec<CameraInfo> {
             images: count(Topic::Color(id.clone(), ColorPart::Image)),
             backgrounds: count(Topic::Color(id.clone(), ColorPart::Background)),
             masks: count(Topic::Color(id.clone(), ColorPart::Mask)),
+            ignore_masks: count(Topic::Color(id.clone(), ColorPart::Ignore)),
             calibration: match rig.color(id) {
                 Ok(camera) => Ok(calibration(&camera, None)),
                 Err(error) => Err(error.to_string()),
@@ -226,6 +233,7 @@ fn cameras(recording: &Recording, rig: &RigAt<'_>) -> Vec<CameraInfo> {
             images: count(Topic::Depth(id.clone(), DepthPart::Image)),
             backgrounds: 0,
             masks: 0,
+            ignore_masks: 0,
             calibration: match rig.depth(id) {
                 Ok(depth) => Ok(calibration(&depth.camera, Some(&depth.response))),
                 Err(error) => Err(error.to_string()),
@@ -402,6 +410,7 @@ fn capture_line(capture: &CaptureSummary) -> String {
         time,
         source,
         subject,
+        placement,
         notes,
         failure,
         skew_ns,
@@ -416,13 +425,16 @@ fn capture_line(capture: &CaptureSummary) -> String {
     let object = subject
         .as_ref()
         .map_or_else(String::new, |number| format!(" of object {number}"));
+    let placed = placement
+        .as_ref()
+        .map_or_else(String::new, |words| format!(", {words}"));
     let said: String = notes
         .lines()
         .iter()
         .map(|line| format!("; {line}"))
         .collect();
     format!(
-        "{id}{object} at {} by {source}: {} and {}, skew {skew_ms} ms, {outcome}{said}",
+        "{id}{object}{placed} at {} by {source}: {} and {}, skew {skew_ms} ms, {outcome}{said}",
         time.iso_8601(),
         count(*color_frames, "colour frame"),
         count(*depth_frames, "depth frame"),
@@ -437,6 +449,7 @@ impl CameraInfo {
             images,
             backgrounds,
             masks,
+            ignore_masks,
             ..
         } = self;
         let lens = match &self.calibration {
@@ -450,6 +463,10 @@ impl CameraInfo {
                 count(*backgrounds, "background"),
                 count(*masks, "mask")
             ),
+        };
+        let plates = match ignore_masks {
+            0 => plates,
+            some => format!("{plates}, {}", count(*some, "ignore mask")),
         };
         format!("{id} ({kind}, {}{plates}): {lens}", count(*images, "image"))
     }

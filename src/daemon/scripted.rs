@@ -326,7 +326,7 @@ impl Stand {
     fn begin_press_of(&self, name: String) -> Receiver<Reply> {
         let mut replies = self
             .capturing
-            .press("test".into(), Some(name), Some("17".into()));
+            .press("test".into(), Some(name), Some("17".into()), None);
         let (sender, progress) = unbounded();
         std::thread::spawn(move || {
             loop {

@@ -73,6 +73,7 @@ pub(super) fn trigger(press_id: Option<&str>, until: Until) -> Request {
         source: "test".into(),
         press_id: press_id.map(Into::into),
         subject: None,
+        placement: None,
         until,
     }
 }

@@ -77,7 +77,7 @@ fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
 fn named_press(stand: &Stand) -> Vec<Reply> {
     let mut pressed = stand
         .capturing
-        .press("test".into(), Some("p9".into()), None);
+        .press("test".into(), Some("p9".into()), None, None);
     let mut replies = Vec::new();
     while !replies
         .last()

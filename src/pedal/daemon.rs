@@ -76,6 +76,7 @@ impl Daemon {
             source: "pedal".into(),
             press_id: Some(press_id.into()),
             subject: None,
+            placement: None,
             until: Until::Durable,
         };
         let begin = self.clock.now();

@@ -31,6 +31,9 @@ pub enum Request {
         /// The object's number.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         subject: Option<String>,
+        /// How the object lies, in a person's words, for the report.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        placement: Option<String>,
         /// Which answer is the last one that is waited for.
         #[serde(default)]
         until: Until,

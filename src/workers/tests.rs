@@ -26,6 +26,7 @@ fn trigger(id: &str, ms: u64) -> Trigger {
         source: "pedal".into(),
         press_id: None,
         subject: None,
+        placement: None,
     }
 }
 

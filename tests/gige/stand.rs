@@ -63,6 +63,7 @@ pub fn recording(size: [u32; 2]) -> (tempfile::TempDir, Arc<Recording>) {
             source,
             press_id: None,
             subject: None,
+            placement: None,
         };
         writer.trigger(&trigger).unwrap();
         for (camera, (name, ..)) in CAMERAS.iter().enumerate() {

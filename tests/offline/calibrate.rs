@@ -45,6 +45,7 @@ fn record(pictures: &Path, cameras: &[&str], path: &Path) {
                 source: "test".into(),
                 press_id: None,
                 subject: None,
+                placement: None,
             })
             .unwrap();
         for (camera, file) in files {
@@ -355,6 +356,7 @@ fn what_cannot_be_calibrated_says_why() {
             source: "test".into(),
             press_id: None,
             subject: None,
+            placement: None,
         })
         .unwrap();
     let grey = Picture::Raw {

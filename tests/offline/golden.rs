@@ -81,6 +81,7 @@ fn trigger() -> Trigger {
         source: "pedal".into(),
         press_id: Some("p-17".into()),
         subject: Some("1884.3".into()),
+        placement: None,
     }
 }
 

@@ -203,6 +203,7 @@ impl Stand {
             source: "test".into(),
             press_id: None,
             subject: None,
+            placement: None,
             until: Until::Durable,
         };
         client.send(&trigger).unwrap();

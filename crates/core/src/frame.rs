@@ -267,6 +267,8 @@ pub struct Trigger {
     pub press_id: Option<String>,
     /// The object's number, where one was given.
     pub subject: Option<String>,
+    /// How the object lay, in a person's words, where they were given; for people alone.
+    pub placement: Option<String>,
 }
 
 #[cfg(test)]

@@ -66,6 +66,63 @@ impl Layer {
         })
     }
 
+    /// Lets what lies within a radius (metres) of the object's left outline, at half its height, look like the
+    /// backdrop.
+    pub(super) fn lose(&mut self, camera: &Camera, radius: f64) {
+        let (width, height) = (self.coverage.width(), self.coverage.height());
+        let covered = |y: usize| self.coverage.row(y).iter().position(|&part| part >= 0.5);
+        let rows: Vec<usize> = (0..height).filter(|&y| covered(y).is_some()).collect();
+        let Some(&y0) = rows.get(rows.len() / 2) else {
+            return;
+        };
+        let Some(x0) = covered(y0) else {
+            return;
+        };
+        let depth = f64::from(self.fragments[(x0, y0)].depth);
+        let depth = if depth.is_finite() {
+            depth
+        } else {
+            camera.center().coords.norm()
+        };
+        let radius_px = camera.intrinsics.focal_px.x * radius / depth;
+        for y in 0..height {
+            for x in 0..width {
+                let (dx, dy) = (x as f64 - x0 as f64, y as f64 - y0 as f64);
+                if dx.hypot(dy) < radius_px {
+                    self.coverage[(x, y)] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Sets what a prop covers, whose triangles begin at `first`, to 0; what it hides is not seen.
+    pub(super) fn without_prop(&mut self, first: usize) {
+        for (part, fragment) in self
+            .coverage
+            .pixels_mut()
+            .iter_mut()
+            .zip(self.fragments.pixels())
+        {
+            if fragment.is_covered() && fragment.triangle as usize >= first {
+                *part = 0.0;
+            }
+        }
+    }
+
+    /// The pixels that touch a triangle from `first` on that is in front, as 255, in a picture of the given size.
+    pub(super) fn in_front(&self, first: usize, width: usize, height: usize) -> Mask {
+        let shows = |f: &Fragment| f.is_covered() && f.triangle as usize >= first;
+        let [x0, y0] = self.origin;
+        Mask::from_fn(width, height, |x, y| {
+            let (x, y) = (x as isize - x0 as isize, y as isize - y0 as isize);
+            let mut around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            match around.any(|(x, y)| self.fragments.get(x, y).is_some_and(shows)) {
+                true => 255,
+                false => 0,
+            }
+        })
+    }
+
     /// The silhouette in a picture of the given size.
     pub(super) fn mask(&self, width: usize, height: usize) -> Mask {
         let mut mask = Mask::filled(width, height, 0);

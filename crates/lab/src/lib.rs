@@ -10,17 +10,24 @@
 
 mod board;
 mod burst;
+mod check;
 mod color;
 mod coverage;
 mod depth;
+mod faults;
+mod lay;
 mod light;
 mod material;
 mod noise;
 mod options;
+mod placed;
+mod pose;
 mod preset;
+mod prop;
 mod random;
 mod record;
 mod render;
+mod rest;
 mod rig;
 pub mod serve;
 mod session;
@@ -29,9 +36,11 @@ mod shape;
 pub use board::{
     BoardFaults, BoardOptions, BoardSession, Placement, PlacementFault, write_board_session,
 };
+pub use faults::{CaptureFault, Exchange, Other};
 pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Options, Response};
+pub use pose::Pose;
 pub use preset::Preset;
-pub use record::{ply, write};
+pub use record::{ply, poses_json, write};
 pub use rig::{ColorStation, DepthStation, Rig};
 pub use session::{Capture, Simulation};
 pub use shape::Shape;

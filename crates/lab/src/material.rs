@@ -2,14 +2,17 @@
 
 use super::Shape;
 use super::noise::field;
-use nalgebra::Point3;
+use nalgebra::{Isometry3, Point3, Vector3};
 
 /// The object's reflectance.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
     shape: Shape,
     seed: u64,
     is_textured: bool,
+    /// Where the shape is as it was made, and by how much what is on the table is larger.
+    shape_from_rig: Isometry3<f64>,
+    scale: Vector3<f64>,
 }
 
 impl Material {
@@ -18,11 +21,23 @@ impl Material {
             shape,
             seed,
             is_textured,
+            shape_from_rig: Isometry3::identity(),
+            scale: Vector3::repeat(1.0),
         }
     }
 
-    /// Linear reflectance (red, green, blue) at a point of the surface.
+    /// The same material on an object that lies elsewhere, and is larger along its own axes.
+    pub(super) fn at(self, shape_from_rig: Isometry3<f64>, scale: Vector3<f64>) -> Self {
+        Self {
+            shape_from_rig,
+            scale,
+            ..self
+        }
+    }
+
+    /// Linear reflectance (red, green, blue) at a point of the surface, in the rig's frame.
     pub(super) fn reflectance(&self, p: Point3<f64>) -> [f32; 3] {
+        let p = Point3::from((self.shape_from_rig * p).coords.component_div(&self.scale));
         let part = self.shape.part(p);
         let base = self.base(part);
         if !self.is_textured {

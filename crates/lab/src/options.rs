@@ -1,6 +1,6 @@
 //! Options of a simulated recording, as plain parameters; each module implements its own.
 
-use super::Shape;
+use super::{CaptureFault, Exchange, Pose, Shape};
 use serde::{Deserialize, Serialize};
 
 /// A simulated session: object, rig, sensors and faults.
@@ -28,6 +28,12 @@ pub struct Options {
     pub depth_distance: f64,
     /// Captures of the same object, at least 1. Default 1.
     pub captures: usize,
+    /// The object's pose in each capture; without any it stands upright in all of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub poses: Vec<Pose>,
+    /// The object's number, which every trigger names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subject: Option<String>,
     /// Whether the object has a pattern. Default false.
     pub textured: bool,
     /// Whether the session holds exact masks instead of backgrounds. Default false.
@@ -53,6 +59,8 @@ impl Default for Options {
             depth_slant_deg: 4.0,
             depth_distance: 0.8,
             captures: 1,
+            poses: Vec::new(),
+            subject: None,
             textured: false,
             masks: false,
             color: ColorSensor::default(),
@@ -266,6 +274,34 @@ pub struct Faults {
     /// The recording says that its calibration was judged doubtful, for this reason.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub doubtful_calibration: Option<String>,
+    /// A ball of this radius (millimetres) breaks out of the object's upper edge before a capture, for good.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub chip_mm: Vec<CaptureFault>,
+    /// A ball of this radius (millimetres) breaks out of the middle of the top, or of a hollow's floor.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pit_mm: Vec<CaptureFault>,
+    /// Captures that show something else.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub exchanged: Vec<Exchange>,
+    /// A prop of this width (millimetres), in the backdrop's cloth, stands beside the object in a capture.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub prop_mm: Vec<CaptureFault>,
+    /// Whether the recording says which pixels show a prop.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub props_ignored: bool,
+    /// The first colour camera does not tell this radius (millimetres) of the object's outline from the backdrop.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lost_piece_mm: Vec<CaptureFault>,
+    /// Standard deviation, in pixels, of the error of the colour cameras' calibrated principal points.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub calibration_px: f64,
+    /// Per cent by which the calibrated rig is larger than the rig is.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub calibration_scale_percent: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Faults {

@@ -1,6 +1,6 @@
 //! Writes a simulated session as a recording, and its truth as a PLY file.
 
-use super::{Capture, Error, Simulation};
+use super::{Error, Simulation};
 use scand_core::calibration::{CalibrationRecord, Level, Verdict};
 use scand_core::frame::Stream;
 use scand_core::mesh::Mesh;
@@ -30,7 +30,7 @@ pub fn write(simulation: &Simulation, path: &Path, compression: Compression) -> 
     }
     write_rig(simulation, &mut writer)?;
     for index in 0..simulation.options().captures {
-        write_capture(simulation, &simulation.capture(index)?, &mut writer)?;
+        write_capture(simulation, index, &mut writer)?;
     }
     Ok(writer.finish()?)
 }
@@ -52,11 +52,8 @@ fn write_rig(simulation: &Simulation, writer: &mut Writer) -> Result<(), Error> 
     Ok(())
 }
 
-fn write_capture(
-    simulation: &Simulation,
-    capture: &Capture,
-    writer: &mut Writer,
-) -> Result<(), Error> {
+fn write_capture(simulation: &Simulation, index: usize, writer: &mut Writer) -> Result<(), Error> {
+    let capture = simulation.capture(index)?;
     writer.trigger(&capture.trigger)?;
     for frame in &capture.frames {
         writer.frame(frame)?;
@@ -66,12 +63,39 @@ fn write_capture(
         for frame in colors {
             let stations = simulation.rig().colors.iter();
             for station in stations.filter(|s| s.actual.id == frame.camera) {
-                let mask = simulation.mask(station);
+                let mask = simulation.mask(index, station);
                 writer.mask(&frame.camera, &mask, frame.timestamp)?;
             }
         }
     }
+    let colors = capture.frames.iter().filter(|f| f.stream == Stream::Color);
+    for frame in colors {
+        let stations = simulation.rig().colors.iter();
+        for station in stations.filter(|s| s.actual.id == frame.camera) {
+            if let Some(ignored) = simulation.ignored(index, station) {
+                writer.ignore(&frame.camera, &ignored, frame.timestamp)?;
+            }
+        }
+    }
     Ok(writer.sync()?)
+}
+
+/// What was in front of the cameras, as JSON: the object, its poses and the seed, and for each capture
+/// `rig_from_object` as a matrix of 4 x 4 in metres. The object's frame is the rig's at the first capture, as in the
+/// truth.
+pub fn poses_json(simulation: &Simulation) -> serde_json::Value {
+    let options = simulation.options();
+    let poses = (0..options.captures).map(|index| {
+        let pose = simulation.rig_from_object(index).to_homogeneous();
+        let row = |i: usize| [0, 1, 2, 3].map(|j| pose[(i, j)]);
+        [0, 1, 2, 3].map(row)
+    });
+    serde_json::json!({
+        "object": options.shape,
+        "poses": options.poses,
+        "seed": options.seed,
+        "rig_from_object": poses.collect::<Vec<_>>(),
+    })
 }
 
 /// A mesh as binary PLY, positions in metres.

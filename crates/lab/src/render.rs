@@ -23,6 +23,10 @@ pub(super) struct Subject<'a> {
     pub mesh: &'a Mesh,
     pub light: &'a Light,
     pub material: Material,
+    /// Triangles from this one on are a prop's, in the backdrop's cloth.
+    pub object_triangles: usize,
+    /// Metres of the object that the camera does not tell from the backdrop.
+    pub lost: Option<f64>,
     /// How much of the object's shadow and of the backdrop's colour on it there is, 0 to 1.
     pub shadows: f32,
     pub spill: f32,
@@ -47,7 +51,10 @@ impl Rendered {
     pub(super) fn with_object(camera: &Camera, subject: &Subject<'_>, blur_px: f64) -> Self {
         let shadow = |x, y| 1.0 - subject.shadows * (1.0 - subject.light.on_table(x, y));
         let mut rendered = Self::backdrop(camera, shadow);
-        if let Some(layer) = Layer::new(camera, subject.mesh) {
+        if let Some(mut layer) = Layer::new(camera, subject.mesh) {
+            if let Some(radius) = subject.lost {
+                layer.lose(camera, radius);
+            }
             let colors = shade(camera, subject, &layer);
             let mut window = rendered.blended(&layer, &colors);
             blur(&mut window, blur_px);
@@ -223,7 +230,10 @@ fn shade_at(
     let view = (camera.center() - p).normalize().cast::<f32>();
     let facing = (normal.dot(&view) / normal.norm().max(1e-6)).abs();
     let sheen = 0.25 * (1.0 - facing).max(0.0).powi(4);
-    let reflectance = subject.material.reflectance(p);
+    let reflectance = match triangle < subject.object_triangles {
+        true => subject.material.reflectance(p),
+        false => BACKDROP,
+    };
     [0, 1, 2].map(|c| {
         let spill = subject.spill * BACKDROP[c];
         EXPOSURE * (reflectance[c] * (white + below * spill) + sheen * spill)

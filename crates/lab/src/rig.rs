@@ -64,6 +64,11 @@ impl Rig {
     /// # Errors
     /// If there are too many cameras, or a picture's size cannot be one.
     pub fn new(options: &Options, object: &Mesh) -> Result<Self, Error> {
+        Self::around(options, &Bounds::of(object))
+    }
+
+    /// Sets the cameras up around what lies in a box.
+    pub(super) fn around(options: &Options, bounds: &Bounds) -> Result<Self, Error> {
         for (what, count) in [
             ("cameras", options.cameras),
             ("depth cameras", options.depth_cameras),
@@ -72,9 +77,8 @@ impl Rig {
                 return Err(invalid(what, count, "at most 99"));
             }
         }
-        let bounds = Bounds::of(object);
-        let colors = (0..options.cameras).map(|k| color_station(options, &bounds, k));
-        let depths = (0..options.depth_cameras).map(|k| depth_station(options, &bounds, k));
+        let colors = (0..options.cameras).map(|k| color_station(options, bounds, k));
+        let depths = (0..options.depth_cameras).map(|k| depth_station(options, bounds, k));
         Ok(Self {
             colors: colors.collect::<Result<_, _>>()?,
             depths: depths.collect::<Result<_, _>>()?,
@@ -100,6 +104,14 @@ impl Bounds {
             (min.inf(&v), max.sup(&v))
         });
         Self { min, max }
+    }
+
+    /// The box of both.
+    pub(super) fn with(self, other: &Self) -> Self {
+        Self {
+            min: self.min.inf(&other.min),
+            max: self.max.sup(&other.max),
+        }
     }
 
     pub(super) fn center(&self) -> Point3<f64> {
@@ -145,8 +157,24 @@ fn color_station(options: &Options, bounds: &Bounds, k: usize) -> Result<ColorSt
     let actual = pose * UnitQuaternion::from_scaled_axis(axis);
     Ok(ColorStation {
         actual: Camera::new(id.clone(), lens, actual),
-        calibrated: Camera::new(id, lens, pose),
+        calibrated: calibrated(options, k, Camera::new(id, lens, pose)),
     })
+}
+
+/// A colour camera as a calibration with errors has it.
+fn calibrated(options: &Options, k: usize, mut camera: Camera) -> Camera {
+    let faults = &options.faults;
+    let mut random = Random::new(&[options.seed, 23, k as u64]);
+    let error_px = Vector2::from_fn(|_, _| random.normal()) * faults.calibration_px;
+    camera.intrinsics.center_px += error_px;
+    camera.rig_from_camera = larger(options, camera.rig_from_camera);
+    camera
+}
+
+/// A pose in a rig that is calibrated too large.
+fn larger(options: &Options, mut pose: Isometry3<f64>) -> Isometry3<f64> {
+    pose.translation.vector *= 1.0 + options.faults.calibration_scale_percent / 100.0;
+    pose
 }
 
 fn color_lens(options: &Options, random: &mut Random) -> Result<Intrinsics, Error> {
@@ -221,13 +249,17 @@ fn depth_station(options: &Options, bounds: &Bounds, k: usize) -> Result<DepthSt
         Response::Written => (NON_IDEAL, NON_IDEAL),
         Response::Hidden => (NON_IDEAL, ideal),
     };
-    let station = |response| DepthCamera {
-        camera: camera.clone(),
-        response,
-    };
+    let mut calibrated = camera.clone();
+    calibrated.rig_from_camera = larger(options, calibrated.rig_from_camera);
     Ok(DepthStation {
-        actual: station(actual),
-        calibrated: station(told),
+        actual: DepthCamera {
+            camera,
+            response: actual,
+        },
+        calibrated: DepthCamera {
+            camera: calibrated,
+            response: told,
+        },
     })
 }
 

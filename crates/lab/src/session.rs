@@ -1,15 +1,19 @@
 //! A session in front of the simulated rig: the frames that its cameras deliver, when, and with which faults.
 
 use super::burst::{Burst, DEPTH_PERIOD};
+use super::check::{check, check_counts, check_faults};
 use super::color::expose;
 use super::coverage::Layer;
 use super::depth::DepthScene;
-use super::light::Light;
-use super::material::Material;
+use super::faults::CaptureFault;
+use super::lay::moved;
 use super::options::{ColorSensor, Encoding, Faults};
+use super::placed::{self, Placed};
 use super::random::Random;
 use super::render::{Rendered, Subject};
-use super::{ColorStation, DepthStation, Error, Options, Rig, invalid, within_range};
+use super::rig::Bounds;
+use super::{ColorStation, DepthStation, Error, Options, Rig};
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 use scand_core::calibration::Camera;
 use scand_core::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
@@ -17,7 +21,7 @@ use scand_core::image::{Grid, Mask, RgbImage};
 use scand_core::mesh::Mesh;
 use scand_core::reconstruct::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};
 use std::collections::BTreeMap;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 /// When sessions begin, in UTC nanoseconds.
 pub(super) const BEGIN: u64 = 1_767_225_600_000_000_000;
@@ -32,7 +36,8 @@ pub struct Simulation {
     options: Options,
     truth: Mesh,
     rig: Rig,
-    light: OnceLock<Light>,
+    /// What stands on the table: in all captures, or in each.
+    placed: Vec<Placed>,
 }
 
 /// What the rig hands over for one trigger.
@@ -49,17 +54,24 @@ impl Simulation {
     ///
     /// # Errors
     /// If an option cannot be met.
-    pub fn new(options: Options) -> Result<Self, Error> {
+    pub fn new(mut options: Options) -> Result<Self, Error> {
+        if !options.poses.is_empty() {
+            options.captures = options.poses.len();
+        }
         check(&options)?;
         check_counts(&options)?;
-        let truth = options.shape.mesh(options.spacing_mm * 1e-3);
-        let rig = Rig::new(&options, &truth)?;
+        let object = placed::object(&options);
+        let placed = placed::placed(&options, &object)?;
+        let truth = moved_to(&object, placed.first());
+        let boxes = placed.iter().map(Placed::object_bounds);
+        let bounds = boxes.fold(Bounds::of(&truth), |all, one| all.with(&one));
+        let rig = Rig::around(&options, &bounds)?;
         check_faults(&options, &rig)?;
         Ok(Self {
             options,
             truth,
             rig,
-            light: OnceLock::new(),
+            placed,
         })
     }
 
@@ -68,7 +80,16 @@ impl Simulation {
         &self.options
     }
 
-    /// The object's true surface.
+    /// Where the object was at capture `index`: from its own frame, which is the rig's at the first capture.
+    pub fn rig_from_object(&self, index: usize) -> Isometry3<f64> {
+        let rig_from_shape = |index| self.placed(index).map(|p| p.rig_from_shape);
+        match (rig_from_shape(0), rig_from_shape(index)) {
+            (Some(first), Some(here)) if index > 0 => here * first.inverse(),
+            _ => Isometry3::identity(),
+        }
+    }
+
+    /// The object's true surface, in the rig's frame at the first capture.
     pub fn truth(&self) -> &Mesh {
         &self.truth
     }
@@ -78,25 +99,58 @@ impl Simulation {
         &self.rig
     }
 
-    /// The exact silhouettes, one a colour camera: 255 times the part of each pixel that the object covers.
+    /// The exact silhouettes of the first capture, one a colour camera: 255 times the part of each pixel that the
+    /// object covers.
     pub fn masks(&self) -> Vec<Mask> {
-        self.rig
-            .colors
-            .par_iter()
-            .map(|station| self.mask(station))
-            .collect()
+        self.masks_of(0)
     }
 
-    /// The exact silhouette that one camera sees.
-    pub fn mask(&self, station: &ColorStation) -> Mask {
-        let lens = &station.actual.intrinsics;
-        let layer = self
-            .object()
-            .and_then(|mesh| Layer::new(&station.actual, mesh));
+    fn masks_of(&self, index: usize) -> Vec<Mask> {
+        let stations = self.rig.colors.par_iter();
+        stations.map(|station| self.mask(index, station)).collect()
+    }
+
+    /// The exact silhouette that one camera sees in capture `index`.
+    pub fn mask(&self, index: usize, station: &ColorStation) -> Mask {
+        let camera = &station.actual;
+        let lens = &camera.intrinsics;
+        let layer = self.object(index).and_then(|placed| {
+            let mut layer = Layer::new(camera, &placed.mesh)?;
+            if let Some(radius) = self.lost(index, camera) {
+                layer.lose(camera, radius);
+            }
+            layer.without_prop(placed.object_triangles);
+            Some(layer)
+        });
         layer.map_or_else(
             || Mask::filled(lens.width, lens.height, 0),
             |layer| layer.mask(lens.width, lens.height),
         )
+    }
+
+    /// The pixels that show a prop to a colour camera in capture `index`, 255 each; `None` where the session says nothing
+    /// of props, or there is none.
+    pub fn ignored(&self, index: usize, station: &ColorStation) -> Option<Mask> {
+        let camera = &station.actual;
+        let placed = self
+            .object(index)
+            .filter(|_| self.options.faults.props_ignored)?;
+        if placed.object_triangles == placed.mesh.triangles.len() {
+            return None;
+        }
+        let lens = &camera.intrinsics;
+        let layer = Layer::new(camera, &placed.mesh);
+        Some(layer.map_or_else(
+            || Mask::filled(lens.width, lens.height, 0),
+            |layer| layer.in_front(placed.object_triangles, lens.width, lens.height),
+        ))
+    }
+
+    /// Metres of the object that a colour camera does not tell from the backdrop.
+    fn lost(&self, index: usize, camera: &Camera) -> Option<f64> {
+        let is_first = self.rig.colors.first()?.actual.id == camera.id;
+        let lost_mm = CaptureFault::of(&self.options.faults.lost_piece_mm, index)?;
+        is_first.then_some(lost_mm * 1e-3)
     }
 
     /// The exact depth of the object in metres along the optical axis at each pixel of depth camera
@@ -166,7 +220,8 @@ impl Simulation {
             time: trigger_time(index),
             source: "simulation".to_owned(),
             press_id: None,
-            subject: None,
+            subject: self.options.subject.clone(),
+            placement: self.options.poses.get(index).map(ToString::to_string),
         };
         let sensors = (&self.options.color, &depth_color(&self.options));
         let mut frames = self.color_frames(index, sensors.0);
@@ -192,7 +247,7 @@ impl Simulation {
         let frames = self.color_frames(index, &sensor);
         let mut silhouettes: BTreeMap<CameraId, SilhouetteSource> = BTreeMap::new();
         if self.options.masks {
-            let masks = self.rig.colors.iter().zip(self.masks());
+            let masks = self.rig.colors.iter().zip(self.masks_of(index));
             silhouettes
                 .extend(masks.map(|(s, mask)| (s.actual.id.clone(), SilhouetteSource::Mask(mask))));
         } else {
@@ -208,6 +263,7 @@ impl Simulation {
                 camera: station.calibrated.clone(),
                 image: rgb(&frame.picture),
                 silhouette: silhouettes.remove(&station.actual.id)?,
+                ignored: self.ignored(index, station),
             })
         };
         let colors = self.rig.colors.iter().filter_map(view).collect();
@@ -224,7 +280,7 @@ impl Simulation {
     }
 
     fn color_frames(&self, index: usize, sensor: &ColorSensor) -> Vec<Frame> {
-        self.bake();
+        self.bake(index);
         let stations = self.rig.colors.par_iter().enumerate();
         stations
             .filter(|(_, station)| !self.is_missing(&station.actual.id))
@@ -233,7 +289,7 @@ impl Simulation {
     }
 
     fn all_depth_frames(&self, index: usize, sensor: &ColorSensor) -> Vec<Frame> {
-        self.bake();
+        self.bake(index);
         let stations = self.rig.depths.iter().enumerate();
         stations
             .filter(|(_, station)| !self.is_missing(&station.actual.camera.id))
@@ -246,9 +302,15 @@ impl Simulation {
         missing.iter().any(|name| name == id.as_str())
     }
 
-    /// The object on the table, if it is there.
-    fn object(&self) -> Option<&Mesh> {
-        (!self.options.faults.empty_table).then_some(&self.truth)
+    /// What stands on the table in capture `index`, whether or not it is empty.
+    fn placed(&self, index: usize) -> Option<&Placed> {
+        self.placed.get(index).or_else(|| self.placed.first())
+    }
+
+    /// The object on the table in capture `index`, if it is there.
+    fn object(&self, index: usize) -> Option<&Placed> {
+        let is_there = !self.options.faults.empty_table;
+        self.placed(index).filter(|_| is_there)
     }
 
     fn color_frame(
@@ -278,27 +340,31 @@ impl Simulation {
             camera: camera.id.clone(),
             stream: Stream::Color,
             timestamp: Timestamp(trigger_time(index).0 + delay),
-            picture: expose(&self.rendered(camera, blur_px), sensor, gains, key),
+            picture: expose(&self.rendered(index, camera, blur_px), sensor, gains, key),
         }
     }
 
-    /// Bakes the light, once. Baking works in parallel and may meet itself on one thread, so nobody waits
-    /// for anybody: at worst two do the same work.
-    fn bake(&self) {
-        if let (None, Some(mesh)) = (self.light.get(), self.object()) {
-            let _ = self.light.set(Light::bake(mesh, self.rays()));
+    /// Bakes the light of capture `index`.
+    fn bake(&self, index: usize) {
+        if let Some(placed) = self.object(index) {
+            placed.bake(self.rays());
         }
     }
 
     /// Light on a camera's sensor; [`Self::bake`] comes first.
-    fn rendered(&self, camera: &Camera, blur_px: f64) -> Rendered {
-        let (Some(mesh), Some(light)) = (self.object(), self.light.get()) else {
+    fn rendered(&self, index: usize, camera: &Camera, blur_px: f64) -> Rendered {
+        let Some(placed) = self.object(index) else {
+            return Rendered::background(camera);
+        };
+        let Some(light) = placed.light() else {
             return Rendered::background(camera);
         };
         let subject = Subject {
-            mesh,
+            mesh: &placed.mesh,
             light,
-            material: Material::new(self.options.shape, self.options.seed, self.options.textured),
+            material: placed.material,
+            object_triangles: placed.object_triangles,
+            lost: self.lost(index, camera),
             shadows: self.options.color.shadows as f32,
             spill: self.options.color.spill as f32,
         };
@@ -324,8 +390,9 @@ impl Simulation {
         let start = trigger_time(index).0
             + (random.uniform() * DEPTH_PERIOD as f64) as u64
             + self.options.faults.late_ns(camera.id.as_str());
-        let scene = DepthScene::new(&self.options, station, self.object());
-        let rendered = self.rendered(camera, self.options.color.blur_px);
+        let object = self.object(index).map(|placed| &placed.mesh);
+        let scene = DepthScene::new(&self.options, station, object);
+        let rendered = self.rendered(index, camera, self.options.color.blur_px);
         Burst {
             options: &self.options,
             station,
@@ -341,82 +408,12 @@ impl Simulation {
     }
 }
 
-/// Refuses numbers that make no session.
-pub(super) fn check(options: &Options) -> Result<(), Error> {
-    let (color, depth) = (&options.color, &options.depth);
-    let within = [
-        ("spacing", options.spacing_mm, [0.1, 50.0], " mm"),
-        (
-            "depth slant",
-            options.depth_slant_deg,
-            [0.0, 50.0],
-            " degrees",
-        ),
-        ("depth distance", options.depth_distance, [0.4, 3.0], " m"),
-        ("JPEG quality", color.jpeg_quality.into(), [1.0, 100.0], ""),
-        (
-            "JPEG quality of the depth camera's colour",
-            depth.color_jpeg_quality.into(),
-            [0.0, 100.0],
-            " (0 is rgb8)",
-        ),
-        ("full well", color.full_well, [0.0, 1e9], " electrons"),
-        ("read noise", color.read_noise, [0.0, 1e6], " electrons"),
-        ("blur", color.blur_px, [0.0, 4.0], " px"),
-        ("exposure drift", color.exposure_drift, [0.0, 0.3], ""),
-        ("shadows", color.shadows, [0.0, 1.0], ""),
-        ("spill", color.spill, [0.0, 1.0], ""),
-        ("depth smear", depth.smear_px, [0.0, 9.0], " px"),
-        ("depth bias", depth.bias_mm, [-200.0, 200.0], " mm"),
-        (
-            "misregistration",
-            depth.misregistration_px,
-            [-50.0, 50.0],
-            " px",
-        ),
-    ];
-    for (what, found, range, unit) in within {
-        within_range(what, found, range, unit)?;
-    }
-    Ok(())
-}
-
-/// Refuses a session that no model can be made of.
-fn check_counts(options: &Options) -> Result<(), Error> {
-    if options.cameras < 2 {
-        return Err(invalid("cameras", options.cameras, "2 to 99"));
-    }
-    if options.captures == 0 {
-        return Err(invalid("captures", options.captures, "at least 1"));
-    }
-    Ok(())
-}
-
-/// Refuses faults of cameras that are not there, or that cannot have them.
-pub(super) fn check_faults(options: &Options, rig: &Rig) -> Result<(), Error> {
-    let colors = rig.colors.iter().map(|s| s.actual.id.as_str());
-    let depths = rig.depths.iter().map(|s| s.actual.camera.id.as_str());
-    let depths: Vec<&str> = depths.collect();
-    let known: Vec<&str> = colors.chain(depths.iter().copied()).collect();
-    let faults = &options.faults;
-    if let Some(name) = faults.cameras().find(|name| !known.contains(name)) {
-        let expected = "the id of a camera of the rig";
-        return Err(invalid("camera of a fault", name, expected));
-    }
-    let no_background = faults.no_background.iter().map(String::as_str);
-    let without = no_background.map(|camera| ("camera without a background", camera));
-    let of_colors = faults.of_colors().into_iter();
-    let named = of_colors.flat_map(|(what, list)| list.iter().map(move |f| (what, &*f.camera)));
-    match named
-        .chain(without)
-        .find(|(_, camera)| depths.contains(camera))
-    {
-        Some((what, camera)) => Err(invalid(
-            what,
-            format!("the depth camera {camera}"),
-            "a colour camera: a depth camera may be missing or late",
-        )),
-        None => Ok(()),
+/// The object where the first capture shows it.
+fn moved_to(object: &Mesh, first: Option<&Placed>) -> Mesh {
+    let pose = first.map_or_else(Isometry3::identity, |p| p.rig_from_shape);
+    match pose == Isometry3::identity() {
+        true => object.clone(),
+        false => moved(object, &pose),
     }
 }
 

@@ -33,6 +33,9 @@ pub struct TriggerArgs {
     /// The number of the object, recorded with the capture.
     #[arg(long, value_name = "NUMBER")]
     subject: Option<String>,
+    /// How the object lies, such as upside-down; a word for the report alone.
+    #[arg(long, value_name = "WORDS")]
+    placement: Option<String>,
     /// Your own id for this press: asking again with it never takes a second capture.
     #[arg(long, value_name = "ID")]
     press_id: Option<String>,
@@ -155,6 +158,7 @@ pub fn trigger(args: TriggerArgs) -> anyhow::Result<ExitCode> {
         source: "socket".into(),
         press_id: args.press_id,
         subject: args.subject,
+        placement: args.placement,
         until: args.until.into(),
     };
     Ok(code(&ask(&args.connection, &request, args.until.into())?))

@@ -1,6 +1,7 @@
 //! `scand simulate`: writes a recording of an object of known shape, or of a calibration board.
 
 mod board;
+mod poses;
 mod serve;
 
 use super::{refuse_to_replace, wrong_usage};
@@ -9,7 +10,8 @@ use crate::recording::Compression;
 use crate::storage::write_atomically;
 use anyhow::Context;
 use scand_lab::{
-    CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply, write,
+    CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply,
+    poses_json, write,
 };
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -54,6 +56,8 @@ pub struct Args {
     color: ColorArgs,
     #[command(flatten)]
     depth: DepthArgs,
+    #[command(flatten)]
+    poses: poses::PoseArgs,
     #[command(flatten)]
     faults: FaultArgs,
     #[command(flatten)]
@@ -217,6 +221,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let (options, boards) = options(args);
         return board::run(options, boards, &out, truth.as_deref(), compression);
     }
+    let poses_truth = args.poses.poses_truth.clone();
+    refuse_to_replace("--poses-truth", poses_truth.as_deref(), args.force)?;
     let simulation = Simulation::new(options(args).0).map_err(wrong_usage)?;
     write(&simulation, &out, compression).with_context(|| {
         format!(
@@ -234,6 +240,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         write_atomically(&truth, &ply(simulation.truth()))?;
         let triangles = simulation.truth().triangles.len();
         outln!("{}: {triangles} triangles", truth.display());
+    }
+    if let Some(path) = poses_truth {
+        write_atomically(&path, &serde_json::to_vec_pretty(&poses_json(&simulation))?)?;
+        let count = simulation.options().captures;
+        outln!("{}: {count} poses", path.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -259,6 +270,7 @@ fn options(args: Args) -> (Options, board::BoardArgs) {
     options.masks |= args.masks;
     take_color(&mut options, args.color);
     take_depth(&mut options, args.depth);
+    args.poses.take_into(&mut options);
     let faults = &mut options.faults;
     faults.turned_deg.extend(args.faults.turned);
     faults.cut_off.extend(args.faults.cut_off);

@@ -155,11 +155,13 @@ impl Capturing {
         source: String,
         press_id: Option<String>,
         subject: Option<String>,
+        placement: Option<String>,
     ) -> ReplyStream {
         let press = Press {
             source,
             press_id,
             subject,
+            placement,
         };
         let (replies, begins) = self.dispatcher.ask(press.clone());
         if let Some(guard) = begins

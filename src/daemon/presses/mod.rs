@@ -56,6 +56,8 @@ pub(super) struct Press {
     pub press_id: Option<String>,
     /// The object's number.
     pub subject: Option<String>,
+    /// How the object lies, in a person's words.
+    pub placement: Option<String>,
 }
 
 /// Names a press within this process; a later one has a higher number.

@@ -17,6 +17,7 @@ fn press(id: Option<&str>) -> Press {
         source: "test".into(),
         press_id: id.map(Into::into),
         subject: None,
+        placement: None,
     }
 }
 

@@ -82,6 +82,7 @@ impl Client<'_> {
                 source,
                 press_id,
                 subject,
+                placement,
                 until,
             } => {
                 let capturing = &self.shared.capturing;
@@ -89,7 +90,7 @@ impl Client<'_> {
                     let reason = "this daemon makes no models: press again with until = durable";
                     return self.refuse(reason.into()).await;
                 }
-                let replies = capturing.press(source, press_id, subject);
+                let replies = capturing.press(source, press_id, subject, placement);
                 self.follow(replies, until).await
             }
             Request::Status {} => {

@@ -70,6 +70,7 @@ fn write(path: &Path) {
         source: "test".into(),
         press_id: None,
         subject: None,
+        placement: None,
     };
     writer.trigger(&trigger).unwrap();
     let inside = |x: usize, y: usize| (x as f64 - 5.5).hypot(y as f64 - 5.5) < 3.5;

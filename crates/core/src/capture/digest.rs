@@ -80,6 +80,7 @@ fn pictures(scene: &Scene) -> Vec<Pixels<'_>> {
             SilhouetteSource::Mask(mask) => mask.pixels(),
             SilhouetteSource::Background(plate) => plate.pixels().as_flattened(),
         }));
+        pictures.extend(view.ignored.as_ref().map(|m| Pixels::Bytes(m.pixels())));
     }
     for frame in scene.depths.iter().flat_map(|view| &view.frames) {
         pictures.push(Pixels::Readings(frame.readings.pixels()));

@@ -16,6 +16,9 @@ pub struct CaptureFacts {
     pub source: String,
     /// The object's number.
     pub subject: Option<String>,
+    /// How the object lay, in a person's words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub placement: Option<String>,
     /// Spread of the colour cameras' timestamps in nanoseconds.
     pub skew_ns: u64,
     /// Its colour cameras, in the order of their ids.

@@ -28,6 +28,9 @@ pub struct CaptureSummary {
     pub source: String,
     /// The object's number.
     pub subject: Option<String>,
+    /// How the object lay, in a person's words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub placement: Option<String>,
     /// Why it failed, if it did.
     pub failure: Option<String>,
     /// Spread of the colour cameras' timestamps in nanoseconds.
@@ -61,6 +64,7 @@ impl Planned {
             time: capture.trigger.time,
             source: capture.trigger.source.clone(),
             subject: capture.trigger.subject.clone(),
+            placement: capture.trigger.placement.clone(),
             failure: failure.clone().or_else(|| self.without_frames()),
             skew_ns: capture.skew_ns(),
             color_frames: capture.colors.len(),
@@ -278,6 +282,7 @@ impl CaptureSession {
             time_ns: capture.trigger.time,
             source: capture.trigger.source.clone(),
             subject: capture.trigger.subject.clone(),
+            placement: capture.trigger.placement.clone(),
             skew_ns: capture.skew_ns(),
             colors: colors.iter().map(ColorPlan::facts).collect(),
             depths,

@@ -126,6 +126,7 @@ pub(super) struct ColorPlan {
     camera: Camera,
     image: usize,
     silhouette: usize,
+    ignored: Option<usize>,
     facts: ColorFacts,
 }
 
@@ -178,8 +179,13 @@ impl Plan<'_> {
                 });
             }
         };
+        let ignored = self
+            .recording
+            .messages_at(&topic(ColorPart::Ignore), frame.timestamp);
+        let ignored = ignored.last().copied();
         let delay = frame.timestamp.nanoseconds_since(self.trigger);
         Ok(ColorPlan {
+            ignored: ignored.map(|mask| want(ColorPart::Ignore, mask, Kind::Mask)),
             camera,
             image,
             silhouette,
@@ -250,6 +256,7 @@ impl ColorPlan {
                     SilhouetteSource::Background(batch.color(self.silhouette))
                 }
             },
+            ignored: self.ignored.map(|place| batch.take_mask(place)),
         }
     }
 }

@@ -150,6 +150,7 @@ fn trigger_of(recorded: Timestamp, record: &CaptureRecord) -> Option<Trigger> {
         source: "unknown".into(),
         press_id: None,
         subject: None,
+        placement: None,
     })
 }
 

@@ -175,6 +175,35 @@ fn a_mask_of_the_same_timestamp_is_used_as_it_is() {
 }
 
 #[test]
+fn what_is_ignored_comes_with_the_frame_of_its_timestamp_and_is_part_of_the_digest() {
+    let ignored = |value: u8| Grid::from_fn(8, 6, |x, _| if x < 3 { value } else { 0 });
+    let loaded = |value: Option<u8>| {
+        let place = write(|writer, rig| {
+            rig.write_to(writer);
+            rig.write_capture(writer, "cup", 100, 12);
+            if let Some(value) = value {
+                let (first, second) = (camera_id("c00"), camera_id("c01"));
+                writer.ignore(&first, &ignored(value), at(110)).unwrap();
+                writer.ignore(&second, &ignored(value), at(110)).unwrap();
+            }
+        });
+        place.load("cup").unwrap().0
+    };
+    let scene = loaded(Some(200));
+    assert_eq!(scene.colors[0].ignored, Some(ignored(200)));
+    assert!(matches!(
+        scene.colors[0].silhouette,
+        SilhouetteSource::Background(_)
+    ));
+    // That of c01 is a millisecond off its frame.
+    assert_eq!(scene.colors[1].ignored, None);
+    let plain = loaded(None);
+    assert_eq!(plain.colors[0].ignored, None);
+    let digests = [&scene, &loaded(Some(201)), &plain].map(input_digest);
+    assert!(digests[0] != digests[1] && digests[1] != digests[2] && digests[0] != digests[2]);
+}
+
+#[test]
 fn linear_pictures_are_encoded() {
     let settings = CameraSettings {
         transfer: Transfer::Linear,

@@ -189,6 +189,7 @@ mod tests {
         let view = ColorView {
             image: source.clone(),
             silhouette: SilhouetteSource::Mask(mask.clone()),
+            ignored: None,
             camera: camera.clone(),
         };
         let view = View::new(&view, Some(&mask));
@@ -234,6 +235,7 @@ mod tests {
         let view = ColorView {
             image: source,
             silhouette: SilhouetteSource::Mask(mask.clone()),
+            ignored: None,
             camera: camera.clone(),
         };
         let view = View::new(&view, Some(&mask));

@@ -117,6 +117,8 @@ pub struct Reconstruction {
     pub dropped_hull_pieces: usize,
     /// Pieces that carving cut off, dropped.
     pub dropped_carved_pieces: usize,
+    /// Cubic metres that no camera objects to, but too few see past what they ignore; `None` where none ignores any.
+    pub unproved_volume: Option<f64>,
     /// Rays of colour cameras that carving had opened and that were closed again.
     pub closed_openings: usize,
 }
@@ -170,7 +172,7 @@ pub fn reconstruct_from(
         .colors
         .par_iter()
         .zip(&silhouettes)
-        .map(|(v, s)| Cone::new(&v.camera, &s.level))
+        .map(|(v, s)| Cone::knowing(&v.camera, &s.level, s.unknown.as_ref()))
         .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views).within(&standing.tables);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
@@ -215,6 +217,7 @@ pub fn reconstruct_from(
 
     begin(Stage::Texture)?;
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
+    let unproved_volume = hull.unproved_volume();
     let (model, painting) = (&restored.model, &parameters.texture);
     let texture = texture::paint_in_order(model, scene, &masks, &standing.ranks, painting);
     restored.model.texture = Some(texture);
@@ -227,6 +230,7 @@ pub fn reconstruct_from(
         dropped_carved_pieces: restored
             .dropped_pieces
             .saturating_sub(extracted.dropped_pieces),
+        unproved_volume,
         closed_openings: restored.closed_openings,
         fairing: faired.as_ref().map(|(faired, _)| faired.facts),
         hull: extracted.surface.mesh,

@@ -24,6 +24,8 @@ pub struct ColorView {
     pub image: RgbImage,
     /// What distinguishes the object from the backdrop.
     pub silhouette: SilhouetteSource,
+    /// 128 and up where something that is no part of the object hides what is behind it: unknown.
+    pub ignored: Option<Mask>,
 }
 
 /// What a silhouette comes from.

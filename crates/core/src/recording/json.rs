@@ -137,6 +137,8 @@ struct TriggerMessage {
     press_id: Option<Label>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     subject: Option<Label>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    placement: Option<Label>,
 }
 
 /// A name that some write as a number.
@@ -235,6 +237,7 @@ pub(super) fn read_trigger(data: &[u8], time: Timestamp) -> Result<Trigger, Mess
         source: message.source,
         press_id: message.press_id.map(Label::text),
         subject: message.subject.map(Label::text),
+        placement: message.placement.map(Label::text),
     })
 }
 
@@ -244,6 +247,7 @@ pub(super) fn write_trigger(trigger: &Trigger) -> Vec<u8> {
         source: trigger.source.clone(),
         press_id: trigger.press_id.clone().map(Label::Text),
         subject: trigger.subject.clone().map(Label::Text),
+        placement: trigger.placement.clone().map(Label::Text),
     })
 }
 

@@ -69,6 +69,7 @@ fn triggers() -> [Trigger; 2] {
         source: "pedal".into(),
         press_id: word.map(Into::into),
         subject: word.map(Into::into),
+        placement: word.map(Into::into),
     };
     [with(None), with(Some("17"))]
 }

@@ -83,7 +83,8 @@ const TRIGGER: &str = r#"{
     "id": {"type": "string", "pattern": "^[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}$"},
     "source": {"type": "string"},
     "press_id": {"type": "string"},
-    "subject": {"type": "string"}
+    "subject": {"type": "string"},
+    "placement": {"type": "string"}
   },
   "required": ["id", "source"]
 }"#;

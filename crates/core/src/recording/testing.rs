@@ -111,6 +111,7 @@ pub(crate) fn trigger(id: &str, ms: u64) -> Trigger {
         source: "pedal".into(),
         press_id: Some("press-4".into()),
         subject: Some("17".into()),
+        placement: None,
     }
 }
 

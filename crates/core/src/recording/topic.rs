@@ -41,6 +41,8 @@ pub enum ColorPart {
     Background,
     /// Silhouettes of frames with the same timestamp.
     Mask,
+    /// What is not to be looked at in frames with the same timestamp.
+    Ignore,
     /// Intrinsics.
     Calibration,
     /// How the camera was set.
@@ -136,6 +138,7 @@ mod tests {
             "/color/c00/image",
             "/color/c00/background",
             "/color/c-1/mask",
+            "/color/c-1/ignore",
             "/color/c_1/calibration",
             "/color/x/settings",
             "/depth/kinect/image",

@@ -232,6 +232,21 @@ impl Writer {
 
     /// Writes the silhouette of a colour camera's frame with this timestamp.
     pub fn mask(&mut self, id: &CameraId, mask: &Mask, time: Timestamp) -> Result<(), Error> {
+        self.grey(ColorPart::Mask, id, mask, time)
+    }
+
+    /// Writes which pixels of a colour camera's frame with this timestamp are not to be looked at: 128 and up.
+    pub fn ignore(&mut self, id: &CameraId, ignored: &Mask, time: Timestamp) -> Result<(), Error> {
+        self.grey(ColorPart::Ignore, id, ignored, time)
+    }
+
+    fn grey(
+        &mut self,
+        part: ColorPart,
+        id: &CameraId,
+        mask: &Mask,
+        time: Timestamp,
+    ) -> Result<(), Error> {
         let picture = Picture::Raw {
             width: mask.width() as u32,
             height: mask.height() as u32,
@@ -239,7 +254,7 @@ impl Writer {
             step: mask.width() as u32,
             data: mask.pixels().to_vec().into(),
         };
-        let topic = Topic::Color(id.clone(), ColorPart::Mask);
+        let topic = Topic::Color(id.clone(), part);
         self.picture(&topic, id, &picture, time)
     }
 

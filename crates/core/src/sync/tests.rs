@@ -21,6 +21,7 @@ fn trigger(name: &str, ms: i64) -> Trigger {
         source: "test".into(),
         press_id: None,
         subject: None,
+        placement: None,
     }
 }
 

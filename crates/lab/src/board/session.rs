@@ -1,12 +1,13 @@
 //! The frames that the rig's cameras deliver when a board is shown to them.
 
 use super::super::burst::{Burst, DEPTH_PERIOD};
+use super::super::check::{check, check_faults};
 use super::super::color::expose;
 use super::super::depth::DepthScene;
 use super::super::options::{ColorSensor, Faults};
 use super::super::random::Random;
 use super::super::render::Rendered;
-use super::super::session::{BEGIN, check, check_faults, depth_color, trigger_time};
+use super::super::session::{BEGIN, depth_color, trigger_time};
 use super::super::{Capture, DepthStation, Error, Options, Rig, invalid, within_range};
 use super::options::{BoardFaults, BoardOptions};
 use super::paint::{Directions, rendered};
@@ -134,6 +135,7 @@ impl BoardSession {
             source: "simulation".to_owned(),
             press_id: None,
             subject: None,
+            placement: None,
         };
         let colors = self.rig.colors.par_iter().enumerate();
         let colors = colors

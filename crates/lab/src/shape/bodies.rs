@@ -12,6 +12,16 @@ pub(super) struct Body {
 }
 
 impl Body {
+    pub(super) fn new(
+        distance: impl Fn(Point3<f64>) -> f64 + Sync + 'static,
+        bounds: [[f64; 3]; 2],
+    ) -> Self {
+        Self {
+            distance: Box::new(distance),
+            bounds,
+        }
+    }
+
     pub(super) fn distance(&self, p: Point3<f64>) -> f64 {
         (self.distance)(p)
     }
@@ -48,21 +58,33 @@ pub(super) fn fruit_bowl() -> Body {
     }
 }
 
-pub(super) fn mug() -> Body {
+/// The solid that a profile sweeps.
+pub(super) fn revolution(profile: &profiles::Profile) -> Body {
+    let most = |a: usize| profile.points.iter().fold(0.0, |m: f64, p| m.max(p[a]));
+    let (radius, height) = (most(0), most(1));
+    let swept = Swept::new(profile);
+    Body::new(
+        move |p| revolved(&swept, p),
+        [[-radius, -radius, 0.0], [radius, radius, height]],
+    )
+}
+
+/// A mug; its handle is `raised` by so many metres.
+pub(super) fn mug(raised: f64) -> Body {
     const HEIGHT: f64 = 0.092;
     Body {
-        distance: Box::new(|p| {
+        distance: Box::new(move |p| {
             let outside = cylinder(p, Vector3::zeros(), 0.040, HEIGHT, 0.003);
             let inside = cylinder(p, Vector3::new(0.0, 0.0, 0.006), 0.036, HEIGHT, 0.005);
-            smooth_union(outside, handle(p), 0.003).max(-inside)
+            smooth_union(outside, handle(p, raised), 0.003).max(-inside)
         }),
         bounds: [[-0.041, -0.041, 0.0], [0.076, 0.041, HEIGHT + 0.001]],
     }
 }
 
 /// An oval ring in the plane y = 0, thicker than it is wide.
-fn handle(p: Point3<f64>) -> f64 {
-    let (x, z) = ((p.x - 0.043) / 0.9, (p.z - 0.048) / 1.1);
+fn handle(p: Point3<f64>, raised: f64) -> f64 {
+    let (x, z) = ((p.x - 0.043) / 0.9, (p.z - 0.048 - raised) / 1.1);
     let across = (x.hypot(z) - 0.027).hypot(p.y * 0.75);
     (across - 0.005) * 0.75
 }

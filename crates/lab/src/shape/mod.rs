@@ -9,7 +9,7 @@ mod prism;
 mod profiles;
 mod revolve;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use profiles::Profile;
 use scand_core::mesh::{Mesh, components, extract};
 use serde::{Deserialize, Serialize};
@@ -86,11 +86,55 @@ impl Shape {
             Self::Ball => revolved(profiles::ball()),
             Self::Box => blocks::turned_box([0.080, 0.055, 0.040], 20.0, spacing),
             Self::FruitBowl => meshed(&bodies::fruit_bowl(), spacing),
-            Self::Mug => meshed(&bodies::mug(), spacing),
+            Self::Mug => meshed(&bodies::mug(0.0), spacing),
             Self::Ashtray => meshed(&bodies::ashtray(), spacing),
             Self::TwoPits => meshed(&bodies::two_pits(), spacing),
             Self::Prism => prism::prism(spacing),
             Self::Relief => meshed(&bodies::relief(), spacing),
+        }
+    }
+
+    /// The surface of a mug whose handle is by so many metres higher than [`Self::Mug`]'s.
+    pub(super) fn mug_with_raised_handle(raised: f64, spacing: f64) -> Mesh {
+        meshed(&bodies::mug(raised), spacing.max(1e-4))
+    }
+
+    /// The surface without what lies in a ball (centre, radius), all of it meshed from distances. Meshes of one shape
+    /// with and without differ at the ball alone.
+    pub(super) fn without(self, ball: Option<(Point3<f64>, f64)>, spacing: f64) -> Mesh {
+        let whole = self.body();
+        let bounds = whole.bounds;
+        let distance = move |p: Point3<f64>| {
+            let left = ball.map_or(f64::NEG_INFINITY, |(center, radius)| {
+                radius - (p - center).norm()
+            });
+            whole.distance(p).max(left)
+        };
+        meshed(
+            &bodies::Body::new(distance, bounds),
+            spacing.clamp(1e-4, FINE),
+        )
+    }
+
+    /// The object by its signed distance.
+    fn body(self) -> bodies::Body {
+        let revolved = |profile: Profile| bodies::revolution(&profile);
+        match self {
+            Self::Cup => revolved(profiles::cup()),
+            Self::Bowl => revolved(profiles::bowl()),
+            Self::Vase => revolved(profiles::vase()),
+            Self::Goblet => revolved(profiles::goblet()),
+            Self::Plate => revolved(profiles::plate()),
+            Self::Torus => revolved(profiles::torus()),
+            Self::Egg => revolved(profiles::egg()),
+            Self::Ball => revolved(profiles::ball()),
+            Self::Box => convex(&self.mesh(0.01)),
+            Self::Prism => convex(&self.mesh(0.01)),
+            Self::FruitBowl => bodies::fruit_bowl(),
+            Self::Mug => bodies::mug(0.0),
+            Self::Ashtray => bodies::ashtray(),
+            Self::TwoPits => bodies::two_pits(),
+            Self::Relief => bodies::relief(),
         }
     }
 
@@ -105,6 +149,43 @@ impl Shape {
 
 /// Edge of the cells in which an implicit body is meshed, over that of the triangles that come of it.
 const CELL: f64 = 1.5;
+
+/// A body that breaks is meshed in triangles with edges no longer than this, in metres.
+const FINE: f64 = 8e-4;
+
+/// A convex body by the planes of its triangles.
+fn convex(mesh: &Mesh) -> bodies::Body {
+    let mut planes: Vec<(Vector3<f64>, f64)> = Vec::new();
+    for t in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(t).map(|v| v.cast::<f64>());
+        let Some(normal) = (b - a).cross(&(c - a)).try_normalize(1e-12) else {
+            continue;
+        };
+        let offset = normal.dot(&a.coords);
+        let is_new =
+            |(n, d): &(Vector3<f64>, f64)| (n - normal).norm() > 1e-4 || (d - offset).abs() > 1e-6;
+        if planes.iter().all(is_new) {
+            planes.push((normal, offset));
+        }
+    }
+    let corners = mesh.vertices.iter().map(|v| v.cast::<f64>());
+    let (min, max) = corners.fold(
+        (Point3::from([f64::MAX; 3]), Point3::from([f64::MIN; 3])),
+        |(min, max), v| (min.inf(&v), max.sup(&v)),
+    );
+    let distance = move |p: Point3<f64>| {
+        let beyond = planes
+            .iter()
+            .map(|(normal, offset)| normal.dot(&p.coords) - offset);
+        beyond.fold(f64::NEG_INFINITY, f64::max)
+    };
+    bodies::Body::new(distance, [min.into(), max.into()])
+}
+
+/// A box of edges `size` (metres) that stands on the table at the origin, turned about z by `degrees`.
+pub(super) fn block(size: [f64; 3], degrees: f64, spacing: f64) -> Mesh {
+    blocks::turned_box(size, degrees, spacing)
+}
 
 /// Meshes a body and keeps its outer surface: what two parts that touch enclose between them is dropped.
 fn meshed(body: &bodies::Body, spacing: f64) -> Mesh {
@@ -170,7 +251,7 @@ mod tests {
         let mut random = crate::random::Random::new(&[7]);
         for (shape, body) in [
             (Shape::FruitBowl, bodies::fruit_bowl()),
-            (Shape::Mug, bodies::mug()),
+            (Shape::Mug, bodies::mug(0.0)),
             (Shape::Ashtray, bodies::ashtray()),
             (Shape::TwoPits, bodies::two_pits()),
             (Shape::Relief, bodies::relief()),
@@ -196,9 +277,39 @@ mod tests {
 
     #[test]
     fn vertices_of_an_implicit_body_lie_on_its_surface() {
-        let body = bodies::mug();
+        let body = bodies::mug(0.0);
         let mesh = Shape::Mug.mesh(0.003);
         let far = |v: &&Point3<f32>| body.distance(v.cast()).abs() > 1.5e-4;
         assert!(mesh.vertices.iter().filter(far).count() * 100 < mesh.vertices.len());
+    }
+
+    #[test]
+    fn a_body_that_breaks_is_whole_but_for_the_ball() {
+        for shape in Shape::ALL {
+            let whole = shape.without(None, 0.002);
+            let report = check(&whole);
+            assert!(report.is_watertight(), "{shape:?}: {report:?}");
+            let volume = volume_and_total_area(&whole).0;
+            let exact = volume_and_total_area(&shape.mesh(0.001)).0;
+            assert!(
+                (volume / exact - 1.0).abs() < 0.02,
+                "{shape:?} {volume} for {exact}"
+            );
+        }
+        let center = Point3::new(0.08, 0.0, 0.06);
+        let whole = Shape::TwoPits.without(None, 0.002);
+        let broken = Shape::TwoPits.without(Some((center, 0.012)), 0.002);
+        assert!(check(&broken).is_watertight());
+        let lost = volume_and_total_area(&whole).0 - volume_and_total_area(&broken).0;
+        assert!(lost > 1e-8, "{lost}");
+        let beyond = |mesh: &Mesh| {
+            let vertices = mesh.vertices.iter().map(|v| v.cast::<f64>());
+            let far: Vec<_> = vertices
+                .filter(|v| (v - center).norm() > 0.014)
+                .map(|v| v.z)
+                .collect();
+            (far.len(), far.iter().sum::<f64>())
+        };
+        assert_eq!(beyond(&whole), beyond(&broken));
     }
 }

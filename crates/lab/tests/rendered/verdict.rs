@@ -46,6 +46,7 @@ fn facts() -> CaptureFacts {
         time_ns: Timestamp(1_700_000_000_000_000_000),
         source: "replay".into(),
         subject: None,
+        placement: None,
         skew_ns: 0,
         colors: Vec::new(),
         depths: Vec::new(),

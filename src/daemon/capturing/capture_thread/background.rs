@@ -21,6 +21,7 @@ impl CaptureThread {
             source: "background".into(),
             press_id: None,
             subject: None,
+            placement: None,
         };
         let colors = sync::Cameras {
             depths: BTreeMap::new(),

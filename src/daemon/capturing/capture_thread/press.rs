@@ -40,6 +40,7 @@ impl CaptureThread {
             source: asked.source.clone(),
             press_id: asked.press_id.clone(),
             subject: asked.subject.clone(),
+            placement: asked.placement.clone(),
         };
         let (capture, result) = shoot(
             &mut self.rig,

@@ -15,6 +15,8 @@ pub(super) const REACH_PX: f64 = 3.0;
 /// A silhouette's contour as one camera sees it.
 pub(super) struct Contour<'a> {
     pub(super) camera: &'a Camera,
+    /// 128 and more where the silhouette says nothing.
+    unknown: Option<&'a Grid<u8>>,
     /// The part of the picture that the band lies in.
     part: PixelRect,
     /// Signed distance in pixels, positive inside; saturated at [`BAND_PX`].
@@ -35,8 +37,9 @@ pub(super) struct Offset {
 }
 
 impl<'a> Contour<'a> {
-    /// The contour of a level set of the size of the camera's pictures.
-    pub(super) fn new(camera: &'a Camera, level: &Grid<u8>) -> Self {
+    /// The contour of a level set of the size of the camera's pictures, but where `unknown` is 128 or more.
+    pub(super) fn new(camera: &'a Camera, level: &Grid<u8>, unknown: Option<&'a Grid<u8>>) -> Self {
+        let is_unknown = |x: usize, y: usize| unknown.is_some_and(|grid| grid[(x, y)] >= 128);
         let (width, height) = (level.width(), level.height());
         let object = level.extent(PixelRect::whole(width, height), |&l| f32::from(l) > CONTOUR);
         let part = object
@@ -51,6 +54,10 @@ impl<'a> Contour<'a> {
                 let corners = [top[x], top[x + 1], bottom[x + 1], bottom[x]].map(f32::from);
                 let above = corners.map(|c| c > CONTOUR);
                 if above == [true; 4] || above == [false; 4] {
+                    continue;
+                }
+                let around = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+                if around.iter().any(|&(x, y)| is_unknown(x, y)) {
                     continue;
                 }
                 let origin = Vector2::new((x - part.x0) as f32, (y - part.y0) as f32);
@@ -73,6 +80,7 @@ impl<'a> Contour<'a> {
         }
         Self {
             camera,
+            unknown,
             part,
             distance,
             points,
@@ -99,10 +107,13 @@ impl<'a> Contour<'a> {
     }
 
     /// How many pixels the picture of a point of the rig's frame lies inside the silhouette, saturated at [`BAND_PX`];
-    /// `None` where the camera's picture does not have it.
+    /// `None` where the camera's picture does not have it, or the silhouette says nothing.
     pub(super) fn inside_px(&self, p: Point3<f64>) -> Option<f64> {
         let (pixel, _) = self.camera.project(p)?;
-        let is_seen = self.camera.intrinsics.contains(pixel);
+        let [x, y] = [pixel.x, pixel.y].map(|c| c.round() as isize);
+        let unknown = self.unknown.and_then(|mask| mask.get(x, y));
+        let is_seen =
+            self.camera.intrinsics.contains(pixel) && unknown.is_none_or(|&value| value < 128);
         is_seen.then(|| self.sample(pixel).unwrap_or(-f64::from(BAND_PX)))
     }
 
@@ -203,7 +214,7 @@ mod tests {
                 .round()
                 .clamp(0.0, 255.0) as u8
         });
-        let contour = Contour::new(&camera, &level);
+        let contour = Contour::new(&camera, &level, None);
         for i in 0..400 {
             let turn = f64::from(i) * 0.37;
             let off = f64::from(i % 50) / 10.0 - 2.5;

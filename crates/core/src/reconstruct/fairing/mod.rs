@@ -98,7 +98,7 @@ pub fn fair(
     let contours: Vec<Contour> = hull
         .cones()
         .par_iter()
-        .map(|cone| Contour::new(cone.camera(), cone.level()))
+        .map(|cone| Contour::new(cone.camera(), cone.level(), cone.unknown()))
         .collect();
     let [low, high] = mesh::bounding_box(&extracted.vertices)?;
     let middle = nalgebra::center(&low.cast(), &high.cast());

@@ -17,7 +17,18 @@ pub struct Cone<'a> {
     camera: &'a Camera,
     level: &'a Grid<u8>,
     extremes: Extremes<u8>,
+    unknown: Option<Unknown<'a>>,
 }
+
+/// Pixels through which the camera sees nothing of the object, nor past it.
+struct Unknown<'a> {
+    /// 128 and up.
+    mask: &'a Grid<u8>,
+    extremes: Extremes<u8>,
+}
+
+/// The first value of a pixel that is unknown.
+const UNKNOWN: u8 = 128;
 
 impl<'a> Cone<'a> {
     /// From a silhouette as a level set (the contour at 127.5, bilinear between pixels) of the size of the
@@ -26,6 +37,15 @@ impl<'a> Cone<'a> {
     /// # Panics
     /// If the sizes differ.
     pub fn new(camera: &'a Camera, level: &'a Grid<u8>) -> Self {
+        Self::knowing(camera, level, None)
+    }
+
+    /// As [`Cone::new`], of a silhouette that says nothing where `unknown` is 128 or more. What projects there is as
+    /// what projects beyond the frame.
+    ///
+    /// # Panics
+    /// If the sizes differ.
+    pub fn knowing(camera: &'a Camera, level: &'a Grid<u8>, unknown: Option<&'a Grid<u8>>) -> Self {
         let size = (camera.intrinsics.width, camera.intrinsics.height);
         assert_eq!(
             (level.width(), level.height()),
@@ -37,7 +57,49 @@ impl<'a> Cone<'a> {
             camera,
             level,
             extremes: Extremes::new(level),
+            unknown: unknown.map(|mask| {
+                assert!(mask.same_size(level), "what camera {} ignores", camera.id);
+                Unknown {
+                    mask,
+                    extremes: Extremes::new(mask),
+                }
+            }),
         }
+    }
+
+    /// 128 and up where the silhouette says nothing.
+    pub fn unknown(&self) -> Option<&'a Grid<u8>> {
+        self.unknown.as_ref().map(|unknown| unknown.mask)
+    }
+
+    /// Whether the camera sees at a pixel: it is in the picture, and so is no pixel around it unknown.
+    #[inline]
+    pub(super) fn sees(&self, pixel: Point2<f64>) -> bool {
+        self.camera.intrinsics.contains(pixel)
+            && self.unknown.as_ref().is_none_or(|unknown| {
+                let [_, high] = self.bounds(&unknown.extremes, [pixel.x; 2], [pixel.y; 2]);
+                high < UNKNOWN
+            })
+    }
+
+    /// Whether it would see a point, were nothing unknown.
+    pub(super) fn frames(&self, p: Point3<f64>) -> bool {
+        let lens = &self.camera.intrinsics;
+        let projected = self.camera.project(p);
+        projected.is_some_and(|(pixel, _)| lens.contains(pixel))
+    }
+
+    /// Bounds of the values in the part of a rectangle that is in the picture.
+    fn bounds(&self, of: &Extremes<u8>, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> [u8; 2] {
+        let lens = &self.camera.intrinsics;
+        let (width, height) = (lens.width as f64 - 1.0, lens.height as f64 - 1.0);
+        let pixels = |a: f64, b: f64, last: f64| {
+            [
+                a.clamp(0.0, last) as usize,
+                b.clamp(0.0, last).ceil() as usize,
+            ]
+        };
+        of.within(pixels(x0, x1, width), pixels(y0, y1, height))
     }
 
     /// The silhouette as a level set.
@@ -54,7 +116,7 @@ impl<'a> Cone<'a> {
     #[inline]
     pub fn is_well_inside(&self, pixel: Point2<f64>) -> bool {
         const WELL_INSIDE: f32 = 250.0;
-        self.camera.intrinsics.contains(pixel) && self.sample(pixel) > WELL_INSIDE
+        self.sees(pixel) && self.sample(pixel) > WELL_INSIDE
     }
 
     /// Steps across the contour along the picture's rows, per row.
@@ -74,11 +136,13 @@ impl<'a> Cone<'a> {
             return Known {
                 side: Side::Inside,
                 seen: false,
+                unknown: false,
             };
         }
         let across = Known {
             side: Side::Across(0),
             seen: false,
+            unknown: false,
         };
         let Some((pixel, depth)) = self.camera.project(center).filter(|_| depth > 2.0 * radius)
         else {
@@ -99,33 +163,29 @@ impl<'a> Cone<'a> {
             return Known {
                 side: Side::Inside,
                 seen: false,
+                unknown: false,
             };
         }
-        let pixels = |a: f64, b: f64, last: f64| {
-            [
-                a.clamp(0.0, last) as usize,
-                b.clamp(0.0, last).ceil() as usize,
-            ]
+        let [low, high] = self.bounds(&self.extremes, [x0, x1], [y0, y1]);
+        let within = x0 >= -0.5 && y0 >= -0.5 && x1 <= width + 0.5 && y1 <= height + 0.5;
+        let [all, any] = match &self.unknown {
+            Some(unknown) => self
+                .bounds(&unknown.extremes, [x0, x1], [y0, y1])
+                .map(|v| v >= UNKNOWN),
+            None => [false; 2],
         };
-        let [low, high] = self
-            .extremes
-            .within(pixels(x0, x1, width), pixels(y0, y1, height));
-        let seen = x0 >= -0.5 && y0 >= -0.5 && x1 <= width + 0.5 && y1 <= height + 0.5;
-        if f32::from(low) > CONTOUR {
-            Known {
-                side: Side::Inside,
-                seen,
-            }
+        let seen = within && !any;
+        let side = if all || f32::from(low) > CONTOUR {
+            Side::Inside
         } else if f32::from(high) < CONTOUR && seen {
-            Known {
-                side: Side::Outside,
-                seen,
-            }
+            Side::Outside
         } else {
-            Known {
-                side: Side::Across(0),
-                seen,
-            }
+            Side::Across(0)
+        };
+        Known {
+            side,
+            seen,
+            unknown: all,
         }
     }
 
@@ -133,10 +193,7 @@ impl<'a> Cone<'a> {
     #[inline]
     pub(super) fn value(&self, p: Point3<f64>) -> Option<f32> {
         let (pixel, _) = self.camera.project(p)?;
-        self.camera
-            .intrinsics
-            .contains(pixel)
-            .then(|| self.sample(pixel) - CONTOUR)
+        self.sees(pixel).then(|| self.sample(pixel) - CONTOUR)
     }
 
     /// Unit outward normal of the cone at a point of its surface.
@@ -163,7 +220,7 @@ impl<'a> Cone<'a> {
             [DIAGONAL, -DIAGONAL],
         ];
         let (pixel, depth) = self.camera.project(p)?;
-        if !self.camera.intrinsics.contains(pixel) {
+        if !self.sees(pixel) {
             return None;
         }
         let (mut slope, mut inside) = ([0.0, 0.0], 0);
@@ -221,4 +278,6 @@ pub(super) struct Known {
     pub(super) side: Side,
     /// Whether all of the cube is within the picture.
     pub(super) seen: bool,
+    /// Whether all that is in the picture of it is unknown.
+    pub(super) unknown: bool,
 }

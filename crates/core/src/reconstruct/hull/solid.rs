@@ -6,6 +6,7 @@ use crate::frame::CameraId;
 use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
 use crate::statistics::upper_median;
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// The volume's floor. Cameras are numbered from 0, the volume's other sides from `WALLS`.
 pub const FLOOR: Constraint = Constraint::MAX;
@@ -93,6 +94,29 @@ impl<'a> Hull<'a> {
         (0.75 * way).max(least)
     }
 
+    /// How much of space (cubic metres) no camera objects to, but is no part of the hull because so few cameras see it
+    /// past what they ignore; `None` where no camera ignores anything.
+    pub fn unproved_volume(&self) -> Option<f64> {
+        const SIDE: u32 = 64;
+        if self.cones.iter().all(|cone| cone.unknown().is_none()) {
+            return None;
+        }
+        let cell = (self.volume.max - self.volume.min) / f64::from(SIDE);
+        let unproved = |i: u32| {
+            let at = Vector3::new(i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE));
+            let p = self.volume.min + at.map(|i| f64::from(i) + 0.5).component_mul(&cell);
+            let objects = |cone: &Cone| cone.value(p).is_some_and(|v| v < 0.0);
+            let framing = self.cones.iter().filter(|cone| cone.frames(p));
+            !self.is_seen_enough(p)
+                && framing.count() >= self.least_views
+                && !self.cones.iter().any(objects)
+        };
+        let count = (0..SIDE * SIDE * SIDE)
+            .into_par_iter()
+            .filter(|i| unproved(*i));
+        Some(count.count() as f64 * cell.product())
+    }
+
     /// A camera for which all of the volume is outside its silhouette.
     pub(super) fn blind_camera(&self) -> Option<&CameraId> {
         let cell = (self.volume.max - self.volume.min) / 32.0;
@@ -163,12 +187,20 @@ impl<'a> Hull<'a> {
         seeing.count() == self.least_views
     }
 
+    /// Whether so many cameras ignore all of a cube that too few are left that could see it.
+    fn is_unknown(&self, center: Point3<f64>, half: f64) -> bool {
+        if self.cones.iter().all(|cone| cone.unknown().is_none()) {
+            return false;
+        }
+        let could_see = |cone: &&Cone| !cone.side(center, half).unknown;
+        let left = self.cones.iter().filter(could_see).take(self.least_views);
+        left.count() < self.least_views
+    }
+
     fn is_seen_enough(&self, p: Point3<f64>) -> bool {
         let sees = |cone: &&Cone| {
-            let lens = &cone.camera().intrinsics;
-            cone.camera()
-                .project(p)
-                .is_some_and(|(pixel, _)| lens.contains(pixel))
+            let projected = cone.camera().project(p);
+            projected.is_some_and(|(pixel, _)| cone.sees(pixel))
         };
         self.cones
             .iter()
@@ -211,6 +243,9 @@ impl Solid for Hull<'_> {
             }
             // Cameras that were decided before were not asked, so the count may be too low.
             if surely <= half || seen < self.least_views && !self.all_is_seen(center, half) {
+                if self.is_unknown(center, half) {
+                    return Side::Outside;
+                }
                 left |= BOUNDS;
             }
         }

@@ -198,3 +198,67 @@ fn a_cell_size_of_another_unit_is_refused_by_its_name() {
         assert!(words.starts_with("hull.cell_size is"), "{words}");
     }
 }
+
+/// What a camera ignores is as what lies beyond its frame: the cone that the others leave stays whole there.
+#[test]
+fn a_camera_says_nothing_of_what_it_ignores() {
+    let (radius, cameras) = (0.05, ring(7, 320, 240));
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, radius)).collect();
+    let none = Grid::filled(320, 240, 0_u8);
+    let all = Grid::filled(320, 240, 255_u8);
+    let left = Grid::from_fn(320, 240, |x, _| if x < 160 { 255 } else { 0 });
+    let hull_of = |ignored: [&Grid<u8>; 7]| {
+        let parameters = Parameters::default();
+        let each = cameras.iter().zip(&levels).zip(ignored);
+        let cones = each
+            .map(|((c, l), i)| Cone::knowing(c, l, Some(i)))
+            .collect();
+        let hull = Hull::new(cones, cube(0.08), 2);
+        let lattice = lattice(&hull, &parameters).unwrap();
+        let made = extract(&hull, &lattice, &parameters).unwrap();
+        assert!(mesh::check(&made.surface.mesh).is_watertight());
+        (made.surface.mesh, hull.unproved_volume().unwrap())
+    };
+    let volume = |mesh: &mesh::Mesh| mesh::volume_and_total_area(mesh).0;
+    let plain = surface_of(&cameras, &levels, cube(0.08), &Parameters::default());
+    let (whole, unproved) = hull_of([&none; 7]);
+    assert_eq!(whole, plain.surface.mesh);
+    assert_eq!(unproved, 0.0);
+    // A camera that ignores all is a camera less.
+    let (without, _) = hull_of([&none, &none, &all, &none, &none, &none, &none]);
+    let others: Vec<_> = (0..7).filter(|&i| i != 2).collect();
+    let (few, few_levels): (Vec<_>, Vec<_>) = others
+        .iter()
+        .map(|&i| (cameras[i].clone(), levels[i].clone()))
+        .unzip();
+    let expected = surface_of(&few, &few_levels, cube(0.08), &Parameters::default());
+    let ratio = volume(&without) / volume(&expected.surface.mesh);
+    assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+    // One that ignores a half carves less than it did and more than nothing.
+    let (half, unproved) = hull_of([&none, &none, &left, &none, &none, &none, &none]);
+    assert!(volume(&half) > volume(&whole) * 1.0005);
+    assert!(volume(&half) < volume(&without));
+    assert_eq!(unproved, 0.0);
+    // What all ignore is not object, and is counted.
+    let top = |camera: &Camera| {
+        Grid::from_fn(320, 240, |x, y| {
+            let ray = camera.ray(Point2::new(x as f64, y as f64)).unwrap();
+            let to_top = Point3::new(0.0, 0.0, 0.045) - camera.center();
+            if to_top.cross(&ray.normalize()).norm() < 0.02 {
+                255
+            } else {
+                0
+            }
+        })
+    };
+    let tops: Vec<Grid<u8>> = cameras.iter().map(top).collect();
+    let each = cameras.iter().zip(&levels).zip(&tops);
+    let cones = each
+        .map(|((c, l), i)| Cone::knowing(c, l, Some(i)))
+        .collect();
+    let hull = Hull::new(cones, cube(0.08), 2);
+    let unproved = hull.unproved_volume().unwrap();
+    assert!((2e-5..5e-5).contains(&unproved), "{unproved}");
+    assert!(hull.value(Point3::new(0.0, 0.0, 0.045), Undecided::MAX) < 0.0);
+    assert!(hull.value(Point3::origin(), Undecided::MAX) > 0.0);
+}

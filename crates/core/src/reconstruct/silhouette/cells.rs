@@ -2,7 +2,7 @@
 
 use super::region::Region;
 use crate::array::three;
-use crate::image::{Grid, PixelRect, RgbImage};
+use crate::image::{Grid, Mask, PixelRect, RgbImage};
 use std::ops::Range;
 
 /// A region of the picture cut into square cells.
@@ -17,11 +17,18 @@ pub(super) struct Cells {
     pub plate: Grid<[f32; 3]>,
     /// For each row of cells those that show a part of the volume; the others can only be backdrop.
     pub in_volume: Vec<Range<usize>>,
+    /// Whether all pixels of a cell are hidden; `None` where none is.
+    pub hidden: Option<Grid<bool>>,
 }
 
 impl Cells {
     /// Averages over cells of `size` pixels a side; 0 chooses the size.
-    pub(super) fn new(picture: &RgbImage, plate: &RgbImage, region: &Region, size: usize) -> Self {
+    pub(super) fn new(
+        (picture, plate): (&RgbImage, &RgbImage),
+        hidden: Option<&Mask>,
+        region: &Region,
+        size: usize,
+    ) -> Self {
         let (width, height) = region.picture;
         let long_side = region.rect.width().max(region.rect.height());
         let size = match size {
@@ -49,11 +56,30 @@ impl Cells {
             picture,
             plate,
             in_volume: in_volume.collect(),
+            hidden: hidden.map(|mask| hidden_cells(mask, rect, size)),
         }
     }
 }
 
 impl Cells {
+    /// Whether nothing is seen of a cell.
+    pub(super) fn is_hidden(&self, cell: usize) -> bool {
+        let hidden = self.hidden.as_ref();
+        hidden.is_some_and(|hidden| hidden.pixels()[cell])
+    }
+
+    /// Sets the cells of which nothing is seen.
+    pub(super) fn mark_hidden(&self, object: &mut Grid<bool>, value: bool) {
+        let Some(hidden) = &self.hidden else {
+            return;
+        };
+        for (object, &hidden) in object.pixels_mut().iter_mut().zip(hidden.pixels()) {
+            if hidden {
+                *object = value;
+            }
+        }
+    }
+
     /// The pixels of a cell.
     pub(super) fn pixels(&self, cx: usize, cy: usize) -> PixelRect {
         let (x0, y0) = (
@@ -88,6 +114,7 @@ impl Cells {
             },
             picture: cropped(&self.picture, part),
             plate: cropped(&self.plate, part),
+            hidden: self.hidden.as_ref().map(|hidden| cropped(hidden, part)),
             in_volume: self.in_volume[part.y0..part.y1]
                 .iter()
                 .map(shifted)
@@ -103,6 +130,16 @@ pub(super) fn cropped<T: Clone>(grid: &Grid<T>, part: PixelRect) -> Grid<T> {
         values.extend_from_slice(&grid.row(y)[part.x0..part.x1]);
     }
     Grid::from_pixels(part.width(), part.height(), values)
+}
+
+/// The cells of which all pixels are hidden.
+fn hidden_cells(mask: &Mask, rect: PixelRect, size: usize) -> Grid<bool> {
+    let (columns, rows) = (rect.width().div_ceil(size), rect.height().div_ceil(size));
+    Grid::from_fn(columns, rows, |cx, cy| {
+        let (x0, y0) = (rect.x0 + cx * size, rect.y0 + cy * size);
+        let (x1, y1) = ((x0 + size).min(rect.x1), (y0 + size).min(rect.y1));
+        (y0..y1).all(|y| mask.row(y)[x0..x1].iter().all(|&m| m >= 128))
+    })
 }
 
 fn means(image: &RgbImage, rect: PixelRect, size: usize) -> Grid<[f32; 3]> {

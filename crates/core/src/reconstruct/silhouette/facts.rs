@@ -21,6 +21,9 @@ pub struct Facts {
     pub blur_px: Option<f32>,
     /// What the difference to a background showed; `None` for a mask.
     pub difference: Option<DifferenceFacts>,
+    /// Pixels of which the silhouette says nothing, because they are ignored or beside such; `None` where none are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unknown_px: Option<usize>,
 }
 
 /// What the difference to a background showed.
@@ -79,6 +82,7 @@ impl Facts {
             underexposed: share(under),
             blur_px: None,
             difference: None,
+            unknown_px: None,
         }
     }
 }

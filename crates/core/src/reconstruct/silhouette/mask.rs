@@ -21,6 +21,7 @@ pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, 
         bounds,
         region: whole,
         level,
+        unknown: None,
     })
 }
 

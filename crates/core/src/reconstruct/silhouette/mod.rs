@@ -12,6 +12,7 @@ mod cut;
 mod evidence;
 mod facts;
 mod grey;
+mod ignored;
 mod mask;
 mod photometry;
 mod region;
@@ -24,6 +25,7 @@ use crate::calibration::Volume;
 use crate::frame::CameraId;
 use crate::image::{Mask, PixelRect, RgbImage};
 use cells::Cells;
+use ignored::Ignored;
 use photometry::Photometry;
 use region::Region;
 
@@ -94,6 +96,9 @@ pub struct Silhouette {
     pub bounds: PixelRect,
     /// What was found on the way.
     pub facts: Facts,
+    /// 255 where the silhouette says nothing, because the picture is ignored there or beside: neither object nor backdrop,
+    /// though the level is 0. What bounds it is no contour.
+    pub unknown: Option<Mask>,
 }
 
 /// Why there is no silhouette.
@@ -146,31 +151,55 @@ pub fn extract(
     let region = region::project(camera, volume).ok_or_else(|| Error::VolumeNotSeen {
         camera: camera.id.clone(),
     })?;
+    let ignored = match &view.ignored {
+        Some(mask) => {
+            check("ignore mask", (mask.width(), mask.height()))?;
+            Some(Ignored::new(mask))
+        }
+        None => None,
+    };
     let silhouette = match &view.silhouette {
         SilhouetteSource::Mask(mask) => {
             check("mask", (mask.width(), mask.height()))?;
-            mask::silhouette(&view.image, mask)
+            match &ignored {
+                Some(ignored) => mask::silhouette(&view.image, &ignored.mask(mask)),
+                None => mask::silhouette(&view.image, mask),
+            }
         }
         SilhouetteSource::Background(plate) => {
             check("background", (plate.width(), plate.height()))?;
-            difference(&view.image, plate, &region, parameters)
+            match &ignored {
+                Some(ignored) => {
+                    let seen = ignored.picture(&view.image, plate);
+                    difference((&seen, plate), Some(ignored), &region, parameters)
+                }
+                None => difference((&view.image, plate), None, &region, parameters),
+            }
         }
     };
-    silhouette.map_err(|reason| Error::Empty {
-        camera: camera.id.clone(),
-        reason,
-    })
+    match silhouette {
+        Ok(silhouette) => Ok(silhouette.without(ignored.map(|ignored| ignored.unknown))),
+        Err(reason) => Err(Error::Empty {
+            camera: camera.id.clone(),
+            reason: match ignored {
+                Some(_) => format!("{reason}, besides what is ignored in it"),
+                None => reason,
+            },
+        }),
+    }
 }
 
 /// The silhouette of what differs from the background; an error says what was seen instead of an object.
 fn difference(
-    picture: &RgbImage,
-    plate: &RgbImage,
+    (picture, plate): (&RgbImage, &RgbImage),
+    ignored: Option<&Ignored>,
     region: &Region,
     parameters: &Parameters,
 ) -> Result<Silhouette, String> {
-    let all = Cells::new(picture, plate, region, parameters.cell_px);
-    let photometry = Photometry::estimate(picture, plate, &all);
+    let hidden = ignored.map(|ignored| &ignored.hidden);
+    let unknown = ignored.map(|ignored| &ignored.unknown);
+    let all = Cells::new((picture, plate), hidden, region, parameters.cell_px);
+    let photometry = Photometry::estimate((picture, plate), hidden, &all);
     let evidence = evidence::of_cells(&all, &photometry, parameters);
     // From here on only where something may be object.
     let Some(part) = evidence::suspicious(&evidence) else {
@@ -184,11 +213,14 @@ fn difference(
     } else {
         segment::decide(&evidence, &ratios, SHARPNESS, parameters)
     };
+    // A piece that hangs on what is hidden is no speck: it may go on behind.
+    cells.mark_hidden(&mut object, true);
     let tidied = components::tidy(&mut object, &cells, &evidence, parameters);
+    cells.mark_hidden(&mut object, false);
     if !object.pixels().contains(&true) {
         return Err(NO_DIFFERENCE.to_owned());
     }
-    let (level, contour) = contour::locate(picture, plate, &cells, &photometry, &object);
+    let (level, contour) = contour::locate((picture, plate), unknown, &cells, &photometry, &object);
     let bounds = facts::bounds(&level, cells.region);
     let facts = Facts {
         blur_px: contour.blur_px,
@@ -203,6 +235,7 @@ fn difference(
         facts,
         region: all.region,
         level,
+        unknown: None,
     })
 }
 

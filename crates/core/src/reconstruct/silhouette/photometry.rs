@@ -2,7 +2,7 @@
 //! sensor's noise, both estimated from the pictures themselves.
 
 use super::cells::Cells;
-use crate::image::{RgbImage, srgb};
+use crate::image::{Mask, RgbImage, srgb};
 use crate::statistics::upper_median;
 
 /// What turns the background into the picture of the backdrop.
@@ -29,7 +29,11 @@ const LEAST_NOISE: f32 = 0.4;
 
 impl Photometry {
     /// Learns from the cells around the volume, or where those are few, from all.
-    pub(super) fn estimate(picture: &RgbImage, plate: &RgbImage, cells: &Cells) -> Self {
+    pub(super) fn estimate(
+        (picture, plate): (&RgbImage, &RgbImage),
+        hidden: Option<&Mask>,
+        cells: &Cells,
+    ) -> Self {
         let around = sample(cells, true);
         let reference = if around.len() >= FEWEST_REFERENCES {
             around
@@ -46,7 +50,8 @@ impl Photometry {
             pixel_noise: [LEAST_NOISE; 3],
             mismatch: 0.0,
         };
-        this.pixel_noise = std::array::from_fn(|c| this.noise_of_pixels(picture, plate, cells, c));
+        this.pixel_noise =
+            std::array::from_fn(|c| this.noise_of_pixels((picture, plate), hidden, cells, c));
         let around = pairs(cells, true);
         this.noise = if around.len() >= FEWEST_REFERENCES {
             std::array::from_fn(|c| this.noise_of_cells(cells, &around, c))
@@ -128,8 +133,8 @@ impl Photometry {
     /// The same of pixels, two columns apart, which a colour filter array treats alike.
     fn noise_of_pixels(
         &self,
-        picture: &RgbImage,
-        plate: &RgbImage,
+        (picture, plate): (&RgbImage, &RgbImage),
+        hidden: Option<&Mask>,
         cells: &Cells,
         c: usize,
     ) -> f32 {
@@ -137,13 +142,17 @@ impl Photometry {
         let (linear, slopes) = (srgb::linear_from_srgb(), srgb::slopes());
         let mut differences = Vec::with_capacity(10_000);
         for y in (r.y0..r.y1).step_by((r.height() / 32).max(1)) {
+            let is_seen = |x: &usize| {
+                let at = |x: usize| hidden.is_none_or(|mask| mask[(r.x0 + x, y)] < 128);
+                at(*x) && at(*x + 2)
+            };
             let picture = &picture.row(y)[r.x0..r.x1];
             let plate = &plate.row(y)[r.x0..r.x1];
             let error = |x: usize| {
                 let (picture, plate) = (usize::from(picture[x][c]), usize::from(plate[x][c]));
                 (linear[picture] - self.gain[c] * linear[plate]) / slopes[plate]
             };
-            let pairs = (0..r.width().saturating_sub(2)).step_by(9);
+            let pairs = (0..r.width().saturating_sub(2)).step_by(9).filter(is_seen);
             differences.extend(pairs.map(|x| (error(x + 2) - error(x)).abs()));
         }
         deviation_of_pairs(&mut differences)
@@ -168,7 +177,8 @@ fn sample(cells: &Cells, outside_only: bool) -> Vec<usize> {
     let mut sample = Vec::with_capacity(columns * rows / (step * step) + columns + rows);
     for y in (0..rows).step_by(step) {
         let inside = &cells.in_volume[y];
-        let keep = |x: &usize| !outside_only || !inside.contains(x);
+        let is_seen = |x: &usize| !cells.is_hidden(y * columns + x);
+        let keep = |x: &usize| is_seen(x) && (!outside_only || !inside.contains(x));
         sample.extend(
             (0..columns)
                 .step_by(step)
@@ -187,7 +197,10 @@ fn pairs(cells: &Cells, outside_only: bool) -> Vec<[usize; 2]> {
     let lag = (20 / cells.size).max(1);
     let step = stride(columns * rows, 5_000);
     let eligible = |x: usize, y: usize| {
-        x < columns && y < rows && !(outside_only && cells.in_volume[y].contains(&x))
+        x < columns
+            && y < rows
+            && !(outside_only && cells.in_volume[y].contains(&x))
+            && !cells.is_hidden(y * columns + x)
     };
     let mut pairs = Vec::with_capacity(2 * (columns.div_ceil(step) * rows.div_ceil(step)));
     for y in (0..rows).step_by(step) {

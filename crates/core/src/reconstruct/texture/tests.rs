@@ -100,6 +100,7 @@ fn scene(views: Vec<(Camera, RgbImage)>) -> Scene {
     let view = |(camera, image): (Camera, RgbImage)| ColorView {
         camera,
         silhouette: SilhouetteSource::Background(Arc::new(RgbImage::default())),
+        ignored: None,
         image,
     };
     Scene {

@@ -79,7 +79,8 @@ impl Consistency {
         let cells = Cells::around(camera, silhouette.bounds);
         let inside = cells.inside(camera, volume);
         let projected = cells.draw(camera, hull);
-        let level = cells.level(silhouette, &inside);
+        let unknown = cells.unknown(silhouette);
+        let level = known(cells.level(silhouette, &inside), &projected, &unknown);
         let mut sums = [0.0f64; 4];
         for y in 0..level.height() {
             for x in 0..level.width() {
@@ -117,7 +118,11 @@ impl Consistency {
         let cells = Cells::around(camera, silhouette.bounds);
         let level = cells.level(silhouette, &cells.inside(camera, volume));
         let projected = cells.draw(camera, others);
-        let gaps = outline::gaps(&smooth(&level), &smooth(&projected));
+        let unknown = cells.unknown(silhouette);
+        let level = known(level, &projected, &unknown);
+        let gaps = outline::gaps(&smooth(&level), &smooth(&projected), |x, y| {
+            unknown.as_ref().is_some_and(|unknown| unknown[(x, y)])
+        });
         (outline::displacement(&gaps) * cells.pixels).into()
     }
 }
@@ -183,6 +188,20 @@ impl Cells {
         rasterize(&projected, &mesh.triangles, width, height)
     }
 
+    /// Whether a cell, or one beside it, has pixels of which the silhouette says nothing; `None` where it says
+    /// something of all.
+    fn unknown(&self, silhouette: &Silhouette) -> Option<Grid<bool>> {
+        let mask = silhouette.unknown.as_ref()?;
+        let reach = (1.5 * self.pixels).ceil() as isize;
+        let middle = |first: f64, k: usize| (first + k as f64 * self.pixels).round() as isize;
+        Some(Grid::from_fn(self.width, self.height, |cx, cy| {
+            let (x, y) = (middle(self.origin[0], cx), middle(self.origin[1], cy));
+            (-reach..=reach).any(|dy| {
+                (-reach..=reach).any(|dx| mask.get(x + dx, y + dy).is_some_and(|&m| m >= 128))
+            })
+        }))
+    }
+
     /// The part of each cell that is silhouette, where the volume is.
     fn level(&self, silhouette: &Silhouette, inside: &Grid<bool>) -> Grid<f32> {
         let samples = (self.pixels.round() as usize).clamp(1, 3);
@@ -208,6 +227,19 @@ impl Cells {
             f32::from(count) / (samples * samples) as f32
         })
     }
+}
+
+/// A silhouette that agrees with the projection wherever it says nothing.
+fn known(level: Grid<f32>, projected: &Grid<f32>, unknown: &Option<Grid<bool>>) -> Grid<f32> {
+    let Some(unknown) = unknown else {
+        return level;
+    };
+    Grid::from_fn(level.width(), level.height(), |x, y| {
+        match unknown[(x, y)] {
+            true => projected[(x, y)],
+            false => level[(x, y)],
+        }
+    })
 }
 
 /// Whether neither a cell nor its neighbours are covered.

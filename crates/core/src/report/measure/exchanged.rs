@@ -11,6 +11,7 @@ use crate::reconstruct::{Reconstruction, Scene};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::borrow::Cow;
 
 /// Two cameras that are exchanged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -52,7 +53,8 @@ pub(super) fn exchanged(
         return None;
     }
     let cameras: Vec<&Camera> = scene.colors.iter().map(|view| &view.camera).collect();
-    let masks: Vec<&Mask> = made.silhouettes.iter().map(|s| &s.level).collect();
+    let masks: Vec<Cow<'_, Mask>> = made.silhouettes.iter().map(|s| s.not_excluded()).collect();
+    let masks: Vec<&Mask> = masks.iter().map(AsRef::as_ref).collect();
     let tried = candidates(scene, &cameras, &masks).into_par_iter();
     let tried = tried.flat_map_iter(|pair| [(pair, false), (pair, true)]);
     let tried = tried.filter_map(|(pair, only_pose)| {

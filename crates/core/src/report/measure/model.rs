@@ -28,6 +28,10 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
+    /// Cubic metres that no silhouette excludes, but that too few cameras see past what they ignore, so that they are not
+    /// in the model; `None` where nothing is ignored.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unproved_volume: Option<f64>,
     /// Handles of the model that the plain hull has not: what the depth alone opened.
     pub handles_of_depth: u64,
 }
@@ -62,6 +66,7 @@ impl ModelMeasures {
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
             fairing: made.fairing,
+            unproved_volume: made.unproved_volume,
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
     }

@@ -19,14 +19,20 @@ const OUTLINE: f32 = 0.5;
 /// Cells along a normal within which the other outline is looked for.
 const REACH: f64 = 30.0;
 
-/// The gaps along the contour of `level` to the outline of `others`; both smooth, a value a cell.
-pub(super) fn gaps(level: &Grid<f32>, others: &Grid<f32>) -> Vec<Gap> {
+/// The gaps along the contour of `level` to the outline of `others`; both smooth, a value a cell. A cell that is
+/// unknown has none.
+pub(super) fn gaps(
+    level: &Grid<f32>,
+    others: &Grid<f32>,
+    is_unknown: impl Fn(usize, usize) -> bool,
+) -> Vec<Gap> {
     let mut gaps = Vec::new();
     for y in 2..level.height().saturating_sub(2) {
         for x in 2..level.width().saturating_sub(2) {
-            for (dx, dy) in [(1, 0), (0, 1)] {
+            for (dx, dy) in [(1usize, 0usize), (0, 1)] {
                 let (here, next) = (level[(x, y)], level[(x + dx, y + dy)]);
-                if (here > OUTLINE) == (next > OUTLINE) {
+                let is_known = !is_unknown(x, y) && !is_unknown(x + dx, y + dy);
+                if (here > OUTLINE) == (next > OUTLINE) || !is_known {
                     continue;
                 }
                 let part = f64::from((OUTLINE - here) / (next - here));
@@ -104,7 +110,9 @@ mod tests {
     #[test]
     fn a_displacement_is_found_to_a_fraction_of_a_cell() {
         for (dx, dy) in [(0.0, 0.0), (0.4, -0.2), (5.0, -9.0)] {
-            let found = displacement(&gaps(&disc(dx, dy, 30.0), &disc(0.0, 0.0, 30.0)));
+            let found = displacement(&gaps(&disc(dx, dy, 30.0), &disc(0.0, 0.0, 30.0), |_, _| {
+                false
+            }));
             let expected = Vector2::new(f64::from(dx), f64::from(dy));
             assert!((found - expected).norm() < 0.1, "{found} {expected}");
         }
@@ -118,7 +126,7 @@ mod tests {
             Grid::from_fn(120, 100, |x, y| disc[(x, y)].max(bulge[(x, y)]))
         };
         for (dx, dy) in [(0.0, 0.0), (1.5, -1.0), (-2.0, 3.0)] {
-            let found = displacement(&gaps(&disc(dx, dy, 30.0), &bulged(0.0, 0.0)));
+            let found = displacement(&gaps(&disc(dx, dy, 30.0), &bulged(0.0, 0.0), |_, _| false));
             let expected = Vector2::new(f64::from(dx), f64::from(dy));
             assert!((found - expected).norm() < 0.25, "{found} {expected}");
         }

@@ -17,7 +17,13 @@ pub(super) fn trial_hull<'a>(
 ) -> Option<Mesh> {
     let silhouettes = made.silhouettes.iter().enumerate();
     let cones = silhouettes
-        .filter_map(|(i, silhouette)| Some(Cone::new(camera(i)?, &silhouette.level)))
+        .filter_map(|(i, silhouette)| {
+            Some(Cone::knowing(
+                camera(i)?,
+                &silhouette.level,
+                silhouette.unknown.as_ref(),
+            ))
+        })
         .collect();
     let parameters = hull::Parameters {
         resolution: RESOLUTION,

@@ -13,6 +13,8 @@ const OBJECT: [u8; 3] = [118, 128, 145];
 const OUTLINE: [u8; 3] = [255, 214, 0];
 /// What is object and not model.
 const UNCOVERED: [u8; 3] = [235, 45, 60];
+/// What is not looked at.
+const UNKNOWN: [u8; 3] = [70, 62, 52];
 /// What is model and not object.
 const BESIDE: [u8; 3] = [70, 130, 255];
 
@@ -31,8 +33,10 @@ pub(super) fn draw(
     let mut picture = RgbImage::from_fn(size.0, size.1, |x, y| {
         let level = level(silhouette, &columns[2 * x..][..2], &rows[2 * y..][..2]);
         let object = blend(EMPTY, OBJECT, level);
+        let is_unknown = is_unknown(silhouette, columns[2 * x], rows[2 * y]);
         match (model[(x, y)], is_edge(&model, x, y)) {
             (_, true) => OUTLINE,
+            _ if is_unknown => UNKNOWN,
             (false, _) => blend(object, UNCOVERED, 0.9 * level),
             (true, _) => blend(object, BESIDE, 0.8 * (1.0 - level)),
         }
@@ -53,6 +57,13 @@ fn level(silhouette: &Silhouette, columns: &[isize], rows: &[isize]) -> f32 {
         }
     }
     0.25 * sum
+}
+
+/// Whether the silhouette says nothing of a pixel.
+fn is_unknown(silhouette: &Silhouette, x: isize, y: isize) -> bool {
+    let mask = silhouette.unknown.as_ref();
+    mask.and_then(|mask| mask.get(x, y))
+        .is_some_and(|&m| m >= 128)
 }
 
 /// Whether a covered pixel has a neighbour that is not.

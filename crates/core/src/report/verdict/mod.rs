@@ -94,6 +94,8 @@ pub enum Code {
     TurnUnknown,
     /// A capture of the object is not part of the model.
     CaptureLeftOut,
+    /// What is ignored in the pictures leaves it open whether more belongs to the object.
+    Unproved,
 }
 
 /// One reason of a verdict.

@@ -4,6 +4,9 @@ use super::{Code, Level, Limits, Parameters, Reason, percent};
 use crate::reconstruct::Provenance;
 use crate::report::Measurements;
 
+/// Cubic metres that may stay unproved unsaid: a cube of 4 mm.
+const LEAST_UNPROVED: f64 = 6.4e-8;
+
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     let model = &measured.model;
     let reason = |level, code, words| Reason {
@@ -47,6 +50,15 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             reason(level, Code::SeveralComponents, words)
         }),
     );
+    let unproved = model.unproved_volume.unwrap_or(0.0);
+    if unproved > LEAST_UNPROVED {
+        let words = format!(
+            "{:.1} ml are hidden from all but a few cameras by what is ignored in their pictures; they are not in \
+            the model, whether they belong to the object or not",
+            1e6 * unproved
+        );
+        into.push(reason(Level::Green, Code::Unproved, words));
+    }
     let handles = model.mesh.genus.unwrap_or(0) as f64;
     into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
         let words =

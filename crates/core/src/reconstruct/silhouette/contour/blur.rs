@@ -91,7 +91,8 @@ impl Profile {
                 y as f32 + 0.5 + ny * t as f32,
             );
             let is_object = *level.get(px.round() as isize, py.round() as isize)? >= 128;
-            if t.abs() > 2 && is_object != (t < 0) {
+            let is_unknown = colors.is_beside_unknown(px as usize, py as usize);
+            if t.abs() > 2 && is_object != (t < 0) || is_unknown {
                 return None;
             }
             light.push(sample(level, colors, px, py)?);

@@ -40,7 +40,9 @@ pub(super) fn locate(level: &mut Mask, colors: &Colors, band: &Band) -> ContourF
         let prior = decisions.next().copied().unwrap_or(0.5);
         level[(x, y)] = (sides[crossing].alpha(colors, x, y, prior) * 255.0 + 0.5) as u8;
     });
-    facts(&sides)
+    let contour = crossings.iter().zip(&sides);
+    let contour = contour.filter(|((x, y), _)| !colors.is_beside_unknown(*x, *y));
+    facts(&contour.map(|(_, sides)| sides).collect::<Vec<_>>())
 }
 
 /// What was decided of a pixel: half its own level and half the share of object among the nine around it, which
@@ -253,7 +255,7 @@ impl Sides {
     }
 }
 
-fn facts(sides: &[Sides]) -> ContourFacts {
+fn facts(sides: &[&Sides]) -> ContourFacts {
     let mut contrasts: Vec<f32> = sides.iter().map(|s| s.contrast).collect();
     let weak = contrasts.iter().filter(|&&c| c < WEAK_CONTRAST).count();
     ContourFacts {

@@ -29,13 +29,16 @@ pub(super) struct ContourFacts {
 
 /// Finds the level set (see [`super::Silhouette::level`]) from the coarse decision.
 pub(super) fn locate(
-    picture: &RgbImage,
-    plate: &RgbImage,
+    (picture, plate): (&RgbImage, &RgbImage),
+    unknown: Option<&Mask>,
     cells: &Cells,
     photometry: &Photometry,
     object: &Grid<bool>,
 ) -> (Mask, ContourFacts) {
-    let colors = Colors::new(picture, plate, photometry);
+    let colors = Colors {
+        unknown,
+        ..Colors::new(picture, plate, photometry)
+    };
     let band = Band::new(cells, object);
     let mut level = Mask::filled(picture.width(), picture.height(), 0);
     band.fill_inside(&mut level);
@@ -134,6 +137,8 @@ fn clip(first: isize, last: isize, range: std::ops::Range<usize>) -> std::ops::R
 struct Colors<'a> {
     picture: &'a RgbImage,
     plate: &'a RgbImage,
+    /// 128 and up where neither object nor backdrop is known.
+    unknown: Option<&'a Mask>,
     /// Linear light of the backdrop by the background's encoded value, per channel.
     expected: [[f32; 256]; 3],
     /// Reciprocal variance of a pixel's light by the background's encoded value, per channel.
@@ -146,11 +151,23 @@ impl<'a> Colors<'a> {
         Self {
             picture,
             plate,
+            unknown: None,
             expected: photometry.gain.map(|gain| linear.map(|l| l * gain)),
             weight: std::array::from_fn(|c| {
                 std::array::from_fn(|v| 1.0 / photometry.variance_of_pixel(c, v as f32))
             }),
         }
+    }
+
+    /// Whether a pixel, or the one to its right or below, is unknown.
+    #[inline]
+    fn is_beside_unknown(&self, x: usize, y: usize) -> bool {
+        let Some(unknown) = self.unknown else {
+            return false;
+        };
+        let at = |dx: isize, dy: isize| unknown.get(x as isize + dx, y as isize + dy);
+        let around = [at(0, 0), at(1, 0), at(0, 1)];
+        around.into_iter().flatten().any(|&m| m >= 128)
     }
 
     #[inline]
