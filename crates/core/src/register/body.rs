@@ -63,7 +63,7 @@ impl Body {
     pub(super) fn new(capture: &CaptureSilhouettes) -> Result<Self, Error> {
         let views = capture.scene.colors.par_iter().zip(capture.silhouettes);
         let outlines: Vec<Option<Outline>> = views
-            .map(|(view, s)| Outline::new(&view.camera, &s.level, s.bounds))
+            .map(|(view, s)| Outline::new(&view.camera, s))
             .collect();
         let cameras = (0..outlines.len())
             .filter(|&i| outlines[i].is_some())
@@ -71,7 +71,7 @@ impl Body {
         let outlines: Vec<Outline> = outlines.into_iter().flatten().collect();
         let cones = capture.scene.colors.iter().zip(capture.silhouettes);
         let cones = cones
-            .map(|(view, s)| Cone::new(&view.camera, &s.level))
+            .map(|(view, s)| Cone::knowing(&view.camera, &s.level, s.unknown.as_ref()))
             .collect();
         let parameters = hull::Parameters {
             resolution: RESOLUTION,

@@ -39,13 +39,18 @@ struct Piece {
     ends: [(Key, Point2<f64>); 2],
 }
 
-/// The chains of a level set's contour. An object that the frame cuts has open ones.
-pub(super) fn chains(level: &Mask, bounds: PixelRect) -> Vec<Chain> {
+/// The chains of a level set's contour, but where `unknown` is 128 or more. An object that the frame cuts has open ones,
+/// and so has one of which something is unknown.
+pub(super) fn chains(level: &Mask, unknown: Option<&Mask>, bounds: PixelRect) -> Vec<Chain> {
+    let is_unknown = |x: usize, y: usize| unknown.is_some_and(|mask| mask[(x, y)] >= 128);
     let part = bounds.grown(2, level.width(), level.height());
     let mut pieces = Vec::new();
     for y in part.y0..part.y1.saturating_sub(1) {
         for x in part.x0..part.x1.saturating_sub(1) {
-            add_pieces(level, x, y, &mut pieces);
+            let around = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+            if !around.iter().any(|&(x, y)| is_unknown(x, y)) {
+                add_pieces(level, x, y, &mut pieces);
+            }
         }
     }
     let links = Links::new(&pieces);
@@ -176,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_disk_has_one_closed_chain_that_lies_on_its_circle() {
-        let found = chains(&disk(20.3, (40.2, 29.7)), PixelRect::whole(80, 60));
+        let found = chains(&disk(20.3, (40.2, 29.7)), None, PixelRect::whole(80, 60));
         assert_eq!(found.len(), 1);
         assert!(found[0].is_closed);
         for p in &found[0].points {
@@ -187,10 +192,26 @@ mod tests {
 
     #[test]
     fn a_disk_that_the_frame_cuts_has_an_open_chain() {
-        let found = chains(&disk(20.0, (70.0, 30.0)), PixelRect::whole(80, 60));
+        let found = chains(&disk(20.0, (70.0, 30.0)), None, PixelRect::whole(80, 60));
         assert_eq!(found.len(), 1);
         assert!(!found[0].is_closed);
         let ends = [found[0].points[0], *found[0].points.last().unwrap()];
         assert!(ends.iter().all(|p| p.x > 78.0), "{ends:?}");
+    }
+
+    #[test]
+    fn the_border_of_what_is_unknown_is_no_contour() {
+        let unknown = Grid::from_fn(80, 60, |x, _| if x < 30 { 255 } else { 0 });
+        let mut level = disk(20.0, (40.0, 30.0));
+        for y in 0..60 {
+            level.row_mut(y)[..30].fill(0);
+        }
+        let found = chains(&level, Some(&unknown), PixelRect::whole(80, 60));
+        assert_eq!(found.len(), 1);
+        assert!(!found[0].is_closed);
+        for p in &found[0].points {
+            let radius = (p.x - 40.0).hypot(p.y - 30.0);
+            assert!((radius - 20.0).abs() < 0.05, "{radius}");
+        }
     }
 }

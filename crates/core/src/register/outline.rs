@@ -3,7 +3,8 @@
 
 use super::contour::{self, Chain};
 use crate::calibration::{Camera, Intrinsics};
-use crate::image::{Grid, Mask, PixelRect};
+use crate::image::{Grid, Mask};
+use crate::reconstruct::silhouette::Silhouette;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 /// Cells of the distance image along its longer side, at most.
@@ -51,10 +52,13 @@ struct Segment {
 }
 
 impl Outline {
-    /// The outline of a silhouette given as a level set; `None` where it has no contour.
-    pub(super) fn new(camera: &Camera, level: &Mask, bounds: PixelRect) -> Option<Self> {
+    /// The outline of a silhouette; `None` where it has no contour. Where it says nothing it has none, and objects to
+    /// nothing.
+    pub(super) fn new(camera: &Camera, silhouette: &Silhouette) -> Option<Self> {
         let lens = &camera.intrinsics;
-        let chains = contour::chains(level, bounds);
+        let level: &Mask = &silhouette.not_excluded();
+        let unknown = silhouette.unknown.as_ref();
+        let chains = contour::chains(&silhouette.level, unknown, silhouette.bounds);
         let mut segments = Vec::new();
         for chain in &chains {
             let points = chain.points.iter().filter_map(|&p| lens.unproject(p));

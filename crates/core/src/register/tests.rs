@@ -75,11 +75,13 @@ fn capture(balls: &[Ball], rig_from_object: &Isometry3<f64>) -> (Scene, Vec<Silh
             region: whole,
             facts: Facts::default(),
             level: level.clone(),
+            unknown: None,
         });
         colors.push(ColorView {
             camera,
             image: image.clone(),
             silhouette: SilhouetteSource::Mask(level),
+            ignored: None,
         });
     }
     let corner = |z: f64| Point3::new(0.1, 0.1, z);
