@@ -30,9 +30,9 @@ pub struct FairedHull<'a> {
 }
 
 /// Share of the way that fairing moved a vertex by which it is expected to be off.
-const OF_MOVED: f64 = 0.3;
+const OF_MOVED: f64 = 0.25;
 /// Share of what fairing left of the hull's expected depth that is still expected.
-const OF_LEFT: f64 = 0.5;
+const OF_LEFT: f64 = 0.42;
 
 /// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size`
 /// metres, and faired if `faired` says so. The other vertices keep theirs.
