@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -17,6 +17,17 @@ demo: ## reconstruct a recording and print where the model is
 rig-demo: deps ## run the daemon with a simulated rig on this machine, and make a model of a capture
 	$(CARGO) build --release --locked --features rig
 	scripts/rig-demo.sh $(RECORDING)
+
+ui: ## build the operator's page into ui/dist, from where the feature `page` takes it (npm; Node 18 or later)
+	scripts/ui.sh
+
+page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser
+	$(CARGO) build --release --locked --features aravis,page
+	SCAND=target/release/scand node ui/demo.mjs
+
+page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated rig (N=3 repeats; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --locked --package scand --features rig,page)
+	cd ui && SCAND=$(or $(SCAND),target/debug/scand) N=$(or $(N),1) npx playwright test
 
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh

@@ -71,6 +71,7 @@ lint "" --all-targets
 lint live --all-targets
 lint pedal --lib --bins
 lint openni2 --lib --bins
+lint page --lib --bins --tests
 documented=live
 if has_aravis; then
 	lint aravis --lib --bins
@@ -91,3 +92,5 @@ else
 fi
 part "documentation" env RUSTDOCFLAGS="-D warnings" "$cargo" doc --locked --workspace --no-deps --features "$documented"
 part "tests, default features" "$cargo" test --locked --workspace --quiet
+# The page as a server, without a browser: hostile requests, sessions, files.
+part "tests, page" "$cargo" test --locked --package scand --features page --lib --quiet page::
