@@ -267,4 +267,24 @@ mod tests {
         assert!(metrics.open.is_empty());
         assert!(!metrics.text(None).contains("captures_left"));
     }
+
+    #[test]
+    fn the_board_asks_for_metrics_that_there_are() {
+        let status = json!({ "captures_left": 1, "models": { "waiting": 2 }, "waiting": 0, "plates_age_h": 1.0,
+            "cameras": { "c00": { "state": "ready" } } });
+        let text = Metrics::default().text(Some(&status));
+        let board = include_str!("../../docs/grafana.json");
+        let _: Value = serde_json::from_str(board).unwrap();
+        let is_name = |c: char| c.is_ascii_lowercase() || c == '_';
+        let named = board.split(|c| !is_name(c));
+        let named: Vec<_> = named.filter(|word| word.starts_with("scand_")).collect();
+        assert!(named.len() >= 9);
+        for name in named {
+            let is_told = |line: &str| {
+                line.strip_prefix(name)
+                    .is_some_and(|rest| rest.starts_with([' ', '{']))
+            };
+            assert!(text.lines().any(is_told), "{name}:\n{text}");
+        }
+    }
 }

@@ -95,12 +95,12 @@ pub(super) struct Now {
 impl Now {
     /// Whether events arrive. What was in progress when they ended has an outcome that was not heard.
     pub(super) fn set_listening(&mut self, listening: bool) {
+        self.history += u64::from(self.listening != listening);
         self.listening = listening;
         let in_progress = |s: &Shown| matches!(s.sign, Sign::Capturing | Sign::HandsMayMove);
         if !listening && self.shown.as_ref().is_some_and(in_progress) {
             self.shown = None;
         }
-        self.history += 1;
     }
 
     /// What the daemon told of itself at that time; `None` if it did not answer.

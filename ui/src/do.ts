@@ -54,7 +54,7 @@ class DoPart extends Part {
   }
 
   firstUpdated(): void {
-    this.number()?.focus();
+    this.number()?.focus({ preventScroll: true });
   }
 
   /** A scanner types wherever the focus is: what nothing else takes goes into the field of the number. */
@@ -81,7 +81,10 @@ class DoPart extends Part {
   };
 
   private readonly press = () => {
-    if (!this.busy) void this.pressed(press(this.value("number")));
+    if (this.busy) return;
+    // Who presses looks at the sign next.
+    scrollTo({ top: 0 });
+    void this.pressed(press(this.value("number")));
   };
 
   private async pressed(answer: Promise<api.Answer>): Promise<void> {
@@ -89,7 +92,7 @@ class DoPart extends Part {
       const isUnsure = error instanceof api.Refused && error.code === "network";
       return isUnsure ? t("told_unsure") : null;
     });
-    this.number()?.focus();
+    this.number()?.focus({ preventScroll: true });
     this.number()?.select();
   }
 

@@ -32,7 +32,7 @@ class NowPart extends Part {
         ${sign(name)}
         <div>
           <h1><span role="status" aria-live="assertive">${t(`sign_${name}` as Key)}</span></h1>
-          <p class="hint">${t(`sign_${name}_hint` as Key)}</p>
+          <p class="hint">${t(hint(name, now))}</p>
           ${list(now?.reasons ?? [])}
           <p class="about">${about.join(" · ")}</p>
         </div>
@@ -66,6 +66,11 @@ class NowPart extends Part {
     return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
       ${t(`sign_${last.sign}` as Key)}, ${age(last.age_ms + live.passed())}`;
   }
+}
+
+function hint(name: string, now: Now | null): Key {
+  const makesNone = name === "safe" && now?.daemon?.models === null;
+  return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
 }
 
 export function backlog(models: { waiting: number; running: unknown[]; expected_s: number | null }): string {

@@ -45,6 +45,14 @@ export async function enter(page, rig, role = "operator", port = rig.port) {
   await expect(page.locator("nav")).toBeVisible();
 }
 
+/** Takes a picture of the top of the page, if pictures are wanted. */
+export async function shot(page, name) {
+  const folder = process.env.SCREENSHOTS;
+  if (!folder) return;
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.screenshot({ path: `${folder}/page-${name}.png` });
+}
+
 /** Waits until the large sign is one of these. */
 export async function sign(page, ...names) {
   const pattern = new RegExp(`^(${names.join("|")})$`);

@@ -113,6 +113,14 @@ export class Rig {
     await wait(300);
   }
 
+  /** Has background pictures and the object in the rig, as after the first captures, whichever test ran before. */
+  async prepare() {
+    if (this.isPrepared) return;
+    this.isPrepared = true;
+    this.scand("background", "--socket", "scand.sock");
+    await this.show("captures");
+  }
+
   writeConfiguration() {
     const { cameras, resolution } = this.options;
     const ids = Array.from({ length: cameras }, (_, n) => `c${String(n).padStart(2, "0")}`);
