@@ -70,9 +70,12 @@ done
 inside getent passwd scand >/dev/null || fail "no user scand"
 inside id -nG scand-page | grep -qw scand || fail "the page's user is not in the group scand"
 [ -z "$(find "$root/etc/systemd/system" -name 'scand-page*')" ] || fail "the page is enabled"
-inside sh -c 'mkdir -p /tmp/page && cd /tmp/page && printf "listen = \"127.0.0.1:18437\"\nstate = \"state\"\ncontrol = \"control\"\n" >page.toml &&
-	{ timeout 20 scand page --config page.toml 2>log & } && for n in $(seq 100); do [ -S control ] && break; sleep 0.1; done &&
-	scand page pair --config page.toml' | grep -q '#pair=' || fail "the page gives no link: $(cat "$root/tmp/page/log")"
+mkdir -p "$root/tmp/page"
+printf 'listen = "127.0.0.1:18437"\nstate = "state"\ncontrol = "control"\n' >"$root/tmp/page/page.toml"
+words=$(inside sh -c 'cd /tmp/page; scand page --config page.toml 2>log & page=$!
+	for n in $(seq 100); do [ -S control ] && break; sleep 0.1; done
+	scand page pair --config page.toml; kill $page' 2>&1) || true
+[[ $words == *'/#pair='* ]] || fail "the page gives no link: $words $(cat "$root/tmp/page/log")"
 [ -L "$root/etc/systemd/system/sockets.target.wants/scand.socket" ] || fail "the socket is not enabled"
 [ "$(inside stat -c '%U:%G %a' /var/lib/scand/recordings)" = "scand:scand 750" ] || fail "the recordings' folder"
 code=0

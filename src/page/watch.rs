@@ -96,11 +96,15 @@ impl Watch {
     pub(super) async fn keep_status(&self, daemon: &Daemon) {
         let mut connection = None;
         loop {
-            let status = status(&mut connection, daemon).await.ok();
-            if status.is_none() {
-                connection = None;
+            match status(&mut connection, daemon).await {
+                Ok(status) => self.change(|now| now.set_status(Some(status), Instant::now())),
+                // What it said before is forgotten when it is too old.
+                Err(Error::Slow) => connection = None,
+                Err(_) => {
+                    connection = None;
+                    self.change(|now| now.set_status(None, Instant::now()));
+                }
             }
-            self.change(|now| now.set_status(status, Instant::now()));
             tokio::time::sleep(EVERY).await;
         }
     }
