@@ -36,7 +36,7 @@ check: ## all checks without root or a camera library: format, clippy, documenta
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig --lib --bins $(RIG_TESTS)
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page --lib --bins $(RIG_TESTS)
 
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1

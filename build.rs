@@ -67,8 +67,14 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 
 /// Writes the table of the page's files for `src/page/assets.rs`. Without them it is empty, and `scand page` says so.
 fn list_page_files() -> std::io::Result<()> {
-    println!("cargo::rerun-if-changed=ui/dist");
     let root = std::env::current_dir()?.join("ui/dist");
+    // Cargo would run this again each time for a folder that is not there; `make ui` touches the other file.
+    let watched = if root.is_dir() {
+        "ui/dist"
+    } else {
+        "ui/index.html"
+    };
+    println!("cargo::rerun-if-changed={watched}");
     let mut table = String::from("const EMBEDDED: &[(&str, &[u8])] = &[\n");
     for file in files(&root) {
         println!("cargo::rerun-if-changed={}", file.display());

@@ -13,4 +13,10 @@ if [ ! -e $installed ] || [ package-lock.json -nt $installed ]; then
 	npm ci --no-audit --no-fund --silent
 	touch $installed
 fi
+# What is newer than the last build; without any the program need not be built again either.
+if [ -e dist/licences.txt ] && [ -z "$(find . -path ./node_modules -prune -o -path ./dist -prune -o -path './test*' -prune -o -type f -newer dist/licences.txt -print)" ]; then
+	exit 0
+fi
 npm run --silent build
+# A build of the program that found no page looks again when this file is newer (build.rs).
+touch -r dist/licences.txt index.html

@@ -16,6 +16,7 @@ mod parameters;
 mod secrets;
 mod serve;
 mod sessions;
+mod summary;
 mod watch;
 
 pub use control::{Answer, Ask, ask};

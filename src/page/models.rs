@@ -1,8 +1,9 @@
 //! The folder of models: lists what is there and opens the files of a model, and nothing else. A name from outside must
 //! be one of a recording or a capture, and the kernel resolves it below the folder, following no link.
 
+use super::summary::{Report, Summary};
 use rustix::fs::{Mode, OFlags, ResolveFlags, openat2};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -12,10 +13,6 @@ use std::time::UNIX_EPOCH;
 const MOST: usize = 1000;
 /// Largest report that is read, in bytes.
 const LARGEST_REPORT: u64 = 2 << 20;
-/// Longest text that is passed on from a report, in characters.
-const LONGEST_TEXT: usize = 500;
-/// Reasons, and notes, that are passed on of a capture.
-const MOST_WORDS: usize = 50;
 
 /// A file of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,69 +61,6 @@ pub(super) struct RecordingFolder {
     pub(super) name: String,
     /// When it changed last, in seconds since 1970.
     pub(super) changed_s: u64,
-}
-
-/// What a report says of a capture, as far as the history shows it.
-#[derive(Clone, Debug, Default, Serialize)]
-pub(super) struct Summary {
-    pub(super) capture: String,
-    pub(super) recording: String,
-    /// `green`, `amber`, `red`, `failed`, or `unread`: there is no report that can be read.
-    pub(super) verdict: String,
-    pub(super) reasons: Vec<Reason>,
-    pub(super) subject: Option<String>,
-    /// When it was triggered, in seconds since 1970.
-    pub(super) time_s: Option<u64>,
-    pub(super) decision: Option<String>,
-    pub(super) notes: Vec<Note>,
-    pub(super) has_preview: bool,
-    pub(super) has_model: bool,
-}
-
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Reason {
-    pub(super) level: String,
-    pub(super) code: String,
-    pub(super) words: String,
-}
-
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Note {
-    pub(super) kind: String,
-    #[serde(default)]
-    pub(super) text: String,
-    #[serde(default)]
-    pub(super) author: Option<String>,
-    #[serde(default)]
-    pub(super) time_ns: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct Report {
-    verdict: Option<Verdict>,
-    reason: Option<String>,
-    capture: Option<Capture>,
-    notes: Option<Notes>,
-}
-
-#[derive(Deserialize)]
-struct Verdict {
-    level: String,
-    #[serde(default)]
-    reasons: Vec<Reason>,
-}
-
-#[derive(Deserialize)]
-struct Capture {
-    time_ns: Option<String>,
-    subject: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct Notes {
-    decision: Option<String>,
-    #[serde(default)]
-    said: Vec<Note>,
 }
 
 /// Whether this can be the name of a recording or of a capture: letters, digits, `.`, `_` and `-`, no dot in front.
@@ -183,7 +117,7 @@ impl Models {
             ..Summary::default()
         };
         if let Some(report) = self.report(recording, capture) {
-            tell(&mut summary, report);
+            summary.tell(report);
         }
         summary
     }
@@ -235,63 +169,10 @@ fn folders(folder: &Path) -> impl Iterator<Item = (String, u64)> {
     })
 }
 
-fn tell(summary: &mut Summary, report: Report) {
-    match (report.verdict, report.reason) {
-        (Some(verdict), _) => {
-            let known = ["green", "amber", "red"].contains(&verdict.level.as_str());
-            summary.verdict = if known {
-                verdict.level
-            } else {
-                "unread".into()
-            };
-            summary.reasons = verdict.reasons;
-        }
-        (None, Some(words)) => {
-            summary.verdict = "failed".into();
-            summary.reasons = vec![Reason {
-                level: "red".into(),
-                code: "failed".into(),
-                words,
-            }];
-        }
-        (None, None) => {}
-    }
-    summary.reasons.truncate(MOST_WORDS);
-    for reason in &mut summary.reasons {
-        let texts = [&mut reason.level, &mut reason.code, &mut reason.words];
-        texts.into_iter().for_each(shorten);
-    }
-    if let Some(capture) = report.capture {
-        summary.subject = capture.subject;
-        let seconds = |ns: u64| ns / 1_000_000_000;
-        summary.time_s = capture.time_ns.and_then(|ns| ns.parse().ok()).map(seconds);
-    }
-    summary.subject.iter_mut().for_each(shorten);
-    if let Some(notes) = report.notes {
-        summary.decision = notes.decision;
-        summary.notes = notes.said;
-    }
-    summary.decision.iter_mut().for_each(shorten);
-    summary.notes.truncate(MOST_WORDS);
-    for note in &mut summary.notes {
-        let texts = [&mut note.kind, &mut note.text];
-        texts.into_iter().for_each(shorten);
-        note.author
-            .iter_mut()
-            .chain(&mut note.time_ns)
-            .for_each(shorten);
-    }
-}
-
-fn shorten(text: &mut String) {
-    if let Some((end, _)) = text.char_indices().nth(LONGEST_TEXT) {
-        text.truncate(end);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::page::summary::LONGEST_TEXT;
 
     fn models() -> (tempfile::TempDir, Models) {
         let root = tempfile::tempdir().unwrap();

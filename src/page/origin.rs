@@ -1,8 +1,6 @@
 //! The names under which browsers reach the page. A request with another `Host` is refused, so that a foreign name that
 //! was made to resolve to this computer reaches nothing.
 
-use super::parameters::Error;
-
 /// One way to reach the page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Origin {
@@ -19,7 +17,8 @@ pub(super) struct Origin {
 pub(super) struct Origins(Vec<Origin>);
 
 impl Origins {
-    pub(super) fn parse(texts: &[String]) -> Result<Self, Error> {
+    /// Reads origins; refuses what is none, and one of the network without TLS, in words.
+    pub(super) fn parse(texts: &[String]) -> Result<Self, String> {
         let origins: Result<Vec<_>, _> = texts.iter().map(|text| parse(text)).collect();
         Ok(Self(origins?))
     }
@@ -37,8 +36,9 @@ impl Origins {
     }
 }
 
-fn parse(text: &str) -> Result<Origin, Error> {
-    let wrong = || Error::Origin(text.into());
+fn parse(text: &str) -> Result<Origin, String> {
+    let wrong =
+        || format!("found {text:?}, expected a scheme and a host, such as https://rig.example");
     let (scheme, authority) = text.split_once("://").ok_or_else(wrong)?;
     let tls = match scheme {
         "https" => true,
@@ -54,7 +54,9 @@ fn parse(text: &str) -> Result<Origin, Error> {
         _ => authority,
     };
     if !tls && !["localhost", "127.0.0.1", "[::1]"].contains(&host) {
-        return Err(Error::NoTls(text.into()));
+        return Err(format!(
+            "{text:?} has no TLS: expected https, or http with localhost, 127.0.0.1 or [::1]"
+        ));
     }
     Ok(Origin {
         text: text.to_ascii_lowercase(),

@@ -57,7 +57,10 @@ async fn begin(app: &App, request: Asked) -> Result<Response, Refusal> {
             sessions::Error::TooManyTries => (StatusCode::TOO_MANY_REQUESTS, "tries"),
             _ => (StatusCode::SERVICE_UNAVAILABLE, "session"),
         };
-        log::warning!("a session was refused: {error}");
+        // Who tries on and on does not fill the log.
+        if code != "tries" {
+            log::warning!("a session was refused: {error}");
+        }
         Refusal::new(status, code, error.to_string())
     })?;
     log::notice!("a session began: {role:?}");
