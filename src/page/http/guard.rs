@@ -231,3 +231,24 @@ fn check_source(request: &Asked, origin: &Origin) -> Result<(), Refusal> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cookie_of_a_name_with_tls_is_sent_over_tls_alone() {
+        let of = |tls| {
+            let origin = Origin {
+                text: "https://rig.example".into(),
+                authority: "rig.example".into(),
+                tls,
+            };
+            let cookie = cookie(&origin, "abc", Duration::from_secs(60)).unwrap();
+            cookie.to_str().unwrap().to_owned()
+        };
+        let rest = "=abc; Path=/; HttpOnly; SameSite=Strict; Max-Age=60";
+        assert_eq!(of(true), format!("__Host-scand{rest}; Secure"));
+        assert_eq!(of(false), format!("scand{rest}"));
+    }
+}
