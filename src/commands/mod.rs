@@ -27,7 +27,7 @@ pub mod pack;
 #[cfg(feature = "page")]
 pub mod page;
 #[cfg(not(feature = "page"))]
-mod page_absent;
+pub mod page_absent;
 mod parse;
 pub mod recover;
 pub mod replay;

@@ -1,6 +1,6 @@
 //! `scand page` in a build without the operator's page.
 
-use super::wrong_usage;
+use crate::commands::wrong_usage;
 use std::process::ExitCode;
 
 /// Whatever the command would be asked.
@@ -15,7 +15,7 @@ pub struct Args {
 ///
 /// # Errors
 /// Always: wrong usage, with the place where the command is.
-pub(super) fn run() -> anyhow::Result<ExitCode> {
+pub fn run() -> anyhow::Result<ExitCode> {
     Err(wrong_usage(
         "this build of scand has no page: install the Debian package that `make deb` makes (docs/installing.md), or \
          run `make ui` and build with `cargo build --release --features page`",
