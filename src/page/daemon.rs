@@ -1,5 +1,5 @@
-//! The page's client of the daemon's socket: at most eight connections, however many people look. Two are the page's own
-//! (the events and the status, see `watch`), the others carry people's requests.
+//! The page's client of the daemon's socket: at most eight connections, however many people look. Two are the page's
+//! own (the events and the status, see `watch`), the others carry people's requests.
 
 use crate::trigger::{Event, Reply, Request, Until};
 use std::path::{Path, PathBuf};

@@ -17,7 +17,8 @@ const LARGEST_FILE: u64 = 64 << 10;
 pub struct Parameters {
     /// The address and port that the page listens on; loopback only.
     pub listen: SocketAddr,
-    /// How browsers reach the page, such as `https://rig.example`; empty: under `localhost` and the address of `listen`.
+    /// How browsers reach the page, such as `https://rig.example`; empty: under `localhost` and the address of
+    /// `listen`.
     pub origins: Vec<String>,
     /// What the page calls the rig.
     pub rig: String,

@@ -30,8 +30,8 @@ pub(super) fn new_secret() -> std::io::Result<String> {
     Ok(hexadecimal(&bytes))
 }
 
-/// The token that requests of a session carry beside its cookie. It follows from the session's secret, and that does not
-/// follow from it.
+/// The token that requests of a session carry beside its cookie. It follows from the session's secret, and that does
+/// not follow from it.
 pub(super) fn request_token(session: &str) -> String {
     let mut hash = Sha256::new();
     hash.update(b"scand page request\n");

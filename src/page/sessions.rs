@@ -1,5 +1,5 @@
-//! Who may look and press: sessions, and the tokens that begin them. Only hashes are kept, in a file that only its owner
-//! can read. Tokens that begin a session live in memory, for ten minutes, and work once.
+//! Who may look and press: sessions, and the tokens that begin them. Only hashes are kept, in a file that only its
+//! owner can read. Tokens that begin a session live in memory, for ten minutes, and work once.
 
 use super::secrets::{Hash, new_secret};
 use crate::storage::{self, write_atomically_for_owner};

@@ -1,5 +1,5 @@
-//! What holds now, as a stream of server-sent events: one at each change, at most ten a second, and one every four seconds
-//! when nothing changes, so that a browser knows that what it shows is so now.
+//! What holds now, as a stream of server-sent events: one at each change, at most ten a second, and one every four
+//! seconds when nothing changes, so that a browser knows that what it shows is so now.
 
 use super::guard::visitor;
 use super::reply::{Refusal, answer, typed};
