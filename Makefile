@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test deps check test calibration-trial error-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -18,6 +18,17 @@ rig-demo: deps ## run the daemon with a simulated rig on this machine, and make 
 	$(CARGO) build --release --locked --features rig
 	scripts/rig-demo.sh $(RECORDING)
 
+ui: ## build the operator's page into ui/dist, from where the feature `page` takes it (npm; Node 18 or later)
+	scripts/ui.sh
+
+page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser
+	$(CARGO) build --release --locked --features aravis,page
+	SCAND=target/release/scand node ui/demo.mjs
+
+page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated rig (N=3 repeats; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --locked --package scand --features rig,page)
+	cd ui && SCAND=$(or $(SCAND),target/debug/scand) N=$(or $(N),1) npx playwright test
+
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
@@ -25,7 +36,7 @@ check: ## all checks without root or a camera library: format, clippy, documenta
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig --lib --bins $(RIG_TESTS)
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page --lib --bins $(RIG_TESTS)
 
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1

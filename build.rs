@@ -1,7 +1,8 @@
 //! Passes what the program is built from to the compiler: the commit that is checked out (`unknown` without git)
-//! and the features. Only `scand --version` prints them: a model and its digest are the same whatever the commit.
+//! and the features. Only `scand --version` prints them: a model and its digest are the same whatever the commit. With
+//! the feature `page` it also lists the files of the operator's page, which `make ui` makes.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// What git answers, or `None` if it cannot.
@@ -49,7 +50,49 @@ fn features() -> String {
     names.join(" ")
 }
 
-fn main() {
+/// The files below a folder, sorted.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files = Vec::new();
+    for path in entries.map(|entry| entry.path()) {
+        if path.is_dir() {
+            files.extend(self::files(&path));
+        } else {
+            files.push(path);
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Writes the table of the page's files for `src/page/assets.rs`. Without them it is empty, and `scand page` says so.
+fn list_page_files() -> std::io::Result<()> {
+    let root = std::env::current_dir()?.join("ui/dist");
+    // Cargo would run this again each time for a folder that is not there; `make ui` touches the other file.
+    let watched = if root.is_dir() {
+        "ui/dist"
+    } else {
+        "ui/index.html"
+    };
+    println!("cargo::rerun-if-changed={watched}");
+    let mut table = String::from("const EMBEDDED: &[(&str, &[u8])] = &[\n");
+    for file in files(&root) {
+        println!("cargo::rerun-if-changed={}", file.display());
+        let name = file.strip_prefix(&root).unwrap_or(&file);
+        table += &format!(
+            "    ({:?}, include_bytes!({:?})),\n",
+            name.display().to_string(),
+            file.display().to_string()
+        );
+    }
+    let target = std::env::var("OUT_DIR").unwrap_or_default();
+    std::fs::write(Path::new(&target).join("page_files.rs"), table + "];\n")
+}
+
+fn main() -> std::io::Result<()> {
+    if std::env::var_os("CARGO_FEATURE_PAGE").is_some() {
+        list_page_files()?;
+    }
     // Without any such line cargo would run this again at each change of any file.
     println!("cargo::rerun-if-changed=build.rs");
     let mut commit = None;
@@ -62,4 +105,5 @@ fn main() {
     let commit = commit.as_deref().unwrap_or("unknown");
     println!("cargo::rustc-env=SCAND_COMMIT={commit}");
     println!("cargo::rustc-env=SCAND_FEATURES={}", features());
+    Ok(())
 }

@@ -71,6 +71,7 @@ lint "" --all-targets
 lint live --all-targets
 lint pedal --lib --bins
 lint openni2 --lib --bins
+lint page --lib --bins
 documented=live
 if has_aravis; then
 	lint aravis --lib --bins
@@ -83,9 +84,9 @@ else
 	skip "clippy, v4l2" "there is no libclang (libclang-dev)"
 fi
 if has_aravis && has_libclang; then
-	lint rig --all-targets
-	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig --lib --bins -- -D warnings
-	documented=rig
+	lint rig,page --all-targets
+	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig,page --lib --bins -- -D warnings
+	documented=rig,page
 else
 	skip "clippy, rig" "it wants aravis and libclang"
 fi

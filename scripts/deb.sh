@@ -2,7 +2,7 @@
 # Builds the Debian package into target/debian, with cargo-deb, which is installed below target if it is missing. The
 # program links Debian's libraries, so build it on the Debian on which it will run. The program in the package has no
 # simulator; it replaces the one in target/release (or target/debug). PROFILE=dev packs an unoptimised program into the
-# folder OUTPUT.
+# folder OUTPUT. The operator's page is built with npm.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -16,7 +16,8 @@ if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 	CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off "$cargo" install cargo-deb --version "$version" --locked --root "$tools" --target-dir "$tools/build" --quiet
 	rm -rf "$tools/build"
 fi
-features=(--no-default-features --features rig)
+features=(--no-default-features --features rig,page)
+scripts/ui.sh
 "$cargo" build --profile "$profile" --locked --package scand "${features[@]}"
 # Man pages and completions, from the definition of the command line.
 program=target/${profile/#dev/debug}/scand

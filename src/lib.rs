@@ -26,8 +26,10 @@ pub mod commands;
 pub mod config;
 pub mod daemon;
 pub mod drivers;
-#[cfg(feature = "live")]
+#[cfg(any(feature = "live", feature = "page"))]
 pub mod log;
+#[cfg(feature = "page")]
+pub mod page;
 #[cfg(feature = "live")]
 pub mod pedal;
 #[cfg(feature = "live")]

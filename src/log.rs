@@ -19,6 +19,7 @@ pub enum Priority {
 }
 
 /// Logs an error, in the form of `format!`.
+#[cfg(feature = "live")]
 macro_rules! error {
     ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Error, format_args!($($words)*)) };
 }
@@ -31,10 +32,13 @@ macro_rules! notice {
     ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Notice, format_args!($($words)*)) };
 }
 /// Logs something worth a line, in the form of `format!`.
+#[cfg(feature = "live")]
 macro_rules! info {
     ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Info, format_args!($($words)*)) };
 }
-pub(crate) use {error, info, notice, warning};
+#[cfg(feature = "live")]
+pub(crate) use {error, info};
+pub(crate) use {notice, warning};
 
 /// Writes a message. The daemon goes on if the log cannot be written.
 pub fn write(level: Priority, words: Arguments<'_>) {

@@ -25,6 +25,10 @@ pub mod make_model;
 #[cfg(not(feature = "lab"))]
 pub mod no_simulator;
 pub mod pack;
+#[cfg(feature = "page")]
+pub mod page;
+#[cfg(not(feature = "page"))]
+pub mod page_absent;
 mod parse;
 pub mod recover;
 pub mod replay;
@@ -139,6 +143,7 @@ Run a rig:
   status      Show cameras, captures and disk
   events      Show what happens
   pedal       Turn the keys of a foot switch into presses
+  page        Serve the operator's page, and let people in
 
 Calibrate:
   board       Make a calibration board to print
@@ -211,6 +216,11 @@ enum Command {
     MakeModel(Box<make_model::Args>),
     Note(live::client::NoteArgs),
     Pack(pack::Args),
+    #[cfg(feature = "page")]
+    Page(page::Args),
+    #[cfg(not(feature = "page"))]
+    #[command(hide = true)]
+    Page(page_absent::Args),
     #[cfg(feature = "pedal")]
     Pedal(live::pedal::Args),
     #[cfg(not(feature = "pedal"))]
@@ -259,6 +269,10 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::MakeModel(args)) => make_model::run(*args),
         Some(Command::Note(args)) => live::client::note(args),
         Some(Command::Pack(args)) => pack::run(args),
+        #[cfg(feature = "page")]
+        Some(Command::Page(args)) => page::run(args),
+        #[cfg(not(feature = "page"))]
+        Some(Command::Page(_)) => page_absent::run(),
         #[cfg(feature = "pedal")]
         Some(Command::Pedal(args)) => live::pedal::run(args),
         #[cfg(not(feature = "pedal"))]

@@ -41,7 +41,7 @@ fi
 say "building ($profile)"
 output=$folder/debian
 [ "$profile" = dev ] || output=target/debian
-workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig --test workers --no-run --message-format=json 2>"$folder/build.log" |
+workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig,page --test workers --no-run --message-format=json 2>"$folder/build.log" |
 	sed -n 's#.*"executable":"\([^"]*/workers-[^"]*\)".*#\1#p') || {
 	tail -n 20 "$folder/build.log" >&2
 	exit 1

@@ -326,7 +326,12 @@ fn the_units_are_sound_and_closed() {
         let text = [output.stdout, output.stderr].concat();
         (output.status.success(), String::from_utf8(text).unwrap())
     };
-    let units = ["scand.service", "scand.socket", "scand-pedal@.service"];
+    let units = [
+        "scand.service",
+        "scand.socket",
+        "scand-page.service",
+        "scand-pedal@.service",
+    ];
     for unit in units {
         let text = std::fs::read_to_string(source.join(unit)).unwrap();
         let text = text.replace("/usr/bin/scand", env!("CARGO_BIN_EXE_scand"));
@@ -334,7 +339,11 @@ fn the_units_are_sound_and_closed() {
     }
     let (sound, words) = analyze(&["verify"], &units);
     assert!(sound && words.is_empty(), "{words}");
-    let services = ["scand.service", "scand-pedal@.service"];
+    let services = [
+        "scand.service",
+        "scand-page.service",
+        "scand-pedal@.service",
+    ];
     let (closed, words) = analyze(&["security", "--offline=true", "--threshold=20"], &services);
     assert!(closed, "{words}");
     // The same command can say no.

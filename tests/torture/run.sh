@@ -46,7 +46,7 @@ wanted=" ${*:-power kill disk damage presses cameras workers upgrades soak} "
 mkdir -p "$folder"
 rm -f "$folder"/*.log
 echo "torture: building" >&2
-programs=$("$cargo" test --locked --features rig --no-run --message-format=json 2>"$folder/build.log" |
+programs=$("$cargo" test --locked --features rig,page --no-run --message-format=json 2>"$folder/build.log" |
 	sed -n 's#.*"kind":\["\([a-z]*\)"\].*"name":"\([^"]*\)","src_path".*"executable":"\([^"]*\)".*#\1 \2 \3#p') || {
 	tail -n 20 "$folder/build.log" >&2
 	exit 1

@@ -1,0 +1,159 @@
+//! The socket on which `scand page pair` and its neighbours ask the running page. Its mode lets root and the group of
+//! the page's process connect. A request is a line of JSON, and so is its answer.
+
+use super::sessions::{self, Listed, Role, Sessions};
+use serde::{Deserialize, Serialize};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt};
+use tokio::net::{UnixListener, UnixStream};
+use tokio::sync::Semaphore;
+
+/// Longest line in bytes, either way.
+const LONGEST: u64 = 64 << 10;
+/// How long one may take to ask or to answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Connections that are served at a time; others wait.
+const MOST: usize = 4;
+
+/// What is asked of the running page.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "type", deny_unknown_fields)]
+pub enum Ask {
+    /// A link that begins one session.
+    Pair {
+        /// What that session may do.
+        role: Role,
+    },
+    /// A token for `/metrics`.
+    Token {},
+    /// The sessions that last.
+    Sessions {},
+    /// Ends sessions.
+    Revoke {
+        /// The short name of one; without it all of them, and all links.
+        id: Option<String>,
+    },
+}
+
+/// What the page answers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "type")]
+pub enum Answer {
+    /// A link; its token is behind `#`, which no browser sends to a server.
+    Link {
+        /// The whole link.
+        link: String,
+    },
+    /// A token for `/metrics`.
+    Token {
+        /// The token.
+        token: String,
+    },
+    /// The sessions that last.
+    Sessions {
+        /// One by one.
+        sessions: Vec<Listed>,
+    },
+    /// So many sessions were ended.
+    Revoked {
+        /// How many.
+        sessions: usize,
+    },
+    /// It could not be done.
+    Refused {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Asks the page that listens on this socket.
+///
+/// # Errors
+/// If none listens there, or it does not answer in time.
+pub fn ask(path: &Path, ask: &Ask) -> std::io::Result<Answer> {
+    let mut stream = std::os::unix::net::UnixStream::connect(path)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let line = serde_json::to_string(ask)? + "\n";
+    stream.write_all(line.as_bytes())?;
+    let mut line = String::new();
+    BufReader::new(stream).take(LONGEST).read_line(&mut line)?;
+    Ok(serde_json::from_str(&line)?)
+}
+
+/// Makes the socket, for its owner and group.
+pub(super) fn listen(path: &Path) -> std::io::Result<UnixListener> {
+    // One that an earlier run left; where a page still answers, this one has no business.
+    if std::os::unix::net::UnixStream::connect(path).is_ok() {
+        return Err(std::io::ErrorKind::AddrInUse.into());
+    }
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let listener = UnixListener::bind(path)?;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
+    Ok(listener)
+}
+
+/// Answers who asks, for ever.
+pub(super) async fn serve(listener: UnixListener, sessions: Arc<Sessions>, origin: String) {
+    let slots = Arc::new(Semaphore::new(MOST));
+    loop {
+        let Ok(slot) = slots.clone().acquire_owned().await else {
+            return;
+        };
+        let Ok((stream, _)) = listener.accept().await else {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            continue;
+        };
+        let (sessions, origin) = (sessions.clone(), origin.clone());
+        tokio::spawn(async move {
+            let served = serve_one(stream, &sessions, &origin);
+            let _ = tokio::time::timeout(PATIENCE, served).await;
+            drop(slot);
+        });
+    }
+}
+
+async fn serve_one(
+    mut stream: UnixStream,
+    sessions: &Sessions,
+    origin: &str,
+) -> std::io::Result<()> {
+    let (read, mut write) = stream.split();
+    let mut line = String::new();
+    let mut read = tokio::io::BufReader::new(read).take(LONGEST);
+    read.read_line(&mut line).await?;
+    let answer = match serde_json::from_str::<Ask>(&line) {
+        Ok(ask) => answer(ask, sessions, origin).unwrap_or_else(|error| Answer::Refused {
+            reason: error.to_string(),
+        }),
+        Err(error) => Answer::Refused {
+            reason: error.to_string(),
+        },
+    };
+    let line = serde_json::to_string(&answer)? + "\n";
+    write.write_all(line.as_bytes()).await
+}
+
+fn answer(ask: Ask, sessions: &Sessions, origin: &str) -> Result<Answer, sessions::Error> {
+    Ok(match ask {
+        Ask::Pair { role } => Answer::Link {
+            link: format!("{origin}/#pair={}", sessions.pair(role)?),
+        },
+        Ask::Token {} => Answer::Token {
+            token: sessions.metrics()?,
+        },
+        Ask::Sessions {} => Answer::Sessions {
+            sessions: sessions.list(),
+        },
+        Ask::Revoke { id } => Answer::Revoked {
+            sessions: sessions.revoke(id.as_deref())?,
+        },
+    })
+}

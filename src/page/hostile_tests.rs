@@ -1,0 +1,612 @@
+//! Requests that mean no good, over real connections to the page, with a daemon that counts what it is asked.
+
+use super::http::router;
+use super::parameters::Parameters;
+use super::serve::{accept, app};
+use super::sessions::Role;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+
+const STATUS: &str = r#"{"type":"status","status":{"cameras":{"c00":{"kind":"color","state":"ready","words":"x","lost_frames":0}},"session":null,"captures_left":5,"capture_bytes":10,"plates_age_h":0.5,"models":null}}"#;
+
+/// A daemon that answers as one does.
+#[derive(Clone, Default)]
+struct Counted {
+    presses: Arc<AtomicUsize>,
+    others: Arc<AtomicUsize>,
+    /// Presses in progress, and the most that there were at a time.
+    pressing: Arc<AtomicUsize>,
+    most: Arc<AtomicUsize>,
+}
+
+impl Counted {
+    fn serve(&self, path: &Path) {
+        let listener = UnixListener::bind(path).unwrap();
+        let counted = self.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                let (counted, stream) = (counted.clone(), stream.unwrap());
+                std::thread::spawn(move || counted.serve_one(stream));
+            }
+        });
+    }
+
+    fn serve_one(&self, stream: std::os::unix::net::UnixStream) {
+        let mut write = stream.try_clone().unwrap();
+        for line in BufReader::new(stream).lines().map_while(Result::ok) {
+            let reply = if line.contains("\"status\"") {
+                STATUS.to_owned()
+            } else if line.contains("\"events\"") {
+                r#"{"type":"listening"}"#.into()
+            } else if line.contains("\"trigger\"") {
+                self.presses.fetch_add(1, Ordering::SeqCst);
+                let pressing = self.pressing.fetch_add(1, Ordering::SeqCst) + 1;
+                self.most.fetch_max(pressing, Ordering::SeqCst);
+                std::thread::sleep(Duration::from_millis(100));
+                self.pressing.fetch_sub(1, Ordering::SeqCst);
+                let accepted = r#"{"type":"accepted","capture":"a-0001"}"#;
+                let durable =
+                    r#"{"type":"durable","capture":"a-0001","recording":"/secret/a.mcap"}"#;
+                format!("{accepted}\n{durable}")
+            } else {
+                self.others.fetch_add(1, Ordering::SeqCst);
+                r#"{"type":"ok","words":"done"}"#.into()
+            };
+            if writeln!(write, "{reply}").is_err() {
+                break;
+            }
+        }
+    }
+
+    fn asked(&self) -> usize {
+        self.presses.load(Ordering::SeqCst) + self.others.load(Ordering::SeqCst)
+    }
+}
+
+/// The page, listening on a port of its own, and sessions of both roles.
+struct Page {
+    address: SocketAddr,
+    host: String,
+    daemon: Counted,
+    app: Arc<super::http::App>,
+    root: tempfile::TempDir,
+}
+
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Page {
+    fn start() -> Self {
+        let root = tempfile::tempdir().unwrap();
+        let daemon = Counted::default();
+        daemon.serve(&root.path().join("scand.sock"));
+        let folder = root.path().join("models/a/a-0001");
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("model.glb"), vec![7; 300_000]).unwrap();
+        std::fs::write(root.path().join("secret.txt"), "the secret").unwrap();
+        let free = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = free.local_addr().unwrap();
+        drop(free);
+        let parameters = Parameters {
+            listen: address,
+            socket: root.path().join("scand.sock"),
+            models: root.path().join("models"),
+            state: root.path().join("state"),
+            ..Parameters::default()
+        };
+        std::fs::create_dir_all(&parameters.state).unwrap();
+        let app = app(&parameters).unwrap();
+        let served = app.clone();
+        let (ready, is_ready) = mpsc::sync_channel(1);
+        std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread();
+            let runtime = { runtime }.enable_all().build().unwrap();
+            runtime.block_on(async {
+                let listener = tokio::net::TcpListener::bind(address).await.unwrap();
+                ready.send(()).unwrap();
+                tokio::select! {
+                    () = served.watch.keep_events(&served.daemon) => {}
+                    () = served.watch.keep_status(&served.daemon) => {}
+                    () = accept(listener, router(served.clone())) => {}
+                }
+            });
+        });
+        is_ready.recv().unwrap();
+        Self {
+            host: address.to_string(),
+            address,
+            daemon,
+            app,
+            root,
+        }
+    }
+
+    fn session(&self, role: Role) -> String {
+        let token = self.app.sessions.pair(role).unwrap();
+        self.app.sessions.begin(&token).unwrap().0
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.address).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        stream
+    }
+
+    /// Sends bytes as they are, and reads the one answer.
+    fn raw(&self, bytes: &[u8]) -> Answer {
+        let mut stream = self.connect();
+        // A server that has refused reads no more.
+        let _ = stream.write_all(bytes);
+        let mut found = Vec::new();
+        let _ = stream.read_to_end(&mut found);
+        let text = String::from_utf8_lossy(&found).into_owned();
+        let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+        let status = head.get(9..12).and_then(|code| code.parse().ok());
+        Answer {
+            status: status.unwrap_or(0),
+            head: head.to_ascii_lowercase(),
+            body: body.into(),
+        }
+    }
+
+    fn get(&self, path: &str, headers: &str) -> Answer {
+        let host = &self.host;
+        let text =
+            format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n");
+        self.raw(text.as_bytes())
+    }
+
+    fn post(&self, path: &str, headers: &str, body: &str) -> Answer {
+        let (host, length) = (&self.host, body.len());
+        let text = format!(
+            "POST {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n{headers}\r\n{body}"
+        );
+        self.raw(text.as_bytes())
+    }
+
+    /// The headers with which the page itself asks.
+    fn own(&self, secret: &str) -> String {
+        let (host, token) = (&self.host, super::secrets::request_token(secret));
+        format!(
+            "Origin: http://{host}\r\nContent-Type: application/json\r\nCookie: scand={secret}\r\nX-Scand-Token: {token}\r\n"
+        )
+    }
+}
+
+const PRESS: &str = r#"{"press_id":"page-0001","subject":"1884.3"}"#;
+
+#[test]
+fn a_press_of_an_operator_is_one_and_tells_no_path() {
+    let page = Page::start();
+    let operator = page.session(Role::Operator);
+    let answer = page.post("/api/press", &page.own(&operator), PRESS);
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let told: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+    let expected = serde_json::json!({ "type": "durable", "capture": "a-0001" });
+    assert_eq!(told, expected, "no path of the recording");
+    assert_eq!(page.daemon.presses.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn nobody_else_presses() {
+    let page = Page::start();
+    let operator = page.session(Role::Operator);
+    let viewer = page.session(Role::Viewer);
+    let bearer = page.app.sessions.metrics().unwrap();
+    let (own, host) = (page.own(&operator), page.host.clone());
+    let without = |name: &str| -> String {
+        let kept = own.lines().filter(|line| !line.starts_with(name));
+        kept.map(|line| format!("{line}\r\n")).collect()
+    };
+    let with = |name: &str, value: &str| format!("{}{name}: {value}\r\n", without(name));
+    let cases = [
+        ("no header at all", String::new(), 401),
+        ("no cookie", without("Cookie"), 401),
+        (
+            "a guessed session",
+            with("Cookie", &format!("scand={}", "0".repeat(64))),
+            401,
+        ),
+        (
+            "the token of /metrics",
+            with("Cookie", &format!("scand={bearer}")),
+            401,
+        ),
+        ("a viewer", page.own(&viewer), 403),
+        ("no token", without("X-Scand-Token"), 403),
+        (
+            "another session's token",
+            {
+                let token = super::secrets::request_token(&viewer);
+                with("X-Scand-Token", &token)
+            },
+            403,
+        ),
+        ("no origin", without("Origin"), 403),
+        ("another site", with("Origin", "https://evil.example"), 403),
+        ("null", with("Origin", "null"), 403),
+        ("another port", with("Origin", "http://127.0.0.1:1"), 403),
+        (
+            "a longer name",
+            with("Origin", &format!("http://{host}.evil.example")),
+            403,
+        ),
+        (
+            "the other scheme",
+            with("Origin", &format!("https://{host}")),
+            403,
+        ),
+        (
+            "two origins",
+            format!("{own}Origin: https://evil.example\r\n"),
+            403,
+        ),
+        (
+            "a form",
+            with("Content-Type", "application/x-www-form-urlencoded"),
+            415,
+        ),
+        ("text", with("Content-Type", "text/plain"), 415),
+    ];
+    for path in ["/api/press", "/api/plates", "/api/session", "/api/note"] {
+        for (what, headers, expected) in &cases {
+            let answer = page.post(path, headers, PRESS);
+            assert_eq!(answer.status, *expected, "{path}, {what}: {}", answer.body);
+        }
+        let get = page.get(path, &own);
+        assert_eq!(get.status, 405, "{path}");
+    }
+    let begun = page.session(Role::Operator);
+    page.app.sessions.leave(&begun).unwrap();
+    assert_eq!(
+        page.post("/api/press", &page.own(&begun), PRESS).status,
+        401
+    );
+    assert_eq!(page.daemon.asked(), 0);
+}
+
+#[test]
+fn bodies_that_make_no_sense_are_refused() {
+    let page = Page::start();
+    let own = page.own(&page.session(Role::Operator));
+    let long = format!(r#"{{"press_id":"{}"}}"#, "a".repeat(65));
+    let subject = format!(
+        r#"{{"press_id":"page-0001","subject":"{}"}}"#,
+        "é".repeat(101)
+    );
+    let deep = "[".repeat(8000);
+    for body in [
+        "",
+        "{",
+        "null",
+        "[]",
+        "{}",
+        "\u{0}",
+        &long,
+        &subject,
+        &deep,
+        r#"{"press_id":"a"}"#,
+        r#"{"press_id":"page 0001"}"#,
+        r#"{"press_id":"../../etc"}"#,
+        r#"{"press_id":7}"#,
+        r#"{"press_id":"page-0001","until":"done"}"#,
+        r#"{"press_id":"page-0001","source":"pedal"}"#,
+        r#"{"press_id":"page-0001","subject":"a\nb"}"#,
+        r#"{"press_id":"page-0001","subject":"a\u0000b"}"#,
+        r#"{"press_id":"page-0001"}{"press_id":"page-0002"}"#,
+    ] {
+        let answer = page.post("/api/press", &own, body);
+        assert_eq!(answer.status, 400, "{body:.80}: {}", answer.body);
+    }
+    for body in [
+        r#"{"capture":"../../etc","kind":"text","text":"x"}"#,
+        r#"{"capture":"a-0001","kind":"delete"}"#,
+        r#"{"capture":"a-0001","kind":"text","text":"a\nb"}"#,
+        r#"{"capture":"a-0001","kind":"text","path":"/etc/passwd"}"#,
+    ] {
+        assert_eq!(page.post("/api/note", &own, body).status, 400, "{body}");
+    }
+    let about = r#"{"name":"a","about":{"rig":"another"}}"#;
+    assert_eq!(page.post("/api/session", &own, about).status, 400);
+    let large = format!("{{\"press_id\":\"{}\"}}", "a".repeat(10_000));
+    assert_eq!(page.post("/api/press", &own, &large).status, 413);
+    assert_eq!(page.daemon.asked(), 0);
+}
+
+#[test]
+fn a_foreign_name_reaches_nothing() {
+    let page = Page::start();
+    let cookie = format!("Cookie: scand={}\r\n", page.session(Role::Operator));
+    let port = page.address.port();
+    let hosts = [
+        "evil.example".to_owned(),
+        format!("evil.example:{port}"),
+        format!("{}.evil.example", page.host),
+        format!("127.0.0.2:{port}"),
+        "127.0.0.1".to_owned(),
+        String::new(),
+    ];
+    for host in &hosts {
+        for path in ["/", "/api/me", "/healthz", "/api/models/a/a-0001/model.glb"] {
+            let text =
+                format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{cookie}\r\n");
+            let answer = page.raw(text.as_bytes());
+            assert!(
+                [421, 400].contains(&answer.status),
+                "{host} {path}: {}",
+                answer.status
+            );
+        }
+    }
+    for text in [
+        "GET /api/me HTTP/1.1\r\nConnection: close\r\n".to_owned(),
+        format!(
+            "GET /api/me HTTP/1.1\r\nHost: {}\r\nHost: evil.example\r\nConnection: close\r\n",
+            page.host
+        ),
+        format!(
+            "GET http://evil.example/api/me HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n",
+            page.host
+        ),
+    ] {
+        let answer = page.raw(format!("{text}{cookie}\r\n").as_bytes());
+        assert!(
+            [421, 400].contains(&answer.status),
+            "{text}: {}",
+            answer.status
+        );
+    }
+    let localhost = format!(
+        "GET /api/me HTTP/1.1\r\nHost: LOCALHOST:{port}\r\nConnection: close\r\n{cookie}\r\n"
+    );
+    assert_eq!(page.raw(localhost.as_bytes()).status, 200);
+}
+
+#[test]
+fn no_path_leads_out_and_nothing_is_told_without_a_session() {
+    let page = Page::start();
+    let cookie = format!("Cookie: scand={}\r\n", page.session(Role::Viewer));
+    let link = page.root.path().join("models/a/a-0001/model.ply");
+    std::os::unix::fs::symlink(page.root.path().join("secret.txt"), link).unwrap();
+    for path in [
+        "/api/models/a/a-0001/../../../secret.txt",
+        "/api/models/../../secret.txt",
+        "/api/models/%2e%2e/%2e%2e/secret.txt",
+        "/api/models/a/%2e%2e/model.glb",
+        "/api/models/a%2fa-0001/x/model.glb",
+        "/api/models/a/a-0001%00/model.glb",
+        "/api/models/a/a-0001/model.ply",
+        "/api/models/a/a-0001/secret.txt",
+        "/api/models/a/a-0001/..%2f..%2f..%2fsecret.txt",
+        "/api/models//a-0001/model.glb",
+        "/api/recordings/%2e%2e",
+        "/api/recordings/..%2f..",
+        "/assets/../../Cargo.toml",
+        "/assets/%2e%2e/%2e%2e/Cargo.toml",
+        "//etc/passwd",
+        "/state/sessions.json",
+        "/api",
+        "/%ff%fe",
+    ] {
+        let answer = page.get(path, &cookie);
+        assert!(
+            [400, 404].contains(&answer.status),
+            "{path}: {}",
+            answer.status
+        );
+        assert!(!answer.body.contains("secret"), "{path}");
+    }
+    for path in [
+        "/api/me",
+        "/api/events",
+        "/api/state",
+        "/api/recordings",
+        "/api/recordings/a",
+        "/api/models/a/a-0001/model.glb",
+    ] {
+        assert_eq!(page.get(path, "").status, 401, "{path}");
+        assert_eq!(page.get(path, "Cookie: scand=\r\n").status, 401, "{path}");
+    }
+    let model = page.get("/api/models/a/a-0001/model.glb", &cookie);
+    assert_eq!((model.status, model.body.len()), (200, 300_000));
+    assert!(
+        model
+            .head
+            .contains("content-security-policy: default-src 'none'; sandbox")
+    );
+    let long = format!("/{}", "a".repeat(2000));
+    assert_eq!(page.get(&long, "").status, 414);
+    assert_eq!(page.daemon.asked(), 0);
+}
+
+#[test]
+fn metrics_want_their_token_and_health_tells_no_names() {
+    let page = Page::start();
+    let operator = page.session(Role::Operator);
+    let bearer = page.app.sessions.metrics().unwrap();
+    for headers in [
+        String::new(),
+        format!("Authorization: Bearer {operator}\r\n"),
+        format!("Authorization: Basic {bearer}\r\n"),
+        format!("Cookie: scand={bearer}\r\n"),
+    ] {
+        assert_eq!(page.get("/metrics", &headers).status, 401, "{headers}");
+    }
+    let found = page.get("/metrics", &format!("Authorization: Bearer {bearer}\r\n"));
+    assert_eq!(found.status, 200);
+    assert!(found.body.contains("scand_presses_total"), "{}", found.body);
+    let begin = Instant::now();
+    while page.get("/healthz", "").status != 200 {
+        assert!(begin.elapsed() < Duration::from_secs(20));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(page.get("/healthz", "").body.contains("ok"));
+}
+
+#[test]
+fn every_answer_carries_the_headers() {
+    let page = Page::start();
+    for path in ["/", "/api/me", "/nothing", "/healthz", "/metrics"] {
+        let head = page.get(path, "").head;
+        for line in [
+            "content-security-policy: default-src 'none'",
+            "frame-ancestors 'none'",
+            "x-content-type-options: nosniff",
+            "x-frame-options: deny",
+            "referrer-policy: no-referrer",
+            "cache-control: no-store",
+        ] {
+            assert!(head.contains(line), "{path}: {line}: {head}");
+        }
+        assert!(!head.contains("unsafe-inline") && !head.contains("access-control-allow"));
+    }
+}
+
+#[test]
+fn a_link_sets_a_cookie_that_scripts_cannot_read_and_guesses_are_limited() {
+    let page = Page::start();
+    let headers = format!(
+        "Origin: http://{}\r\nContent-Type: application/json\r\n",
+        page.host
+    );
+    let token = page.app.sessions.pair(Role::Viewer).unwrap();
+    let body = format!(r#"{{"token":"{token}"}}"#);
+    let foreign = "Origin: https://evil.example\r\nContent-Type: application/json\r\n";
+    assert_eq!(page.post("/api/pair", foreign, &body).status, 403);
+    let begun = page.post("/api/pair", &headers, &body);
+    assert_eq!(begun.status, 200);
+    assert!(
+        begun
+            .head
+            .contains("; path=/; httponly; samesite=strict; max-age="),
+        "{}",
+        begun.head
+    );
+    assert_eq!(page.post("/api/pair", &headers, &body).status, 403);
+    for n in 0..19 {
+        let guess = format!(r#"{{"token":"{n}"}}"#);
+        assert_eq!(page.post("/api/pair", &headers, &guess).status, 403);
+    }
+    let token = page.app.sessions.pair(Role::Viewer).unwrap();
+    let body = format!(r#"{{"token":"{token}"}}"#);
+    assert_eq!(page.post("/api/pair", &headers, &body).status, 429);
+}
+
+#[test]
+fn slow_clients_are_broken_off_and_a_thousand_connections_keep_nobody_out_for_long() {
+    let page = Page::start();
+    let begin = Instant::now();
+    let mut halves: Vec<TcpStream> = Vec::new();
+    for n in 0..1000 {
+        let Ok(mut stream) = TcpStream::connect(page.address) else {
+            continue;
+        };
+        if n % 2 == 0 {
+            let _ = stream.write_all(b"GET / HTTP/1.1\r\nHost: ");
+        }
+        halves.push(stream);
+    }
+    // Those that were taken are broken off after five seconds, and then there is room again.
+    loop {
+        let found = page.get("/api/me", "");
+        if found.status == 401 {
+            break;
+        }
+        assert!(begin.elapsed() < Duration::from_secs(30));
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let slow = page.post(
+        "/api/press",
+        &page.own(&page.session(Role::Operator)),
+        PRESS,
+    );
+    assert_eq!(slow.status, 200);
+    // A body that never comes.
+    let own = page.own(&page.session(Role::Operator));
+    let begin = Instant::now();
+    let host = &page.host;
+    let text = format!(
+        "POST /api/press HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: 50\r\n{own}\r\n{{"
+    );
+    assert_eq!(page.raw(text.as_bytes()).status, 408);
+    assert!(begin.elapsed() < Duration::from_secs(15));
+    // One that says nothing at all, and one that says nothing more.
+    for asked in ["", "GET /healthz HTTP/1.1\r\nHost: {host}\r\n\r\n"] {
+        let begin = Instant::now();
+        let mut idle = page.connect();
+        let asked = asked.replace("{host}", host);
+        idle.write_all(asked.as_bytes()).unwrap();
+        let _ = idle.read_to_end(&mut Vec::new());
+        assert!(begin.elapsed() < Duration::from_secs(20), "{asked}");
+    }
+    assert_eq!(page.daemon.presses.load(Ordering::SeqCst), 1);
+}
+
+#[test]
+fn however_many_look_and_press_the_daemon_has_eight_connections() {
+    let page = Arc::new(Page::start());
+    let operator = page.session(Role::Operator);
+    let mut looking = Vec::new();
+    for n in 0..12 {
+        let mut stream = page.connect();
+        let session = if n < 10 {
+            operator.clone()
+        } else {
+            page.session(Role::Viewer)
+        };
+        let host = &page.host;
+        let text =
+            format!("GET /api/events HTTP/1.1\r\nHost: {host}\r\nCookie: scand={session}\r\n\r\n");
+        stream.write_all(text.as_bytes()).unwrap();
+        let mut first = String::new();
+        BufReader::new(stream.try_clone().unwrap())
+            .read_line(&mut first)
+            .unwrap();
+        // One session has at most eight streams.
+        let expected = if (8..10).contains(&n) { "503" } else { "200" };
+        assert!(first.contains(expected), "{n}: {first}");
+        looking.push(stream);
+    }
+    let presses = (0..30).map(|n| {
+        let (page, own) = (page.clone(), page.own(&operator));
+        std::thread::spawn(move || {
+            let body = format!(r#"{{"press_id":"page-{n:04}"}}"#);
+            page.post("/api/press", &own, &body).status
+        })
+    });
+    let presses: Vec<_> = presses.collect();
+    for press in presses {
+        assert!([200, 503].contains(&press.join().unwrap()));
+    }
+    // Two of the eight are the page's own.
+    let most = page.daemon.most.load(Ordering::SeqCst);
+    assert!((2..=6).contains(&most), "{most}");
+    drop(looking);
+}
+
+#[test]
+fn a_session_that_is_revoked_sees_no_more() {
+    let page = Page::start();
+    let viewer = page.session(Role::Viewer);
+    let mut stream = page.connect();
+    let host = &page.host;
+    let text = format!(
+        "GET /api/events HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nCookie: scand={viewer}\r\n\r\n"
+    );
+    stream.write_all(text.as_bytes()).unwrap();
+    let mut lines = BufReader::new(stream).lines();
+    assert!(lines.any(|line| line.unwrap().starts_with("data: {")));
+    page.app.sessions.revoke(None).unwrap();
+    // The stream ends.
+    assert!(lines.map_while(Result::ok).count() < 100);
+}

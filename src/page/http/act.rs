@@ -1,0 +1,231 @@
+//! What people do: begin and end their session, press, take plates, begin and close sessions, note. Each becomes one
+//! request to the daemon; none names a path.
+
+use super::guard::{body, confirmed, cookie, operator, visitor};
+use super::reply::{Refusal, answer, json};
+use super::{App, Asked};
+use crate::log;
+use crate::page::daemon;
+use crate::page::models::is_name;
+use crate::page::origin::Origin;
+use crate::page::secrets::request_token;
+use crate::page::sessions;
+use crate::trigger::{LONGEST_REQUEST, Reply, Request};
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::Response;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Longest number of an object, name of a person or of a project, in characters.
+const LONGEST_NAME: usize = 100;
+/// Longest note in characters.
+const LONGEST_NOTE: usize = 500;
+/// What a session may say of itself.
+const ABOUT: [&str; 4] = ["operator", "project", "title", "rights"];
+
+/// Who asks, what they may do, and what the page is called.
+pub(super) async fn me(State(app): State<Arc<App>>, request: Asked) -> Response {
+    answer(visitor(&app, &request).map(|visitor| {
+        json(
+            &json!({ "role": visitor.role, "token": request_token(&visitor.secret), "rig": app.rig,
+            "version": env!("CARGO_PKG_VERSION") }),
+        )
+    }))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pair {
+    token: String,
+}
+
+/// Takes the token of a link for a session.
+pub(super) async fn pair(State(app): State<Arc<App>>, request: Asked) -> Response {
+    answer(begin(&app, request).await)
+}
+
+async fn begin(app: &App, request: Asked) -> Result<Response, Refusal> {
+    let (asked, origin): (Pair, _) = body(request).await?;
+    let begun = app.sessions.begin(&asked.token);
+    let (secret, role, lasts) = begun.map_err(|error| {
+        let (status, code) = match error {
+            sessions::Error::Unknown => (StatusCode::FORBIDDEN, "link"),
+            sessions::Error::TooManyTries => (StatusCode::TOO_MANY_REQUESTS, "tries"),
+            _ => (StatusCode::SERVICE_UNAVAILABLE, "session"),
+        };
+        // Who tries on and on does not fill the log.
+        if code != "tries" {
+            log::warning!("a session was refused: {error}");
+        }
+        Refusal::new(status, code, error.to_string())
+    })?;
+    log::notice!("a session began: {role:?}");
+    let mut response = json(&json!({ "role": role }));
+    let cookie = cookie(&origin, &secret, lasts)?;
+    response.headers_mut().insert(header::SET_COOKIE, cookie);
+    Ok(response)
+}
+
+/// Ends the session that asks.
+pub(super) async fn leave(State(app): State<Arc<App>>, request: Asked) -> Response {
+    answer(end(&app, &request))
+}
+
+fn end(app: &App, request: &Asked) -> Result<Response, Refusal> {
+    let visitor = confirmed(app, request)?;
+    let failed = |error: sessions::Error| {
+        let status = StatusCode::SERVICE_UNAVAILABLE;
+        Refusal::new(status, "session", error.to_string())
+    };
+    app.sessions.leave(&visitor.secret).map_err(failed)?;
+    let mut response = json(&json!({}));
+    if let Some(origin) = request.extensions().get::<Origin>() {
+        let removed = cookie(origin, "", Duration::ZERO)?;
+        response.headers_mut().insert(header::SET_COOKIE, removed);
+    }
+    Ok(response)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Press {
+    press_id: String,
+    #[serde(default)]
+    subject: Option<String>,
+}
+
+/// Takes a capture; answered when it is on the disk.
+pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let pressed = async {
+        let (_, asked): (_, Press) = operator(&app, request).await?;
+        let is_fine = |b: u8| b.is_ascii_alphanumeric() || b == b'-';
+        if !(8..=64).contains(&asked.press_id.len()) || !asked.press_id.bytes().all(is_fine) {
+            return Err(Refusal::bad(
+                "press_id: expected 8 to 64 letters, digits and hyphens",
+            ));
+        }
+        let subject = asked.subject.filter(|subject| !subject.trim().is_empty());
+        let subject = subject.map(|subject| line("subject", &subject, LONGEST_NAME));
+        let reply = app.daemon.press(&asked.press_id, subject.transpose()?);
+        told(reply.await)
+    };
+    answer(pressed.await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Nothing {}
+
+/// Takes background pictures of the empty rig.
+pub(super) async fn plates(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let taken = async {
+        let (_, Nothing {}) = operator(&app, request).await?;
+        ask(&app, Request::Background {}).await
+    };
+    answer(taken.await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Session {
+    /// None to close the one that is open.
+    name: Option<String>,
+    #[serde(default)]
+    about: BTreeMap<String, String>,
+}
+
+/// Begins a session of captures, or closes it.
+pub(super) async fn session(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let begun = async {
+        let (_, asked): (_, Session) = operator(&app, request).await?;
+        let Some(name) = asked.name else {
+            return ask(&app, Request::Close {}).await;
+        };
+        let mut about = BTreeMap::new();
+        for (key, value) in asked.about {
+            if !ABOUT.contains(&key.as_str()) {
+                return Err(Refusal::bad(format!("about: {key:?} is not known here")));
+            }
+            let value = line(&key, &value, LONGEST_NAME)?;
+            if !value.is_empty() {
+                about.insert(key, value);
+            }
+        }
+        ask(&app, Request::Begin { name, about }).await
+    };
+    answer(begun.await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Note {
+    capture: String,
+    kind: String,
+    #[serde(default)]
+    text: String,
+    #[serde(default)]
+    author: Option<String>,
+}
+
+/// Accepts or rejects a capture, takes that back, or notes something about it.
+pub(super) async fn note(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let noted = async {
+        let (_, asked): (_, Note) = operator(&app, request).await?;
+        let kinds = ["accept", "reject", "clear", "text"];
+        if !is_name(&asked.capture) || !kinds.contains(&asked.kind.as_str()) {
+            return Err(Refusal::bad(
+                "a note wants a capture's name and a kind: accept, reject, clear or text",
+            ));
+        }
+        let author = asked.author.filter(|author| !author.trim().is_empty());
+        let author = author.map(|author| line("author", &author, LONGEST_NAME));
+        let request = Request::Note {
+            capture: asked.capture,
+            kind: asked.kind,
+            text: line("text", &asked.text, LONGEST_NOTE)?,
+            author: author.transpose()?,
+        };
+        ask(&app, request).await
+    };
+    answer(noted.await)
+}
+
+/// A text of one line, trimmed.
+fn line(name: &str, text: &str, longest: usize) -> Result<String, Refusal> {
+    let text = text.trim();
+    if text.chars().count() > longest || text.chars().any(char::is_control) {
+        return Err(Refusal::bad(format!(
+            "{name}: expected at most {longest} characters in one line"
+        )));
+    }
+    Ok(text.into())
+}
+
+async fn ask(app: &App, request: Request) -> Result<Response, Refusal> {
+    let length = serde_json::to_string(&request).map_or(usize::MAX, |line| line.len());
+    if length >= LONGEST_REQUEST {
+        return Err(Refusal::bad("the request is too long for the daemon"));
+    }
+    told(app.daemon.ask(&request).await)
+}
+
+/// The daemon's answer without its paths.
+fn told(reply: Result<Reply, daemon::Error>) -> Result<Response, Refusal> {
+    let reply = reply.map_err(|error| {
+        let code = if matches!(error, daemon::Error::Full) {
+            "full"
+        } else {
+            "away"
+        };
+        Refusal::new(StatusCode::SERVICE_UNAVAILABLE, code, error.to_string())
+    })?;
+    let mut value = serde_json::to_value(reply).unwrap_or(Value::Null);
+    if let Some(members) = value.as_object_mut() {
+        members.retain(|key, _| ["type", "capture", "reason", "words"].contains(&key.as_str()));
+    }
+    Ok(json(&value))
+}

@@ -1,0 +1,229 @@
+//! What was scanned: recordings, captures, the files of their models; and the state of the rig as the daemon tells it.
+
+use super::files::takes_gzip;
+use super::guard::visitor;
+use super::reply::{Refusal, answer, json, typed};
+use super::{App, Asked};
+use crate::page::models::ModelFile;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use serde_json::json;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::sync::Arc;
+use std::time::Instant;
+use tokio::sync::mpsc;
+
+/// Bytes that are read at a time.
+const PIECE: usize = 64 << 10;
+/// Pieces that wait for a slow reader.
+const PIECES: usize = 4;
+
+/// A file of a model is data: as a page of its own it may run and load nothing.
+const POLICY: &str = "default-src 'none'; sandbox; frame-ancestors 'none'";
+
+/// The daemon's last status, whole.
+pub(super) async fn state(State(app): State<Arc<App>>, request: Asked) -> Response {
+    answer(visitor(&app, &request).map(|_| {
+        let at = Instant::now();
+        let told = app.watch.look(|now| {
+            let told = now.status(at);
+            told.map(|(status, age)| json!({ "status": status, "age_ms": age.as_millis() as u64 }))
+        });
+        json(&told.unwrap_or(json!({ "status": null, "age_ms": null })))
+    }))
+}
+
+/// Recordings that have models, and captures that this page saw and that have none yet.
+pub(super) async fn recordings(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let listed = async {
+        allowed?;
+        let models = app.models.clone();
+        let recordings = blocking(move || models.recordings()).await?;
+        let at = Instant::now();
+        let seen: Vec<_> = app.watch.look(|now| {
+            let seen = now.captures().rev();
+            seen.map(|seen| {
+                json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
+                    "sign": seen.sign, "reasons": seen.reasons,
+                    "age_ms": at.saturating_duration_since(seen.begun).as_millis() as u64 })
+            })
+            .collect()
+        });
+        Ok(json(&json!({ "recordings": recordings, "seen": seen })))
+    };
+    answer(listed.await)
+}
+
+/// The captures of a recording.
+pub(super) async fn captures(
+    State(app): State<Arc<App>>,
+    Path(recording): Path<String>,
+    request: Asked,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let listed = async {
+        allowed?;
+        let models = app.models.clone();
+        let captures = blocking(move || models.captures(&recording)).await?;
+        let captures = captures.ok_or_else(no_model)?;
+        Ok(json(&json!({ "captures": captures })))
+    };
+    answer(listed.await)
+}
+
+/// A file of a model.
+pub(super) async fn file(
+    State(app): State<Arc<App>>,
+    Path((recording, capture, name)): Path<(String, String, String)>,
+    request: Asked,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let (request, _) = request.into_parts();
+    let sent = async {
+        allowed?;
+        let kind = ModelFile::named(&name).ok_or_else(no_model)?;
+        let slot = app.downloads.clone().try_acquire_owned();
+        let slot = slot.map_err(|_| {
+            let words = "too many files are being sent: try again";
+            Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
+        })?;
+        let models = app.models.clone();
+        let is_download = request.uri.query() == Some("download");
+        let as_name = format!("{capture}.{}", kind.name());
+        let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
+        let (file, size, tag) = opened.ok_or_else(no_model)?;
+        let mut response = if is_known(&request.headers, &tag) {
+            let mut response = Response::new(Body::empty());
+            *response.status_mut() = StatusCode::NOT_MODIFIED;
+            response
+        } else {
+            let gzip = kind.is_compressible() && takes_gzip(&request.headers);
+            send(file, size, kind, gzip, slot)
+        };
+        mark(&mut response, &tag, is_download.then_some(&as_name));
+        Ok(response)
+    };
+    answer(sent.await)
+}
+
+fn no_model() -> Refusal {
+    let words = "there is no such capture or file";
+    Refusal::new(StatusCode::NOT_FOUND, "not_found", words)
+}
+
+fn is_known(headers: &HeaderMap, tag: &str) -> bool {
+    let known = headers.get(header::IF_NONE_MATCH);
+    known.is_some_and(|known| known.as_bytes() == tag.as_bytes())
+}
+
+/// Marks an answer with the file's tag, what it may do in a browser, and a name if it is to be stored.
+fn mark(response: &mut Response, tag: &str, download: Option<&str>) {
+    let mut headers = vec![
+        (header::ETAG, tag.to_owned()),
+        (header::CACHE_CONTROL, "private, no-cache".into()),
+        (header::CONTENT_SECURITY_POLICY, POLICY.into()),
+        (header::VARY, "Accept-Encoding".into()),
+    ];
+    let attached = download.map(|name| format!("attachment; filename=\"{name}\""));
+    headers.extend(attached.map(|value| (header::CONTENT_DISPOSITION, value)));
+    for (name, value) in headers {
+        if let Ok(value) = HeaderValue::from_str(&value) {
+            response.headers_mut().insert(name, value);
+        }
+    }
+}
+
+/// Sends a file piece by piece; no more of it is in memory than a few pieces.
+fn send(
+    file: File,
+    size: u64,
+    kind: ModelFile,
+    gzip: bool,
+    slot: tokio::sync::OwnedSemaphorePermit,
+) -> Response {
+    let (sender, receiver) = mpsc::channel(PIECES);
+    let pieces = Pieces {
+        sender,
+        full: Vec::with_capacity(PIECE),
+    };
+    tokio::task::spawn_blocking(move || {
+        // Whoever went away needs no more.
+        let _ = copy(file, size, pieces, gzip);
+        drop(slot);
+    });
+    let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
+        receiver.recv().await.map(|piece| (piece, receiver))
+    });
+    let mut response = typed(kind.media_type(), Body::from_stream(stream));
+    let headers = response.headers_mut();
+    if gzip {
+        let gzip = HeaderValue::from_static("gzip");
+        headers.insert(header::CONTENT_ENCODING, gzip);
+    } else {
+        headers.insert(header::CONTENT_LENGTH, size.into());
+    }
+    response
+}
+
+type Piece = Result<Bytes, std::io::Error>;
+
+/// Writes into the channel that an answer reads from.
+struct Pieces {
+    sender: mpsc::Sender<Piece>,
+    full: Vec<u8>,
+}
+
+impl Write for Pieces {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.full.extend_from_slice(bytes);
+        if self.full.len() >= PIECE {
+            self.flush()?;
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        if self.full.is_empty() {
+            return Ok(());
+        }
+        let piece = Bytes::from(std::mem::take(&mut self.full));
+        let sent = self.sender.blocking_send(Ok(piece));
+        sent.map_err(|_| std::io::ErrorKind::BrokenPipe.into())
+    }
+}
+
+fn copy(file: File, size: u64, mut pieces: Pieces, gzip: bool) -> std::io::Result<()> {
+    let sender = pieces.sender.clone();
+    let mut file = file.take(size);
+    let copied = if gzip {
+        // A higher level takes longer and makes models no smaller.
+        let mut encoder = GzEncoder::new(&mut pieces, Compression::fast());
+        std::io::copy(&mut file, &mut encoder).and_then(|_| encoder.finish().map(|_| ()))
+    } else {
+        std::io::copy(&mut file, &mut pieces).map(|_| ())
+    };
+    let copied = copied.and_then(|()| pieces.flush());
+    if let Err(error) = &copied {
+        let broken = std::io::Error::from(error.kind());
+        // The answer ends as broken, not as if it were whole.
+        let _ = sender.blocking_send(Err(broken));
+    }
+    copied
+}
+
+/// Runs what reads from the disk beside the threads that serve.
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Refusal> {
+    let done = tokio::task::spawn_blocking(work).await;
+    done.map_err(|_| {
+        let status = StatusCode::INTERNAL_SERVER_ERROR;
+        Refusal::new(status, "internal", "the page failed to read the models")
+    })
+}

@@ -1,0 +1,107 @@
+//! What the page answers over HTTP: routes, and who may ask what. Every request goes through `guard` first.
+
+mod act;
+mod files;
+mod guard;
+mod history;
+mod reply;
+mod stream;
+
+use super::assets::{Asset, assets};
+use super::daemon::Daemon;
+use super::models::Models;
+use super::origin::Origins;
+use super::sessions::Sessions;
+use super::watch::Watch;
+use axum::Router;
+use axum::http::{Request, StatusCode};
+use axum::response::Response;
+use axum::routing::{get, post};
+use reply::Refusal;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// A request as the server hands it over.
+pub(super) type Asked = Request<axum::body::Body>;
+
+/// Files of models that are sent at a time.
+const DOWNLOADS: usize = 12;
+
+/// What all requests share.
+pub(super) struct App {
+    pub(super) origins: Origins,
+    pub(super) rig: String,
+    pub(super) sessions: Arc<Sessions>,
+    pub(super) daemon: Arc<Daemon>,
+    pub(super) watch: Arc<Watch>,
+    pub(super) models: Models,
+    assets: BTreeMap<&'static str, Asset>,
+    downloads: Arc<Semaphore>,
+    streams: Arc<stream::Streams>,
+}
+
+impl App {
+    pub(super) fn new(
+        origins: Origins,
+        rig: String,
+        sessions: Arc<Sessions>,
+        daemon: Arc<Daemon>,
+        watch: Arc<Watch>,
+        models: Models,
+    ) -> Self {
+        Self {
+            origins,
+            rig,
+            sessions,
+            daemon,
+            watch,
+            models,
+            assets: assets(),
+            downloads: Arc::new(Semaphore::new(DOWNLOADS)),
+            streams: Arc::default(),
+        }
+    }
+}
+
+/// All routes.
+pub(super) fn router(app: Arc<App>) -> Router {
+    Router::new()
+        .route("/", get(files::index))
+        .route("/assets/{*name}", get(files::asset))
+        .route("/licences.txt", get(files::licences))
+        .route("/favicon.svg", get(files::icon))
+        .route("/healthz", get(files::health))
+        .route("/metrics", get(files::metrics))
+        .route("/api/me", get(act::me))
+        .route("/api/pair", post(act::pair))
+        .route("/api/leave", post(act::leave))
+        .route("/api/press", post(act::press))
+        .route("/api/plates", post(act::plates))
+        .route("/api/session", post(act::session))
+        .route("/api/note", post(act::note))
+        .route("/api/events", get(stream::events))
+        .route("/api/state", get(history::state))
+        .route("/api/recordings", get(history::recordings))
+        .route("/api/recordings/{recording}", get(history::captures))
+        .route(
+            "/api/models/{recording}/{capture}/{file}",
+            get(history::file),
+        )
+        .fallback(nothing)
+        .method_not_allowed_fallback(no_method)
+        .layer(axum::middleware::from_fn_with_state(
+            app.clone(),
+            guard::guard,
+        ))
+        .with_state(app)
+}
+
+async fn nothing() -> Response {
+    Refusal::new(StatusCode::NOT_FOUND, "not_found", "there is no such page").response()
+}
+
+async fn no_method() -> Response {
+    let status = StatusCode::METHOD_NOT_ALLOWED;
+    Refusal::new(status, "method", "this cannot be asked in this way").response()
+}

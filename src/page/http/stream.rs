@@ -1,0 +1,112 @@
+//! What holds now, as a stream of server-sent events: one at each change, at most ten a second, and one every four
+//! seconds when nothing changes, so that a browser knows that what it shows is so now.
+
+use super::guard::visitor;
+use super::reply::{Refusal, answer, typed};
+use super::{App, Asked};
+use crate::page::secrets::Hash;
+use axum::body::{Body, Bytes};
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use parking_lot::Mutex;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+use tokio::time::{sleep, timeout};
+
+/// Longest time between two events of a stream.
+const EVERY: Duration = Duration::from_secs(4);
+/// Shortest one.
+const PAUSE: Duration = Duration::from_millis(100);
+/// Streams at a time, and of one session.
+const MOST: usize = 64;
+const MOST_OF_ONE: usize = 8;
+
+/// The streams that are open, counted by session.
+#[derive(Default)]
+pub(super) struct Streams(Mutex<BTreeMap<Hash, usize>>);
+
+/// One open stream.
+struct Slot {
+    streams: Arc<Streams>,
+    session: Hash,
+}
+
+impl Streams {
+    fn open(self: &Arc<Self>, session: Hash) -> Option<Slot> {
+        let mut open = self.0.lock();
+        let all: usize = open.values().sum();
+        let own = open.get(&session).copied().unwrap_or(0);
+        if all >= MOST || own >= MOST_OF_ONE {
+            return None;
+        }
+        open.insert(session.clone(), own + 1);
+        Some(Slot {
+            streams: self.clone(),
+            session,
+        })
+    }
+}
+
+impl Drop for Slot {
+    fn drop(&mut self) {
+        let mut open = self.streams.0.lock();
+        if let Some(count) = open.get_mut(&self.session) {
+            *count -= 1;
+            if *count == 0 {
+                open.remove(&self.session);
+            }
+        }
+    }
+}
+
+struct Stream {
+    app: Arc<App>,
+    secret: String,
+    changes: watch::Receiver<u64>,
+    is_first: bool,
+    _slot: Slot,
+}
+
+/// The stream of what holds now.
+pub(super) async fn events(State(app): State<Arc<App>>, request: Asked) -> Response {
+    answer(open(&app, &request))
+}
+
+fn open(app: &Arc<App>, request: &Asked) -> Result<Response, Refusal> {
+    let visitor = visitor(app, request)?;
+    let full = || {
+        let words = "too many pages are open: close some";
+        Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
+    };
+    let slot = app
+        .streams
+        .open(Hash::of(&visitor.secret))
+        .ok_or_else(full)?;
+    let stream = Stream {
+        changes: app.watch.changes(),
+        app: app.clone(),
+        secret: visitor.secret,
+        is_first: true,
+        _slot: slot,
+    };
+    let stream = futures_util::stream::unfold(stream, next);
+    Ok(typed("text/event-stream", Body::from_stream(stream)))
+}
+
+async fn next(mut stream: Stream) -> Option<(Result<Bytes, Infallible>, Stream)> {
+    if !std::mem::take(&mut stream.is_first) {
+        sleep(PAUSE).await;
+        // Whether something changed or the time passed, what holds then is sent.
+        let _ = timeout(EVERY, stream.changes.changed()).await;
+    }
+    // A session that was revoked, or is over, sees no more.
+    stream.app.sessions.role(&stream.secret)?;
+    stream.changes.mark_unchanged();
+    let now = stream.app.watch.look(|now| now.snapshot(Instant::now()));
+    let event = format!("event: now\ndata: {now}\n\n");
+    Some((Ok(event.into()), stream))
+}

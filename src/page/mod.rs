@@ -1,0 +1,25 @@
+//! The operator's page: a process of its own that serves a web page on loopback and is a client of the daemon's socket.
+//! It lists and sends the files of models, and stores sessions. It parses no recording, decodes no picture, opens no
+//! camera, and writes nothing but its own state. design/page.md has the reasons.
+
+mod assets;
+mod control;
+mod daemon;
+#[cfg(test)]
+mod hostile_tests;
+mod http;
+mod metrics;
+mod models;
+mod now;
+mod origin;
+mod parameters;
+mod secrets;
+mod serve;
+mod sessions;
+mod summary;
+mod watch;
+
+pub use control::{Answer, Ask, ask};
+pub use parameters::{DEFAULT_CONFIGURATION, Error as ParametersError, Parameters};
+pub use serve::{Error, run};
+pub use sessions::Role;

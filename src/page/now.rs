@@ -1,0 +1,377 @@
+//! What holds now at the rig, and the one sign that says it: folded from the daemon's events and status. No I/O, and
+//! every age is of the monotonic clock: this file decides that nothing old is shown as if it were so now.
+
+use crate::level::Level;
+use crate::trigger::Event;
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// A status that is older says nothing of now.
+const FRESH: Duration = Duration::from_secs(5);
+/// Captures that are remembered; those with models are found in the folder of models anyway.
+const MOST_CAPTURES: usize = 200;
+
+/// The large sign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Sign {
+    /// The daemon does not answer: nothing is known.
+    Away,
+    /// A camera that a capture needs is not there.
+    NotReady,
+    /// No further capture fits on the disk.
+    DiskFull,
+    /// The next press is taken.
+    Ready,
+    /// Hold still.
+    Capturing,
+    /// All pictures are in.
+    HandsMayMove,
+    /// The capture is on the disk.
+    Safe,
+    /// A model was made, of this level.
+    Green,
+    Amber,
+    Red,
+    /// No capture was taken, or not a whole one: press again.
+    Failed,
+    /// The capture is on the disk, and its model could not be made.
+    ModelFailed,
+}
+
+impl Sign {
+    /// How long it stays when nothing else happens.
+    fn stays(self) -> Duration {
+        Duration::from_secs(match self {
+            Self::Safe => 6,
+            Self::Green | Self::Amber | Self::Red => 30,
+            // Longer than any capture: whatever became of it, this is not so any more.
+            _ => 120,
+        })
+    }
+
+    fn of_level(level: Level) -> Self {
+        match level {
+            Level::Green => Self::Green,
+            Level::Amber => Self::Amber,
+            Level::Red => Self::Red,
+        }
+    }
+}
+
+/// What happened last that the sign speaks of.
+#[derive(Clone, Debug)]
+struct Shown {
+    sign: Sign,
+    capture: String,
+    reasons: Vec<String>,
+    since: Instant,
+}
+
+/// A capture, as far as events told of it.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    pub(super) capture: String,
+    pub(super) recording: Option<String>,
+    pub(super) subject: Option<String>,
+    pub(super) sign: Sign,
+    pub(super) reasons: Vec<String>,
+    pub(super) begun: Instant,
+    pub(super) changed: Instant,
+}
+
+/// What holds now.
+#[derive(Default)]
+pub(super) struct Now {
+    listening: bool,
+    status: Option<(Instant, Value)>,
+    shown: Option<Shown>,
+    captures: VecDeque<Seen>,
+    /// Grows with each change of what the history shows.
+    history: u64,
+}
+
+impl Now {
+    /// Whether events arrive. What was in progress when they ended has an outcome that was not heard.
+    pub(super) fn set_listening(&mut self, listening: bool) {
+        self.history += u64::from(self.listening != listening);
+        self.listening = listening;
+        let in_progress = |s: &Shown| matches!(s.sign, Sign::Capturing | Sign::HandsMayMove);
+        if !listening && self.shown.as_ref().is_some_and(in_progress) {
+            self.shown = None;
+        }
+    }
+
+    /// What the daemon told of itself at that time; `None` if it did not answer.
+    pub(super) fn set_status(&mut self, status: Option<Value>, at: Instant) {
+        self.status = status.map(|status| (at, status));
+    }
+
+    /// The last status, if it is fresh, and its age.
+    pub(super) fn status(&self, at: Instant) -> Option<(&Value, Duration)> {
+        let (since, status) = self.status.as_ref()?;
+        let age = at.saturating_duration_since(*since);
+        (self.listening && age < FRESH).then_some((status, age))
+    }
+
+    pub(super) fn captures(&self) -> impl DoubleEndedIterator<Item = &Seen> {
+        self.captures.iter()
+    }
+
+    /// Takes in an event that arrived at that time.
+    pub(super) fn hear(&mut self, event: &Event, at: Instant) {
+        match event {
+            Event::Accepted {
+                capture, subject, ..
+            } => {
+                self.begin(capture, subject.clone(), at);
+                self.show(capture, Sign::Capturing, &[], at);
+            }
+            Event::Captured { capture, .. } => self.show(capture, Sign::HandsMayMove, &[], at),
+            Event::Retried { capture, reason } => {
+                self.show(capture, Sign::Capturing, std::slice::from_ref(reason), at);
+            }
+            Event::Durable { capture, recording } => {
+                self.place(capture, recording);
+                self.show(capture, Sign::Safe, &[], at);
+            }
+            Event::Failed { capture, reason } => {
+                self.show(capture, Sign::Failed, std::slice::from_ref(reason), at);
+            }
+            Event::Refused { reason } => {
+                self.show("", Sign::Failed, std::slice::from_ref(reason), at);
+            }
+            Event::Done {
+                capture,
+                recording,
+                verdict,
+                reasons,
+                ..
+            } => {
+                recording.iter().for_each(|file| self.place(capture, file));
+                self.show(capture, Sign::of_level(*verdict), reasons, at);
+            }
+            Event::JobFailed {
+                capture,
+                recording,
+                reason,
+            } => {
+                recording.iter().for_each(|file| self.place(capture, file));
+                self.show(capture, Sign::ModelFailed, std::slice::from_ref(reason), at);
+            }
+            Event::Ending => self.set_status(None, at),
+            _ => {}
+        }
+        self.history += 1;
+    }
+
+    fn begin(&mut self, capture: &str, subject: Option<String>, at: Instant) {
+        if self.captures.len() == MOST_CAPTURES {
+            self.captures.pop_front();
+        }
+        self.captures.push_back(Seen {
+            capture: capture.into(),
+            recording: None,
+            subject,
+            sign: Sign::Capturing,
+            reasons: Vec::new(),
+            begun: at,
+            changed: at,
+        });
+    }
+
+    fn place(&mut self, capture: &str, recording: &std::path::Path) {
+        let stem = recording.file_stem().unwrap_or_default().to_string_lossy();
+        let mut captures = self.captures.iter_mut().rev();
+        if let Some(seen) = captures.find(|seen| seen.capture == capture) {
+            seen.recording = Some(stem.into_owned());
+        }
+    }
+
+    fn show(&mut self, capture: &str, sign: Sign, reasons: &[String], at: Instant) {
+        let mut captures = self.captures.iter_mut().rev();
+        if let Some(seen) = captures.find(|seen| seen.capture == capture) {
+            (seen.sign, seen.changed) = (sign, at);
+            seen.reasons = reasons.to_vec();
+        }
+        // A capture in progress is more urgent than an earlier one's model.
+        let is_urgent = |shown: &Shown| {
+            matches!(shown.sign, Sign::Capturing | Sign::HandsMayMove) && shown.capture != capture
+        };
+        let is_of_a_model = matches!(
+            sign,
+            Sign::Green | Sign::Amber | Sign::Red | Sign::ModelFailed
+        );
+        if is_of_a_model && self.shown.as_ref().is_some_and(is_urgent) {
+            return;
+        }
+        self.shown = Some(Shown {
+            sign,
+            capture: capture.into(),
+            reasons: reasons.to_vec(),
+            since: at,
+        });
+    }
+
+    /// Whether the daemon answered a moment ago, and events arrive.
+    pub(super) fn is_there(&self, at: Instant) -> bool {
+        self.status(at).is_some()
+    }
+
+    /// The sign at a time, what it is about, and for how long it has been so, if that is known.
+    pub(super) fn sign(&self, at: Instant) -> (Sign, String, Vec<String>, Option<Duration>) {
+        let Some((status, _)) = self.status(at) else {
+            return (Sign::Away, String::new(), Vec::new(), None);
+        };
+        if let Some(shown) = &self.shown {
+            let age = at.saturating_duration_since(shown.since);
+            if age < shown.sign.stays() {
+                let capture = shown.capture.clone();
+                return (shown.sign, capture, shown.reasons.clone(), Some(age));
+            }
+        }
+        let missing = missing(status);
+        if !missing.is_empty() {
+            return (Sign::NotReady, String::new(), missing, None);
+        }
+        // Before the cameras told their settings there is no size of a capture, and so no number of them.
+        if status["captures_left"] == 0 && status["capture_bytes"].as_u64() > Some(0) {
+            return (Sign::DiskFull, String::new(), Vec::new(), None);
+        }
+        (Sign::Ready, String::new(), Vec::new(), None)
+    }
+
+    /// What holds at a time, for browsers: every age in milliseconds.
+    pub(super) fn snapshot(&self, at: Instant) -> Value {
+        let (sign, capture, reasons, age) = self.sign(at);
+        let ms = |age: Duration| u64::try_from(age.as_millis()).unwrap_or(u64::MAX);
+        let since = |then: Instant| ms(at.saturating_duration_since(then));
+        let last = self.captures.back().map(|seen| {
+            json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
+                "sign": seen.sign, "reasons": seen.reasons, "age_ms": since(seen.begun) })
+        });
+        let told = self.status(at).map(|(status, age)| {
+            json!({ "age_ms": ms(age), "session": status["session"], "captures_left": status["captures_left"],
+                "models": status["models"], "plates_age_h": status["plates_age_h"] })
+        });
+        json!({ "sign": sign, "capture": capture, "reasons": reasons, "age_ms": age.map(ms),
+            "last": last, "daemon": told, "history": self.history })
+    }
+}
+
+/// The cameras that are not ready, each with why.
+fn missing(status: &Value) -> Vec<String> {
+    let cameras = status["cameras"].as_object().into_iter().flatten();
+    let away = cameras.filter(|(_, camera)| camera["state"] != "ready");
+    let words = |camera: &Value| match camera["words"].as_str() {
+        Some(words) if !words.is_empty() => words.to_owned(),
+        _ => camera["state"].as_str().unwrap_or("away").to_owned(),
+    };
+    away.map(|(id, camera)| format!("{id}: {}", words(camera)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(state: &str) -> Value {
+        json!({ "cameras": { "c00": { "state": state, "words": "no answer" } },
+            "captures_left": 7, "capture_bytes": 100 })
+    }
+
+    fn heard(now: &mut Now, line: &str, at: Instant) {
+        now.hear(&serde_json::from_str(line).unwrap(), at);
+    }
+
+    fn ready(at: Instant) -> Now {
+        let mut now = Now::default();
+        now.set_listening(true);
+        now.set_status(Some(status("ready")), at);
+        now
+    }
+
+    #[test]
+    fn nothing_old_is_ready() {
+        let begin = Instant::now();
+        let mut now = Now::default();
+        assert_eq!(now.sign(begin).0, Sign::Away);
+        now.set_status(Some(status("ready")), begin);
+        assert_eq!(now.sign(begin).0, Sign::Away, "events do not arrive");
+        now.set_listening(true);
+        assert_eq!(now.sign(begin).0, Sign::Ready);
+        assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
+        now.set_status(Some(status("ready")), begin + FRESH);
+        assert_eq!(now.sign(begin + FRESH).0, Sign::Ready);
+        now.set_listening(false);
+        assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
+    }
+
+    #[test]
+    fn a_press_goes_through_its_signs_and_the_rig_is_ready_again() {
+        let at = Instant::now();
+        let mut now = ready(at);
+        for (line, sign) in [
+            (
+                r#"{"type":"accepted","capture":"a-0001","subject":"7"}"#,
+                Sign::Capturing,
+            ),
+            (
+                r#"{"type":"captured","capture":"a-0001","skew_ns":1}"#,
+                Sign::HandsMayMove,
+            ),
+            (
+                r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
+                Sign::Safe,
+            ),
+            (
+                r#"{"type":"done","capture":"a-0001","recording":"/r/a.mcap","verdict":"amber","reasons":["x"],"model":"/m/a/a-0001"}"#,
+                Sign::Amber,
+            ),
+        ] {
+            heard(&mut now, line, at);
+            assert_eq!(now.sign(at).0, sign);
+        }
+        let snapshot = now.snapshot(at);
+        assert_eq!(snapshot["reasons"][0], "x");
+        assert_eq!(snapshot["last"]["recording"], "a");
+        assert_eq!(snapshot["last"]["subject"], "7");
+        let later = at + Duration::from_secs(30);
+        now.set_status(Some(status("ready")), later);
+        assert_eq!(now.sign(later).0, Sign::Ready);
+        now.set_status(Some(status("away")), later);
+        assert_eq!(now.sign(later).0, Sign::NotReady);
+        assert_eq!(now.sign(later).2, ["c00: no answer"]);
+    }
+
+    #[test]
+    fn an_earlier_model_does_not_hide_a_capture_and_a_lost_daemon_ends_it() {
+        let at = Instant::now();
+        let mut now = ready(at);
+        heard(&mut now, r#"{"type":"accepted","capture":"a-0002"}"#, at);
+        let done = r#"{"type":"done","capture":"a-0001","verdict":"green","model":"/m/a/a-0001"}"#;
+        heard(&mut now, done, at);
+        assert_eq!(now.sign(at).0, Sign::Capturing);
+        now.set_listening(false);
+        now.set_listening(true);
+        assert_eq!(now.sign(at).0, Sign::Ready);
+        heard(&mut now, r#"{"type":"ending"}"#, at);
+        assert_eq!(now.sign(at).0, Sign::Away);
+    }
+
+    #[test]
+    fn a_full_disk_is_said_and_memory_is_bounded() {
+        let at = Instant::now();
+        let mut now = ready(at);
+        let mut full = status("ready");
+        full["captures_left"] = 0.into();
+        now.set_status(Some(full), at);
+        assert_eq!(now.sign(at).0, Sign::DiskFull);
+        for n in 0..3 * MOST_CAPTURES {
+            let line = format!(r#"{{"type":"accepted","capture":"a-{n:04}"}}"#);
+            heard(&mut now, &line, at);
+        }
+        assert_eq!(now.captures().count(), MOST_CAPTURES);
+    }
+}

@@ -1,0 +1,192 @@
+//! What an administrator can configure of the page, read from a file of its own: a recording carries a copy of the
+//! rig's configuration, and nothing of who may look at a page belongs into a recording.
+
+use super::origin::Origins;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+/// Where the configuration of an installed page lies. Without this file the defaults hold.
+pub const DEFAULT_CONFIGURATION: &str = "/etc/scand/page.toml";
+
+/// Largest file that is read, in bytes.
+const LARGEST_FILE: u64 = 64 << 10;
+
+/// The page's configuration; config/page.toml shows it.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parameters {
+    /// The address and port that the page listens on; loopback only.
+    pub listen: SocketAddr,
+    /// How browsers reach the page, such as `https://rig.example`; empty: under `localhost` and the address of
+    /// `listen`.
+    pub origins: Vec<String>,
+    /// What the page calls the rig.
+    pub rig: String,
+    /// The daemon's socket.
+    pub socket: PathBuf,
+    /// The folder of models.
+    pub models: PathBuf,
+    /// The folder of the page's own state, which only its user can read.
+    pub state: PathBuf,
+    /// The socket on which `scand page pair` and `revoke` ask.
+    pub control: PathBuf,
+    /// How long an operator's session lasts, in hours, 1 to 744.
+    pub operator_hours: u32,
+    /// How long a viewer's session lasts, in hours, 1 to 8784.
+    pub viewer_hours: u32,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8437)),
+            origins: Vec::new(),
+            rig: String::new(),
+            socket: crate::trigger::SOCKET.into(),
+            models: "/var/lib/scand/models".into(),
+            state: "/var/lib/scand-page".into(),
+            control: "/run/scand-page/control.sock".into(),
+            operator_hours: 12,
+            viewer_hours: 720,
+        }
+    }
+}
+
+/// Why a configuration is refused.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum Error {
+    /// The file cannot be read.
+    #[error("configuration {}: {cause}", path.display())]
+    Read {
+        path: PathBuf,
+        cause: std::io::Error,
+    },
+    /// It is too large to be one.
+    #[error("configuration {}: expected at most {LARGEST_FILE} bytes", path.display())]
+    TooLarge { path: PathBuf },
+    /// It is not what it should be.
+    #[error("configuration {}: {cause}", path.display())]
+    Parse {
+        path: PathBuf,
+        cause: toml::de::Error,
+    },
+    /// The address is one of the network.
+    #[error(
+        "listen is {0}, expected an address of loopback, such as 127.0.0.1:8437: from other computers the page is reached \
+         through a reverse proxy with TLS (docs/page.md)"
+    )]
+    NotLoopback(SocketAddr),
+    /// An origin that is refused.
+    #[error("origins: {0}")]
+    Origin(String),
+    /// Hours out of their range.
+    #[error("{name} is {found}, expected 1 to {most}")]
+    Hours {
+        name: &'static str,
+        found: u32,
+        most: u32,
+    },
+}
+
+impl Parameters {
+    /// Reads the configuration of a file, or the default one without a file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, has an unknown key, or a value that is refused.
+    pub fn load(path: Option<&Path>) -> Result<Self, Error> {
+        let parameters = match path {
+            Some(path) => Self::read(path)?,
+            None => Self::default(),
+        };
+        parameters.check()?;
+        Ok(parameters)
+    }
+
+    fn read(path: &Path) -> Result<Self, Error> {
+        let failed = |cause| Error::Read {
+            path: path.into(),
+            cause,
+        };
+        if std::fs::metadata(path).map_err(failed)?.len() > LARGEST_FILE {
+            return Err(Error::TooLarge { path: path.into() });
+        }
+        let text = std::fs::read_to_string(path).map_err(failed)?;
+        toml::from_str(&text).map_err(|cause| Error::Parse {
+            path: path.into(),
+            cause,
+        })
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        if !self.listen.ip().is_loopback() {
+            return Err(Error::NotLoopback(self.listen));
+        }
+        for (name, found, most) in [
+            ("operator_hours", self.operator_hours, 744),
+            ("viewer_hours", self.viewer_hours, 8784),
+        ] {
+            if !(1..=most).contains(&found) {
+                return Err(Error::Hours { name, found, most });
+            }
+        }
+        self.origins().map(|_| ())
+    }
+
+    /// The origins under which browsers reach the page.
+    ///
+    /// # Errors
+    /// If one is none, or is one of the network without TLS.
+    pub(super) fn origins(&self) -> Result<Origins, Error> {
+        if !self.origins.is_empty() {
+            return Origins::parse(&self.origins).map_err(Error::Origin);
+        }
+        let port = self.listen.port();
+        let own = [
+            format!("http://{}", self.listen),
+            format!("http://localhost:{port}"),
+        ];
+        Origins::parse(&own).map_err(Error::Origin)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_file_shows_every_default() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/page.toml");
+        assert_eq!(
+            Parameters::load(Some(&path)).unwrap(),
+            Parameters::default()
+        );
+    }
+
+    #[test]
+    fn what_opens_the_page_to_a_network_is_refused() {
+        let of = |change: &dyn Fn(&mut Parameters)| {
+            let mut parameters = Parameters::default();
+            change(&mut parameters);
+            parameters.check()
+        };
+        let open = of(&|p| p.listen = SocketAddr::from(([0, 0, 0, 0], 80)));
+        assert!(matches!(open, Err(Error::NotLoopback(_))));
+        let plain = of(&|p| p.origins = vec!["http://rig.example".into()]);
+        assert!(plain.unwrap_err().to_string().contains("has no TLS"));
+        for bad in [
+            "rig.example",
+            "https://",
+            "https://a/b",
+            "ftp://a",
+            "https://a b",
+        ] {
+            let found = of(&|p| p.origins = vec![bad.into()]);
+            let words = found.unwrap_err().to_string();
+            assert!(words.contains("expected a scheme and a host"), "{words}");
+        }
+        let long = of(&|p| p.operator_hours = 745);
+        assert!(long.unwrap_err().to_string().contains("expected 1 to 744"));
+        of(&|p| p.origins = vec!["https://rig.example".into()]).unwrap();
+    }
+}

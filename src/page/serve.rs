@@ -1,0 +1,218 @@
+//! Listens and serves: a bounded number of connections, each with limits on its headers, its idle time and how long it
+//! may refuse to read.
+
+use super::control;
+use super::daemon::Daemon;
+use super::http::{App, router};
+use super::models::Models;
+use super::parameters::{self, Parameters};
+use super::sessions::{self, Sessions};
+use super::watch::Watch;
+use crate::log;
+use axum::Router;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::path::PathBuf;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::Semaphore;
+use tokio::time::Sleep;
+
+/// Connections at a time; any further one is closed at once.
+const CONNECTIONS: usize = 256;
+/// How long the headers of a request may take, and a connection may be idle.
+const HEADERS: Duration = Duration::from_secs(5);
+/// How long the other side may refuse to read.
+const STALL: Duration = Duration::from_secs(20);
+/// Most headers of a request, and bytes that are read ahead.
+const MOST_HEADERS: usize = 64;
+const BUFFER: usize = 16 << 10;
+/// Threads that read files.
+const READERS: usize = 16;
+
+/// Why the page cannot be served.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
+pub enum Error {
+    #[error(transparent)]
+    Parameters(#[from] parameters::Error),
+    #[error("this program was built without the page's files: run `make ui`, and build it again")]
+    NoFiles,
+    #[error("sessions: {0}")]
+    Sessions(String),
+    #[error("{what}: {cause}")]
+    Io { what: String, cause: std::io::Error },
+}
+
+/// Serves the page until SIGTERM or Ctrl-C.
+///
+/// # Errors
+/// If the configuration is refused, an address or socket is taken, or the state cannot be read.
+pub fn run(parameters: &Parameters) -> Result<(), Error> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .max_blocking_threads(READERS)
+        .build();
+    let failed = |cause| Error::Io {
+        what: "the page's runtime".into(),
+        cause,
+    };
+    runtime.map_err(failed)?.block_on(serve(parameters))
+}
+
+async fn serve(parameters: &Parameters) -> Result<(), Error> {
+    if super::assets::assets().is_empty() {
+        return Err(Error::NoFiles);
+    }
+    let at = |path: &PathBuf| {
+        let what = path.display().to_string();
+        move |cause| Error::Io { what, cause }
+    };
+    std::fs::create_dir_all(&parameters.state).map_err(at(&parameters.state))?;
+    let app = app(parameters)?;
+    let listener = TcpListener::bind(parameters.listen).await;
+    let listener = listener.map_err(|cause| Error::Io {
+        what: parameters.listen.to_string(),
+        cause,
+    })?;
+    let control = control::listen(&parameters.control).map_err(at(&parameters.control))?;
+    let origins = parameters.origins()?;
+    let origin = origins.for_links().map(|origin| origin.text.clone());
+    let origin = origin.unwrap_or_default();
+    log::notice!("the page is at {origin}: `scand page pair` prints a link that begins a session");
+    let sessions = app.sessions.clone();
+    tokio::select! {
+        () = control::serve(control, sessions, origin) => {}
+        () = app.watch.keep_events(&app.daemon) => {}
+        () = app.watch.keep_status(&app.daemon) => {}
+        () = accept(listener, router(app.clone())) => {}
+        () = told_to_end() => {}
+    }
+    let _ = std::fs::remove_file(&parameters.control);
+    Ok(())
+}
+
+pub(super) fn app(parameters: &Parameters) -> Result<Arc<App>, Error> {
+    let hours = |hours: u32| Duration::from_secs(3600 * u64::from(hours));
+    let sessions = Sessions::open(
+        &parameters.state,
+        hours(parameters.operator_hours),
+        hours(parameters.viewer_hours),
+    );
+    let sessions = sessions.map_err(|error: sessions::Error| Error::Sessions(error.to_string()))?;
+    Ok(Arc::new(App::new(
+        parameters.origins()?,
+        parameters.rig.clone(),
+        Arc::new(sessions),
+        Arc::new(Daemon::new(&parameters.socket)),
+        Watch::new(),
+        Models::new(&parameters.models),
+    )))
+}
+
+async fn told_to_end() {
+    let Ok(mut terminate) = signal(SignalKind::terminate()) else {
+        return std::future::pending().await;
+    };
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = tokio::signal::ctrl_c() => {}
+    }
+}
+
+/// Accepts connections, for ever.
+pub(super) async fn accept(listener: TcpListener, router: Router) {
+    let slots = Arc::new(Semaphore::new(CONNECTIONS));
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            // No file descriptors are left, for example.
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            continue;
+        };
+        let Ok(slot) = slots.clone().try_acquire_owned() else {
+            continue;
+        };
+        let service = TowerToHyperService::new(router.clone());
+        tokio::spawn(async move {
+            let connection = hyper::server::conn::http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(HEADERS)
+                .max_headers(MOST_HEADERS)
+                .max_buf_size(BUFFER)
+                .serve_connection(TokioIo::new(Patient::new(stream)), service);
+            // A connection that breaks, or is broken off, is its other side's affair.
+            let _ = connection.await;
+            drop(slot);
+        });
+    }
+}
+
+/// A stream that is broken off when the other side has not read for [`STALL`].
+struct Patient {
+    stream: TcpStream,
+    stalled: Option<Pin<Box<Sleep>>>,
+}
+
+impl Patient {
+    fn new(stream: TcpStream) -> Self {
+        let _ = stream.set_nodelay(true);
+        Self {
+            stream,
+            stalled: None,
+        }
+    }
+
+    fn wait(&mut self, context: &mut Context<'_>) -> Poll<std::io::Error> {
+        let stalled = self
+            .stalled
+            .get_or_insert_with(|| Box::pin(tokio::time::sleep(STALL)));
+        ready!(stalled.as_mut().poll(context));
+        Poll::Ready(std::io::ErrorKind::TimedOut.into())
+    }
+}
+
+impl AsyncRead for Patient {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, buffer)
+    }
+}
+
+impl AsyncWrite for Patient {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<std::io::Result<usize>> {
+        match Pin::new(&mut self.stream).poll_write(context, bytes) {
+            Poll::Pending => self.wait(context).map(Err),
+            written => {
+                self.stalled = None;
+                written
+            }
+        }
+    }
+
+    fn poll_flush(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}

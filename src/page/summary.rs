@@ -1,0 +1,133 @@
+//! What the history shows of a capture: a few members of its report, each text cut at a length. A recording may be
+//! anybody's, and so may be the words in its report.
+
+use serde::{Deserialize, Serialize};
+
+/// Longest text that is passed on from a report, in characters.
+pub(super) const LONGEST_TEXT: usize = 500;
+/// Reasons, and notes, that are passed on of a capture.
+const MOST_WORDS: usize = 50;
+
+/// What a report says of a capture, as far as the history shows it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(super) struct Summary {
+    pub(super) capture: String,
+    pub(super) recording: String,
+    /// `green`, `amber`, `red`, `failed`, or `unread`: there is no report that can be read.
+    pub(super) verdict: String,
+    pub(super) reasons: Vec<Reason>,
+    pub(super) subject: Option<String>,
+    /// When it was triggered, in seconds since 1970.
+    pub(super) time_s: Option<u64>,
+    pub(super) decision: Option<String>,
+    pub(super) notes: Vec<Note>,
+    pub(super) has_preview: bool,
+    pub(super) has_model: bool,
+}
+
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Reason {
+    pub(super) level: String,
+    pub(super) code: String,
+    pub(super) words: String,
+}
+
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Note {
+    pub(super) kind: String,
+    #[serde(default)]
+    pub(super) text: String,
+    #[serde(default)]
+    pub(super) author: Option<String>,
+    #[serde(default)]
+    pub(super) time_ns: Option<String>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct Report {
+    verdict: Option<Verdict>,
+    reason: Option<String>,
+    capture: Option<Capture>,
+    notes: Option<Notes>,
+}
+
+#[derive(Deserialize)]
+struct Verdict {
+    level: String,
+    #[serde(default)]
+    reasons: Vec<Reason>,
+}
+
+#[derive(Deserialize)]
+struct Capture {
+    time_ns: Option<String>,
+    subject: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Notes {
+    decision: Option<String>,
+    #[serde(default)]
+    said: Vec<Note>,
+}
+
+impl Summary {
+    /// Takes in what a report says.
+    pub(super) fn tell(&mut self, report: Report) {
+        tell(self, report);
+    }
+}
+
+fn tell(summary: &mut Summary, report: Report) {
+    match (report.verdict, report.reason) {
+        (Some(verdict), _) => {
+            let known = ["green", "amber", "red"].contains(&verdict.level.as_str());
+            summary.verdict = if known {
+                verdict.level
+            } else {
+                "unread".into()
+            };
+            summary.reasons = verdict.reasons;
+        }
+        (None, Some(words)) => {
+            summary.verdict = "failed".into();
+            summary.reasons = vec![Reason {
+                level: "red".into(),
+                code: "failed".into(),
+                words,
+            }];
+        }
+        (None, None) => {}
+    }
+    summary.reasons.truncate(MOST_WORDS);
+    for reason in &mut summary.reasons {
+        let texts = [&mut reason.level, &mut reason.code, &mut reason.words];
+        texts.into_iter().for_each(shorten);
+    }
+    if let Some(capture) = report.capture {
+        summary.subject = capture.subject;
+        let seconds = |ns: u64| ns / 1_000_000_000;
+        summary.time_s = capture.time_ns.and_then(|ns| ns.parse().ok()).map(seconds);
+    }
+    summary.subject.iter_mut().for_each(shorten);
+    if let Some(notes) = report.notes {
+        summary.decision = notes.decision;
+        summary.notes = notes.said;
+    }
+    summary.decision.iter_mut().for_each(shorten);
+    summary.notes.truncate(MOST_WORDS);
+    for note in &mut summary.notes {
+        let texts = [&mut note.kind, &mut note.text];
+        texts.into_iter().for_each(shorten);
+        note.author
+            .iter_mut()
+            .chain(&mut note.time_ns)
+            .for_each(shorten);
+    }
+}
+
+fn shorten(text: &mut String) {
+    if let Some((end, _)) = text.char_indices().nth(LONGEST_TEXT) {
+        text.truncate(end);
+    }
+}

@@ -1,0 +1,126 @@
+//! Keeps what holds now up to date, with the two connections that the page has of its own: one for the daemon's events,
+//! one for its status. Tells everybody who waits when something changed.
+
+use super::daemon::{Connection, Daemon, Error};
+use super::metrics::Metrics;
+use super::now::Now;
+use crate::log;
+use crate::trigger::{Event, Reply, Request};
+use parking_lot::Mutex;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
+
+/// How often the status is asked for.
+const EVERY: Duration = Duration::from_secs(1);
+/// How long the daemon may take for its status.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// What holds now, shared by those who keep it and those who show it.
+pub(super) struct Watch {
+    now: Mutex<Now>,
+    metrics: Mutex<Metrics>,
+    changed: watch::Sender<u64>,
+}
+
+impl Watch {
+    pub(super) fn new() -> Arc<Self> {
+        Arc::new(Self {
+            now: Mutex::default(),
+            metrics: Mutex::default(),
+            changed: watch::Sender::new(0),
+        })
+    }
+
+    /// Looks at what holds now.
+    pub(super) fn look<T>(&self, see: impl FnOnce(&Now) -> T) -> T {
+        see(&self.now.lock())
+    }
+
+    /// What was counted.
+    pub(super) fn metrics(&self) -> String {
+        let (now, at) = (self.now.lock(), Instant::now());
+        let status = now.status(at).map(|(status, _)| status);
+        self.metrics.lock().text(status)
+    }
+
+    /// Wakes at each change.
+    pub(super) fn changes(&self) -> watch::Receiver<u64> {
+        self.changed.subscribe()
+    }
+
+    fn change(&self, change: impl FnOnce(&mut Now)) {
+        change(&mut self.now.lock());
+        self.changed.send_modify(|revision| *revision += 1);
+    }
+
+    /// Listens to the daemon's events, for ever.
+    pub(super) async fn keep_events(&self, daemon: &Daemon) {
+        let mut told = false;
+        loop {
+            let Err(error) = self.listen(daemon, &mut told).await;
+            self.change(|now| now.set_listening(false));
+            if !told {
+                log::warning!("{error}");
+                told = true;
+            }
+            tokio::time::sleep(EVERY).await;
+        }
+    }
+
+    async fn listen(
+        &self,
+        daemon: &Daemon,
+        told: &mut bool,
+    ) -> Result<std::convert::Infallible, Error> {
+        let mut connection = Connection::open(daemon.path()).await?;
+        match connection.ask(&Request::Events {}, PATIENCE).await? {
+            Reply::Listening => {}
+            reply => return Err(Error::Senseless(format!("{reply:?}"))),
+        }
+        log::notice!("the daemon answers");
+        *told = false;
+        self.change(|now| now.set_listening(true));
+        loop {
+            let event = connection.event().await?;
+            let at = Instant::now();
+            self.metrics.lock().hear(&event, at);
+            self.change(|now| now.hear(&event, at));
+            if matches!(event, Event::Ending) {
+                return Err(Error::Away(std::io::ErrorKind::ConnectionReset.into()));
+            }
+        }
+    }
+
+    /// Asks the daemon for its status, for ever.
+    pub(super) async fn keep_status(&self, daemon: &Daemon) {
+        let mut connection = None;
+        loop {
+            match status(&mut connection, daemon).await {
+                Ok(status) => self.change(|now| now.set_status(Some(status), Instant::now())),
+                // What it said before is forgotten when it is too old.
+                Err(Error::Slow) => connection = None,
+                Err(_) => {
+                    connection = None;
+                    self.change(|now| now.set_status(None, Instant::now()));
+                }
+            }
+            tokio::time::sleep(EVERY).await;
+        }
+    }
+}
+
+async fn status(
+    connection: &mut Option<Connection>,
+    daemon: &Daemon,
+) -> Result<serde_json::Value, Error> {
+    let open = match connection.take() {
+        Some(open) => open,
+        None => Connection::open(daemon.path()).await?,
+    };
+    let open = connection.insert(open);
+    match open.ask(&Request::Status {}, PATIENCE).await? {
+        Reply::Status { status } => Ok(status),
+        reply => Err(Error::Senseless(format!("{reply:?}"))),
+    }
+}

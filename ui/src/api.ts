@@ -1,0 +1,170 @@
+// The page's requests to the process that serves it: who am I, what holds now, what was scanned, and what people do.
+import { t } from "./words";
+
+export interface Me {
+  role: "viewer" | "operator";
+  token: string;
+  rig: string;
+  version: string;
+}
+
+export interface Last {
+  capture: string;
+  recording: string | null;
+  subject: string | null;
+  sign: string;
+  reasons: string[];
+  age_ms: number;
+}
+
+export interface Backlog {
+  waiting: number;
+  running: { capture: string; seconds: number }[];
+  expected_s: number | null;
+}
+
+export interface Now {
+  sign: string;
+  capture: string;
+  reasons: string[];
+  age_ms: number | null;
+  last: Last | null;
+  daemon: {
+    age_ms: number;
+    session: string | null;
+    captures_left: number;
+    models: Backlog | null;
+    plates_age_h: number | null;
+  } | null;
+  history: number;
+}
+
+export interface Reason {
+  level: string;
+  code: string;
+  words: string;
+}
+
+export interface Summary {
+  capture: string;
+  recording: string;
+  verdict: "green" | "amber" | "red" | "failed" | "unread";
+  reasons: Reason[];
+  subject: string | null;
+  time_s: number | null;
+  decision: string | null;
+  notes: { kind: string; text: string; author: string | null; time_ns: string | null }[];
+  has_preview: boolean;
+  has_model: boolean;
+}
+
+export interface Answer {
+  type: string;
+  capture?: string;
+  reason?: string;
+  words?: string;
+}
+
+/** A refusal by the process, with its code; `network` if it did not answer. */
+export class Refused extends Error {
+  constructor(
+    readonly code: string,
+    readonly reason: string,
+    readonly status: number,
+  ) {
+    super(reason);
+  }
+
+  /** In the language of the page, as far as the code is known. */
+  words(): string {
+    if (this.code === "away") return t("error_away");
+    if (this.code === "full") return t("error_full");
+    if (this.code === "viewer") return t("error_viewer");
+    if (this.code === "network") return t("error_network");
+    return t("error_other", { reason: this.reason });
+  }
+}
+
+let token = "";
+
+async function call(path: string, init: RequestInit, patience_ms: number): Promise<unknown> {
+  let response: Response;
+  try {
+    response = await fetch(path, { ...init, signal: AbortSignal.timeout(patience_ms), cache: "no-store" });
+  } catch (error) {
+    throw new Refused("network", String(error), 0);
+  }
+  let body: unknown;
+  try {
+    body = await response.json();
+  } catch (error) {
+    throw new Refused("network", String(error), 0);
+  }
+  if (!response.ok) {
+    const { code, words } = body as { code?: string; words?: string };
+    throw new Refused(code ?? "other", words ?? String(response.status), response.status);
+  }
+  return body;
+}
+
+function get(path: string): Promise<unknown> {
+  return call(path, {}, 10_000);
+}
+
+function post(path: string, body: object, patience_ms = 70_000): Promise<unknown> {
+  const headers = { "Content-Type": "application/json", "X-Scand-Token": token };
+  return call(path, { method: "POST", headers, body: JSON.stringify(body) }, patience_ms);
+}
+
+/** Who this session is; refused without one. */
+export async function me(): Promise<Me> {
+  const found = (await get("/api/me")) as Me;
+  token = found.token;
+  return found;
+}
+
+export async function pair(secret: string): Promise<void> {
+  await post("/api/pair", { token: secret });
+}
+
+export async function leave(): Promise<void> {
+  await post("/api/leave", {});
+}
+
+export async function recordings(): Promise<{ recordings: { name: string; changed_s: number }[]; seen: Last[] }> {
+  return (await get("/api/recordings")) as { recordings: { name: string; changed_s: number }[]; seen: Last[] };
+}
+
+export async function captures(recording: string): Promise<Summary[]> {
+  const found = await get(`/api/recordings/${encodeURIComponent(recording)}`);
+  return (found as { captures: Summary[] }).captures;
+}
+
+export async function state(): Promise<{ status: Record<string, unknown> | null; age_ms: number | null }> {
+  return (await get("/api/state")) as { status: Record<string, unknown> | null; age_ms: number | null };
+}
+
+/** Where a file of a model is. */
+export function file(recording: string, capture: string, name: string): string {
+  return `/api/models/${encodeURIComponent(recording)}/${encodeURIComponent(capture)}/${name}`;
+}
+
+export async function report(recording: string, capture: string): Promise<Record<string, unknown>> {
+  return (await get(file(recording, capture, "report.json"))) as Record<string, unknown>;
+}
+
+export async function plates(): Promise<Answer> {
+  return (await post("/api/plates", {})) as Answer;
+}
+
+export async function session(name: string | null, about: Record<string, string>): Promise<Answer> {
+  return (await post("/api/session", { name, about })) as Answer;
+}
+
+export async function note(capture: string, kind: string, text: string, author: string): Promise<Answer> {
+  return (await post("/api/note", { capture, kind, text, author })) as Answer;
+}
+
+export async function sendPress(press_id: string, subject: string): Promise<Answer> {
+  return (await post("/api/press", { press_id, subject })) as Answer;
+}

@@ -1,0 +1,266 @@
+// One capture: its model, its verdict with the reasons, figures, notes and files.
+import { html, nothing, type TemplateResult } from "lit";
+import * as api from "./api";
+import "./do";
+import { Part } from "./element";
+import { date, decision, verdict } from "./history";
+import { live } from "./live";
+import { type Key, t } from "./words";
+import type { Mode, Viewer } from "./viewer";
+
+const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
+const FILES = ["model.glb", "model.ply", "preview.png", "report.json"];
+
+interface Model {
+  watertight?: boolean;
+  mesh?: { triangles?: number; volume?: number };
+  bounds?: [number[], number[]];
+  provenance?: { provenance: string; share: number; mean_expected_error: number }[];
+}
+
+class CapturePart extends Part {
+  static properties = {
+    recording: {},
+    capture: {},
+    operator: { type: Boolean },
+    summary: { state: true },
+    model: { state: true },
+    mode: { state: true },
+    view: { state: true },
+    measuring: { state: true },
+    scale: { state: true },
+  };
+  declare recording: string;
+  declare capture: string;
+  declare operator: boolean;
+  declare summary: api.Summary | null;
+  declare model: Model;
+  declare mode: Mode;
+  declare view: string;
+  declare measuring: string;
+  declare scale: [number, string][];
+  private viewer: Viewer | null = null;
+  private shown = "";
+  private loaded = "";
+
+  constructor() {
+    super();
+    this.summary = null;
+    this.model = {};
+    this.mode = "textured";
+    this.view = "";
+    this.measuring = "";
+    this.scale = [];
+  }
+
+  willUpdate(): void {
+    const wanted = `${this.recording} ${this.capture} ${live.now()?.history ?? ""}`;
+    if (wanted !== this.shown) {
+      this.shown = wanted;
+      void this.load();
+    }
+  }
+
+  disconnectedCallback(): void {
+    this.viewer?.end();
+    this.viewer = null;
+    this.loaded = "";
+    super.disconnectedCallback();
+  }
+
+  private async load(): Promise<void> {
+    try {
+      const all = await api.captures(this.recording);
+      this.summary = all.find((found) => found.capture === this.capture) ?? null;
+      const report = await api.report(this.recording, this.capture);
+      this.model = (report.model ?? {}) as Model;
+    } catch (error) {
+      this.view = error instanceof api.Refused ? error.words() : String(error);
+    }
+  }
+
+  updated(): void {
+    const name = `${this.recording}/${this.capture}`;
+    const canvas = this.querySelector("canvas");
+    if (this.summary?.has_model && canvas && this.loaded !== name) {
+      this.loaded = name;
+      void this.show(canvas, api.file(this.recording, this.capture, "model.glb"));
+    }
+  }
+
+  private async show(canvas: HTMLCanvasElement, address: string): Promise<void> {
+    this.view = t("viewer_loading");
+    try {
+      const { Viewer } = await import("./viewer");
+      this.viewer?.end();
+      this.viewer = await Viewer.open(canvas, address, (mm) => this.measured(mm));
+      this.viewer.show(this.mode);
+      this.view = "";
+      // For whoever waits until the model is there.
+      canvas.dataset.loaded = "true";
+    } catch (error) {
+      this.view = t("viewer_failed", { reason: error instanceof Error ? error.message : String(error) });
+    }
+  }
+
+  private measured(mm: number | null): void {
+    this.measuring = mm === null ? t("measure_second") : t("measure_result", { mm: mm.toFixed(1) });
+  }
+
+  private readonly measure = () => {
+    this.viewer?.measure();
+    this.measuring = t("measure_first");
+  };
+
+  private choose(mode: Mode): void {
+    this.mode = mode;
+    this.viewer?.show(mode);
+    this.scale = this.viewer?.scale(mode) ?? [];
+  }
+
+  render(): TemplateResult {
+    const { summary } = this;
+    return html`
+      <p><a href="#/history/${this.recording}">${t("back")}</a></p>
+      <h1><bdi>${this.capture}</bdi></h1>
+      ${summary ? this.about(summary) : html`<p role="status">${this.view}</p>`}
+    `;
+  }
+
+  private about(summary: api.Summary): TemplateResult {
+    const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
+    const time = summary.time_s === null ? "" : date(summary.time_s);
+    return html`
+      <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi> <span class="quiet">${time}</span></p>
+      <div class="capture-page">
+        ${summary.has_model ? this.viewerPart() : nothing}
+        <section>
+          <h2>${t("reasons")}</h2>
+          ${summary.reasons.length === 0 ? html`<p>${t("no_reasons")}</p>` : this.reasons(summary)}
+          <h2>${t("figures")}</h2>
+          ${this.figures()}
+          <h2>${t("notes")}</h2>
+          ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
+          ${this.operator ? html`<scand-say .capture=${this.capture}></scand-say>` : nothing}
+          <h2>${t("downloads")}</h2>
+          <ul class="files">
+            ${FILES.filter((name) => summary.has_model || name === "report.json").map((name) => {
+              const address = `${api.file(this.recording, this.capture, name)}?download`;
+              return html`<li><a href=${address} download>${name}</a></li>`;
+            })}
+          </ul>
+        </section>
+      </div>
+      ${summary.has_preview ? this.preview() : nothing}
+    `;
+  }
+
+  private viewerPart(): TemplateResult {
+    return html`
+      <section aria-label=${t("model")} class="viewer">
+        <canvas tabindex="0" role="application" aria-label=${t("viewer_label")}></canvas>
+        <p role="status">${this.view || this.measuring}</p>
+        <div class="row" role="group" aria-label=${t("view_as")}>
+          ${MODES.map(
+            (mode) =>
+              html`<button aria-pressed=${this.mode === mode} data-mode=${mode} @click=${() => this.choose(mode)}>
+                ${t(`view_${mode}` as Key)}
+              </button>`,
+          )}
+          <button data-measure @click=${this.measure}>${t("measure")}</button>
+        </div>
+        ${this.legend()}
+      </section>
+    `;
+  }
+
+  private legend(): TemplateResult | typeof nothing {
+    if (this.scale.length === 0) return nothing;
+    const words = (value: number) => (this.mode === "error" ? value.toFixed(2) : this.provenanceWords(value));
+    return html`
+      ${this.mode === "error" ? html`<p class="quiet">${t("error_scale")}</p>` : nothing}
+      <ul class="legend">
+        ${this.scale.map(
+          ([value, color]) => html`<li>
+            <svg viewBox="0 0 10 10" aria-hidden="true"><rect width="10" height="10" fill=${color} /></svg>
+            ${words(value)}
+          </li>`,
+        )}
+      </ul>
+    `;
+  }
+
+  private provenanceWords(value: number): string {
+    const names = ["hull", "carved", "restored", "bridged", "unseen", "table"];
+    return t(`from_${names[value] ?? "hull"}` as Key);
+  }
+
+  private reasons(summary: api.Summary): TemplateResult {
+    return html`<ul>
+      ${summary.reasons.map((reason) => html`<li>${reason.words} <code>${reason.code}</code></li>`)}
+    </ul>`;
+  }
+
+  private figures(): TemplateResult {
+    const { model } = this;
+    const rows: [string, string][] = [];
+    if (model.bounds) {
+      const [low, high] = model.bounds;
+      const sizes = high.map((value, axis) => ((value - low[axis]) * 1000).toFixed(0));
+      rows.push([t("figure_size"), `${sizes.join(" × ")} mm`]);
+    }
+    if (model.mesh?.volume !== undefined) {
+      rows.push([t("figure_volume"), `${(model.mesh.volume * 1e6).toFixed(0)} cm³`]);
+    }
+    if (model.mesh?.triangles !== undefined) rows.push([t("figure_triangles"), String(model.mesh.triangles)]);
+    if (model.watertight !== undefined) rows.push([t("figure_closed"), model.watertight ? t("yes") : t("no")]);
+    return html`
+      <dl>${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
+      ${model.provenance ? this.shares(model.provenance) : nothing}
+    `;
+  }
+
+  private shares(provenance: NonNullable<Model["provenance"]>): TemplateResult {
+    const known = (name: string) => t(`from_${name}` as Key);
+    return html`<table>
+      <thead>
+        <tr>
+          <th scope="col">${t("view_provenance")}</th>
+          <th scope="col">${t("figure_share")}</th>
+          <th scope="col">${t("figure_mean_error")}</th>
+        </tr>
+      </thead>
+      <tbody>
+        ${provenance.filter((part) => part.share > 0).map(
+          (part) => html`<tr>
+            <th scope="row">${known(part.provenance)}</th>
+            <td>${(part.share * 100).toFixed(0)} %</td>
+            <td>${(part.mean_expected_error * 1000).toFixed(2)} mm</td>
+          </tr>`,
+        )}
+      </tbody>
+    </table>`;
+  }
+
+  private notes(summary: api.Summary): TemplateResult {
+    const known: Record<string, string> = { accept: t("accept"), reject: t("reject"), clear: t("clear"), text: t("note") };
+    return html`<ul>
+      ${summary.notes.map(
+        (note) => html`<li>
+          ${known[note.kind] ?? note.kind}${note.text ? html`: <bdi>${note.text}</bdi>` : nothing}
+          ${note.author ? html`<span class="quiet">(<bdi>${note.author}</bdi>)</span>` : nothing}
+        </li>`,
+      )}
+    </ul>`;
+  }
+
+  private preview(): TemplateResult {
+    const address = api.file(this.recording, this.capture, "preview.png");
+    return html`<section>
+      <h2>${t("photographs")}</h2>
+      <img class="preview" src=${address} alt=${t("preview_of", { capture: this.capture })} />
+    </section>`;
+  }
+}
+
+customElements.define("scand-capture", CapturePart);

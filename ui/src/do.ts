@@ -1,0 +1,275 @@
+// "Do": press, the object's number, background pictures, sessions, and what people say of the last capture.
+import { html, nothing, type TemplateResult } from "lit";
+import * as api from "./api";
+import { Part } from "./element";
+import { live } from "./live";
+import { press, resume } from "./press";
+import { t } from "./words";
+
+/** What an answer says, in the page's language. */
+export function told(answer: api.Answer): string {
+  const capture = answer.capture ?? "";
+  const reason = answer.reason ?? "";
+  switch (answer.type) {
+    case "durable":
+      return t("told_durable", { capture });
+    case "busy":
+      return t("told_busy");
+    case "failed":
+      return t("told_failed", { reason });
+    case "refused":
+      return t("told_refused", { reason });
+    case "ending":
+      return t("told_ending");
+    default:
+      return t("told_ok", { words: answer.words ?? answer.type });
+  }
+}
+
+const AUTHOR = "scand-operator";
+
+class DoPart extends Part {
+  static properties = { message: { state: true }, busy: { state: true }, asking: { state: true } };
+  declare message: string;
+  declare busy: boolean;
+  declare asking: boolean;
+
+  constructor() {
+    super();
+    this.message = "";
+    this.busy = false;
+    this.asking = false;
+  }
+
+  connectedCallback(): void {
+    super.connectedCallback();
+    document.addEventListener("keydown", this.toNumber);
+    const pending = resume();
+    if (pending) void this.pressed(pending);
+  }
+
+  disconnectedCallback(): void {
+    document.removeEventListener("keydown", this.toNumber);
+    super.disconnectedCallback();
+  }
+
+  firstUpdated(): void {
+    this.number()?.focus({ preventScroll: true });
+  }
+
+  /** A scanner types wherever the focus is: what nothing else takes goes into the field of the number. */
+  private readonly toNumber = (event: KeyboardEvent) => {
+    const isText = event.key.length === 1 && event.key !== " " && !event.ctrlKey && !event.altKey && !event.metaKey;
+    if (!isText || document.activeElement !== document.body) return;
+    const field = this.number();
+    field?.focus();
+    field?.select();
+  };
+
+  private number(): HTMLInputElement | null {
+    return this.querySelector<HTMLInputElement>("#number");
+  }
+
+  private value(id: string): string {
+    return this.querySelector<HTMLInputElement>(`#${id}`)?.value.trim() ?? "";
+  }
+
+  /** The number is confirmed: the next one replaces it. */
+  private readonly entered = (event: SubmitEvent) => {
+    event.preventDefault();
+    this.number()?.select();
+  };
+
+  private readonly press = () => {
+    if (this.busy) return;
+    // Who presses looks at the sign next.
+    scrollTo({ top: 0 });
+    void this.pressed(press(this.value("number")));
+  };
+
+  private async pressed(answer: Promise<api.Answer>): Promise<void> {
+    await this.during(answer, (error) => {
+      const isUnsure = error instanceof api.Refused && error.code === "network";
+      return isUnsure ? t("told_unsure") : null;
+    });
+    this.number()?.focus({ preventScroll: true });
+    this.number()?.select();
+  }
+
+  /** Waits for an answer and tells it; nothing else is asked meanwhile. */
+  private async during(answer: Promise<api.Answer>, words?: (error: unknown) => string | null): Promise<boolean> {
+    this.busy = true;
+    this.message = "";
+    try {
+      const found = await answer;
+      this.message = told(found);
+      return ["ok", "durable"].includes(found.type);
+    } catch (error) {
+      const known = error instanceof api.Refused ? error.words() : String(error);
+      this.message = words?.(error) ?? known;
+      return false;
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  private readonly plates = () => {
+    this.asking = false;
+    void this.during(api.plates());
+  };
+
+  private readonly begin = async (event: SubmitEvent) => {
+    event.preventDefault();
+    const operator = this.value("operator");
+    localStorage.setItem(AUTHOR, operator);
+    const about = { operator, project: this.value("project") };
+    if (await this.during(api.session(this.value("session-name"), about))) (event.target as HTMLFormElement).reset();
+  };
+
+  private readonly close = () => {
+    void this.during(api.session(null, {}));
+  };
+
+  render(): TemplateResult {
+    const now = live.now();
+    const isConnected = now !== null && now.daemon !== null;
+    const session = now?.daemon?.session ?? null;
+    return html`
+      <section class="do" aria-label=${t("press")}>
+        <form class="number" @submit=${this.entered}>
+          <label for="number">${t("object_number")}</label>
+          <input id="number" autocomplete="off" spellcheck="false" maxlength="100" aria-describedby="number-hint" />
+          <p class="quiet" id="number-hint">${t("object_hint")}</p>
+        </form>
+        <button class="press" ?disabled=${this.busy || !isConnected} @click=${this.press}>
+          ${this.busy ? t("pressing") : t("press")}
+        </button>
+        <p class="told" role="status">${this.message}</p>
+        ${now?.last ? html`<scand-say .capture=${now.last.capture}></scand-say>` : nothing}
+        <div class="cards">
+          <section class="card">
+            <h2>${t("plates")}</h2>
+            ${this.asking ? this.confirm() : this.askPlates(!isConnected || this.busy)}
+          </section>
+          <section class="card">
+            <h2>${t("session")}</h2>
+            ${session ? this.open(session) : this.closed(!isConnected || this.busy)}
+          </section>
+        </div>
+      </section>
+    `;
+  }
+
+  private askPlates(disabled: boolean): TemplateResult {
+    const ask = () => (this.asking = true);
+    return html`<button ?disabled=${disabled} @click=${ask}>${t("plates_ask")}</button>`;
+  }
+
+  private confirm(): TemplateResult {
+    const cancel = () => (this.asking = false);
+    return html`
+      <p>${t("plates_confirm")}</p>
+      <p class="row">
+        <button @click=${this.plates}>${t("plates_yes")}</button>
+        <button @click=${cancel}>${t("cancel")}</button>
+      </p>
+    `;
+  }
+
+  private open(session: string): TemplateResult {
+    return html`
+      <p><bdi>${session}</bdi></p>
+      <button ?disabled=${this.busy} @click=${this.close}>${t("session_close")}</button>
+    `;
+  }
+
+  private closed(disabled: boolean): TemplateResult {
+    return html`
+      <form @submit=${this.begin}>
+        <label for="session-name">${t("session_name")}</label>
+        <input
+          id="session-name"
+          required
+          maxlength="48"
+          pattern="[A-Za-z0-9_\\-][A-Za-z0-9._\\-]*"
+          title=${t("session_name_hint")}
+          autocomplete="off"
+          spellcheck="false"
+        />
+        <label for="operator">${t("operator")}</label>
+        <input id="operator" maxlength="100" autocomplete="name" .value=${localStorage.getItem(AUTHOR) ?? ""} />
+        <label for="project">${t("project")}</label>
+        <input id="project" maxlength="100" autocomplete="off" />
+        <button ?disabled=${disabled}>${t("session_begin")}</button>
+      </form>
+    `;
+  }
+}
+
+/** What people say of a capture: accept, reject, take that back, note. */
+class SayPart extends Part {
+  static properties = { capture: {}, message: { state: true }, busy: { state: true } };
+  declare capture: string;
+  declare message: string;
+  declare busy: boolean;
+
+  constructor() {
+    super();
+    this.capture = "";
+    this.message = "";
+    this.busy = false;
+  }
+
+  willUpdate(changed: Map<string, unknown>): void {
+    if (changed.has("capture") && changed.get("capture") !== undefined) this.message = "";
+  }
+
+  private async say(kind: string): Promise<void> {
+    const field = this.querySelector("input");
+    const text = field?.value.trim() ?? "";
+    if (kind === "text" && text === "") {
+      field?.focus();
+      return;
+    }
+    this.busy = true;
+    try {
+      const answer = await api.note(this.capture, kind, text, localStorage.getItem(AUTHOR) ?? "");
+      this.message = told(answer);
+      if (answer.type === "ok" && field) field.value = "";
+    } catch (error) {
+      this.message = error instanceof api.Refused ? error.words() : String(error);
+    } finally {
+      this.busy = false;
+    }
+    this.dispatchEvent(new Event("scand-said", { bubbles: true }));
+  }
+
+  render(): TemplateResult {
+    const kinds: [string, string][] = [
+      ["accept", t("accept")],
+      ["reject", t("reject")],
+      ["clear", t("clear")],
+      ["text", t("note")],
+    ];
+    const id = "note-text";
+    return html`
+      <fieldset class="say">
+        <legend>${t("verdict_of", { capture: this.capture })}</legend>
+        <label for=${id}>${t("note_text")}</label>
+        <input id=${id} maxlength="500" autocomplete="off" />
+        <p class="row">
+          ${kinds.map(
+            ([kind, words]) =>
+              html`<button type="button" data-say=${kind} ?disabled=${this.busy} @click=${() => this.say(kind)}>
+                ${words}
+              </button>`,
+          )}
+        </p>
+        <p class="told" role="status">${this.message}</p>
+      </fieldset>
+    `;
+  }
+}
+
+customElements.define("scand-do", DoPart);
+customElements.define("scand-say", SayPart);

@@ -1,0 +1,128 @@
+// "History": recordings, and the captures of one as a strip of previews with their verdicts.
+import { html, nothing, type TemplateResult } from "lit";
+import * as api from "./api";
+import { Part } from "./element";
+import { live } from "./live";
+import { sign } from "./signs";
+import { age, type Key, language, t } from "./words";
+
+export function date(seconds: number): string {
+  const format = new Intl.DateTimeFormat(language(), { dateStyle: "medium", timeStyle: "short" });
+  return format.format(new Date(seconds * 1000));
+}
+
+/** A verdict as sign, word and colour. */
+export function verdict(name: string): TemplateResult {
+  const form = name === "failed" ? "model_failed" : name;
+  return html`<span class="verdict sign-${form}">${sign(form)} ${t(`verdict_${name}` as Key)}</span>`;
+}
+
+class HistoryPart extends Part {
+  static properties = { recording: {}, names: { state: true }, captures: { state: true }, seen: { state: true }, error: { state: true } };
+  declare recording: string;
+  declare names: { name: string; changed_s: number }[] | null;
+  declare captures: api.Summary[];
+  declare seen: api.Last[];
+  declare error: string;
+  private shown = "";
+
+  constructor() {
+    super();
+    this.recording = "";
+    this.names = null;
+    this.captures = [];
+    this.seen = [];
+    this.error = "";
+  }
+
+  /** Asks again when what it shows changed at the rig. */
+  willUpdate(): void {
+    const wanted = `${this.recording} ${live.now()?.history ?? ""}`;
+    if (wanted !== this.shown) {
+      this.shown = wanted;
+      void this.load();
+    }
+  }
+
+  private async load(): Promise<void> {
+    try {
+      const found = await api.recordings();
+      this.names = found.recordings;
+      const chosen = this.recording || found.recordings[0]?.name;
+      this.captures = chosen ? await api.captures(chosen) : [];
+      const known = new Set(this.captures.map((capture) => capture.capture));
+      const isOpen = (seen: api.Last) => !known.has(seen.capture) && !["green", "amber", "red"].includes(seen.sign);
+      this.seen = found.seen.filter(isOpen);
+      this.error = "";
+    } catch (error) {
+      this.error = error instanceof api.Refused ? error.words() : String(error);
+    }
+  }
+
+  render(): TemplateResult {
+    const chosen = this.recording || this.names?.[0]?.name;
+    return html`
+      <h1>${t("history")}</h1>
+      ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
+      ${this.seen.length > 0 ? this.open() : nothing}
+      ${this.names?.length === 0 ? html`<p>${t("no_captures")}</p>` : nothing}
+      ${chosen ? this.strip(chosen) : nothing}
+    `;
+  }
+
+  private open(): TemplateResult {
+    return html`
+      <h2>${t("in_progress")}</h2>
+      <ul class="open">
+        ${this.seen.map(
+          (seen) => html`<li>
+            ${sign(seen.sign)} <bdi>${seen.capture}</bdi> ${seen.subject ? html`(<bdi>${seen.subject}</bdi>)` : nothing},
+            ${t(`sign_${seen.sign}` as Key)}, ${age(seen.age_ms)} ${seen.reasons.join("; ")}
+          </li>`,
+        )}
+      </ul>
+    `;
+  }
+
+  private strip(chosen: string): TemplateResult {
+    const go = (event: Event) => {
+      location.hash = `#/history/${(event.target as HTMLSelectElement).value}`;
+    };
+    return html`
+      <p>
+        <label for="recording">${t("recording")}</label>
+        <select id="recording" @change=${go}>
+          ${this.names?.map(({ name }) => html`<option value=${name} ?selected=${name === chosen}>${name}</option>`)}
+        </select>
+      </p>
+      <h2>${t("captures_of", { recording: chosen })}</h2>
+      <ul class="strip">
+        ${this.captures.map((capture) => html`<li>${this.card(capture)}</li>`)}
+      </ul>
+    `;
+  }
+
+  private card(capture: api.Summary): TemplateResult {
+    const picture = api.file(capture.recording, capture.capture, "preview.png");
+    const words = capture.reasons[0]?.words;
+    return html`
+      <a class="card capture" href="#/history/${capture.recording}/${capture.capture}">
+        ${capture.has_preview
+          ? html`<img loading="lazy" decoding="async" src=${picture} alt=${t("preview_of", { capture: capture.capture })} />`
+          : nothing}
+        <span>${verdict(capture.verdict)} ${decision(capture)}</span>
+        <strong><bdi>${capture.capture}</bdi></strong>
+        ${capture.subject ? html`<span><bdi>${t("for_object", { subject: capture.subject })}</bdi></span>` : nothing}
+        ${capture.time_s !== null ? html`<span class="quiet">${date(capture.time_s)}</span>` : nothing}
+        ${words ? html`<span class="quiet">${words}</span>` : nothing}
+      </a>
+    `;
+  }
+}
+
+export function decision(capture: api.Summary): TemplateResult | typeof nothing {
+  const known = ["accepted", "rejected"].includes(capture.decision ?? "");
+  return known ? html`<span class="decision">${t(`decision_${capture.decision}` as Key)}</span>` : nothing;
+}
+
+customElements.define("scand-history", HistoryPart);

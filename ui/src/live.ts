@@ -1,0 +1,69 @@
+// What holds now, as the process tells it in a stream. What is shown counts as known only while the stream is alive: after
+// ten seconds without a word, by the monotonic or by the wall clock (a tablet that slept), nothing is known any more.
+import type { Now } from "./api";
+
+const STALE_MS = 10_000;
+const AGAIN_MS = 5_000;
+
+interface Heard {
+  now: Now;
+  monotonic: number;
+  wall: number;
+}
+
+export class Live extends EventTarget {
+  private heard: Heard | null = null;
+  private source: EventSource | null = null;
+  private opened = 0;
+
+  start(): void {
+    if (this.source) return;
+    this.open();
+    setInterval(() => this.look(), 1000);
+    for (const event of ["online", "pageshow", "focus"]) addEventListener(event, () => this.look());
+    document.addEventListener("visibilitychange", () => this.look());
+  }
+
+  /** What holds now, or null if that is not known. */
+  now(): Now | null {
+    return this.passed() < STALE_MS ? (this.heard?.now ?? null) : null;
+  }
+
+  /** Milliseconds since the last word of the process. */
+  passed(): number {
+    if (!this.heard) return Infinity;
+    return Math.max(performance.now() - this.heard.monotonic, Date.now() - this.heard.wall);
+  }
+
+  private open(): void {
+    this.source?.close();
+    this.opened = performance.now();
+    const source = new EventSource("/api/events");
+    this.source = source;
+    source.addEventListener("now", (event) => {
+      const now = JSON.parse((event as MessageEvent<string>).data) as Now;
+      this.heard = { now, monotonic: performance.now(), wall: Date.now() };
+      this.changed();
+    });
+    source.addEventListener("error", () => {
+      // The connection is gone: what was heard is not known to hold.
+      this.heard = null;
+      this.changed();
+    });
+  }
+
+  private look(): void {
+    const isSilent = this.passed() >= STALE_MS;
+    if (isSilent && performance.now() - this.opened > (this.heard ? 0 : AGAIN_MS)) {
+      this.heard = null;
+      this.open();
+    }
+    this.changed();
+  }
+
+  private changed(): void {
+    this.dispatchEvent(new Event("change"));
+  }
+}
+
+export const live = new Live();

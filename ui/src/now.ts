@@ -1,0 +1,91 @@
+// "Now": the one large sign, what it is about, and what an operator does.
+import { html, nothing, type TemplateResult } from "lit";
+import type { Last, Now } from "./api";
+import "./do";
+import { Part } from "./element";
+import { live } from "./live";
+import { sign } from "./signs";
+import { age, type Key, t } from "./words";
+
+const LONGEST_LIST = 6;
+
+class NowPart extends Part {
+  static properties = { operator: { type: Boolean } };
+  declare operator: boolean;
+
+  render(): TemplateResult {
+    const now = live.now();
+    return html`
+      ${this.sign(now)}
+      <section class="facts" aria-label=${t("state")}>${now ? this.facts(now) : nothing}</section>
+      ${this.operator ? html`<scand-do></scand-do>` : html`<p>${t("viewer")}</p>`}
+    `;
+  }
+
+  private sign(now: Now | null): TemplateResult {
+    const name = now?.sign ?? "unknown";
+    const since = now && now.age_ms !== null ? now.age_ms + live.passed() : null;
+    const about = [now?.capture ?? "", since === null ? "" : age(since)].filter((text) => text !== "");
+    // The form and the words are told as one; a screen reader says them when they change.
+    return html`
+      <section class="now sign-${name}" data-sign=${name}>
+        ${sign(name)}
+        <div>
+          <h1><span role="status" aria-live="assertive">${t(`sign_${name}` as Key)}</span></h1>
+          <p class="hint">${t(hint(name, now))}</p>
+          ${list(now?.reasons ?? [])}
+          <p class="about">${about.join(" · ")}</p>
+        </div>
+      </section>
+    `;
+  }
+
+  private facts(now: Now): TemplateResult {
+    const daemon = now.daemon;
+    if (!daemon) return html``;
+    const plates = daemon.plates_age_h;
+    return html`
+      <ul>
+        <li>${daemon.session ? t("session_open", { name: daemon.session }) : t("session_none")}</li>
+        <li>${t("captures_left", { n: daemon.captures_left })}</li>
+        ${daemon.models ? html`<li>${backlog(daemon.models)}</li>` : nothing}
+        <li class=${plates === null ? "warning" : ""}>
+          ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
+        </li>
+        ${now.last ? html`<li>${this.last(now.last)}</li>` : nothing}
+        <li class="quiet">${t("updated", { age: age(daemon.age_ms + live.passed()) })}</li>
+      </ul>
+    `;
+  }
+
+  private last(last: Last): TemplateResult {
+    const name = html`<bdi>${last.capture}</bdi>`;
+    const link = `#/history/${last.recording ?? ""}/${last.capture}`;
+    const hasModel = ["green", "amber", "red", "model_failed"].includes(last.sign) && last.recording !== null;
+    const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
+    return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
+      ${t(`sign_${last.sign}` as Key)}, ${age(last.age_ms + live.passed())}`;
+  }
+}
+
+function hint(name: string, now: Now | null): Key {
+  const makesNone = name === "safe" && now?.daemon?.models === null;
+  return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
+}
+
+export function backlog(models: { waiting: number; running: unknown[]; expected_s: number | null }): string {
+  const open = models.waiting + models.running.length;
+  const left = open > 0 && models.expected_s !== null ? models.expected_s : null;
+  const when = left === null ? "" : `, ${t("models_done_in", { time: age(left * 1000) })}`;
+  return t("models_waiting", { n: open }) + when;
+}
+
+function list(texts: string[]): TemplateResult | typeof nothing {
+  if (texts.length === 0) return nothing;
+  const shown = texts.slice(0, LONGEST_LIST);
+  return html`<ul class="reasons">
+    ${shown.map((text) => html`<li>${text}</li>`)} ${texts.length > shown.length ? html`<li>…</li>` : nothing}
+  </ul>`;
+}
+
+customElements.define("scand-now", NowPart);

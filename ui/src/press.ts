@@ -1,0 +1,63 @@
+// A press: its id is made before it is sent, so that however often it is sent, it is one press. It is sent again for ten
+// seconds while the connection is broken; after that the person decides, for hands may be in the picture again.
+import { type Answer, Refused, sendPress } from "./api";
+
+const STORED = "scand-press";
+const AGAIN_MS = 10_000;
+const PAUSE_MS = 500;
+
+interface Pending {
+  id: string;
+  subject: string;
+  at: number;
+}
+
+let running: Promise<Answer> | null = null;
+
+function newId(): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  return "page-" + Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** Presses; while one press is under way, a further tap is the same press. */
+export function press(subject: string): Promise<Answer> {
+  const pending = { id: newId(), subject, at: Date.now() };
+  return running ?? begin(pending);
+}
+
+/** The press that a reload of the page cut short, if that was a moment ago. */
+export function resume(): Promise<Answer> | null {
+  const stored = sessionStorage.getItem(STORED);
+  if (stored === null || running) return running;
+  try {
+    const pending = JSON.parse(stored) as Pending;
+    const passed = Date.now() - pending.at;
+    if (passed >= 0 && passed < AGAIN_MS) return begin(pending);
+  } catch {
+    // Not one of ours.
+  }
+  sessionStorage.removeItem(STORED);
+  return null;
+}
+
+function begin(pending: Pending): Promise<Answer> {
+  sessionStorage.setItem(STORED, JSON.stringify(pending));
+  running = send(pending).finally(() => {
+    running = null;
+    sessionStorage.removeItem(STORED);
+  });
+  return running;
+}
+
+async function send({ id, subject }: Pending): Promise<Answer> {
+  const begun = performance.now();
+  for (;;) {
+    try {
+      return await sendPress(id, subject);
+    } catch (error) {
+      const isOver = performance.now() - begun > AGAIN_MS;
+      if (!(error instanceof Refused) || error.code !== "network" || isOver) throw error;
+    }
+    await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+  }
+}

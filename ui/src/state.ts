@@ -1,0 +1,145 @@
+// "State": cameras with their settings as read back, disk, models, background pictures, and what to do for what is wrong.
+import { html, nothing, type TemplateResult } from "lit";
+import * as api from "./api";
+import { Part } from "./element";
+import { backlog } from "./now";
+import { age, type Key, t } from "./words";
+
+const EVERY_MS = 3000;
+const OLD_PLATES_H = 24;
+const FEW_CAPTURES = 20;
+
+interface Camera {
+  kind?: string;
+  state: string;
+  words: string;
+  settings?: [string, string, string][];
+  health?: [string, string][];
+  remarks?: string[];
+  lost_frames?: number;
+}
+
+interface Status {
+  cameras?: Record<string, Camera>;
+  captures_left?: number;
+  plates_age_h?: number | null;
+  models?: api.Backlog | null;
+  session?: string | null;
+}
+
+class StatePart extends Part {
+  static properties = { me: { attribute: false }, status: { state: true }, heard: { state: true }, error: { state: true } };
+  declare me: api.Me;
+  declare status: Status | null;
+  declare heard: number;
+  declare error: string;
+  private timer = 0;
+
+  constructor() {
+    super();
+    this.status = null;
+    this.heard = 0;
+    this.error = "";
+  }
+
+  connectedCallback(): void {
+    super.connectedCallback();
+    void this.load();
+    this.timer = window.setInterval(() => void this.load(), EVERY_MS);
+  }
+
+  disconnectedCallback(): void {
+    clearInterval(this.timer);
+    super.disconnectedCallback();
+  }
+
+  private async load(): Promise<void> {
+    try {
+      const found = await api.state();
+      this.status = found.status as Status | null;
+      this.heard = performance.now() - (found.age_ms ?? 0);
+      this.error = this.status ? "" : t("error_away");
+    } catch (error) {
+      this.status = null;
+      this.error = error instanceof api.Refused ? error.words() : String(error);
+    }
+  }
+
+  render(): TemplateResult {
+    return html`
+      <h1>${t("state")}</h1>
+      ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
+      ${this.status ? this.all(this.status) : nothing}
+      <p class="quiet">${this.me.rig ? `${t("rig")}: ${this.me.rig}. ` : ""}${t("version")}: ${this.me.version}</p>
+    `;
+  }
+
+  private all(status: Status): TemplateResult {
+    const todo = this.todo(status);
+    const plates = status.plates_age_h ?? null;
+    return html`
+      <section class="card">
+        <h2>${t("todo")}</h2>
+        ${todo.length === 0 ? html`<p>${t("todo_nothing")}</p>` : html`<ul>${todo.map((text) => html`<li>${text}</li>`)}</ul>`}
+      </section>
+      <div class="cards">
+        <section class="card"><h2>${t("disk")}</h2><p>${t("captures_left", { n: status.captures_left ?? 0 })}</p></section>
+        <section class="card"><h2>${t("models")}</h2><p>${status.models ? backlog(status.models) : t("models_off")}</p></section>
+        <section class="card">
+          <h2>${t("plates")}</h2>
+          <p>${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}</p>
+        </section>
+      </div>
+      <h2>${t("cameras")}</h2>
+      <ul class="cameras">
+        ${Object.entries(status.cameras ?? {}).map(([id, camera]) => this.camera(id, camera))}
+      </ul>
+      <p class="quiet">${t("updated", { age: age(performance.now() - this.heard) })}</p>
+    `;
+  }
+
+  private todo(status: Status): string[] {
+    const found: string[] = [];
+    for (const [camera, about] of Object.entries(status.cameras ?? {})) {
+      if (about.state !== "ready") found.push(t("todo_camera", { camera, words: about.words || about.state }));
+      for (const [setting, asked, read] of about.settings ?? []) {
+        if (asked !== read) found.push(t("todo_setting", { camera, setting, asked, found: read }));
+      }
+      found.push(...(about.remarks ?? []).map((remark) => `${camera}: ${remark}`));
+    }
+    const plates = status.plates_age_h ?? null;
+    if (plates === null) found.push(t("todo_plates_none"));
+    else if (plates > OLD_PLATES_H) found.push(t("todo_plates_old", { age: age(plates * 3_600_000) }));
+    const left = status.captures_left ?? 0;
+    if (left < FEW_CAPTURES) found.push(t("todo_disk", { n: left }));
+    return found;
+  }
+
+  private camera(id: string, camera: Camera): TemplateResult {
+    const known = ["ready", "away", "opening"].includes(camera.state);
+    const health = (camera.health ?? []).map(([name, value]) => `${name} ${value}`);
+    const lost = camera.lost_frames ? [t("lost_frames", { n: camera.lost_frames })] : [];
+    return html`
+      <li class="card">
+        <h3><bdi>${id}</bdi>: ${known ? t(`camera_${camera.state}` as Key) : camera.state}</h3>
+        <p>${camera.words}</p>
+        ${health.length + lost.length > 0 ? html`<p>${[...health, ...lost].join(" · ")}</p>` : nothing}
+        ${camera.settings?.length
+          ? html`<details>
+              <summary>${t("camera_settings")}</summary>
+              <dl>
+                ${camera.settings.map(
+                  ([name, asked, read]) => html`<div>
+                    <dt>${name}</dt>
+                    <dd>${read}${asked === read ? "" : ` (${t("asked_for", { value: asked })})`}</dd>
+                  </div>`,
+                )}
+              </dl>
+            </details>`
+          : nothing}
+      </li>
+    `;
+  }
+}
+
+customElements.define("scand-state", StatePart);

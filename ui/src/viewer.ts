@@ -1,0 +1,237 @@
+// The viewer of a model: turns, zooms, shows colours, shape, provenance or expected error, and measures between two points.
+// It loads nothing but the model itself.
+import {
+  AmbientLight,
+  Box3,
+  BufferAttribute,
+  type BufferGeometry,
+  Color,
+  DirectionalLight,
+  type Material,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  PerspectiveCamera,
+  Raycaster,
+  Scene,
+  SphereGeometry,
+  Vector2,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+
+export type Mode = "textured" | "shaded" | "provenance" | "error";
+
+/** Colours that are told apart without red and green (Okabe and Ito). */
+const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999999"];
+/** From small to large. */
+const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
+const STEP = Math.PI / 16;
+
+export class Viewer {
+  private readonly renderer: WebGLRenderer;
+  private readonly scene = new Scene();
+  private readonly camera = new PerspectiveCamera(35, 1, 0.001, 20);
+  private readonly controls: OrbitControls;
+  private readonly textured = new Map<Mesh, Material | Material[]>();
+  private readonly size: number;
+  private readonly resized: ResizeObserver;
+  private points: Vector3[] = [];
+  private marks: Mesh[] = [];
+  private isMeasuring = false;
+  private pressed = new Vector2();
+  private largest = 0;
+  private frame = 0;
+
+  /** Loads a model into a canvas; `measured` hears null after the first point and the distance after the second. */
+  static async open(canvas: HTMLCanvasElement, address: string, measured: (mm: number | null) => void): Promise<Viewer> {
+    const loaded = await new GLTFLoader().loadAsync(address);
+    const meshes: Mesh[] = [];
+    loaded.scene.traverse((node) => {
+      if (node instanceof Mesh) meshes.push(node as Mesh);
+    });
+    return new Viewer(canvas, meshes, measured);
+  }
+
+  private constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly meshes: Mesh[],
+    private readonly measured: (mm: number | null) => void,
+  ) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    const box = new Box3();
+    for (const mesh of meshes) {
+      this.textured.set(mesh, mesh.material);
+      this.scene.add(mesh);
+      box.expandByObject(mesh);
+      const errors = attribute(mesh.geometry, "_error");
+      for (let n = 0; errors && n < errors.count; n++) this.largest = Math.max(this.largest, errors.getX(n));
+    }
+    this.size = box.getSize(new Vector3()).length();
+    this.light();
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.target.copy(box.getCenter(new Vector3()));
+    this.camera.position.copy(this.controls.target).add(new Vector3(0.6, 0.5, 1).setLength(this.size * 1.7));
+    this.camera.near = this.size / 100;
+    this.camera.far = this.size * 20;
+    this.controls.minDistance = this.size / 10;
+    this.controls.maxDistance = this.size * 8;
+    this.controls.addEventListener("change", () => this.draw());
+    this.controls.update();
+    this.resized = new ResizeObserver(() => this.fit());
+    this.resized.observe(canvas);
+    canvas.addEventListener("keydown", this.key);
+    canvas.addEventListener("pointerdown", this.down);
+    canvas.addEventListener("pointerup", this.up);
+    this.fit();
+  }
+
+  private light(): void {
+    this.scene.add(new AmbientLight(0xffffff, 1.6));
+    for (const [x, y, z, strength] of [
+      [1, 2, 2, 1.6],
+      [-2, 1, -1, 0.8],
+    ]) {
+      const light = new DirectionalLight(0xffffff, strength);
+      light.position.set(x, y, z);
+      this.scene.add(light);
+    }
+  }
+
+  private fit(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    if (clientWidth === 0 || clientHeight === 0) return;
+    this.renderer.setSize(clientWidth, clientHeight, false);
+    this.camera.aspect = clientWidth / clientHeight;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  /** Draws at the next frame; nothing is drawn while nothing moves. */
+  private draw(): void {
+    if (this.frame !== 0) return;
+    this.frame = requestAnimationFrame(() => {
+      this.frame = 0;
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+
+  /** Shows the model in one of the ways. */
+  show(mode: Mode): void {
+    for (const mesh of this.meshes) {
+      mesh.material = this.material(mesh, mode);
+    }
+    this.draw();
+  }
+
+  private material(mesh: Mesh, mode: Mode): Material | Material[] {
+    if (mode === "textured") return this.textured.get(mesh) ?? mesh.material;
+    if (mode === "shaded") return new MeshStandardMaterial({ color: 0xb8b4ac, roughness: 0.85 });
+    const values = attribute(mesh.geometry, mode === "error" ? "_error" : "_provenance");
+    if (!values) return new MeshStandardMaterial({ color: 0x888888 });
+    const colors = new Float32Array(values.count * 3);
+    for (let n = 0; n < values.count; n++) {
+      this.color(values.getX(n), mode).toArray(colors, n * 3);
+    }
+    mesh.geometry.setAttribute("color", new BufferAttribute(colors, 3));
+    // Errors are read off a scale, which light and shade would falsify.
+    if (mode === "error") return new MeshBasicMaterial({ vertexColors: true });
+    return new MeshStandardMaterial({ vertexColors: true, roughness: 1 });
+  }
+
+  private color(value: number, mode: Mode): Color {
+    if (mode === "provenance") return new Color(PROVENANCE[Math.round(value)] ?? "#000000");
+    const at = (this.largest > 0 ? Math.min(value / this.largest, 1) : 0) * (ERROR.length - 1);
+    const low = Math.min(Math.floor(at), ERROR.length - 2);
+    return new Color(ERROR[low]).lerp(new Color(ERROR[low + 1]), at - low);
+  }
+
+  /** What the colours of a way mean: provenances by number, or errors in mm. */
+  scale(mode: Mode): [number, string][] {
+    if (mode === "provenance") return PROVENANCE.map((color, n) => [n, color]);
+    if (mode !== "error") return [];
+    return ERROR.map((color, n) => [(this.largest * 1000 * n) / (ERROR.length - 1), color]);
+  }
+
+  /** The next two points that are tapped are measured between. */
+  measure(): void {
+    this.isMeasuring = true;
+    this.points = [];
+    for (const mark of this.marks) this.scene.remove(mark);
+    this.marks = [];
+    this.draw();
+  }
+
+  private readonly down = (event: PointerEvent) => {
+    this.pressed.set(event.clientX, event.clientY);
+  };
+
+  private readonly up = (event: PointerEvent) => {
+    // A tap, and not the end of a turn.
+    const moved = this.pressed.distanceTo(new Vector2(event.clientX, event.clientY));
+    if (!this.isMeasuring || moved > 8) return;
+    const box = this.canvas.getBoundingClientRect();
+    const x = ((event.clientX - box.left) / box.width) * 2 - 1;
+    const y = 1 - ((event.clientY - box.top) / box.height) * 2;
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2(x, y), this.camera);
+    const hit = ray.intersectObjects(this.meshes, false)[0];
+    if (hit) this.take(hit.point);
+  };
+
+  private take(point: Vector3): void {
+    this.points.push(point.clone());
+    const mark = new Mesh(new SphereGeometry(this.size / 150), new MeshBasicMaterial({ color: 0xd55e00 }));
+    mark.position.copy(point);
+    this.marks.push(mark);
+    this.scene.add(mark);
+    this.draw();
+    if (this.points.length < 2) {
+      this.measured(null);
+      return;
+    }
+    this.isMeasuring = false;
+    this.measured(this.points[0].distanceTo(this.points[1]) * 1000);
+  }
+
+  private readonly key = (event: KeyboardEvent) => {
+    const offset = this.camera.position.clone().sub(this.controls.target);
+    const up = new Vector3(0, 1, 0);
+    const side = new Vector3().crossVectors(up, offset).normalize();
+    const turns: Record<string, () => void> = {
+      ArrowLeft: () => offset.applyAxisAngle(up, -STEP),
+      ArrowRight: () => offset.applyAxisAngle(up, STEP),
+      ArrowUp: () => offset.applyAxisAngle(side, -STEP),
+      ArrowDown: () => offset.applyAxisAngle(side, STEP),
+      "+": () => offset.multiplyScalar(0.85),
+      "-": () => offset.multiplyScalar(1.18),
+    };
+    const turn = turns[event.key];
+    if (!turn) return;
+    event.preventDefault();
+    turn();
+    this.camera.position.copy(this.controls.target).add(offset);
+    this.controls.update();
+    this.draw();
+  };
+
+  /** Frees what the viewer holds. */
+  end(): void {
+    cancelAnimationFrame(this.frame);
+    this.resized.disconnect();
+    this.canvas.removeEventListener("keydown", this.key);
+    this.canvas.removeEventListener("pointerdown", this.down);
+    this.canvas.removeEventListener("pointerup", this.up);
+    this.controls.dispose();
+    for (const mesh of this.meshes) mesh.geometry.dispose();
+    this.renderer.dispose();
+  }
+}
+
+function attribute(geometry: BufferGeometry, name: string): BufferAttribute | null {
+  const found = geometry.getAttribute(name);
+  return found instanceof BufferAttribute ? found : null;
+}

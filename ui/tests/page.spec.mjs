@@ -1,0 +1,247 @@
+// The page as people use it, against the real daemon and simulated cameras.
+import AxeBuilder from "@axe-core/playwright";
+import { readFileSync, readdirSync } from "node:fs";
+import { enter, expect, shot, sign, test } from "./fixtures.mjs";
+import { SCAND } from "./rig.mjs";
+
+const MARKUP = `<img src=x onerror="alert(1)"><script>alert(2)</script>`;
+
+/** How many captures the rig took since the daemon began. */
+const taken = (rig) => JSON.parse(rig.scand("status", "--socket", "scand.sock", "--json")).status.complete;
+
+test("a link begins one session, its token leaves the address, and without a session nothing is shown", async ({ page, rig, browser, expected }) => {
+  expected.push("401", "403");
+  await page.goto(`http://127.0.0.1:${rig.port}/`);
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  const link = rig.link();
+  await page.goto("about:blank");
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  expect(page.url()).not.toContain("pair");
+  const [cookie] = await page.context().cookies();
+  expect(cookie).toMatchObject({ httpOnly: true, sameSite: "Strict" });
+  const other = await browser.newPage();
+  await other.goto(link);
+  await expect(other.getByRole("alert")).toContainText("was used");
+  await other.close();
+});
+
+test("every answer has its headers, and another name is refused", async ({ page, rig }) => {
+  await enter(page, rig);
+  const answer = await page.request.get(`http://127.0.0.1:${rig.port}/`);
+  const headers = answer.headers();
+  expect(headers["content-security-policy"]).toContain("default-src 'none'");
+  expect(headers["content-security-policy"]).toContain("frame-ancestors 'none'");
+  expect(headers["content-security-policy"]).not.toContain("unsafe-inline");
+  expect(headers["x-content-type-options"]).toBe("nosniff");
+  const renamed = await page.request.get(`http://127.0.0.1:${rig.port}/`, { headers: { Host: "rig.evil.example" } });
+  expect(renamed.status()).toBe(421);
+  const framed = await page.evaluate(async () => {
+    const found = await fetch("/licences.txt");
+    return (await found.text()).includes("three");
+  });
+  expect(framed).toBe(true);
+});
+
+test("plates, a session, a press with a scanned number, and the model in the viewer", async ({ page, rig }) => {
+  await enter(page, rig);
+  await sign(page, "ready");
+  await shot(page, "ready");
+  await page.getByRole("button", { name: "Take background pictures" }).click();
+  await page.getByRole("button", { name: "Yes, take them" }).click();
+  await expect(page.locator(".do > .told")).toContainText("Done");
+  await rig.show("captures");
+  rig.isPrepared = true;
+  await page.getByLabel("Name of the session").fill("amphora");
+  await page.getByLabel("Operator").fill("Ann");
+  await page.getByRole("button", { name: "Begin the session" }).click();
+  await expect(page.locator(".facts")).toContainText("Session amphora");
+  // A scanner types the number and Enter, wherever the focus is; Enter takes no capture.
+  await page.evaluate(() => document.activeElement.blur());
+  await page.keyboard.type("1884.3");
+  await page.keyboard.press("Enter");
+  await expect(page.getByLabel("Number of the object")).toHaveValue("1884.3");
+  expect(taken(rig)).toBe(0);
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await sign(page, "capturing", "hands_may_move", "safe", "green", "amber");
+  await sign(page, "green", "amber");
+  await shot(page, "verdict");
+  expect(taken(rig)).toBe(1);
+  await expect(page.locator(".facts")).toContainText("object 1884.3");
+  await page.locator(".facts a").click();
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await expect(page.locator("dl")).toContainText("mm");
+  for (const mode of ["shaded", "provenance", "error", "textured"]) {
+    await page.locator(`[data-mode=${mode}]`).click();
+    await expect(page.locator(`[data-mode=${mode}]`)).toHaveAttribute("aria-pressed", "true");
+  }
+  await page.locator("canvas").focus();
+  await page.keyboard.press("ArrowLeft");
+  await shot(page, "capture");
+  await page.locator("[data-measure]").click();
+  const box = await page.locator("canvas").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  for (const [dx, dy] of [[-25, 10], [25, 10]]) {
+    await page.mouse.click(x + dx, y + dy);
+  }
+  await expect(page.locator(".viewer [role=status]")).toContainText(/\d+\.\d mm between/);
+  const download = page.waitForEvent("download");
+  await page.getByRole("link", { name: "model.glb" }).click();
+  expect((await download).suggestedFilename()).toBe("amphora-0001.model.glb");
+});
+
+test("a double tap, and a connection that breaks in the middle, take one capture each", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "operator", rig.wirePort);
+  const before = taken(rig);
+  await page.getByRole("button", { name: "Press", exact: true }).dblclick();
+  await expect(page.locator(".do > .told")).toContainText("safe on the disk");
+  expect(taken(rig)).toBe(before + 1);
+  await page.waitForTimeout(500);
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await page.waitForTimeout(150);
+  rig.wire.cut();
+  await page.waitForTimeout(1500);
+  rig.wire.mend();
+  await expect(page.locator(".do > .told")).toContainText("safe on the disk", { timeout: 30_000 });
+  expect(taken(rig)).toBe(before + 2);
+});
+
+test("names, numbers and notes full of markup are text", async ({ page, rig, expected }) => {
+  // Of recordings that are none.
+  expected.push("404");
+  await rig.prepare();
+  await enter(page, rig);
+  await page.getByLabel("Number of the object").fill(MARKUP);
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await expect(page.locator(".do > .told")).toContainText("safe on the disk");
+  await expect(page.locator(".facts")).toContainText(MARKUP);
+  await sign(page, "green", "amber");
+  await page.getByLabel("Why, or a note").fill(MARKUP);
+  await page.locator("[data-say=reject]").click();
+  await expect(page.locator(".say .told")).toContainText("Done");
+  await page.locator(".facts a").click();
+  await expect(page.locator(".decision")).toHaveText("rejected");
+  await expect(page.locator("main")).toContainText(MARKUP);
+  await page.locator("[data-say=clear]").click();
+  await expect(page.locator(".decision")).toHaveCount(0);
+  await page.getByRole("link", { name: "History" }).click();
+  await expect(page.locator(".strip")).toContainText(MARKUP);
+  await expect(page.locator(".strip li")).not.toHaveCount(0);
+  await shot(page, "history");
+  expect(await page.locator("main img[src=x]").count()).toBe(0);
+  for (const address of ["#/history/%3Cimg%20src=x%20onerror=alert(1)%3E", "#/history/../..", "#/%3Cscript%3E"]) {
+    await page.goto(`http://127.0.0.1:${rig.port}/${address}`);
+    await expect(page.locator("nav")).toBeVisible();
+  }
+});
+
+test("a viewer sees everything and has nothing to press", async ({ page, rig, expected }) => {
+  expected.push("403");
+  await enter(page, rig, "viewer");
+  await sign(page, "ready", "green", "amber");
+  await expect(page.getByRole("button", { name: "Press", exact: true })).toHaveCount(0);
+  const refused = await page.evaluate(async () => {
+    const me = await (await fetch("/api/me")).json();
+    const headers = { "Content-Type": "application/json", "X-Scand-Token": me.token };
+    const answer = await fetch("/api/press", { method: "POST", headers, body: `{"press_id":"page-viewer"}` }).catch(() => null);
+    return answer.status;
+  }).catch(String);
+  expect(refused).toBe(403);
+});
+
+test("a connection that falls silent is told, and what is shown is so again when it is back", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer", rig.wirePort);
+  await sign(page, "ready", "green", "amber");
+  rig.wire.cut();
+  await sign(page, "unknown");
+  await expect(page.locator(".facts li")).toHaveCount(0);
+  await shot(page, "unknown");
+  rig.wire.mend();
+  await sign(page, "ready", "green", "amber");
+});
+
+test("a daemon that is away, a full disk, a camera that is away and a red model are told", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  await rig.stop("daemon");
+  await sign(page, "away");
+  rig.options.keepFree = 900_000_000;
+  await rig.startDaemon();
+  await sign(page, "disk_full");
+  await rig.stop("daemon");
+  rig.options.keepFree = 200;
+  // The cameras are not asked at the very same moment; here that is too much.
+  rig.options.skew = [0.000001, 0.000002];
+  await rig.startDaemon();
+  await sign(page, "ready");
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await sign(page, "red");
+  await shot(page, "red");
+  await rig.stop("cameras", "SIGKILL");
+  await page.getByRole("link", { name: "State" }).click();
+  await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
+  await shot(page, "state");
+  await page.getByRole("link", { name: "Now" }).click();
+  await sign(page, "not_ready");
+  rig.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap"]);
+  await sign(page, "ready");
+});
+
+test("axe finds nothing serious at three sizes, in light and dark, and nothing is wider than the screen", async ({ page, rig }) => {
+  test.setTimeout(120_000);
+  await enter(page, rig);
+  await rig.prepare();
+  rig.scand("trigger", "--socket", "scand.sock", "--until", "done");
+  const recording = readdirSync(rig.path("models")).sort()[0];
+  const capture = readdirSync(rig.path(`models/${recording}`)).sort()[0];
+  const sizes = [
+    [360, 740, "light"],
+    [1024, 768, "dark"],
+    [1920, 1080, "light"],
+  ];
+  for (const [width, height, colorScheme] of sizes) {
+    await page.setViewportSize({ width, height });
+    await page.emulateMedia({ colorScheme });
+    for (const part of ["now", "history", "state", `history/${recording}/${capture}`]) {
+      await page.goto(`http://127.0.0.1:${rig.port}/#/${part}`);
+      await expect(page.locator("main h1")).toBeVisible();
+      await page.waitForTimeout(400);
+      const found = await new AxeBuilder({ page }).analyze();
+      const serious = found.violations.filter(({ impact }) => ["serious", "critical"].includes(impact));
+      expect(serious.map(({ id, nodes }) => `${part} ${width} ${id}: ${nodes[0].html}`)).toEqual([]);
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      expect(wide, `${part} at ${width}`).toBeLessThanOrEqual(0);
+      const small = await page.evaluate(() =>
+        [...document.querySelectorAll("button, input, select, nav a")]
+          .filter((target) => target.getClientRects().length > 0 && target.getBoundingClientRect().height < 48)
+          .map((target) => target.outerHTML),
+      );
+      expect(small, `${part} at ${width}`).toEqual([]);
+    }
+  }
+  await page.setViewportSize({ width: 360, height: 740 });
+  await page.goto(`http://127.0.0.1:${rig.port}/#/now`);
+  await shot(page, "phone");
+});
+
+test("the keyboard alone presses, and the page speaks German", async ({ page, rig }) => {
+  await enter(page, rig);
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await expect(page.getByRole("button", { name: "Auslösen" })).toBeVisible();
+  await expect(page.locator("html")).toHaveAttribute("lang", "de");
+  await page.getByLabel("Nummer des Objekts").focus();
+  await page.keyboard.press("Tab");
+  await expect(page.getByRole("button", { name: "Auslösen" })).toBeFocused();
+  await page.getByRole("button", { name: "English" }).click();
+});
+
+test("a session that is revoked is over at once, and its page says so", async ({ page, rig, expected }) => {
+  expected.push("401");
+  await enter(page, rig);
+  rig.scand("page", "revoke", "--all", "--config", "page.toml");
+  await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
+  const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
+  expect(kept.trim()).toBe("[]");
+});

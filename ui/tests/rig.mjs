@@ -1,0 +1,258 @@
+// A whole rig for the page's tests and its demonstration: simulated cameras that play a recording, the daemon, and the
+// page, each a process of its own; cameras and daemon in a network of their own. Nothing of it survives `end`.
+import { spawn, spawnSync } from "node:child_process";
+import { once } from "node:events";
+import { createWriteStream, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { createServer } from "node:net";
+import { tmpdir } from "node:os";
+import { join, resolve } from "node:path";
+
+const ROOT = resolve(new URL("../..", import.meta.url).pathname);
+export const SCAND = resolve(ROOT, process.env.SCAND ?? "target/debug/scand");
+
+const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+
+/** Waits until something is true. */
+export async function until(what, is, seconds = 60) {
+  for (let n = 0; n < seconds * 10; n++) {
+    if (await is()) return;
+    await wait(100);
+  }
+  throw new Error(`${what}: not within ${seconds} s`);
+}
+
+async function freePort() {
+  const server = createServer().listen(0, "127.0.0.1");
+  await once(server, "listening");
+  const { port } = server.address();
+  server.close();
+  await once(server, "close");
+  return port;
+}
+
+export class Rig {
+  constructor(options) {
+    this.options = { cameras: 6, size: "320x240", shape: "mug", resolution: 80, skew: [400, 1000], ...options };
+    this.folder = options?.folder ?? mkdtempSync(join(tmpdir(), "scand-page-"));
+    mkdirSync(this.folder, { recursive: true });
+    this.children = new Map();
+  }
+
+  path(name) {
+    return join(this.folder, name);
+  }
+
+  /** What a command says, or an error with it. */
+  scand(...args) {
+    const found = spawnSync(SCAND, args, { cwd: this.folder, encoding: "utf8" });
+    if (found.status !== 0) throw new Error(`scand ${args.join(" ")}: ${found.error ?? ""} ${found.stderr}`);
+    return found.stdout;
+  }
+
+  log(name) {
+    try {
+      return readFileSync(this.path(`${name}.log`), "utf8");
+    } catch {
+      return "";
+    }
+  }
+
+  run(name, command, args) {
+    const child = spawn(command, args, { cwd: this.folder, stdio: ["pipe", "pipe", "pipe"] });
+    const log = createWriteStream(this.path(`${name}.log`), { flags: "a" });
+    child.stdout.pipe(log, { end: false });
+    child.stderr.pipe(log, { end: false });
+    child.on("error", (error) => log.write(`${error}\n`));
+    this.children.set(name, child);
+    return child;
+  }
+
+  /** Runs a command in the rig's network. */
+  inside(name, command, args) {
+    const pid = String(this.children.get("network").pid);
+    return this.run(name, "nsenter", ["-t", pid, "-U", "--preserve-credentials", "-n", "--", command, ...args]);
+  }
+
+  async stop(name, signal = "SIGTERM") {
+    const child = this.children.get(name);
+    if (!child) return;
+    this.children.delete(name);
+    if (child.exitCode !== null || child.signalCode !== null) return;
+    const ended = once(child, "exit");
+    child.kill(signal);
+    await Promise.race([ended, wait(15000).then(() => child.kill("SIGKILL"))]);
+  }
+
+  async start() {
+    await this.startNetwork();
+    await this.startCameras();
+    await this.startDaemon();
+    await this.startPage();
+  }
+
+  async startNetwork() {
+    const { cameras } = this.options;
+    const addresses = Array.from({ length: cameras }, (_, n) => `ip address add 127.0.1.${n + 1}/8 dev lo`);
+    const script = ["ip link set lo up", ...addresses, "echo up", "exec sleep infinity"].join("\n");
+    this.run("network", "unshare", ["--user", "--map-root-user", "--net", "sh", "-c", script]);
+    await until("the rig's network", () => this.log("network").includes("up"));
+  }
+
+  async startCameras() {
+    const { cameras, size, shape } = this.options;
+    const render = ["--cameras", String(cameras), "--size", size, "--depth-cameras", "0", "--textured"];
+    this.scand("simulate", "--shape", shape, ...render, "--out", "served.mcap");
+    this.scand("info", "served.mcap", "--calibration", "calibration.toml");
+    this.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap", "--empty"]);
+    await until("the cameras", () => this.log("cameras").includes("serving"));
+  }
+
+  /** Puts the object into the rig, or takes it out. */
+  async show(what) {
+    this.children.get("cameras").stdin.write(`${what}\n`);
+    await wait(300);
+  }
+
+  /** Has background pictures and the object in the rig, as after the first captures, whichever test ran before. */
+  async prepare() {
+    if (this.isPrepared) return;
+    this.isPrepared = true;
+    this.scand("background", "--socket", "scand.sock");
+    await this.show("captures");
+  }
+
+  writeConfiguration() {
+    const { cameras, resolution } = this.options;
+    const ids = Array.from({ length: cameras }, (_, n) => `c${String(n).padStart(2, "0")}`);
+    const sections = ids.map((id, n) => `[aravis.cameras.${id}]\naddress = "127.0.1.${n + 1}"`);
+    writeFileSync(
+      this.path("rig.toml"),
+      `[rig]
+name = "loopback"
+calibration = "calibration.toml"
+[sync]
+window_ms = 3000.0
+[capture]
+largest_skew_ms = 500.0
+patience_ms = 2000
+retry = 0
+[recording]
+folder = "recordings"
+keep_free_mb = ${this.options.keepFree ?? 200}
+[hull]
+resolution = ${resolution}.0
+[workers]
+folder = "models"
+memory_mb = 2000
+nice = 0
+[socket]
+path = "scand.sock"
+[verdict]
+hull_is_wanted = true
+[verdict.skew_ms]
+amber = ${this.options.skew[0]}
+red = ${this.options.skew[1]}
+[service]
+missing_cameras = ${cameras}
+patience_s = 1.0
+[aravis.defaults]
+trigger = "software"
+transfer = "srgb"
+packet_size = 9000
+${sections.join("\n")}
+`,
+    );
+  }
+
+  async startDaemon() {
+    this.writeConfiguration();
+    this.inside("daemon", SCAND, ["run", "--config", "rig.toml"]);
+    await until("the daemon", () => {
+      const found = spawnSync(SCAND, ["status", "--socket", "scand.sock", "--json"], { cwd: this.folder, encoding: "utf8" });
+      if (found.status !== 0) return false;
+      const { status } = JSON.parse(found.stdout);
+      const states = Object.values(status.cameras).map((camera) => camera.state);
+      return states.length > 0 && states.every((state) => state === "ready");
+    });
+  }
+
+  async startPage() {
+    this.port ??= this.options.port ?? (await freePort());
+    // A second way to the page, which a test can cut.
+    this.wire ??= new Wire(this.port);
+    this.wirePort ??= await this.wire.listen();
+    const origins = [this.port, this.wirePort].map((port) => `"http://127.0.0.1:${port}"`);
+    writeFileSync(
+      this.path("page.toml"),
+      `listen = "127.0.0.1:${this.port}"
+origins = [${origins.join(", ")}]
+rig = "Demonstration"
+socket = "scand.sock"
+models = "models"
+state = "page-state"
+control = "control.sock"
+`,
+    );
+    this.run("page", SCAND, ["page", "--config", "page.toml"]);
+    await until("the page", () => this.log("page").includes("the page is at"));
+  }
+
+  /** The link that begins a session. */
+  link(role = "operator", port = this.port) {
+    const said = this.scand("page", "pair", "--role", role, "--config", "page.toml");
+    const token = /#pair=[0-9a-f]{64}/.exec(said)[0];
+    return `http://127.0.0.1:${port}/${token}`;
+  }
+
+  async end() {
+    for (const name of ["page", "daemon", "cameras", "network"]) await this.stop(name);
+    this.wire?.close();
+    if (!this.options.keep) rmSync(this.folder, { recursive: true, force: true });
+  }
+}
+
+/** A wire between a browser and the page, which can be cut: then nothing passes, and nobody is told. */
+class Wire {
+  constructor(port) {
+    this.port = port;
+    this.pairs = new Set();
+    this.isCut = false;
+  }
+
+  async listen() {
+    const { createConnection } = await import("node:net");
+    this.server = createServer((near) => {
+      const far = createConnection(this.port, "127.0.0.1");
+      const pair = [near, far];
+      this.pairs.add(pair);
+      const pass = (from, to) => {
+        from.on("data", (bytes) => this.isCut || to.write(bytes));
+        from.on("close", () => {
+          this.pairs.delete(pair);
+          to.destroy();
+        });
+        from.on("error", () => {});
+      };
+      pass(near, far);
+      pass(far, near);
+    }).listen(0, "127.0.0.1");
+    await once(this.server, "listening");
+    return this.server.address().port;
+  }
+
+  /** Silence both ways. */
+  cut() {
+    this.isCut = true;
+  }
+
+  /** What was cut is closed; what comes anew passes. */
+  mend() {
+    for (const pair of this.pairs) pair.forEach((socket) => socket.destroy());
+    this.isCut = false;
+  }
+
+  close() {
+    this.mend();
+    this.server?.close();
+  }
+}
