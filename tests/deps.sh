@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Installs what the tests need beyond Rust and a C compiler, once: a C compiler if there is none, Debian's libraries of
 # the live cameras, a camera simulator, OpenCV's pictures of a chessboard, and the Khronos validator for the models.
-# Without root, the script names what it cannot install. npm, which brings hundreds of packages along, is installed only
-# if SCAND_REQUIRE_ALL=1 demands that no test is skipped.
+# Without root, the script names what it cannot install. npm and Chromium, which bring hundreds of packages along, are
+# installed only if SCAND_REQUIRE_ALL=1 demands that no test is skipped.
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -71,8 +71,12 @@ if [ ! -f opencv/right14.jpg ]; then
 	rm -r "$unpacked"
 fi
 
-if [ "${SCAND_REQUIRE_ALL:-}" = 1 ] && ! command -v npm >/dev/null; then
-	need npm
+if [ "${SCAND_REQUIRE_ALL:-}" = 1 ]; then
+	if ! command -v npm >/dev/null; then
+		need npm
+	fi
+	# For `make page-test`.
+	need chromium
 fi
 if command -v npm >/dev/null; then
 	if [ ! -d gltf/node_modules/gltf-validator ]; then

@@ -133,6 +133,7 @@ impl Daemon {
             source: "page".into(),
             press_id: Some(press_id.into()),
             subject,
+            placement: None,
             until: Until::Durable,
         };
         let begin = Instant::now();
