@@ -1,5 +1,5 @@
-//! The fewest points of certain edges that explain the outlines: the corners of the edges' convex hull. Knows pictures as a
-//! camera without distortion would see them.
+//! The fewest points of certain edges that explain the outlines: the corners of the edges' convex hull. Knows pictures
+//! as a camera without distortion would see them.
 
 use super::contour::Contour;
 use nalgebra::{Point2, Point3};

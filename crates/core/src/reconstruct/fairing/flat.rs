@@ -1,5 +1,5 @@
-//! The flat parts of the convex hull of certain edges, and how much of the contours agrees with the outline of each. Which
-//! of them count as sides of the object is not decided here.
+//! The flat parts of the convex hull of certain edges, and how much of the contours agrees with the outline of each.
+//! Which of them count as sides of the object is not decided here.
 
 use super::contour::Contour;
 use super::corners::{distance, outline, pictures};

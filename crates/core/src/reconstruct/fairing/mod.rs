@@ -3,7 +3,8 @@
 //!
 //! - `contour` measures distances to a silhouette's contour;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
-//! - `sides` finds flat sides between such edges: `corners` are the points that span them, `flat` the parts of their hull;
+//! - `sides` finds flat sides between such edges: `corners` are the points that span them, `flat` the parts of their
+//!   hull;
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
