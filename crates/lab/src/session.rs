@@ -128,8 +128,8 @@ impl Simulation {
         )
     }
 
-    /// The pixels that show a prop to a colour camera in capture `index`, 255 each; `None` where the session says nothing
-    /// of props, or there is none.
+    /// The pixels that show a prop to a colour camera in capture `index`, 255 each; `None` where the session says
+    /// nothing of props, or there is none.
     pub fn ignored(&self, index: usize, station: &ColorStation) -> Option<Mask> {
         let camera = &station.actual;
         let placed = self

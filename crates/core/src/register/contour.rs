@@ -39,8 +39,8 @@ struct Piece {
     ends: [(Key, Point2<f64>); 2],
 }
 
-/// The chains of a level set's contour, but where `unknown` is 128 or more. An object that the frame cuts has open ones,
-/// and so has one of which something is unknown.
+/// The chains of a level set's contour, but where `unknown` is 128 or more. An object that the frame cuts has open
+/// ones, and so has one of which something is unknown.
 pub(super) fn chains(level: &Mask, unknown: Option<&Mask>, bounds: PixelRect) -> Vec<Chain> {
     let is_unknown = |x: usize, y: usize| unknown.is_some_and(|mask| mask[(x, y)] >= 128);
     let part = bounds.grown(2, level.width(), level.height());

@@ -1,4 +1,5 @@
-//! What a recording says is to be ignored: a prop before the object neither carves it nor counts as a fault of a camera.
+//! What a recording says is to be ignored: a prop before the object neither carves it nor counts as a fault of a
+//! camera.
 
 use crate::poses::{moved, posed};
 use nalgebra::{Point3, Vector3};

@@ -96,8 +96,8 @@ pub struct Silhouette {
     pub bounds: PixelRect,
     /// What was found on the way.
     pub facts: Facts,
-    /// 255 where the silhouette says nothing, because the picture is ignored there or beside: neither object nor backdrop,
-    /// though the level is 0. What bounds it is no contour.
+    /// 255 where the silhouette says nothing, because the picture is ignored there or beside: neither object nor
+    /// backdrop, though the level is 0. What bounds it is no contour.
     pub unknown: Option<Mask>,
 }
 

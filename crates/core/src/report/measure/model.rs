@@ -28,8 +28,8 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
-    /// Cubic metres that no silhouette excludes, but that too few cameras see past what they ignore, so that they are not
-    /// in the model; `None` where nothing is ignored.
+    /// Cubic metres that no silhouette excludes, but that too few cameras see past what they ignore, so that they are
+    /// not in the model; `None` where nothing is ignored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unproved_volume: Option<f64>,
     /// Handles of the model that the plain hull has not: what the depth alone opened.
