@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_run_goes_on_across_the_begin_of_a_closed_contour_and_across_small_gaps() {
-        let misses = [2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 2.0];
+        let misses = [2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 2.5];
         assert_eq!(longest_run(&misses, false).unwrap().0, 3);
         assert_eq!(longest_run(&misses, true).unwrap().0, 5);
         assert_eq!(longest_run(&[0.5, 1.2], true), None);
