@@ -10,7 +10,8 @@ if ! command -v npm >/dev/null; then
 fi
 installed=node_modules/.package-lock.json
 if [ ! -e $installed ] || [ package-lock.json -nt $installed ]; then
-	npm ci --no-audit --no-fund --silent
+	# `npm ci` refuses a lock file without the packages of other systems, which not every registry tells.
+	npm install --no-save --no-audit --no-fund --silent
 	touch $installed
 fi
 # What is newer than the last build; without any the program need not be built again either.
