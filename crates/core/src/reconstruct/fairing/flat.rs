@@ -101,7 +101,7 @@ impl<'a> Flat<'a> {
                 sharp += length;
             }
         }
-        blunt <= BLUNT * (sharp + blunt)
+        sharp > 0.0 && blunt <= BLUNT * (sharp + blunt)
     }
 
     fn corners(&self, t: usize) -> [Point3<f64>; 3] {
