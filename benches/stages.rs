@@ -13,7 +13,7 @@ use scand::mesh::vertex_normals;
 use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
-    DepthView, Reconstruction, Scene, Silent, depth, fairing, hull, reconstruct, region,
+    DepthView, NoProgress, Reconstruction, Scene, depth, fairing, hull, reconstruct, region,
     silhouette, texture,
 };
 use scand::report;
@@ -30,7 +30,7 @@ static LOADED: LazyLock<(Scene, CaptureFacts)> = LazyLock::new(load);
 
 static MADE: LazyLock<Reconstruction> = LazyLock::new(|| {
     let parameters = CONFIG.reconstruction();
-    reconstruct(&LOADED.0, &parameters, &Silent).expect("a capture that can be reconstructed")
+    reconstruct(&LOADED.0, &parameters, &NoProgress).expect("a capture that can be reconstructed")
 });
 
 fn main() {
@@ -57,11 +57,11 @@ fn cones() -> Vec<hull::Cone<'static>> {
 }
 
 /// What each depth camera sees of the hull, and the pixels that the object can cover.
-fn fronts() -> Vec<(region::Front, Mask)> {
+fn fronts() -> Vec<(region::HullRenderings, Mask)> {
     let normals = vertex_normals(&MADE.hull);
     let threshold = CONFIG.region.front_threshold;
     let front = |view: &DepthView| {
-        let front = region::Front::render(&MADE.hull, &normals, &view.camera, threshold);
+        let front = region::HullRenderings::render(&MADE.hull, &normals, &view.camera, threshold);
         let object = front.object_pixels(OBJECT_MARGIN_PX);
         (front, object)
     };

@@ -11,7 +11,7 @@ use scand::frame::CameraId;
 use scand::image::{Grid, RgbImage, grey_from_file, rgb_from_file};
 use scand::mesh::check;
 use scand::reconstruct::{
-    ColorView, DepthFrame, DepthView, Parameters, Scene, Silent, SilhouetteSource, reconstruct,
+    ColorView, DepthFrame, DepthView, NoProgress, Parameters, Scene, SilhouetteSource, reconstruct,
 };
 use scand::recording::Recording;
 use scand::sync;
@@ -154,7 +154,7 @@ pub fn solid(bytes: &[u8]) {
     };
     let mut parameters = Parameters::default();
     parameters.hull.resolution = 20.0;
-    if let Ok(made) = reconstruct(&scene, &parameters, &Silent) {
+    if let Ok(made) = reconstruct(&scene, &parameters, &NoProgress) {
         for mesh in [&made.hull, &made.model.mesh] {
             assert!(!mesh.triangles.is_empty());
             let report = check(mesh);

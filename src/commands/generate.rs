@@ -11,11 +11,11 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
-    what: What,
+    what: Artifact,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum What {
+enum Artifact {
     /// Print the completions for a shell
     Completions {
         /// The shell
@@ -34,12 +34,12 @@ enum What {
 /// If a man page cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match args.what {
-        What::Completions { shell } => {
+        Artifact::Completions { shell } => {
             let mut text = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "scand", &mut text);
             write_out(&String::from_utf8_lossy(&text));
         }
-        What::Man { folder } => {
+        Artifact::Man { folder } => {
             std::fs::create_dir_all(&folder)
                 .and_then(|()| clap_mangen::generate_to(Cli::command(), &folder))
                 .with_context(|| folder.display().to_string())?;

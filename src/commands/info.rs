@@ -3,7 +3,7 @@
 use super::{EXIT_INCOMPLETE, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
-use crate::capture::{CaptureSession, CaptureSummary, LeftOut, RigAt};
+use crate::capture::{CaptureSession, CaptureSummary, LeftOutCamera, RigAt};
 use crate::frame::{CameraId, Timestamp};
 use crate::recording::noted_recording;
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
@@ -121,7 +121,7 @@ struct Info {
     cameras: Vec<CameraInfo>,
     volume: Result<[[f64; 3]; 2], String>,
     captures: Vec<CaptureSummary>,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<LeftOutCamera>,
     warnings: Vec<String>,
     damage: Vec<Damage>,
 }
@@ -271,9 +271,9 @@ const MOST_LINES: usize = 500;
 
 /// Text for the terminal, a heading and its lines at a time.
 #[derive(Default)]
-struct Words(String);
+struct Sections(String);
 
-impl Words {
+impl Sections {
     fn section(&mut self, heading: &str, lines: impl IntoIterator<Item = String>) {
         let mut lines = lines.into_iter();
         let shown: Vec<String> = lines.by_ref().take(MOST_LINES).collect();
@@ -362,7 +362,7 @@ impl Info {
             .first_aid()
             .map(|aid| printable(&aid) + "\n\n")
             .unwrap_or_default();
-        let mut words = Words(first_aid + &title + "\n");
+        let mut words = Sections(first_aid + &title + "\n");
         words.section("Metadata", self.metadata.iter().map(metadata_line));
         words.section(
             "Attachments",

@@ -19,11 +19,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE.toml", global = true)]
     config: Option<PathBuf>,
     #[command(subcommand)]
-    what: Option<What>,
+    what: Option<PageAction>,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum What {
+enum PageAction {
     /// Print a link that begins one session within ten minutes
     Pair {
         /// What the session may do
@@ -68,15 +68,15 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     };
     let asked = match what {
-        What::Pair { role } => Ask::Pair {
+        PageAction::Pair { role } => Ask::Pair {
             role: match role {
                 PairRole::Viewer => Role::Viewer,
                 PairRole::Operator => Role::Operator,
             },
         },
-        What::Sessions => Ask::Sessions {},
-        What::Revoke { id, .. } => Ask::Revoke { id },
-        What::Token => Ask::Token {},
+        PageAction::Sessions => Ask::Sessions {},
+        PageAction::Revoke { id, .. } => Ask::Revoke { id },
+        PageAction::Token => Ask::Token {},
     };
     let answer = ask(&parameters.control, &asked).with_context(|| {
         let control = parameters.control.display();

@@ -1,7 +1,7 @@
 //! The section of the configuration for `scand calibrate`: how it fits, and the limits of its verdict. Each part is
 //! the `Parameters` of a room.
 
-use crate::calibration::fit::{self, Limits, Wanted, Watch, Witnesses};
+use crate::calibration::fit::{self, CoverageLimits, Limits, ScaleWitnessLimits, Watch};
 use crate::calibration::response::PlaneParameters;
 
 /// How a rig is calibrated.
@@ -13,11 +13,11 @@ pub struct Calibration {
     /// The limits of the verdict.
     pub limits: Limits,
     /// What a session should have.
-    pub wanted: Wanted,
+    pub wanted: CoverageLimits,
     /// When `--check` reports that a camera moved.
     pub watch: Watch,
     /// What witnesses of the scale are expected to know.
-    pub witness: Witnesses,
+    pub witness: ScaleWitnessLimits,
     /// How depth cameras' responses are fitted to boards.
     pub plane: PlaneParameters,
 }

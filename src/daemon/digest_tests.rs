@@ -3,7 +3,7 @@
 
 use super::capturing::Order;
 use super::recorder::Answer;
-use super::scripted::{Behaviour, CAMERAS, Stand, start_at};
+use super::scripted::{Behaviour, CAMERAS, TestBench, start_at};
 use crate::clock::Clock;
 use crate::frame::Timestamp;
 use crate::recording::Note;
@@ -18,7 +18,7 @@ mod held;
 /// The clock and what is pressed by it: each step is 10 s after the one before.
 struct Script {
     clock: Clock,
-    stand: Stand,
+    stand: TestBench,
 }
 
 impl Script {

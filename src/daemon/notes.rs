@@ -8,7 +8,7 @@ use super::presses::Input;
 use crate::frame::Timestamp;
 use crate::log;
 use crate::make_model::mark_also;
-use crate::notes::{NoteKind, Said};
+use crate::notes::{CaptureNote, NoteKind};
 use crate::recording::{Note, Recording, note_beside};
 use crate::trigger::Event;
 use crate::workers::Jobs;
@@ -75,13 +75,13 @@ pub(super) struct NoteEffects {
     /// Where models go.
     pub(super) models: Option<PathBuf>,
     /// Notes on captures whose models are being made, which may not have read them.
-    pub(super) late: Mutex<BTreeMap<String, Vec<Said>>>,
+    pub(super) late: Mutex<BTreeMap<String, Vec<CaptureNote>>>,
     pub(super) dispatcher: Arc<Dispatcher>,
 }
 
 impl NoteEffects {
     /// Does what a note that is on the disk asks for.
-    pub(super) fn carry_out(&self, capture: String, said: Said) {
+    pub(super) fn carry_out(&self, capture: String, said: CaptureNote) {
         if let Some(jobs) = &self.jobs {
             match said.kind {
                 NoteKind::Reject => self.withdraw(jobs, &capture),

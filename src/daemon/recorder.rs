@@ -28,7 +28,7 @@ pub(super) enum NotePlace {
 }
 
 /// What is to be brought to the disk.
-pub(super) enum Work {
+pub(super) enum RecorderTask {
     /// A session begins; the one before is completed.
     Begin(Box<RecordingSession>, Answer),
     /// What each file begins with has changed, or how large files become.
@@ -41,7 +41,7 @@ pub(super) enum Work {
     Close(Answer),
 }
 
-impl Work {
+impl RecorderTask {
     /// Tells the client that waits that the work was not done.
     pub(super) fn refuse(self) {
         match self {
@@ -60,7 +60,7 @@ fn written(press: ReplyGuard, capture: &str, result: Result<PathBuf, String>) {
 
 /// The recorder's thread.
 pub(super) struct Recorder {
-    work: Sender<Work>,
+    work: Sender<RecorderTask>,
     /// Captures that were handed over and are not on the disk.
     waiting: Arc<AtomicUsize>,
     most: usize,
@@ -104,8 +104,8 @@ impl Recorder {
     }
 
     /// Hands work over, or returns it if the queue is full.
-    pub(super) fn hand_over(&self, work: Work) -> Result<(), Work> {
-        let captures = usize::from(matches!(work, Work::Keep(..)));
+    pub(super) fn hand_over(&self, work: RecorderTask) -> Result<(), RecorderTask> {
+        let captures = usize::from(matches!(work, RecorderTask::Keep(..)));
         self.waiting.fetch_add(captures, Ordering::AcqRel);
         self.work.try_send(work).map_err(|refused| {
             self.waiting.fetch_sub(captures, Ordering::AcqRel);
@@ -127,7 +127,7 @@ struct Writing {
 }
 
 impl Writing {
-    fn run(&mut self, queue: &Receiver<Work>) {
+    fn run(&mut self, queue: &Receiver<RecorderTask>) {
         loop {
             match self.heartbeat.wait(queue) {
                 Ok(work) => self.carry_out(work),
@@ -140,9 +140,9 @@ impl Writing {
         }
     }
 
-    fn carry_out(&mut self, work: Work) {
+    fn carry_out(&mut self, work: RecorderTask) {
         match work {
-            Work::Begin(session, answer) => {
+            RecorderTask::Begin(session, answer) => {
                 // The outcome of the previous session is not an answer to the client that begins this one.
                 if let Err(error) = self.close() {
                     log::error!("{error}");
@@ -150,7 +150,7 @@ impl Writing {
                 self.session = Some(*session);
                 answer(Ok("done".into()));
             }
-            Work::Change(header, largest_file, time) => {
+            RecorderTask::Change(header, largest_file, time) => {
                 if let Some(session) = &mut self.session {
                     session.limit_files(largest_file);
                     if let Err(error) = session.change(*header, time) {
@@ -158,7 +158,7 @@ impl Writing {
                     }
                 }
             }
-            Work::Keep(kept, press) => {
+            RecorderTask::Keep(kept, press) => {
                 let result = self.with(|session| {
                     let written = session.append(&kept);
                     if let Some(error) = session.take_unfinished() {
@@ -172,14 +172,14 @@ impl Writing {
                 self.waiting.fetch_sub(1, Ordering::AcqRel);
                 written(press, &capture, result);
             }
-            Work::Note(note, time, NotePlace::Session, answer) => {
+            RecorderTask::Note(note, time, NotePlace::Session, answer) => {
                 let noted = self.with(|session| session.note(&note, time));
                 answer(noted.map(|()| "done".into()));
             }
-            Work::Note(note, time, NotePlace::Beside(folder), answer) => {
+            RecorderTask::Note(note, time, NotePlace::Beside(folder), answer) => {
                 notes::write_beside(folder, note, time, answer);
             }
-            Work::Close(answer) => answer(self.close().map(|()| "done".into())),
+            RecorderTask::Close(answer) => answer(self.close().map(|()| "done".into())),
         }
     }
 

@@ -4,8 +4,8 @@
 use super::systemd::Heartbeat;
 use crate::clock::Clock;
 use crate::drivers::live::{
-    Backoff, CameraInfo, Driver, Ending, Event, Fault, Message, Shot, ShotStats, Supervised,
-    supervise,
+    Backoff, CameraInfo, Driver, Event, Fault, Message, Shot, ShotStats, StoppingThread,
+    Supervised, supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
@@ -281,7 +281,8 @@ impl Rig {
     pub(super) fn stop(self, deadline: Instant) -> Vec<CameraId> {
         // Closing the channel frees threads that wait for space in it; all stop concurrently.
         drop(self.events);
-        let ending: Vec<Ending> = self.cameras.into_values().map(|c| c.thread.end()).collect();
+        let ending: Vec<StoppingThread> =
+            self.cameras.into_values().map(|c| c.thread.end()).collect();
         let mut stuck = Vec::new();
         for thread in ending {
             let camera = thread.camera().clone();

@@ -52,7 +52,7 @@ const BEHAVIOURS: [Behaviour; 9] = [
 ];
 
 #[derive(Clone)]
-struct Played {
+struct ScriptedCamera {
     id: CameraId,
     depth: bool,
     clock: Clock,
@@ -64,7 +64,7 @@ struct Played {
     later_ns: u64,
 }
 
-impl Driver for Played {
+impl Driver for ScriptedCamera {
     fn open(&mut self) -> Result<Box<dyn Device>, Fault> {
         Ok(Box::new(self.clone()))
     }
@@ -72,7 +72,7 @@ impl Driver for Played {
 
 const PIXELS: usize = 64 * 48;
 
-impl Played {
+impl ScriptedCamera {
     fn frame(&self, stream: Stream, timestamp: Timestamp, fill: u8) -> Option<Frame> {
         let (encoding, bytes) = match stream {
             Stream::Color => ("bayer_rggb8", 1),
@@ -96,7 +96,7 @@ impl Played {
     }
 }
 
-impl Device for Played {
+impl Device for ScriptedCamera {
     fn info(&self) -> &CameraInfo {
         &self.info
     }
@@ -172,7 +172,7 @@ impl Device for Played {
     }
 }
 
-pub(super) struct Stand {
+pub(super) struct TestBench {
     pub(super) folder: tempfile::TempDir,
     pub(super) capturing: Arc<Capturing>,
     behaviours: BTreeMap<String, Arc<AtomicU32>>,
@@ -221,7 +221,7 @@ pub(super) fn start_in(
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),
-) -> Stand {
+) -> TestBench {
     start_on(Clock::system(), 0, &CAMERAS, folder, memory, change)
 }
 
@@ -232,7 +232,7 @@ pub(super) fn start_at(
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),
-) -> Stand {
+) -> TestBench {
     start_on(clock, 1_000_000, cameras, folder, memory, change)
 }
 
@@ -243,7 +243,7 @@ fn start_on(
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),
-) -> Stand {
+) -> TestBench {
     let pool = Pool::new(memory);
     let mut behaviours = BTreeMap::new();
     let mut rig_cameras = Vec::new();
@@ -252,7 +252,7 @@ fn start_on(
         let behaviour: Arc<AtomicU32> = Arc::default();
         behaviours.insert(name.to_owned(), behaviour.clone());
         let id = CameraId::new(name).unwrap();
-        let driver = Played {
+        let driver = ScriptedCamera {
             id: id.clone(),
             depth,
             clock,
@@ -283,7 +283,7 @@ fn start_on(
         InterruptedRecordings::recover(&plan.recording.folder, &plan.watchdog).unwrap();
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted).unwrap());
     interrupted.settled();
-    let stand = Stand {
+    let stand = TestBench {
         folder,
         capturing,
         behaviours,
@@ -297,11 +297,11 @@ fn start_on(
     stand
 }
 
-pub(super) fn start(change: impl FnOnce(&mut CapturePlan)) -> Stand {
+pub(super) fn start(change: impl FnOnce(&mut CapturePlan)) -> TestBench {
     start_in(tempfile::tempdir().unwrap(), 4_000_000, change)
 }
 
-impl Stand {
+impl TestBench {
     pub(super) fn until(&self, reached: impl Fn(&Status) -> bool) {
         let deadline = Instant::now() + Duration::from_secs(30);
         while !reached(&self.capturing.status()) {

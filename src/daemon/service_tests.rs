@@ -1,6 +1,6 @@
 //! Tests the socket as clients see it, with scripted cameras: presses and their ids, kills, disconnects.
 
-use super::scripted::{Behaviour, Stand, captures, recordings, start_in};
+use super::scripted::{Behaviour, TestBench, captures, recordings, start_in};
 use super::*;
 use crate::clock::Clock;
 use crate::recording::{Outcome, Topic};
@@ -19,7 +19,7 @@ pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A daemon that listens in its stand's folder.
 pub(super) struct Service {
-    pub(super) stand: Stand,
+    pub(super) stand: TestBench,
     pub(super) socket: PathBuf,
 }
 
@@ -38,7 +38,7 @@ pub(super) fn service_over(folder: &Path, change: impl FnOnce(&mut CapturePlan))
     service_at(stand, folder)
 }
 
-fn service_at(stand: Stand, folder: &Path) -> Service {
+fn service_at(stand: TestBench, folder: &Path) -> Service {
     static SOCKETS: AtomicUsize = AtomicUsize::new(0);
     let number = SOCKETS.fetch_add(1, Ordering::Relaxed);
     let socket = folder.join(format!("{number}.sock"));

@@ -86,11 +86,11 @@ impl Notifier {
 pub struct Watchdog {
     notifier: Arc<Notifier>,
     clock: Clock,
-    beats: Arc<Mutex<Beats>>,
+    beats: Arc<Mutex<Heartbeats>>,
 }
 
 #[derive(Debug)]
-struct Beats {
+struct Heartbeats {
     /// Each thread, and whether it has shown a sign of life since the watchdog was fed.
     threads: Vec<(&'static str, bool)>,
     fed: Instant,
@@ -110,7 +110,7 @@ impl Default for Watchdog {
 impl Watchdog {
     /// A watchdog that knows no threads yet.
     pub fn new(notifier: Arc<Notifier>, clock: Clock) -> Self {
-        let beats = Beats {
+        let beats = Heartbeats {
             threads: Vec::new(),
             fed: clock.now(),
             told: false,

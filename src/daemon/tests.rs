@@ -2,7 +2,9 @@
 
 use super::capturing::Order;
 use super::packing::Packer;
-use super::scripted::{Behaviour, CAMERAS, Stand, captures, recordings, start, start_at, start_in};
+use super::scripted::{
+    Behaviour, CAMERAS, TestBench, captures, recordings, start, start_at, start_in,
+};
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
@@ -74,7 +76,7 @@ fn what_the_rig_says_of_itself_is_not_said_by_who_begins_a_session() {
 }
 
 /// What a press with a name was answered up to its being on the disk.
-fn named_press(stand: &Stand) -> Vec<Reply> {
+fn named_press(stand: &TestBench) -> Vec<Reply> {
     let mut pressed = stand
         .capturing
         .press("test".into(), Some("p9".into()), None, None);
@@ -542,7 +544,7 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
 }
 
 /// A daemon whose session is complete, and what packs its recordings after a second's rest; nothing rests yet.
-fn packable(keep_free: Arc<AtomicU64>) -> (Clock, Stand, Packer) {
+fn packable(keep_free: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
     let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
     let folder = tempfile::tempdir().unwrap();
     let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |_| ());

@@ -145,7 +145,7 @@ pub(super) async fn accept(listener: TcpListener, router: Router) {
                 .header_read_timeout(HEADERS)
                 .max_headers(MOST_HEADERS)
                 .max_buf_size(BUFFER)
-                .serve_connection(TokioIo::new(Patient::new(stream)), service);
+                .serve_connection(TokioIo::new(StallGuard::new(stream)), service);
             // A connection that breaks, or is broken off, is its other side's affair.
             let _ = connection.await;
             drop(slot);
@@ -154,12 +154,12 @@ pub(super) async fn accept(listener: TcpListener, router: Router) {
 }
 
 /// A stream that is broken off when the other side has not read for [`STALL`].
-struct Patient {
+struct StallGuard {
     stream: TcpStream,
     stalled: Option<Pin<Box<Sleep>>>,
 }
 
-impl Patient {
+impl StallGuard {
     fn new(stream: TcpStream) -> Self {
         let _ = stream.set_nodelay(true);
         Self {
@@ -177,7 +177,7 @@ impl Patient {
     }
 }
 
-impl AsyncRead for Patient {
+impl AsyncRead for StallGuard {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -187,7 +187,7 @@ impl AsyncRead for Patient {
     }
 }
 
-impl AsyncWrite for Patient {
+impl AsyncWrite for StallGuard {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,

@@ -36,7 +36,7 @@ pub enum Role {
 /// A session as it is kept.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Kept {
+struct StoredSessions {
     hash: Hash,
     role: Role,
     begun_s: u64,
@@ -84,7 +84,7 @@ pub(super) struct Sessions {
 
 #[derive(Default)]
 struct State {
-    sessions: Vec<Kept>,
+    sessions: Vec<StoredSessions>,
     pairings: BTreeMap<Hash, (Role, Instant)>,
     wrong: VecDeque<Instant>,
 }
@@ -167,7 +167,7 @@ impl Sessions {
             return Err(Error::TooManySessions);
         }
         let secret = new_secret().map_err(Error::Random)?;
-        sessions.push(Kept {
+        sessions.push(StoredSessions {
             hash: Hash::of(&secret),
             role,
             begun_s: now,
@@ -183,8 +183,9 @@ impl Sessions {
         let (hash, now) = (Hash::of(secret), now_s());
         let state = self.state.lock();
         // A clock that was set back makes no session longer than it was given.
-        let lasts =
-            |kept: &&Kept| kept.hash == hash && kept.begun_s <= now + 300 && now < kept.ends_s;
+        let lasts = |kept: &&StoredSessions| {
+            kept.hash == hash && kept.begun_s <= now + 300 && now < kept.ends_s
+        };
         state.sessions.iter().find(lasts).map(|kept| kept.role)
     }
 
@@ -199,7 +200,11 @@ impl Sessions {
         })
     }
 
-    fn end(&self, state: &mut State, is_meant: impl Fn(&Kept) -> bool) -> Result<usize, Error> {
+    fn end(
+        &self,
+        state: &mut State,
+        is_meant: impl Fn(&StoredSessions) -> bool,
+    ) -> Result<usize, Error> {
         let mut stays = state.sessions.clone();
         stays.retain(|kept| !is_meant(kept));
         let ended = state.sessions.len() - stays.len();
@@ -227,13 +232,13 @@ impl Sessions {
         listed.collect()
     }
 
-    fn write(&self, sessions: &[Kept]) -> Result<(), Error> {
+    fn write(&self, sessions: &[StoredSessions]) -> Result<(), Error> {
         let text = serde_json::to_string_pretty(sessions).unwrap_or_default();
         Ok(write_atomically_for_owner(&self.path, text.as_bytes())?)
     }
 }
 
-fn read(path: &Path) -> Result<Vec<Kept>, Error> {
+fn read(path: &Path) -> Result<Vec<StoredSessions>, Error> {
     let wrong = |cause: String| Error::Read {
         path: path.into(),
         cause,

@@ -48,7 +48,7 @@ pub enum Watch {
 }
 
 /// Why listening ended.
-enum Heard {
+enum ListeningEnd {
     /// The caller wants no more events.
     Enough,
     /// The daemon is stopping.
@@ -166,8 +166,8 @@ impl Daemon {
                 (pause * 2).min(longest)
             };
             let goes_on = match listened {
-                Ok(Heard::Enough) => false,
-                Ok(Heard::Ending) => {
+                Ok(ListeningEnd::Enough) => false,
+                Ok(ListeningEnd::Ending) => {
                     self.answered.store(false, Ordering::Release);
                     let goes_on = go_on(Watch::Ended);
                     self.wait_for_another();
@@ -195,17 +195,17 @@ impl Daemon {
     }
 
     /// Listens until the connection breaks or the caller wants no more events.
-    fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<Heard, Error> {
+    fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<ListeningEnd, Error> {
         let mut client = Client::connect(&self.socket, None)?;
         client.send(&Request::Events {})?;
         client.reply()?;
         if !there() {
-            return Ok(Heard::Enough);
+            return Ok(ListeningEnd::Enough);
         }
         loop {
             match client.event()? {
                 Event::Durable { capture, .. } => self.remember(&capture),
-                Event::Ending => return Ok(Heard::Ending),
+                Event::Ending => return Ok(ListeningEnd::Ending),
                 _ => {}
             }
         }

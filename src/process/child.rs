@@ -36,7 +36,7 @@ pub enum End {
 pub struct Child {
     process: std::process::Child,
     handle: OwnedFd,
-    words: Words,
+    words: OutputTail,
 }
 
 impl Child {
@@ -53,8 +53,8 @@ impl Child {
             .stderr(Stdio::piped())
             .process_group(0)
             .spawn()?;
-        let listen = |process: &mut std::process::Child| -> io::Result<(OwnedFd, Words)> {
-            let words = Words::new(process.stderr.take())?;
+        let listen = |process: &mut std::process::Child| -> io::Result<(OwnedFd, OutputTail)> {
+            let words = OutputTail::new(process.stderr.take())?;
             Ok((pidfd_open(pid(process)?, PidfdFlags::empty())?, words))
         };
         match listen(&mut process) {
@@ -85,26 +85,26 @@ impl Child {
         let woken = self.listen(limit, clock, cancel);
         // The number is still its own and its group's, as nobody has waited for it.
         let _ = pid(&self.process).map(|pid| kill_process_group(pid, Signal::KILL));
-        if !matches!(woken, Ok(Woken::Ended)) {
+        if !matches!(woken, Ok(WaitEnd::Ended)) {
             self.process.kill()?;
         }
         let status = self.process.wait()?;
         self.words.read(LAST_PIECES);
         let end = match woken? {
-            Woken::Ended => End::Ended(status),
-            Woken::TimedOut => End::TimedOut,
-            Woken::Cancelled => End::Cancelled,
+            WaitEnd::Ended => End::Ended(status),
+            WaitEnd::TimedOut => End::TimedOut,
+            WaitEnd::Cancelled => End::Cancelled,
         };
         Ok((end, self.words.text()))
     }
 
     /// Reads what it says until something ends it.
-    fn listen(&mut self, limit: Duration, clock: Clock, cancel: &Cancel) -> io::Result<Woken> {
+    fn listen(&mut self, limit: Duration, clock: Clock, cancel: &Cancel) -> io::Result<WaitEnd> {
         let deadline = clock.now() + limit;
         loop {
             let left = clock.until(deadline);
             if left.is_zero() {
-                return Ok(Woken::TimedOut);
+                return Ok(WaitEnd::TimedOut);
             }
             let mut files = vec![
                 PollFd::new(&self.handle, PollFlags::IN),
@@ -118,10 +118,10 @@ impl Child {
             }
             let [ended, cancelled] = [0, 1].map(|i: usize| !files[i].revents().is_empty());
             if ended {
-                return Ok(Woken::Ended);
+                return Ok(WaitEnd::Ended);
             }
             if cancelled {
-                return Ok(Woken::Cancelled);
+                return Ok(WaitEnd::Cancelled);
             }
             self.words.read(1);
         }
@@ -129,7 +129,7 @@ impl Child {
 }
 
 /// Why nothing is waited for any longer.
-enum Woken {
+enum WaitEnd {
     Ended,
     TimedOut,
     Cancelled,
@@ -147,13 +147,13 @@ fn timespec(time: Duration) -> Timespec {
 }
 
 /// The last of what a process says.
-struct Words {
+struct OutputTail {
     /// `None` if no more can come.
     pipe: Option<ChildStderr>,
     bytes: Vec<u8>,
 }
 
-impl Words {
+impl OutputTail {
     fn new(pipe: Option<ChildStderr>) -> io::Result<Self> {
         if let Some(pipe) = &pipe {
             fcntl_setfl(pipe, OFlags::NONBLOCK)?;

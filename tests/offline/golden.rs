@@ -13,7 +13,7 @@ use scand::frame::{
 };
 use scand::image::Grid;
 use scand::mesh;
-use scand::reconstruct::{Parameters, Silent, reconstruct};
+use scand::reconstruct::{NoProgress, Parameters, reconstruct};
 use scand::recording::{
     CameraInCapture, CaptureRecord, ColorPart, Compression, DepthPart, Note, Outcome, Recording,
     Topic, Writer, recover,
@@ -338,7 +338,7 @@ fn a_recording_of_a_released_version_becomes_a_model() {
     assert_eq!(facts.id.to_string(), "ball-0001");
     let mut parameters = Parameters::default();
     parameters.hull.resolution = 24.0;
-    let made = reconstruct(&scene, &parameters, &Silent).unwrap();
+    let made = reconstruct(&scene, &parameters, &NoProgress).unwrap();
     assert!(mesh::check(&made.model.mesh).is_watertight());
 }
 

@@ -6,7 +6,7 @@ use scand::description::Description;
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
 use scand::reconstruct::{
-    Method, Parameters, Provenance, Reconstruction, Scene, Silent, reconstruct, restore,
+    Method, NoProgress, Parameters, Provenance, Reconstruction, Scene, reconstruct, restore,
 };
 use scand_lab::{Options, Shape, Simulation};
 
@@ -25,7 +25,7 @@ fn run(scene: &Scene, method: Method) -> Reconstruction {
         method,
         ..Parameters::default()
     };
-    let reconstruction = reconstruct(scene, &parameters, &Silent).unwrap();
+    let reconstruction = reconstruct(scene, &parameters, &NoProgress).unwrap();
     let report = mesh::check(&reconstruction.model.mesh);
     assert!(report.is_watertight(), "{report:?}");
     reconstruction
@@ -162,7 +162,7 @@ fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
             },
             ..Parameters::default()
         };
-        let found = reconstruct(&simulated.scene(0), &parameters, &Silent).unwrap();
+        let found = reconstruct(&simulated.scene(0), &parameters, &NoProgress).unwrap();
         let report = mesh::check(&found.model.mesh);
         let score = f_score(&found.model.mesh, simulated.truth());
         println!("{bias_mm} mm: F at 1 mm {score:.3}, {report:?}");
@@ -269,7 +269,7 @@ fn simplified_models_stay_closed() {
         vertices: 8400,
         ..Parameters::default()
     };
-    let model = reconstruct(&simulated.scene(0), &parameters, &Silent)
+    let model = reconstruct(&simulated.scene(0), &parameters, &NoProgress)
         .unwrap()
         .model;
     assert!(mesh::check(&model.mesh).is_watertight());

@@ -31,7 +31,7 @@ impl NoteKind {
 
 /// One note on a capture, wherever it lies.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Said {
+pub struct CaptureNote {
     /// When the note was made, in UTC nanoseconds.
     pub time_ns: Timestamp,
     /// What it does.
@@ -60,12 +60,12 @@ pub struct CaptureNotes {
     /// What holds now.
     pub decision: Option<Decision>,
     /// All notes, the oldest first.
-    pub said: Vec<Said>,
+    pub said: Vec<CaptureNote>,
 }
 
 impl CaptureNotes {
     /// Orders notes by their times, each once. The last accept, reject or clear decides.
-    pub fn new(mut said: Vec<Said>) -> Self {
+    pub fn new(mut said: Vec<CaptureNote>) -> Self {
         said.sort_by_key(|said| said.time_ns);
         said.dedup();
         let decided = said.iter().rev().find(|said| said.kind != NoteKind::Text);
@@ -84,7 +84,7 @@ impl CaptureNotes {
 
     /// The valid notes as lines: the decision, and each text. Empty if there are none.
     pub fn lines(&self) -> Vec<String> {
-        let decided = |said: &&Said| said.kind != NoteKind::Text;
+        let decided = |said: &&CaptureNote| said.kind != NoteKind::Text;
         let last = self.said.iter().rev().find(decided);
         let decision = match (self.decision, last) {
             (Some(Decision::Accepted), Some(said)) => Some(line("accepted", said)),
@@ -99,7 +99,7 @@ impl CaptureNotes {
     }
 }
 
-fn line(what: &str, said: &Said) -> String {
+fn line(what: &str, said: &CaptureNote) -> String {
     let author = said.author.iter().map(|author| format!(" by {author}"));
     let author: String = author.collect();
     let text = if said.text.is_empty() {
@@ -114,8 +114,8 @@ fn line(what: &str, said: &Said) -> String {
 mod tests {
     use super::*;
 
-    fn said(kind: NoteKind, time: u64) -> Said {
-        Said {
+    fn said(kind: NoteKind, time: u64) -> CaptureNote {
+        CaptureNote {
             time_ns: Timestamp(time),
             kind,
             text: String::new(),
@@ -135,7 +135,7 @@ mod tests {
             (vec![Reject, Clear, Text], None),
             (vec![Reject, Clear, Reject], Some(Decision::Rejected)),
         ] {
-            let all: Vec<Said> = kinds
+            let all: Vec<CaptureNote> = kinds
                 .iter()
                 .zip(1..)
                 .map(|(&kind, time)| said(kind, time))

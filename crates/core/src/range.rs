@@ -178,12 +178,12 @@ where
 ///
 /// # Errors
 /// What was found and what was expected, in `unit`, which begins with a space unless it is empty.
-pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, NotWithin> {
+pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, OutOfRange> {
     // Not a number is in no range.
     if (least..=most).contains(&found) {
         return Ok(found);
     }
-    Err(NotWithin {
+    Err(OutOfRange {
         found,
         expected: format!("{least} to {most}{unit}"),
     })
@@ -193,7 +193,7 @@ pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, Not
 #[derive(Debug, thiserror::Error)]
 #[error("{found} found, expected {expected}")]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
-pub struct NotWithin {
+pub struct OutOfRange {
     pub found: f64,
     /// Its range, in words.
     pub expected: String,

@@ -73,7 +73,7 @@ impl DepthScene {
             window: [0..0, 0..0],
         };
         if let Some(layer) = layer {
-            let looker = Looker {
+            let looker = PixelReader {
                 sensor,
                 station,
                 bvh: object.map(Bvh::new),
@@ -143,7 +143,7 @@ fn displacement(sensor: &DepthSensor) -> Vector2<f64> {
 }
 
 /// Looks for what one pixel reads.
-struct Looker<'a> {
+struct PixelReader<'a> {
     sensor: &'a DepthSensor,
     station: &'a DepthStation,
     bvh: Option<Bvh>,
@@ -153,7 +153,7 @@ struct Looker<'a> {
     reach: f64,
 }
 
-impl Looker<'_> {
+impl PixelReader<'_> {
     /// Columns and rows of pixels whose samples the layer holds.
     fn window(&self, width: usize, height: usize) -> [std::ops::Range<usize>; 2] {
         let [x0, y0] = self.layer.origin;

@@ -24,13 +24,13 @@ pub struct Exchange {
     /// The capture, from 0.
     pub capture: usize,
     /// What is there.
-    pub with: Other,
+    pub with: OtherObject,
 }
 
 /// What is there in place of the object.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "String")]
-pub enum Other {
+pub enum OtherObject {
     /// An object of another shape.
     Shape(Shape),
     /// A copy that is larger by so many per cent.
@@ -41,7 +41,7 @@ pub enum Other {
     HandleUp(f64),
 }
 
-impl fmt::Display for Other {
+impl fmt::Display for OtherObject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Shape(shape) => match shape.to_possible_value() {
@@ -55,7 +55,7 @@ impl fmt::Display for Other {
     }
 }
 
-impl FromStr for Other {
+impl FromStr for OtherObject {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -83,7 +83,7 @@ fn unknown(text: &str) -> String {
     format!("{text:?} is neither a shape nor bigger:PERCENT, taller:PERCENT or handle-up:MM")
 }
 
-impl TryFrom<String> for Other {
+impl TryFrom<String> for OtherObject {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
@@ -91,8 +91,8 @@ impl TryFrom<String> for Other {
     }
 }
 
-impl From<Other> for String {
-    fn from(other: Other) -> Self {
+impl From<OtherObject> for String {
+    fn from(other: OtherObject) -> Self {
         other.to_string()
     }
 }

@@ -2,7 +2,7 @@
 
 use super::pose::Pose;
 use super::random::Random;
-use super::rest::Rests;
+use super::rest::RestingPoses;
 use super::rig::Bounds;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use scand_core::mesh::Mesh;
@@ -17,7 +17,7 @@ pub(super) fn rig_from_shape(
     pose: Pose,
     index: usize,
     shape: &Mesh,
-    rests: &Rests,
+    rests: &RestingPoses,
     seed: u64,
 ) -> Isometry3<f64> {
     let mut random = Random::new(&[seed, 21, index as u64]);

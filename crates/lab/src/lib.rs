@@ -36,7 +36,7 @@ mod shape;
 pub use board::{
     BoardFaults, BoardOptions, BoardSession, Placement, PlacementFault, write_board_session,
 };
-pub use faults::{CaptureFault, Exchange, Other};
+pub use faults::{CaptureFault, Exchange, OtherObject};
 pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Options, Response};
 pub use pose::Pose;
 pub use preset::Preset;
@@ -46,7 +46,7 @@ pub use session::{Capture, Simulation};
 pub use shape::Shape;
 
 use scand_core::frame::BadName;
-use scand_core::range::{self, NotWithin};
+use scand_core::range::{self, OutOfRange};
 use scand_core::{calibration, recording};
 
 /// Why nothing is simulated.
@@ -85,7 +85,7 @@ fn invalid(what: &'static str, found: impl ToString, expected: impl Into<String>
 /// Refuses a number that is not within its range.
 fn within_range(what: &'static str, found: f64, range: [f64; 2], unit: &str) -> Result<(), Error> {
     let checked = range::check(found, range, unit);
-    let refused = |e: NotWithin| invalid(what, e.found, e.expected);
+    let refused = |e: OutOfRange| invalid(what, e.found, e.expected);
     checked.map(drop).map_err(refused)
 }
 

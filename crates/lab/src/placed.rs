@@ -1,11 +1,11 @@
 //! What stands on the table in each capture: the object at its place, what broke off it or is there in its stead, and a
 //! prop beside it; with its light, which is fixed to the rig.
 
-use super::faults::{CaptureFault, Exchange, Other};
+use super::faults::{CaptureFault, Exchange, OtherObject};
 use super::lay::{moved, rig_from_shape};
 use super::light::Light;
 use super::material::Material;
-use super::rest::Rests;
+use super::rest::RestingPoses;
 use super::rig::Bounds;
 use super::{Error, Options, Shape, invalid, prop};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -68,7 +68,7 @@ pub(super) fn placed(options: &Options, object: &Mesh) -> Result<Vec<Placed>, Er
         true => options.captures,
         false => 1,
     };
-    let rests = (!options.poses.is_empty()).then(|| Rests::new(object));
+    let rests = (!options.poses.is_empty()).then(|| RestingPoses::new(object));
     (0..count)
         .map(|index| one(options, object, rests.as_ref(), index))
         .collect()
@@ -88,7 +88,7 @@ fn needs_its_own(options: &Options) -> bool {
 fn one(
     options: &Options,
     object: &Mesh,
-    rests: Option<&Rests>,
+    rests: Option<&RestingPoses>,
     index: usize,
 ) -> Result<Placed, Error> {
     let faults = &options.faults;
@@ -102,7 +102,7 @@ fn one(
         ),
     };
     // Another object rests in its own way, and so does one of another height.
-    let its_own = exchange.is_some().then(|| Rests::new(&there));
+    let its_own = exchange.is_some().then(|| RestingPoses::new(&there));
     let rig_from_shape = match (options.poses.get(index), its_own.as_ref().or(rests)) {
         (Some(pose), Some(rests)) => rig_from_shape(*pose, index, &there, rests, options.seed),
         _ => Isometry3::identity(),
@@ -168,10 +168,10 @@ fn exchanged(options: &Options, object: &Mesh, exchange: &Exchange) -> (Shape, V
     };
     let spacing = options.spacing_mm * 1e-3;
     match exchange.with {
-        Other::Shape(shape) => (shape, Vector3::repeat(1.0), shape.mesh(spacing)),
-        Other::Bigger(percent) => scaled(Vector3::repeat(part(percent))),
-        Other::Taller(percent) => scaled(Vector3::new(1.0, 1.0, part(percent))),
-        Other::HandleUp(mm) => {
+        OtherObject::Shape(shape) => (shape, Vector3::repeat(1.0), shape.mesh(spacing)),
+        OtherObject::Bigger(percent) => scaled(Vector3::repeat(part(percent))),
+        OtherObject::Taller(percent) => scaled(Vector3::new(1.0, 1.0, part(percent))),
+        OtherObject::HandleUp(mm) => {
             let mesh = Shape::mug_with_raised_handle(mm * 1e-3, spacing);
             (Shape::Mug, Vector3::repeat(1.0), mesh)
         }
@@ -206,7 +206,7 @@ fn check(options: &Options) -> Result<(), Error> {
     }
     for exchange in &faults.exchanged {
         check_capture("exchanged object", exchange.capture, 1, options.captures)?;
-        if matches!(exchange.with, Other::HandleUp(_)) && options.shape != Shape::Mug {
+        if matches!(exchange.with, OtherObject::HandleUp(_)) && options.shape != Shape::Mug {
             let expected = "bigger, taller or a shape: only a mug has a handle to raise";
             return Err(invalid("exchanged object", exchange.with, expected));
         }

@@ -1,7 +1,7 @@
 //! Writes a simulated session as a recording, and its truth as a PLY file.
 
 use super::{Error, Simulation};
-use scand_core::calibration::{CalibrationRecord, Level, Verdict};
+use scand_core::calibration::{CalibrationLevel, CalibrationRecord, CalibrationVerdict};
 use scand_core::frame::Stream;
 use scand_core::mesh::Mesh;
 use scand_core::recording::{Compression, Writer};
@@ -21,8 +21,8 @@ pub fn write(simulation: &Simulation, path: &Path, compression: Compression) -> 
     writer.metadata("session", &session)?;
     if let Some(reason) = &simulation.options().faults.doubtful_calibration {
         writer.calibration_record(&CalibrationRecord {
-            verdict: Verdict {
-                level: Level::Doubtful,
+            verdict: CalibrationVerdict {
+                level: CalibrationLevel::Doubtful,
                 reasons: vec![reason.clone()],
             },
             file_sha256: None,

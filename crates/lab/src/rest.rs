@@ -10,12 +10,12 @@ const TOUCHING: f64 = 5e-5;
 const MARGIN: f64 = 0.02;
 
 /// The convex hull of a body, and its centre of mass.
-pub(super) struct Rests {
+pub(super) struct RestingPoses {
     hull: Mesh,
     center: Point3<f64>,
 }
 
-impl Rests {
+impl RestingPoses {
     /// Of a solid body of even density.
     pub(super) fn new(body: &Mesh) -> Self {
         Self {
@@ -85,11 +85,11 @@ mod tests {
 
     #[test]
     fn a_box_lies_on_its_faces_and_a_cup_stands_on_its_head_or_lies_on_its_side() {
-        let block = Rests::new(&Shape::Box.mesh(0.005));
+        let block = RestingPoses::new(&Shape::Box.mesh(0.005));
         let (sin, cos) = 20_f64.to_radians().sin_cos();
         let face = block.nearest(Vector3::new(1.0, 0.2, 0.5).normalize());
         assert!((face - Vector3::new(cos, sin, 0.0)).norm() < 1e-4, "{face}");
-        let cup = Rests::new(&Shape::Cup.mesh(0.002));
+        let cup = RestingPoses::new(&Shape::Cup.mesh(0.002));
         assert!((cup.nearest(Vector3::z()) - Vector3::z()).norm() < 1e-3);
         // The wall leans by a radius of 10 mm over 94 mm of height.
         let side = cup.nearest(Vector3::x());
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn an_egg_cannot_stand_on_its_head() {
-        let egg = Rests::new(&Shape::Egg.mesh(0.002));
+        let egg = RestingPoses::new(&Shape::Egg.mesh(0.002));
         let down = egg.nearest(Vector3::z());
         assert!(down.z < 0.7, "{down}");
     }

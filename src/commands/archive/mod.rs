@@ -12,7 +12,7 @@ use crate::frame::Timestamp;
 use crate::recording::beside;
 use crate::words::count;
 use anyhow::Context;
-use select::{Chosen, ChosenCapture};
+use select::{ChosenCapture, SelectedCaptures};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -147,7 +147,7 @@ struct Packing<'a> {
 
 impl Packing<'_> {
     /// Adds a recording, and what belongs to its captures.
-    fn add(&mut self, chosen: &Chosen) -> anyhow::Result<()> {
+    fn add(&mut self, chosen: &SelectedCaptures) -> anyhow::Result<()> {
         let stem = chosen
             .path
             .file_stem()
@@ -188,7 +188,7 @@ impl Packing<'_> {
 
     fn add_capture(
         &mut self,
-        chosen: &Chosen,
+        chosen: &SelectedCaptures,
         stem: &str,
         name: &str,
         capture: &ChosenCapture,

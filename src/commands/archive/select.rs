@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A recording and those of its captures that are wanted.
-pub(super) struct Chosen {
+pub(super) struct SelectedCaptures {
     pub(super) path: PathBuf,
     pub(super) session: CaptureSession,
     pub(super) captures: Vec<ChosenCapture>,
@@ -24,8 +24,8 @@ pub(super) struct ChosenCapture {
 ///
 /// # Errors
 /// If a word names nothing, or a recording is not complete or cannot be read.
-pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Chosen>> {
-    let mut chosen: BTreeMap<PathBuf, Chosen> = BTreeMap::new();
+pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<SelectedCaptures>> {
+    let mut chosen: BTreeMap<PathBuf, SelectedCaptures> = BTreeMap::new();
     let (files, names): (Vec<&String>, Vec<&String>) =
         words.iter().partition(|word| Path::new(word).is_file());
     for file in files {
@@ -72,7 +72,7 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Chos
 
 /// Adds the captures of a recording that are wanted: `Some(true)` for one that is named by its id.
 fn take(
-    chosen: &mut BTreeMap<PathBuf, Chosen>,
+    chosen: &mut BTreeMap<PathBuf, SelectedCaptures>,
     path: &Path,
     session: CaptureSession,
     mut wanted: impl FnMut(&str, &CaptureSummary) -> Option<bool>,
@@ -94,7 +94,7 @@ fn take(
         let path = path.to_owned();
         chosen.insert(
             key,
-            Chosen {
+            SelectedCaptures {
                 path,
                 session,
                 captures,

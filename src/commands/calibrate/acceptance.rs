@@ -1,7 +1,7 @@
 //! Decides which files a calibration is written to, and the exit code, from its verdict.
 
 use crate::calibrate::Outcome;
-use crate::calibration::Level;
+use crate::calibration::CalibrationLevel;
 use crate::commands::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,13 +19,13 @@ pub(super) enum Acceptance {
 
 impl Acceptance {
     /// What is done with a calibration of this level. `forced` takes a refused one, `doubtful_too` a doubtful one.
-    pub(super) fn of(level: Level, forced: bool, doubtful_too: bool) -> Self {
+    pub(super) fn of(level: CalibrationLevel, forced: bool, doubtful_too: bool) -> Self {
         match level {
-            Level::Good | Level::Accepted => Self::Whole,
-            Level::Doubtful if doubtful_too => Self::Whole,
-            Level::Doubtful => Self::Aside,
-            Level::Refused if forced => Self::Whole,
-            Level::Refused => Self::Nothing,
+            CalibrationLevel::Good | CalibrationLevel::Accepted => Self::Whole,
+            CalibrationLevel::Doubtful if doubtful_too => Self::Whole,
+            CalibrationLevel::Doubtful => Self::Aside,
+            CalibrationLevel::Refused if forced => Self::Whole,
+            CalibrationLevel::Refused => Self::Nothing,
         }
     }
 
@@ -76,14 +76,20 @@ mod tests {
             PathBuf::from("a/rig.toml"),
             PathBuf::from("a/rig.doubtful.toml"),
         );
-        for level in [Level::Good, Level::Accepted] {
+        for level in [CalibrationLevel::Good, CalibrationLevel::Accepted] {
             assert_eq!(out(level, false, false), Some(whole.clone()));
         }
-        assert_eq!(out(Level::Doubtful, false, false), Some(aside.clone()));
-        assert_eq!(out(Level::Doubtful, true, false), Some(aside));
-        assert_eq!(out(Level::Doubtful, false, true), Some(whole.clone()));
-        assert_eq!(out(Level::Refused, false, true), None);
-        assert_eq!(out(Level::Refused, true, false), Some(whole));
+        assert_eq!(
+            out(CalibrationLevel::Doubtful, false, false),
+            Some(aside.clone())
+        );
+        assert_eq!(out(CalibrationLevel::Doubtful, true, false), Some(aside));
+        assert_eq!(
+            out(CalibrationLevel::Doubtful, false, true),
+            Some(whole.clone())
+        );
+        assert_eq!(out(CalibrationLevel::Refused, false, true), None);
+        assert_eq!(out(CalibrationLevel::Refused, true, false), Some(whole));
         assert_eq!(doubtful_name(Path::new("rig")), Path::new("rig.doubtful"));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::calibrate::{Check, Detections};
 use crate::calibration::fit::{Checked, Motion, PairMotion};
-use crate::calibration::response::{DepthCheck, DepthOff};
+use crate::calibration::response::{DepthCheck, DepthDeviation};
 use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CameraId;
 use std::process::ExitCode;
@@ -56,7 +56,7 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
         Ok(found) => found,
         Err(reason) => return format!("its depth was not checked: {reason}"),
     };
-    let DepthOff { distance, off, .. } = &found.worst;
+    let DepthDeviation { distance, off, .. } = &found.worst;
     let beside = found.beside_px.map(|[x, y]| {
         format!(
             "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, and \

@@ -20,7 +20,7 @@ const QUALITY: u8 = 60;
 type Corners = Vec<(Point2<f64>, Option<Vector2<f64>>)>;
 
 /// A picture that is to be shown.
-struct Chosen {
+struct ReportPicture {
     camera: CameraId,
     placement: String,
     found: Found,
@@ -35,7 +35,7 @@ pub(super) fn pictures(recordings: &[Placements], outcome: &Outcome) -> Vec<View
     chosen.extend(without_board(&outcome.detections));
     chosen.extend(worst(outcome));
     let shots = calibrate::shots(recordings);
-    let picture = |chosen: Chosen| {
+    let picture = |chosen: ReportPicture| {
         let key = (chosen.placement.clone(), chosen.camera.to_string());
         let (recording, shot) = shots.get(&key)?;
         let grey = recording.grey(shot).ok()?;
@@ -55,7 +55,7 @@ pub(super) fn pictures(recordings: &[Placements], outcome: &Outcome) -> Vec<View
 }
 
 /// Views that the fit threw out, in the order in which it did: the worst first.
-fn left_out(outcome: &Outcome) -> Vec<Chosen> {
+fn left_out(outcome: &Outcome) -> Vec<ReportPicture> {
     let session = &outcome.detections.session;
     let all = outcome.fit.left_out.iter().flat_map(|left_out| {
         let views = left_out.views.iter();
@@ -67,7 +67,7 @@ fn left_out(outcome: &Outcome) -> Vec<Chosen> {
         let mut views = session.views.iter();
         let view = views.find(|v| (v.camera, v.placement) == (camera, index))?;
         let corner = |c: &Corner| (c.pixel, None);
-        Some(Chosen {
+        Some(ReportPicture {
             camera: id.clone(),
             placement: placement.clone(),
             found: Found::LeftOut,
@@ -79,13 +79,13 @@ fn left_out(outcome: &Outcome) -> Vec<Chosen> {
 }
 
 /// Pictures without a board that could be used: of each camera and reason one, then others.
-fn without_board(detections: &Detections) -> Vec<Chosen> {
+fn without_board(detections: &Detections) -> Vec<ReportPicture> {
     let mut told = BTreeSet::new();
     let (first, others): (Vec<_>, Vec<_>) = detections
         .rejected
         .iter()
         .partition(|r| told.insert((&r.camera, &r.reason)));
-    let chosen = |rejected: &calibrate::Rejected| Chosen {
+    let chosen = |rejected: &calibrate::Rejected| ReportPicture {
         camera: rejected.camera.clone(),
         placement: rejected.placement.clone(),
         found: Found::Nothing,
@@ -101,7 +101,7 @@ fn without_board(detections: &Detections) -> Vec<Chosen> {
 }
 
 /// The views with the largest residuals.
-fn worst(outcome: &Outcome) -> Vec<Chosen> {
+fn worst(outcome: &Outcome) -> Vec<ReportPicture> {
     let fit = &outcome.fit;
     let rms = |view: &ViewResiduals| Figures::of(view.lengths()).rms_px;
     let mut views: Vec<(f64, &ViewResiduals)> = fit.residuals.iter().map(|v| (rms(v), v)).collect();
@@ -111,7 +111,7 @@ fn worst(outcome: &Outcome) -> Vec<Chosen> {
         counts[view.camera] += 1;
         counts[view.camera] <= MOST_OF_CAMERA
     });
-    let chosen = |(rms, view): (f64, &ViewResiduals)| Chosen {
+    let chosen = |(rms, view): (f64, &ViewResiduals)| ReportPicture {
         camera: fit.cameras[view.camera].camera.id.clone(),
         placement: fit.placements[view.placement].name.clone(),
         found: Found::Used,

@@ -1,6 +1,6 @@
 //! Shows the progress of a replay (a bar on a terminal, lines on a pipe, nothing with `--quiet`) and its summary.
 
-use super::outcome::{Ending, Outcome};
+use super::outcome::{Outcome, ReplayResult};
 use crate::capture::CaptureSession;
 use crate::commands::info::cut_off_words;
 use crate::level::Level;
@@ -117,7 +117,7 @@ impl Console {
                 .map(|(n, s)| format!("{n} {s:.2}"))
                 .collect();
             let ending = match outcome.result {
-                Ending::Rejected => {
+                ReplayResult::Rejected => {
                     "left out, because it was rejected (--rejected reconstructs it)"
                 }
                 _ => outcome.verdict.map_or("done", Level::name),
@@ -130,7 +130,7 @@ impl Console {
                 outln!("  {reason}");
             }
             match &outcome.folder {
-                Some(folder) if outcome.result == Ending::Unchanged => {
+                Some(folder) if outcome.result == ReplayResult::Unchanged => {
                     outln!("  unchanged since it was made: {}", folder.display());
                 }
                 Some(folder) => {

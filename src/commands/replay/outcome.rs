@@ -12,7 +12,7 @@ use std::process::ExitCode;
 /// How it ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Ending {
+pub(super) enum ReplayResult {
     /// A model was made.
     Done,
     /// A model of the same inputs and settings was there.
@@ -31,7 +31,7 @@ pub(super) struct Outcome {
     /// The capture; none for a recording that could not be read.
     pub(super) capture: Option<String>,
     /// How it ended.
-    pub(super) result: Ending,
+    pub(super) result: ReplayResult,
     /// What the model is worth.
     pub(super) verdict: Option<Level>,
     /// Why it failed, or the reasons of its verdict.
@@ -72,9 +72,9 @@ impl Outcome {
                 model,
                 damaged,
                 seconds,
-            } => of_model(Ending::Done, model, damaged, seconds),
+            } => of_model(ReplayResult::Done, model, damaged, seconds),
             make_model::Outcome::Unchanged { model, damaged } => {
-                of_model(Ending::Unchanged, model, damaged, Vec::new())
+                of_model(ReplayResult::Unchanged, model, damaged, Vec::new())
             }
             make_model::Outcome::Failed { reason } => Self {
                 notes,
@@ -89,7 +89,7 @@ impl Outcome {
     pub(super) fn rejected(session: &CaptureSession, id: &CaptureId) -> Self {
         Self {
             capture: Some(id.to_string()),
-            result: Ending::Rejected,
+            result: ReplayResult::Rejected,
             notes: session.notes().on(id.as_str()),
             reasons: Vec::new(),
             ..Self::failed(session.recording().path(), String::new())
@@ -105,7 +105,7 @@ impl Outcome {
         Self {
             recording: path.display().to_string(),
             capture: None,
-            result: Ending::Failed,
+            result: ReplayResult::Failed,
             verdict: None,
             reasons: vec![reason],
             notes: CaptureNotes::default(),
@@ -116,11 +116,11 @@ impl Outcome {
     }
 
     pub(super) fn is_done(&self) -> bool {
-        matches!(self.result, Ending::Done | Ending::Unchanged)
+        matches!(self.result, ReplayResult::Done | ReplayResult::Unchanged)
     }
 
     pub(super) fn is_failed(&self) -> bool {
-        self.result == Ending::Failed
+        self.result == ReplayResult::Failed
     }
 
     fn is_red(&self) -> bool {

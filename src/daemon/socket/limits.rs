@@ -18,16 +18,16 @@ const PERIOD: Duration = Duration::from_secs(60);
 /// Lets requests pass at a limited rate, in order of arrival, so that a client that seldom asks waits for at most one
 /// request of each other client.
 pub(super) struct RateLimiter {
-    earned: tokio::sync::Mutex<Earned>,
+    earned: tokio::sync::Mutex<TokenBucket>,
 }
 
 /// A token bucket: how many requests may pass at once, as of an instant.
-struct Earned {
+struct TokenBucket {
     requests: f64,
     at: Instant,
 }
 
-impl Earned {
+impl TokenBucket {
     /// Lets a request pass, or returns how long it must wait.
     fn spend(&mut self, now: Instant) -> Result<(), Duration> {
         let earned = now.saturating_duration_since(self.at).as_secs_f64() * RATE;
@@ -43,7 +43,7 @@ impl Earned {
 
 impl RateLimiter {
     pub(super) fn new() -> Self {
-        let earned = Earned {
+        let earned = TokenBucket {
             requests: BURST,
             at: Instant::now(),
         };
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn requests_pass_at_the_rate_after_a_burst() {
         let begin = Instant::now();
-        let mut earned = Earned {
+        let mut earned = TokenBucket {
             requests: BURST,
             at: begin,
         };

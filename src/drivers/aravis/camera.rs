@@ -50,7 +50,7 @@ impl GigeDriver {
 
 impl Driver for GigeDriver {
     fn open(&mut self) -> Result<Box<dyn Device>, Fault> {
-        Ok(Box::new(Held(Some(OpenCamera::open(self)?))))
+        Ok(Box::new(OpenedCamera(Some(OpenCamera::open(self)?))))
     }
 }
 
@@ -263,14 +263,14 @@ impl Drop for OpenCamera {
 }
 
 /// An open camera as its thread has it; there is always one until it is dropped.
-struct Held(Option<OpenCamera>);
+struct OpenedCamera(Option<OpenCamera>);
 
 /// What cannot be: the camera is taken out when it is dropped alone.
 fn nobody() -> Fault {
     Fault::Away("the camera was closed".into())
 }
 
-impl Device for Held {
+impl Device for OpenedCamera {
     fn info(&self) -> &CameraInfo {
         static NONE: OnceLock<CameraInfo> = OnceLock::new();
         let open = self.0.as_ref().map(|camera| &camera.info);
@@ -296,7 +296,7 @@ impl Device for Held {
     }
 }
 
-impl Drop for Held {
+impl Drop for OpenedCamera {
     /// When the library closes a camera, it sends three messages and waits for the answers. A lost camera is therefore
     /// closed on its own thread, so that scand can search for it meanwhile.
     fn drop(&mut self) {

@@ -8,21 +8,21 @@ use aravis::Camera;
 use aravis::prelude::*;
 
 /// The names of a camera's features: standard (SFNC 2) or older.
-struct Names {
+struct FeatureNames {
     enable: &'static str,
     latch: &'static str,
     status: &'static str,
     offset: &'static str,
 }
 
-const NAMES: [Names; 2] = [
-    Names {
+const NAMES: [FeatureNames; 2] = [
+    FeatureNames {
         enable: "PtpEnable",
         latch: "PtpDataSetLatch",
         status: "PtpStatus",
         offset: "PtpOffsetFromMaster",
     },
-    Names {
+    FeatureNames {
         enable: "GevIEEE1588",
         latch: "GevIEEE1588DataSetLatch",
         status: "GevIEEE1588Status",
@@ -32,7 +32,7 @@ const NAMES: [Names; 2] = [
 
 /// A camera that follows the network's clock.
 pub(super) struct PrecisionTime {
-    names: &'static Names,
+    names: &'static FeatureNames,
     within_ns: u64,
 }
 

@@ -94,8 +94,8 @@ impl Supervised {
     }
 
     /// Asks the thread to stop after its current work; does not join it.
-    pub fn end(self) -> Ending {
-        Ending {
+    pub fn end(self) -> StoppingThread {
+        StoppingThread {
             camera: self.camera,
             thread: self.thread,
         }
@@ -104,12 +104,12 @@ impl Supervised {
 
 /// A camera's thread that was asked to stop.
 #[derive(Debug)]
-pub struct Ending {
+pub struct StoppingThread {
     camera: CameraId,
     thread: JoinHandle<()>,
 }
 
-impl Ending {
+impl StoppingThread {
     /// The camera.
     pub fn camera(&self) -> &CameraId {
         &self.camera
@@ -165,14 +165,14 @@ struct Supervisor {
 }
 
 /// The daemon has stopped, or asks this thread to.
-struct Ended;
+struct Stop;
 
 impl Supervisor {
     fn run(mut self) {
         let mut pause = self.backoff.first;
         loop {
             let (fault, worked) = match self.open_and_serve() {
-                Ok(Ended) => return,
+                Ok(Stop) => return,
                 Err(broken) => broken,
             };
             if worked {
@@ -190,7 +190,7 @@ impl Supervisor {
     }
 
     /// Serves until the camera fails; returns why, and whether it had been open.
-    fn open_and_serve(&mut self) -> Result<Ended, (Fault, bool)> {
+    fn open_and_serve(&mut self) -> Result<Stop, (Fault, bool)> {
         let mut device = guarded(|| self.driver.open()).map_err(|fault| (fault, false))?;
         self.tell(Event::Ready(Box::new(device.info().clone())));
         let served = guarded(|| self.serve(device.as_mut()));
@@ -199,7 +199,7 @@ impl Supervisor {
         served.map_err(|fault| (fault, true))
     }
 
-    fn serve(&mut self, device: &mut dyn Device) -> Result<Ended, Fault> {
+    fn serve(&mut self, device: &mut dyn Device) -> Result<Stop, Fault> {
         let longest = Duration::from_secs(5);
         let mut asked: Option<Instant> = None;
         loop {
@@ -213,7 +213,7 @@ impl Supervisor {
                         self.tell_health(device);
                     }
                 }
-                Err(RecvTimeoutError::Disconnected) => return Ok(Ended),
+                Err(RecvTimeoutError::Disconnected) => return Ok(Stop),
             }
         }
     }
@@ -275,7 +275,7 @@ impl Supervisor {
     }
 
     /// Waits; answers shots meanwhile that the camera is away.
-    fn refuse_shots(&self, fault: &Fault, pause: Duration) -> Result<(), Ended> {
+    fn refuse_shots(&self, fault: &Fault, pause: Duration) -> Result<(), Stop> {
         let until = Instant::now() + pause;
         loop {
             match self.commands.recv_deadline(until) {
@@ -284,7 +284,7 @@ impl Supervisor {
                     outcome: Err(fault.clone()),
                 }),
                 Err(RecvTimeoutError::Timeout) => return Ok(()),
-                Err(RecvTimeoutError::Disconnected) => return Err(Ended),
+                Err(RecvTimeoutError::Disconnected) => return Err(Stop),
             }
         }
     }

@@ -60,14 +60,14 @@ impl Device for Open {
     }
 }
 
-struct Stand {
+struct TestBench {
     opened: Arc<AtomicUsize>,
     plugged: Arc<AtomicBool>,
     events: Receiver<Message>,
     camera: Supervised,
 }
 
-fn stand(script: Script, fails_to_open: usize) -> Stand {
+fn stand(script: Script, fails_to_open: usize) -> TestBench {
     let opened = Arc::new(AtomicUsize::new(0));
     let plugged = Arc::new(AtomicBool::new(true));
     let driver = Box::new(Scripted {
@@ -82,7 +82,7 @@ fn stand(script: Script, fails_to_open: usize) -> Stand {
         longest: Duration::from_millis(8),
     };
     let camera = supervise(CameraId::new("c00").unwrap(), driver, sender, backoff).unwrap();
-    Stand {
+    TestBench {
         opened,
         plugged,
         events,
@@ -90,7 +90,7 @@ fn stand(script: Script, fails_to_open: usize) -> Stand {
     }
 }
 
-impl Stand {
+impl TestBench {
     fn next(&self) -> Event {
         self.events
             .recv_timeout(Duration::from_secs(20))

@@ -4,11 +4,11 @@
 use super::clock::{SETTLING, StreamClock};
 use super::device::{Device, is_open};
 use super::ffi;
-use super::frame_check::Expected;
+use super::frame_check::ExpectedFrame;
 use super::library::{Failed, Library};
 use super::parameters::{Parameters, is_file};
 use super::recorder::Recorder;
-use super::settings::{self, Read};
+use super::settings::{self, Readback};
 use super::stream::{self, Stream};
 use crate::clock::Clock;
 use crate::drivers::live::{CameraInfo, Fault, Pool};
@@ -26,7 +26,7 @@ pub struct Camera {
     pub(super) host: Clock,
     pub(super) info: CameraInfo,
     /// Of depth and of colour.
-    pub(super) expected: [Expected; 2],
+    pub(super) expected: [ExpectedFrame; 2],
     pub(super) clock: StreamClock,
     pub(super) runs: bool,
     synchronised: bool,
@@ -87,7 +87,7 @@ impl Camera {
     }
 
     /// Starts the streams, registers them, and sees how its clock runs.
-    pub(super) fn start(&mut self) -> Result<Vec<Read>, Fault> {
+    pub(super) fn start(&mut self) -> Result<Vec<Readback>, Fault> {
         self.runs = true;
         for stream in &mut self.streams {
             stream.start()?;
@@ -97,7 +97,7 @@ impl Camera {
         if !self.is_file() {
             let (clock, remark) = self.settle()?;
             self.clock = clock;
-            read.extend(remark.map(Read::Remark));
+            read.extend(remark.map(Readback::Remark));
         }
         if self.streams.len() == 2 {
             let (synchronised, said) = settings::synchronise(&self.parameters, &self.device)?;

@@ -5,7 +5,7 @@ use std::ffi::c_int;
 
 /// What a stream's frames must be like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Expected {
+pub(super) struct ExpectedFrame {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// As the library numbers it.
@@ -19,7 +19,7 @@ pub(super) struct Expected {
 /// # Errors
 /// In words, if the frame is truncated, has another size or format, or is only part of a picture.
 pub(super) fn complete_rows<'a>(
-    expected: &Expected,
+    expected: &ExpectedFrame,
     facts: &ffi::Frame,
     bytes: &'a [u8],
 ) -> Result<(u32, &'a [u8]), String> {
@@ -63,7 +63,7 @@ pub(super) fn complete_rows<'a>(
 mod tests {
     use super::*;
 
-    const EXPECTED: Expected = Expected {
+    const EXPECTED: ExpectedFrame = ExpectedFrame {
         size: [4, 3],
         format: ffi::FORMAT_DEPTH_1_MM,
         bytes_per_pixel: 2,

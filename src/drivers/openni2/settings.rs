@@ -2,7 +2,7 @@
 
 use super::device::Device;
 use super::ffi::{self, VideoMode};
-use super::frame_check::Expected;
+use super::frame_check::ExpectedFrame;
 use super::parameters::{Parameters, Unit, is_file};
 use super::property::Properties;
 use super::stream::Stream;
@@ -11,23 +11,23 @@ use std::ffi::c_int;
 
 /// What was read back of a setting, or is to be said of it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Read {
+pub(super) enum Readback {
     /// Name, what was asked for, what was found.
     Row([String; 3]),
     /// What an operator should know.
     Remark(String),
 }
 
-fn row(name: &str, asked: impl Into<String>, found: impl Into<String>) -> Read {
-    Read::Row([name.into(), asked.into(), found.into()])
+fn row(name: &str, asked: impl Into<String>, found: impl Into<String>) -> Readback {
+    Readback::Row([name.into(), asked.into(), found.into()])
 }
 
 /// Adds to what is known of a camera.
-pub(super) fn add(info: &mut CameraInfo, read: Vec<Read>) {
+pub(super) fn add(info: &mut CameraInfo, read: Vec<Readback>) {
     for one in read {
         match one {
-            Read::Row(row) => info.table.push(row),
-            Read::Remark(remark) => info.remarks.push(remark),
+            Readback::Row(row) => info.table.push(row),
+            Readback::Remark(remark) => info.remarks.push(remark),
         }
     }
 }
@@ -91,8 +91,8 @@ fn identity(device: &Device) -> String {
 }
 
 /// What frames of depth and of colour have to be.
-pub(super) fn expected(p: &Parameters) -> [Expected; 2] {
-    let of = |format, bytes_per_pixel| Expected {
+pub(super) fn expected(p: &Parameters) -> [ExpectedFrame; 2] {
+    let of = |format, bytes_per_pixel| ExpectedFrame {
         size: p.size(),
         format,
         bytes_per_pixel,
@@ -131,7 +131,7 @@ fn mode(
     stream: &Stream,
     sensor: c_int,
     pixel_format: c_int,
-) -> Result<Read, Fault> {
+) -> Result<Readback, Fault> {
     let name = match sensor {
         ffi::SENSOR_DEPTH => "depth mode",
         _ => "color mode",
@@ -168,7 +168,7 @@ fn mode(
 }
 
 /// Pictures as the camera sees them, not as a mirror would.
-fn unmirror(stream: &Stream, name: &str) -> Result<Option<Read>, Fault> {
+fn unmirror(stream: &Stream, name: &str) -> Result<Option<Readback>, Fault> {
     if !stream.has(ffi::STREAM_MIRRORING) {
         return Ok(None);
     }
@@ -180,7 +180,7 @@ fn unmirror(stream: &Stream, name: &str) -> Result<Option<Read>, Fault> {
 }
 
 /// Every frame once and in order, and then again if it is to.
-fn play(p: &Parameters, device: &Device) -> Result<Vec<Read>, Fault> {
+fn play(p: &Parameters, device: &Device) -> Result<Vec<Readback>, Fault> {
     // It counts as asking for a frame at a time.
     const BY_REQUEST: f32 = -1.0;
     device.set(ffi::DEVICE_PLAYBACK_SPEED, BY_REQUEST, "playback speed")?;
@@ -203,7 +203,7 @@ fn play(p: &Parameters, device: &Device) -> Result<Vec<Read>, Fault> {
             "each frame when it is asked for",
         ),
         row("repeat", on(repeat), on(repeat)),
-        Read::Remark("a file of OpenNI's: its frames are stamped when they are read".into()),
+        Readback::Remark("a file of OpenNI's: its frames are stamped when they are read".into()),
     ])
 }
 
@@ -235,12 +235,12 @@ const REGISTRATION: &str = "registration of depth to color";
 ///
 /// # Errors
 /// If it was not taken.
-pub(super) fn register(p: &Parameters, device: &Device) -> Result<Read, Fault> {
+pub(super) fn register(p: &Parameters, device: &Device) -> Result<Readback, Fault> {
     let wanted = p.registration();
     let property = ffi::DEVICE_IMAGE_REGISTRATION;
     if is_file(device.uri()) && registration(device).is_none() {
         let remark = "the file does not tell whether its depth was registered to its color";
-        return Ok(Read::Remark(remark.into()));
+        return Ok(Readback::Remark(remark.into()));
     }
     let mut failed = None;
     if registration(device) != Some(wanted) || !is_file(device.uri()) {
@@ -282,7 +282,7 @@ pub(super) fn still_registered(p: &Parameters, device: &Device) -> Result<(), Fa
 ///
 /// # Errors
 /// If it cannot and should.
-pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read), Fault> {
+pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Readback), Fault> {
     const NAME: &str = "synchronisation of depth and color";
     let asked = match p.synchronise {
         Some(false) => return Ok((false, row(NAME, "off", "off"))),

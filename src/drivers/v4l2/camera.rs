@@ -1,7 +1,7 @@
 //! An open V4L2 camera: its stream, its shots, and polling between them.
 
-use super::device::{self, Filled, Queue};
-use super::frame::{self, Expected, Whole};
+use super::device::{self, FilledBuffer, Queue};
+use super::frame::{self, ExpectedFrame, WholeFrame};
 use super::parameters::{Parameters, TriggerMode};
 use super::{jpeg, settings};
 use crate::clock::Clock;
@@ -58,10 +58,10 @@ impl Driver for V4l2Driver {
 struct Camera {
     driver: V4l2Driver,
     info: CameraInfo,
-    expected: Expected,
+    expected: ExpectedFrame,
     queue: Queue,
     /// The newest whole frames, at most two, in the kernel's memory: one of them may be the last before a trigger.
-    kept: VecDeque<Kept>,
+    kept: VecDeque<KeptFrame>,
     /// Number and time of the newest frame.
     newest: Option<(u32, Duration)>,
     /// When a whole frame last came, and what was wrong with the ones since.
@@ -70,10 +70,10 @@ struct Camera {
 }
 
 #[derive(Debug)]
-struct Kept {
+struct KeptFrame {
     time: Timestamp,
-    whole: Whole,
-    filled: Filled,
+    whole: WholeFrame,
+    filled: FilledBuffer,
 }
 
 /// Frames that are kept from the kernel.
@@ -177,7 +177,7 @@ impl Camera {
                 self.heard = Instant::now();
                 self.damage = None;
                 let time = self.exposed(&filled, arrival);
-                self.kept.push_back(Kept {
+                self.kept.push_back(KeptFrame {
                     time,
                     whole,
                     filled,
@@ -199,7 +199,7 @@ impl Camera {
     }
 
     /// Compares a frame's number and time with those of the one before.
-    fn follow(&mut self, filled: &Filled, stats: &mut ShotStats) -> Result<(), String> {
+    fn follow(&mut self, filled: &FilledBuffer, stats: &mut ShotStats) -> Result<(), String> {
         let before = self.newest.replace((filled.sequence, filled.time));
         let Some((sequence, time)) = before else {
             return Ok(());
@@ -221,7 +221,7 @@ impl Camera {
     }
 
     /// The start of a frame's exposure; by its arrival where its time is of another clock.
-    fn exposed(&self, filled: &Filled, arrival: Timestamp) -> Timestamp {
+    fn exposed(&self, filled: &FilledBuffer, arrival: Timestamp) -> Timestamp {
         match frame::exposed(&self.expected, filled.flags, filled.time) {
             Some(time) => self.driver.clock.of_monotonic(time),
             None => {
@@ -231,7 +231,7 @@ impl Camera {
         }
     }
 
-    fn give_back(&mut self, filled: Filled) -> Result<(), Fault> {
+    fn give_back(&mut self, filled: FilledBuffer) -> Result<(), Fault> {
         let given = self.queue.give_back(filled);
         given.map_err(|why| self.broken(&why))
     }
@@ -282,11 +282,11 @@ impl Camera {
     }
 
     /// The one copy of a frame: from the kernel's memory into the pool's.
-    fn picture(&self, kept: &Kept) -> Option<Picture> {
+    fn picture(&self, kept: &KeptFrame) -> Option<Picture> {
         let bytes = self.queue.bytes(&kept.filled);
         let parts = match &kept.whole {
-            Whole::Rows(length) => [&bytes[..*length], &[], &[]],
-            Whole::File(file) => jpeg::parts(bytes, file),
+            WholeFrame::Rows(length) => [&bytes[..*length], &[], &[]],
+            WholeFrame::File(file) => jpeg::parts(bytes, file),
         };
         let mut buffer = self.driver.pool.take(parts.iter().map(|p| p.len()).sum())?;
         for part in parts {
@@ -296,14 +296,14 @@ impl Camera {
         let encoding = self.expected.format.encoding().to_owned();
         let [width, height] = self.expected.size;
         Some(match kept.whole {
-            Whole::Rows(_) => Picture::Raw {
+            WholeFrame::Rows(_) => Picture::Raw {
                 width,
                 height,
                 encoding,
                 step: self.expected.stride,
                 data,
             },
-            Whole::File(_) => Picture::Compressed {
+            WholeFrame::File(_) => Picture::Compressed {
                 format: encoding,
                 data,
             },

@@ -121,7 +121,7 @@ unsafe fn call<T>(handle: &Handle, request: vidioc::_IOC_TYPE, with: &mut T) -> 
 
 /// A filled buffer, ours until it is given back.
 #[derive(Debug)]
-pub(super) struct Filled {
+pub(super) struct FilledBuffer {
     index: u32,
     /// Bytes that were filled.
     pub used: u32,
@@ -224,7 +224,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the device is gone.
-    pub(super) fn take(&self) -> io::Result<Option<Filled>> {
+    pub(super) fn take(&self) -> io::Result<Option<FilledBuffer>> {
         let mut buffer = blank(0);
         // SAFETY: the request's own type, which lives during the call.
         let taken = unsafe { call(&self.handle, vidioc::VIDIOC_DQBUF, &mut buffer) };
@@ -234,7 +234,7 @@ impl Queue {
         }
         let seconds = u64::try_from(buffer.timestamp.tv_sec).unwrap_or(0);
         let micros = u64::try_from(buffer.timestamp.tv_usec).unwrap_or(0);
-        Ok(Some(Filled {
+        Ok(Some(FilledBuffer {
             index: buffer.index,
             used: buffer.bytesused,
             flags: buffer.flags,
@@ -244,7 +244,7 @@ impl Queue {
     }
 
     /// What the kernel filled in.
-    pub(super) fn bytes(&self, filled: &Filled) -> &[u8] {
+    pub(super) fn bytes(&self, filled: &FilledBuffer) -> &[u8] {
         let Some(map) = self.maps.get(filled.index as usize) else {
             return &[];
         };
@@ -258,7 +258,7 @@ impl Queue {
     ///
     /// # Errors
     /// If the device is gone.
-    pub(super) fn give_back(&mut self, filled: Filled) -> io::Result<()> {
+    pub(super) fn give_back(&mut self, filled: FilledBuffer) -> io::Result<()> {
         self.hand_to_kernel(filled.index)
     }
 }

@@ -13,7 +13,7 @@ const FLAG_MARK_START_OF_EXPOSURE: u32 = 0x0001_0000;
 
 /// What a camera's frames have to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Expected {
+pub(super) struct ExpectedFrame {
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// How its pixels come.
@@ -28,7 +28,7 @@ pub(super) struct Expected {
 
 /// A whole frame: how many of its bytes count, and where its tables belong if it is a JPEG.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Whole {
+pub(super) enum WholeFrame {
     /// Rows of pixels.
     Rows(usize),
     /// A picture file.
@@ -39,12 +39,16 @@ pub(super) enum Whole {
 ///
 /// # Errors
 /// In words, if it is damaged.
-pub(super) fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Whole, String> {
+pub(super) fn whole(
+    expected: &ExpectedFrame,
+    flags: u32,
+    bytes: &[u8],
+) -> Result<WholeFrame, String> {
     if flags & FLAG_ERROR != 0 {
         return Err("the driver reports that it is damaged".into());
     }
     let Some(per_pixel) = expected.format.bytes_per_pixel() else {
-        return jpeg::inspect(bytes).map(Whole::File);
+        return jpeg::inspect(bytes).map(WholeFrame::File);
     };
     let [width, height] = expected.size.map(|n| n as usize);
     let stride = expected.stride as usize;
@@ -55,11 +59,11 @@ pub(super) fn whole(expected: &Expected, flags: u32, bytes: &[u8]) -> Result<Who
             bytes.len()
         ));
     }
-    Ok(Whole::Rows(bytes.len().min(stride * height)))
+    Ok(WholeFrame::Rows(bytes.len().min(stride * height)))
 }
 
 /// The start of a frame's exposure by the monotonic clock; `None` where its time is not of that clock.
-pub(super) fn exposed(expected: &Expected, flags: u32, time: Duration) -> Option<Duration> {
+pub(super) fn exposed(expected: &ExpectedFrame, flags: u32, time: Duration) -> Option<Duration> {
     if flags & FLAG_CLOCK_MASK != FLAG_CLOCK_MONOTONIC {
         return None;
     }
@@ -70,7 +74,7 @@ pub(super) fn exposed(expected: &Expected, flags: u32, time: Duration) -> Option
 }
 
 /// How old a frame is when its last line is there.
-pub(super) fn age(expected: &Expected) -> Duration {
+pub(super) fn age(expected: &ExpectedFrame) -> Duration {
     let seconds = expected.exposure.unwrap_or(0.0) + expected.readout;
     Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }
@@ -79,7 +83,7 @@ pub(super) fn age(expected: &Expected) -> Duration {
 mod tests {
     use super::*;
 
-    const EXPECTED: Expected = Expected {
+    const EXPECTED: ExpectedFrame = ExpectedFrame {
         size: [4, 3],
         format: PixelFormat::Yuyv,
         stride: 10,
@@ -89,8 +93,8 @@ mod tests {
 
     #[test]
     fn a_buffer_that_is_short_or_marked_is_damaged() {
-        assert_eq!(whole(&EXPECTED, 0, &[1; 28]), Ok(Whole::Rows(28)));
-        assert_eq!(whole(&EXPECTED, 0, &[1; 99]), Ok(Whole::Rows(30)));
+        assert_eq!(whole(&EXPECTED, 0, &[1; 28]), Ok(WholeFrame::Rows(28)));
+        assert_eq!(whole(&EXPECTED, 0, &[1; 99]), Ok(WholeFrame::Rows(30)));
         let short = whole(&EXPECTED, 0, &[1; 27]).unwrap_err();
         assert_eq!(short, "only 27 of its 28 bytes arrived");
         assert!(
@@ -98,17 +102,17 @@ mod tests {
                 .unwrap_err()
                 .contains("driver")
         );
-        let jpeg = Expected {
+        let jpeg = ExpectedFrame {
             format: PixelFormat::Mjpeg,
             ..EXPECTED
         };
         assert!(whole(&jpeg, 0, &[0; 100]).is_err());
-        let bayer = Expected {
+        let bayer = ExpectedFrame {
             format: PixelFormat::BayerGrbg8,
             stride: 4,
             ..EXPECTED
         };
-        assert_eq!(whole(&bayer, 0, &[1; 12]), Ok(Whole::Rows(12)));
+        assert_eq!(whole(&bayer, 0, &[1; 12]), Ok(WholeFrame::Rows(12)));
     }
 
     #[test]

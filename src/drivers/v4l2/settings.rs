@@ -1,7 +1,7 @@
 //! Configures a V4L2 camera: writes each setting, reads it back, and fails by the setting's name if the two differ.
 
 use super::device::{self, Control};
-use super::frame::Expected;
+use super::frame::ExpectedFrame;
 use super::parameters::{Parameters, TriggerMode, four_letters};
 use crate::drivers::live::{CameraInfo, Fault};
 use crate::drivers::pixel_format::PixelFormat;
@@ -49,7 +49,7 @@ struct Setting<'a> {
 ///
 /// # Errors
 /// If it is not a V4L2 camera, or refused a setting.
-pub(super) fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, Expected), Fault> {
+pub(super) fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, ExpectedFrame), Fault> {
     let identity = identity(p, device)?;
     let format = format(p, device)?;
     let rate = rate(p, device)?;
@@ -68,7 +68,7 @@ pub(super) fn apply(p: &Parameters, device: &Device) -> Result<(CameraInfo, Expe
         .read(EXPOSURE)
         .map(|n| n as f64 / EXPOSURES_IN_A_SECOND);
     let period = rate.map_or(0.0, |r| 1.0 / r);
-    let expected = Expected {
+    let expected = ExpectedFrame {
         size: [format.width, format.height],
         format: p.pixel_format(),
         stride: format.stride,

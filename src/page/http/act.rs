@@ -92,7 +92,7 @@ fn end(app: &App, request: &Asked) -> Result<Response, Refusal> {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Press {
+struct PressBody {
     press_id: String,
     #[serde(default)]
     subject: Option<String>,
@@ -101,7 +101,7 @@ struct Press {
 /// Takes a capture; answered when it is on the disk.
 pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Response {
     let pressed = async {
-        let (_, asked): (_, Press) = operator(&app, request).await?;
+        let (_, asked): (_, PressBody) = operator(&app, request).await?;
         let is_fine = |b: u8| b.is_ascii_alphanumeric() || b == b'-';
         if !(8..=64).contains(&asked.press_id.len()) || !asked.press_id.bytes().all(is_fine) {
             return Err(Refusal::bad(
@@ -118,12 +118,12 @@ pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Respon
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Nothing {}
+struct EmptyBody {}
 
 /// Takes background pictures of the empty rig.
 pub(super) async fn plates(State(app): State<Arc<App>>, request: Asked) -> Response {
     let taken = async {
-        let (_, Nothing {}) = operator(&app, request).await?;
+        let (_, EmptyBody {}) = operator(&app, request).await?;
         ask(&app, Request::Background {}).await
     };
     answer(taken.await)

@@ -9,7 +9,7 @@ use scand::capture::CaptureSession;
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
 use scand::image::Grid;
 use scand::queue;
-use scand::reconstruct::{Parameters, Progress, Silent, Stage, reconstruct};
+use scand::reconstruct::{NoProgress, Parameters, Progress, Stage, reconstruct};
 use scand::recording::{Compression, Recording, Writer};
 use scand::sync;
 use std::path::{Path, PathBuf};
@@ -181,7 +181,7 @@ impl Place {
                     if reconstructing {
                         let mut parameters = Parameters::default();
                         parameters.hull.resolution = 24.0;
-                        let model = reconstruct(&scene, &parameters, &Silent);
+                        let model = reconstruct(&scene, &parameters, &NoProgress);
                         fates.models += usize::from(model.is_ok());
                     }
                 }

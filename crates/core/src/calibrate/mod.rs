@@ -17,10 +17,10 @@ pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
-    self, Finding, Fit, FittedCamera, Judgement, Limits, Measured, Testimony, Wanted, Witnesses,
-    diagnose, judge, missing, witnesses,
+    self, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits, Measured,
+    ScaleWitnessLimits, WitnessReading, diagnose, judge, missing, witnesses,
 };
-use crate::calibration::{DepthResponse, RigCalibration, Verdict};
+use crate::calibration::{CalibrationVerdict, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use std::collections::BTreeMap;
@@ -35,11 +35,11 @@ pub struct Options {
     /// Responses of depth cameras for which none is found.
     pub responses: BTreeMap<CameraId, DepthResponse>,
     /// What the session should have.
-    pub wanted: Wanted,
+    pub wanted: CoverageLimits,
     /// What the result is judged by.
     pub limits: Limits,
     /// What witnesses of the scale are expected to know.
-    pub witnesses: Witnesses,
+    pub witnesses: ScaleWitnessLimits,
     /// What was measured by hand.
     pub measured: Measured,
 }
@@ -54,7 +54,7 @@ pub struct Outcome {
     /// What the views that were left out agree on.
     pub findings: Vec<Finding>,
     /// What witnesses say of the scale, which the board's size sets.
-    pub scale: Vec<Testimony>,
+    pub scale: Vec<WitnessReading>,
     /// What they are worth.
     pub judgement: Judgement,
     /// What the session lacks, in words.
@@ -154,7 +154,7 @@ fn calibration(
         volume: fit.volume,
         // A thousandth of a millimetre is more than anybody knows.
         at_object_mm: fit.at_object().map(|m| (1e6 * m).round() / 1e3),
-        verdict: Some(Verdict {
+        verdict: Some(CalibrationVerdict {
             level: judgement.level,
             reasons: judgement.reasons.clone(),
         }),

@@ -1,7 +1,9 @@
 //! A rig's calibration as a TOML file, with a section for each camera.
 
 use super::camera::check_distance;
-use super::{Camera, DepthResponse, Distortion, Intrinsics, Level, Verdict, Volume};
+use super::{
+    CalibrationLevel, CalibrationVerdict, Camera, DepthResponse, Distortion, Intrinsics, Volume,
+};
 use crate::frame::CameraId;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -34,7 +36,7 @@ pub struct RigCalibration {
     /// The box that is reconstructed, where the file proposes one.
     pub volume: Option<Volume>,
     /// What it is worth, where that is known.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<CalibrationVerdict>,
     /// Standard deviation, in millimetres at the object, with which the cameras see points of the volume, if it is
     /// known.
     pub at_object_mm: Option<f64>,
@@ -47,7 +49,7 @@ struct Contents {
     /// 1.
     format: u32,
     /// `good`, `accepted`, `doubtful` or `refused`.
-    verdict: Option<Level>,
+    verdict: Option<CalibrationLevel>,
     /// Why it is not good.
     #[serde(default)]
     reasons: Vec<String>,
@@ -175,7 +177,9 @@ impl RigCalibration {
         Ok(Self {
             at_object_mm: contents.at_object_mm,
             volume: volume.transpose()?,
-            verdict: contents.verdict.map(|level| Verdict { level, reasons }),
+            verdict: contents
+                .verdict
+                .map(|level| CalibrationVerdict { level, reasons }),
             cameras: contents
                 .cameras
                 .into_iter()
@@ -226,7 +230,7 @@ impl RigCalibration {
     }
 }
 
-fn verdict_toml(verdict: &Verdict) -> String {
+fn verdict_toml(verdict: &CalibrationVerdict) -> String {
     let reason = |words: &String| format!("    {},\n", toml::Value::from(words.as_str()));
     let reasons: String = verdict.reasons.iter().map(reason).collect();
     let open = if reasons.is_empty() { "" } else { "\n" };
@@ -337,9 +341,9 @@ mod tests {
             vec![],
             vec!["a \"quoted\"\nreason".to_owned(), "0.7°".to_owned()],
         ] {
-            let level = Level::Doubtful;
+            let level = CalibrationLevel::Doubtful;
             let judged = RigCalibration {
-                verdict: Some(Verdict { level, reasons }),
+                verdict: Some(CalibrationVerdict { level, reasons }),
                 at_object_mm: Some(0.041),
                 ..calibration.clone()
             };

@@ -17,7 +17,7 @@ pub(crate) use camera::check_distance;
 pub use depth_response::DepthResponse;
 pub use file::{FileError, RigCalibration};
 pub use intrinsics::{Distortion, Intrinsics};
-pub use verdict::{CalibrationRecord, Level, Verdict};
+pub use verdict::{CalibrationLevel, CalibrationRecord, CalibrationVerdict};
 
 use nalgebra::{Point2, Point3};
 

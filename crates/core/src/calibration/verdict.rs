@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
     serde::Serialize, serde::Deserialize, Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord,
 )]
 #[serde(rename_all = "lowercase")]
-pub enum Level {
+pub enum CalibrationLevel {
     /// Nothing is amiss.
     Good,
     /// Good enough to work with.
@@ -19,7 +19,7 @@ pub enum Level {
     Refused,
 }
 
-impl Level {
+impl CalibrationLevel {
     /// All of them, the best first.
     const ALL: [Self; 4] = [Self::Good, Self::Accepted, Self::Doubtful, Self::Refused];
 
@@ -36,9 +36,9 @@ impl Level {
 
 /// A level with its reasons.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
-pub struct Verdict {
+pub struct CalibrationVerdict {
     /// What the calibration is worth.
-    pub level: Level,
+    pub level: CalibrationLevel,
     /// Why it is not good.
     pub reasons: Vec<String>,
 }
@@ -47,7 +47,7 @@ pub struct Verdict {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationRecord {
     /// What the calibration is worth.
-    pub verdict: Verdict,
+    pub verdict: CalibrationVerdict,
     /// SHA-256 of the calibration's file, as `sha256sum` prints it; `None` where the recording does not say it.
     pub file_sha256: Option<String>,
 }
@@ -75,7 +75,9 @@ impl CalibrationRecord {
         let Some(verdict) = pairs.get("verdict").map(|v| v.trim()) else {
             return Ok(None);
         };
-        let level = Level::ALL.into_iter().find(|l| l.name() == verdict);
+        let level = CalibrationLevel::ALL
+            .into_iter()
+            .find(|l| l.name() == verdict);
         let level = level.ok_or_else(|| Error::BadValue {
             what: "verdict",
             found: format!("{:?}", verdict.chars().take(40).collect::<String>()),
@@ -84,7 +86,7 @@ impl CalibrationRecord {
         let lines = pairs.get("reasons").map_or("", String::as_str).lines();
         let reasons = lines.map(str::trim).filter(|line| !line.is_empty());
         Ok(Some(Self {
-            verdict: Verdict {
+            verdict: CalibrationVerdict {
                 level,
                 reasons: reasons.map(str::to_owned).collect(),
             },
@@ -100,8 +102,8 @@ mod tests {
     #[test]
     fn what_a_recording_says_of_its_calibration_is_read_back() {
         let record = CalibrationRecord {
-            verdict: Verdict {
-                level: Level::Doubtful,
+            verdict: CalibrationVerdict {
+                level: CalibrationLevel::Doubtful,
                 reasons: vec!["camera c02 moved by 0.70°".into(), "two\nlines".into()],
             },
             file_sha256: Some("ab12".into()),
@@ -115,7 +117,7 @@ mod tests {
         );
         assert_eq!(
             (read.verdict.level, read.file_sha256),
-            (Level::Doubtful, record.file_sha256)
+            (CalibrationLevel::Doubtful, record.file_sha256)
         );
         let unknown = BTreeMap::from([("file_sha256".to_owned(), "ab12".to_owned())]);
         assert_eq!(CalibrationRecord::from_pairs(&unknown), Ok(None));

@@ -1,7 +1,7 @@
 //! The digests: short texts computed from everything that a model depends on, so that the same digest means the
 //! same model.
 
-use crate::calibration::{Camera, Verdict};
+use crate::calibration::{CalibrationVerdict, Camera};
 use crate::reconstruct::{Scene, SilhouetteSource};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 /// if that is known, the configuration as text, the data about the object, and the program's version.
 pub fn digest(
     input: &str,
-    calibration: Option<&Verdict>,
+    calibration: Option<&CalibrationVerdict>,
     configuration: &str,
     description: &str,
 ) -> String {

@@ -1,6 +1,6 @@
 //! Facts about a capture that are not in its pictures, for the verdict and the report. Data only.
 
-use crate::calibration::Verdict;
+use crate::calibration::CalibrationVerdict;
 use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::recording::Damage;
 use serde::Serialize;
@@ -27,9 +27,9 @@ pub struct CaptureFacts {
     pub depths: Vec<DepthFacts>,
     /// What the calibration is worth, where that is known.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub calibration: Option<Verdict>,
+    pub calibration: Option<CalibrationVerdict>,
     /// Cameras that take no part, each a reason for amber.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<LeftOutCamera>,
     /// What else a person should know.
     pub warnings: Vec<String>,
     /// Parts of the file that could not be read.
@@ -75,7 +75,7 @@ pub struct DepthFacts {
 
 /// A camera that takes no part.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
+pub struct LeftOutCamera {
     /// The camera.
     pub camera: CameraId,
     /// Why.

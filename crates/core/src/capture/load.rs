@@ -2,12 +2,12 @@
 //! replay and the synchronisation.
 
 use super::error::Error;
-use super::facts::{CaptureFacts, LeftOut};
+use super::facts::{CaptureFacts, LeftOutCamera};
 use super::pictures::Backgrounds;
 use super::plan::{ColorPlan, DepthPlan, ImageBatch, Plan};
 use super::replay::{self, Event};
 use super::rig::RigAt;
-use crate::calibration::Verdict;
+use crate::calibration::CalibrationVerdict;
 use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::notes::CaptureNotes;
 use crate::reconstruct::Scene;
@@ -79,9 +79,9 @@ impl Planned {
 pub struct CaptureSession {
     recording: Recording,
     /// What the recorded calibration is worth, where that is known.
-    calibration: Option<Verdict>,
+    calibration: Option<CalibrationVerdict>,
     captures: Vec<Planned>,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<LeftOutCamera>,
     warnings: Vec<String>,
     notes: Notes,
     /// Decoded backgrounds of the capture before; most captures of a session share them.
@@ -147,7 +147,7 @@ impl CaptureSession {
     }
 
     /// Cameras that take no part in any capture.
-    pub fn left_out(&self) -> &[LeftOut] {
+    pub fn left_out(&self) -> &[LeftOutCamera] {
         &self.left_out
     }
 
@@ -254,8 +254,8 @@ impl CaptureSession {
     }
 
     /// The cameras that take no part in a capture.
-    fn left_out_of(&self, capture: &Capture<MessageRef>) -> Vec<LeftOut> {
-        let short = capture.shortfalls.iter().map(|shortfall| LeftOut {
+    fn left_out_of(&self, capture: &Capture<MessageRef>) -> Vec<LeftOutCamera> {
+        let short = capture.shortfalls.iter().map(|shortfall| LeftOutCamera {
             camera: shortfall.camera.clone(),
             reason: shortfall.to_string(),
         });
@@ -295,7 +295,7 @@ impl CaptureSession {
 }
 
 /// The first reasons of many, in words that follow others.
-fn first_reasons(left_out: &[LeftOut]) -> String {
+fn first_reasons(left_out: &[LeftOutCamera]) -> String {
     const MOST: usize = 3;
     let first = left_out
         .iter()
@@ -310,7 +310,7 @@ fn first_reasons(left_out: &[LeftOut]) -> String {
 
 /// The cameras whose frames make captures: those with both images and a calibration. The others are left
 /// out, with the reason.
-fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOut>) {
+fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOutCamera>) {
     let has = |topic: Topic| !recording.messages(&topic).is_empty();
     let ids = |of: fn(&Topic) -> Option<&CameraId>| -> BTreeSet<CameraId> {
         recording.topics().filter_map(of).cloned().collect()
@@ -327,7 +327,7 @@ fn cameras(recording: &Recording) -> (sync::Cameras, Vec<LeftOut>) {
             }
         };
         let camera = camera.clone();
-        left_out.push(LeftOut { camera, reason });
+        left_out.push(LeftOutCamera { camera, reason });
         false
     };
     for id in ids(|t| match t {

@@ -15,7 +15,7 @@ mod rig;
 
 pub use digest::{calibration_digest, digest, input_digest};
 pub use error::Error;
-pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOut, Silhouette};
+pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOutCamera, Silhouette};
 pub use load::{CaptureSession, CaptureSummary};
 pub use picture_files::PictureFiles;
 pub use placements::{Placements, Readings, Shot};

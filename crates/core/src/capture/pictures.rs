@@ -39,7 +39,7 @@ impl Kind {
 
 /// A picture to be read.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Wanted {
+pub(super) struct PictureRequest {
     pub topic: Topic,
     pub message: MessageRef,
     pub kind: Kind,
@@ -55,7 +55,10 @@ pub(super) enum Decoded {
 }
 
 /// Reads all of `wanted`; the results are in its order.
-pub(super) fn read_all(recording: &Recording, wanted: &[Wanted]) -> Result<Vec<Decoded>, Error> {
+pub(super) fn read_all(
+    recording: &Recording,
+    wanted: &[PictureRequest],
+) -> Result<Vec<Decoded>, Error> {
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by_key(|&i| wanted[i].message.chunk());
     let chunks: Vec<&[usize]> = order
@@ -78,11 +81,15 @@ pub(super) fn read_all(recording: &Recording, wanted: &[Wanted]) -> Result<Vec<D
 }
 
 /// The picture, still encoded; it shares its chunk's memory.
-fn fetch(recording: &Recording, wanted: &Wanted) -> Result<Picture, Error> {
+fn fetch(recording: &Recording, wanted: &PictureRequest) -> Result<Picture, Error> {
     Ok(recording.picture(&wanted.topic, &wanted.message)?)
 }
 
-fn decode(recording: &Recording, picture: &Picture, wanted: &Wanted) -> Result<Decoded, Error> {
+fn decode(
+    recording: &Recording,
+    picture: &Picture,
+    wanted: &PictureRequest,
+) -> Result<Decoded, Error> {
     decoded(picture, wanted).map_err(|problem| Error::Picture {
         path: recording.path().into(),
         topic: wanted.topic.to_string(),
@@ -91,7 +98,7 @@ fn decode(recording: &Recording, picture: &Picture, wanted: &Wanted) -> Result<D
     })
 }
 
-fn decoded(picture: &Picture, wanted: &Wanted) -> Result<Decoded, DecodeError> {
+fn decoded(picture: &Picture, wanted: &PictureRequest) -> Result<Decoded, DecodeError> {
     let size = wanted.size;
     Ok(match wanted.kind {
         Kind::Color { linear } => {

@@ -166,13 +166,13 @@ impl Placements {
         }
         let of = |capture: &Capture<MessageRef>| {
             let placement = capture.trigger.id.to_string();
-            let color = |(id, frame): (&CameraId, &sync::Stamped<MessageRef>)| Shot {
+            let color = |(id, frame): (&CameraId, &sync::TimedFrame<MessageRef>)| Shot {
                 placement: placement.clone(),
                 camera: id.clone(),
                 measures_depth: false,
                 place: Place::Message(Topic::Color(id.clone(), ColorPart::Image), frame.handle),
             };
-            let depth = |(id, takes): (&CameraId, &Vec<sync::DepthTake<MessageRef>>)| {
+            let depth = |(id, takes): (&CameraId, &Vec<sync::DepthWithColor<MessageRef>>)| {
                 let color = takes.iter().find_map(|take| take.color.as_ref())?;
                 Some(Shot {
                     placement: placement.clone(),
@@ -193,7 +193,7 @@ impl Placements {
         let of = |capture: &Capture<MessageRef>| {
             let placement = capture.trigger.id.to_string();
             let readings =
-                move |(id, takes): (&CameraId, &Vec<sync::DepthTake<MessageRef>>)| Readings {
+                move |(id, takes): (&CameraId, &Vec<sync::DepthWithColor<MessageRef>>)| Readings {
                     placement: placement.clone(),
                     camera: id.clone(),
                     topic: Topic::Depth(id.clone(), DepthPart::Image),

@@ -2,28 +2,28 @@
 
 use super::error::Error;
 use super::facts::{ColorFacts, DepthFacts, Silhouette};
-use super::pictures::{Backgrounds, Decoded, Kind, Wanted, read_all};
+use super::pictures::{Backgrounds, Decoded, Kind, PictureRequest, read_all};
 use super::rig::RigAt;
 use crate::calibration::{Camera, DepthCamera};
 use crate::frame::{CameraId, Timestamp, Transfer};
 use crate::image::{Grid, Mask, RgbImage};
 use crate::reconstruct::{ColorView, DepthFrame, DepthView, SilhouetteSource};
 use crate::recording::{ColorPart, DepthPart, MessageRef, Recording, Topic};
-use crate::sync::{DepthTake, Stamped};
+use crate::sync::{DepthWithColor, TimedFrame};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// The images that a capture needs, each read once; an index stands for each.
 #[derive(Default)]
 pub(super) struct ImageBatch {
-    wanted: Vec<Wanted>,
+    wanted: Vec<PictureRequest>,
     decoded: Vec<Option<Decoded>>,
     places: BTreeMap<(MessageRef, bool), usize>,
 }
 
 impl ImageBatch {
     /// Asks for a picture; one that was asked for before has its place already.
-    fn want(&mut self, wanted: Wanted) -> usize {
+    fn want(&mut self, wanted: PictureRequest) -> usize {
         let key = key(&wanted);
         *self.places.entry(key).or_insert_with(|| {
             self.wanted.push(wanted);
@@ -38,7 +38,7 @@ impl ImageBatch {
         trigger: Timestamp,
     ) -> Result<(), Error> {
         const LITTLE: u64 = 512 << 20;
-        let pixels = |w: &Wanted| w.size.0 as u64 * w.size.1 as u64;
+        let pixels = |w: &PictureRequest| w.size.0 as u64 * w.size.1 as u64;
         let bytes = self.wanted.iter().map(|w| pixels(w) * w.kind.bytes()).sum();
         let most = LITTLE.saturating_add(recording.file_length().saturating_mul(100));
         match self.wanted.iter().max_by_key(|w| pixels(w)) {
@@ -56,12 +56,12 @@ impl ImageBatch {
 
     /// Reads what is wanted and not among the pictures that are `kept`.
     pub(super) fn fill(&mut self, recording: &Recording, kept: &Backgrounds) -> Result<(), Error> {
-        let of_kept = |w: &Wanted| kept.get(&key(w)).cloned().map(Decoded::Color);
+        let of_kept = |w: &PictureRequest| kept.get(&key(w)).cloned().map(Decoded::Color);
         self.decoded = self.wanted.iter().map(of_kept).collect();
         let missing: Vec<usize> = (0..self.wanted.len())
             .filter(|&i| self.decoded[i].is_none())
             .collect();
-        let wanted: Vec<Wanted> = missing.iter().map(|&i| self.wanted[i].clone()).collect();
+        let wanted: Vec<PictureRequest> = missing.iter().map(|&i| self.wanted[i].clone()).collect();
         for (i, decoded) in missing.into_iter().zip(read_all(recording, &wanted)?) {
             self.decoded[i] = Some(decoded);
         }
@@ -109,7 +109,7 @@ impl ImageBatch {
     }
 }
 
-fn key(wanted: &Wanted) -> (MessageRef, bool) {
+fn key(wanted: &PictureRequest) -> (MessageRef, bool) {
     (wanted.message, wanted.kind == Kind::Color { linear: true })
 }
 
@@ -142,14 +142,14 @@ impl Plan<'_> {
     pub(super) fn color(
         &mut self,
         id: &CameraId,
-        frame: &Stamped<MessageRef>,
+        frame: &TimedFrame<MessageRef>,
     ) -> Result<ColorPlan, Error> {
         let camera = self.rig.color(id)?;
         let size = (camera.intrinsics.width, camera.intrinsics.height);
         let linear = self.rig.settings(id)?.transfer == Transfer::Linear;
         let topic = |part| Topic::Color(id.clone(), part);
         let mut want = |part, message, kind| {
-            self.batch.want(Wanted {
+            self.batch.want(PictureRequest {
                 topic: topic(part),
                 message,
                 kind,
@@ -200,13 +200,13 @@ impl Plan<'_> {
     pub(super) fn depth(
         &mut self,
         id: &CameraId,
-        takes: &[DepthTake<MessageRef>],
+        takes: &[DepthWithColor<MessageRef>],
     ) -> Result<DepthPlan, Error> {
         let camera = self.rig.depth(id)?;
         let lens = &camera.camera.intrinsics;
         let size = (lens.width, lens.height);
         let mut want = |part, message, kind| {
-            self.batch.want(Wanted {
+            self.batch.want(PictureRequest {
                 topic: Topic::Depth(id.clone(), part),
                 message,
                 kind,
@@ -224,7 +224,7 @@ impl Plan<'_> {
             })
             .collect();
         let colors: BTreeSet<usize> = frames.iter().filter_map(|(_, color)| *color).collect();
-        let lag = |take: &DepthTake<MessageRef>| {
+        let lag = |take: &DepthWithColor<MessageRef>| {
             let color = take.color.as_ref()?.timestamp;
             Some(take.depth.timestamp.0.abs_diff(color.0))
         };

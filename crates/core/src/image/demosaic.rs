@@ -201,7 +201,7 @@ fn west(plane: usize) -> isize {
 }
 
 /// The pixels of a plane in a row and those around them, each as a slice with one value a pair of columns.
-struct Around<'a> {
+struct Neighborhood<'a> {
     center: &'a [i16],
     /// Two pixels above, below, to the left and to the right.
     far: [&'a [i16]; 4],
@@ -211,7 +211,7 @@ struct Around<'a> {
     corners: [&'a [i16]; 4],
 }
 
-impl<'a> Around<'a> {
+impl<'a> Neighborhood<'a> {
     /// Around the pixels of `plane` in the third of five rows.
     #[inline(always)]
     fn new(lines: &'a [Line; 5], plane: usize, n: usize) -> Self {
@@ -237,7 +237,7 @@ impl<'a> Around<'a> {
 /// Green and the diagonal colour where the row's primary is (Fig. 2, first and last filter of the paper).
 fn at_primary(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
     let n = out.green.len();
-    let around = Around::new(lines, plane, n);
+    let around = Neighborhood::new(lines, plane, n);
     let (c, [u, d, l, r]) = (around.center, around.far);
     let ([gn, gs, gw, ge], [nw, ne, sw, se]) = (around.beside, around.corners);
     let (green, diagonal) = (&mut out.green[..n], &mut out.diagonal[..n]);
@@ -253,7 +253,7 @@ fn at_primary(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
 /// The row's primary and the other colour where green is (Fig. 2, second and third filter of the paper).
 fn at_green(lines: &[Line; 5], plane: usize, out: &mut Scratch) {
     let n = out.green.len();
-    let around = Around::new(lines, plane, n);
+    let around = Neighborhood::new(lines, plane, n);
     let (c, [u, d, l, r]) = (around.center, around.far);
     let ([vn, vs, hw, he], [nw, ne, sw, se]) = (around.beside, around.corners);
     let (horizontal, vertical) = (&mut out.horizontal[..n], &mut out.vertical[..n]);

@@ -7,7 +7,7 @@ pub fn pack(sizes: &[[usize; 2]], width: usize) -> Option<(Vec<[usize; 2]>, usiz
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse((sizes[i][1], sizes[i][0])), i));
     let mut skyline = Skyline {
-        steps: vec![Step { x: 0, y: 0 }],
+        steps: vec![SkylineStep { x: 0, y: 0 }],
         width,
     };
     let mut places = vec![[0; 2]; sizes.len()];
@@ -22,13 +22,13 @@ pub fn pack(sizes: &[[usize; 2]], width: usize) -> Option<(Vec<[usize; 2]>, usiz
 
 /// From `x` to the next step's `x` everything below `y` is taken.
 #[derive(Clone, Copy)]
-struct Step {
+struct SkylineStep {
     x: usize,
     y: usize,
 }
 
 struct Skyline {
-    steps: Vec<Step>,
+    steps: Vec<SkylineStep>,
     width: usize,
 }
 
@@ -71,7 +71,7 @@ impl Skyline {
         let after = self.steps[last - 1].y;
         let next = self.steps.get(last).map_or(self.width, |s| s.x);
         self.steps[first].y = y;
-        let rest = (next > end).then_some(Step { x: end, y: after });
+        let rest = (next > end).then_some(SkylineStep { x: end, y: after });
         self.steps.splice(first + 1..last, rest);
     }
 }

@@ -2,7 +2,7 @@
 //! as they are, because a note may be taken back.
 
 use super::{Error, report_file};
-use crate::notes::{CaptureNotes, Said};
+use crate::notes::{CaptureNote, CaptureNotes};
 use crate::output;
 use crate::report;
 use crate::storage::write_atomically;
@@ -30,7 +30,7 @@ pub fn mark(folder: &Path, notes: &CaptureNotes) -> Result<(), Error> {
 ///
 /// # Errors
 /// As for [`mark`].
-pub fn mark_also(folder: &Path, said: &[Said]) -> Result<(), Error> {
+pub fn mark_also(folder: &Path, said: &[CaptureNote]) -> Result<(), Error> {
     mark_with(folder, |before| {
         CaptureNotes::new(before.said.iter().chain(said).cloned().collect())
     })
@@ -129,8 +129,8 @@ mod tests {
     use crate::image::RgbImage;
     use crate::notes::{Decision, NoteKind};
 
-    fn said(kind: NoteKind, time: u64) -> Said {
-        Said {
+    fn said(kind: NoteKind, time: u64) -> CaptureNote {
+        CaptureNote {
             time_ns: Timestamp(time),
             kind,
             text: "a hand".into(),

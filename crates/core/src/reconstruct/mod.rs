@@ -21,6 +21,6 @@ pub use pipeline::{
     DepthResult, Error, Method, Parameters, Reconstruction, reconstruct, reconstruct_from,
     silhouettes,
 };
-pub use progress::{Progress, Silent, Stage};
+pub use progress::{NoProgress, Progress, Stage};
 pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};
 pub use standing::{OwnDepth, Standing};

@@ -2,8 +2,8 @@
 
 use super::depth::{self, EnhancedDepth};
 use super::fairing::{self, Faired};
-use super::hull::{self, Cone, Extracted, Fairing, Hull};
-use super::region::{self, Front, Regions};
+use super::hull::{self, Cone, ExtractedSurface, Fairing, Hull};
+use super::region::{self, HullRenderings, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
@@ -180,7 +180,7 @@ pub fn reconstruct_from(
 
     begin(Stage::Fairing)?;
     let faired = faired(&hull, &lattice, &extracted, &parameters.hull);
-    let (solid, start): (&dyn Solid, &Extracted) = match &faired {
+    let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
         Some((faired, extracted)) => (&faired.body, extracted),
         None => (&hull, &extracted),
     };
@@ -250,9 +250,9 @@ fn begin(stage: Stage, progress: &dyn Progress) -> Result<(), Error> {
 fn faired(
     hull: &Hull,
     lattice: &Lattice,
-    extracted: &Extracted,
+    extracted: &ExtractedSurface,
     parameters: &hull::Parameters,
-) -> Option<(Faired, Extracted)> {
+) -> Option<(Faired, ExtractedSurface)> {
     match parameters.fairing {
         Fairing::None => None,
         Fairing::Touch => {
@@ -329,9 +329,9 @@ fn depths(
     }
     let normals = vertex_normals(&hull.mesh);
     let threshold = parameters.region.front_threshold;
-    let mut enhanced: Vec<(Front, Mask, EnhancedDepth)> = Vec::new();
+    let mut enhanced: Vec<(HullRenderings, Mask, EnhancedDepth)> = Vec::new();
     for view in &scene.depths {
-        let front = Front::render(&hull.mesh, &normals, &view.camera, threshold);
+        let front = HullRenderings::render(&hull.mesh, &normals, &view.camera, threshold);
         let object = front.object_pixels(OBJECT_MARGIN_PX);
         let depth = depth::enhance(view, &object, &parameters.depth)?;
         enhanced.push((front, object, depth));

@@ -12,9 +12,9 @@ pub trait Progress: Sync {
 }
 
 /// Hears nothing, stops nothing.
-pub struct Silent;
+pub struct NoProgress;
 
-impl Progress for Silent {
+impl Progress for NoProgress {
     fn stage(&self, _: Stage) {}
 }
 

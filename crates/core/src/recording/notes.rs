@@ -4,7 +4,7 @@
 use super::recovery::finished_name;
 use super::{Error, Note, Recording, Topic, json};
 use crate::frame::Timestamp;
-use crate::notes::{CaptureNotes, NoteKind, Said};
+use crate::notes::{CaptureNote, CaptureNotes, NoteKind};
 use crate::storage::sync_parent;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -23,8 +23,8 @@ const LONGEST_TEXT: usize = 4096;
 
 impl Note {
     /// What it says, as of `time`.
-    pub fn said(&self, time: Timestamp) -> Said {
-        Said {
+    pub fn said(&self, time: Timestamp) -> CaptureNote {
+        CaptureNote {
             time_ns: time,
             kind: NoteKind::of(&self.kind),
             text: self.text.chars().take(LONGEST_TEXT).collect(),
@@ -36,7 +36,7 @@ impl Note {
 /// The notes on all captures of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Notes {
-    by_name: BTreeMap<String, Vec<Said>>,
+    by_name: BTreeMap<String, Vec<CaptureNote>>,
     problems: Vec<String>,
 }
 

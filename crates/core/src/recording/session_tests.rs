@@ -2,7 +2,7 @@
 
 use super::testing::{Rig, at, frame, trigger};
 use super::*;
-use crate::calibration::{CalibrationRecord, Level, Verdict};
+use crate::calibration::{CalibrationLevel, CalibrationRecord, CalibrationVerdict};
 use crate::frame::{Stream, Timestamp};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn session_header(rig: &Rig) -> SessionHeader {
         colors: rig.colors.clone(),
         depths: vec![rig.depth.clone()],
         volume: Some(rig.volume),
-        calibration: Some(judged(Level::Doubtful)),
+        calibration: Some(judged(CalibrationLevel::Doubtful)),
         settings: BTreeMap::new(),
         backgrounds: colors.map(|c| (c.id.clone(), (at(1), plate(1)))).collect(),
         configuration: "[rig]\nname = \"test\"\n".into(),
@@ -22,9 +22,9 @@ fn session_header(rig: &Rig) -> SessionHeader {
     }
 }
 
-fn judged(level: Level) -> CalibrationRecord {
+fn judged(level: CalibrationLevel) -> CalibrationRecord {
     CalibrationRecord {
-        verdict: Verdict {
+        verdict: CalibrationVerdict {
             level,
             reasons: vec!["camera c0 moved by 0.70°".into()],
         },
@@ -96,7 +96,7 @@ fn each_file_of_a_session_stands_alone() {
         let about = &session.unwrap().1;
         assert_eq!((&*about["operator"], &*about["name"]), ("Ann", "s"));
         let said = recording.calibration_record().unwrap();
-        assert_eq!(said, Some(judged(Level::Doubtful)), "{name}");
+        assert_eq!(said, Some(judged(CalibrationLevel::Doubtful)), "{name}");
     }
 }
 

@@ -1,7 +1,9 @@
 //! The report of one capture as data; `docs/report.schema.json` describes its JSON. Only the members under `timing`
 //! may differ between two runs over the same input.
 
-use super::{ColorMeasures, DepthMeasures, Exchanged, Measurements, ModelMeasures, Moved, Verdict};
+use super::{
+    ColorMeasures, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera, Verdict,
+};
 use crate::capture::CaptureFacts;
 use crate::description::Description;
 use crate::frame::{CaptureId, Timestamp};
@@ -90,7 +92,7 @@ pub struct Report<'a> {
     /// The colour cameras.
     pub color_cameras: &'a [ColorMeasures],
     /// The camera that has moved since the calibration, if one has.
-    pub moved: Option<&'a Moved>,
+    pub moved: Option<&'a MovedCamera>,
     /// The two cameras that are exchanged, if two are.
     pub exchanged: Option<&'a Exchanged>,
     /// The median over the cameras of their silhouettes' shift, as a share of the object's longest side.

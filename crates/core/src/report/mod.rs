@@ -13,8 +13,8 @@ pub use document::{
     FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
 };
 pub use measure::{
-    ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, Moved,
+    ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera,
     ProvenanceMeasures, RegionMeasures, measure,
 };
 pub use preview::{CaptureViews, preview, preview_object, stamp};
-pub use verdict::{Code, Limits, Parameters, Reason, Verdict, judge};
+pub use verdict::{Limits, Parameters, Reason, ReasonCode, Verdict, judge};

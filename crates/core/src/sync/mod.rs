@@ -83,7 +83,7 @@ pub type Listed = BTreeMap<CameraId, Vec<Timestamp>>;
 
 /// A frame that was handed in.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Stamped<H> {
+pub struct TimedFrame<H> {
     /// When its exposure began.
     pub timestamp: Timestamp,
     /// What stands for it.
@@ -92,11 +92,11 @@ pub struct Stamped<H> {
 
 /// A depth frame with the colour picture nearest in time, if there is one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DepthTake<H> {
+pub struct DepthWithColor<H> {
     /// The readings.
-    pub depth: Stamped<H>,
+    pub depth: TimedFrame<H>,
     /// The colour picture.
-    pub color: Option<Stamped<H>>,
+    pub color: Option<TimedFrame<H>>,
 }
 
 /// A camera that gave too few frames.
@@ -148,9 +148,9 @@ pub struct Capture<H> {
     /// What asked for it.
     pub trigger: Trigger,
     /// The frame of each colour camera that gave one.
-    pub colors: BTreeMap<CameraId, Stamped<H>>,
+    pub colors: BTreeMap<CameraId, TimedFrame<H>>,
     /// The frames of each depth camera that gave enough, oldest first.
-    pub depths: BTreeMap<CameraId, Vec<DepthTake<H>>>,
+    pub depths: BTreeMap<CameraId, Vec<DepthWithColor<H>>>,
     /// Cameras that gave too few.
     pub shortfalls: Vec<Shortfall>,
     /// Whether the capture goes on with what it has.
@@ -187,7 +187,7 @@ struct Open {
 pub struct Synchronizer<H> {
     parameters: Parameters,
     cameras: Cameras,
-    streams: BTreeMap<(CameraId, Stream), VecDeque<Stamped<H>>>,
+    streams: BTreeMap<(CameraId, Stream), VecDeque<TimedFrame<H>>>,
     open: VecDeque<Open>,
     seen: BTreeSet<CaptureId>,
     /// Where the window of the last closed capture ended.
@@ -226,7 +226,7 @@ impl<H: Clone> Synchronizer<H> {
         let frames = self.streams.entry((camera.clone(), stream)).or_default();
         let at = frames.partition_point(|f| f.timestamp < timestamp);
         if frames.get(at).is_none_or(|f| f.timestamp != timestamp) {
-            frames.insert(at, Stamped { timestamp, handle });
+            frames.insert(at, TimedFrame { timestamp, handle });
         }
     }
 
@@ -361,7 +361,7 @@ impl<H: Clone> Synchronizer<H> {
         stream: Stream,
         open: &Open,
         window: [Timestamp; 2],
-    ) -> Vec<Stamped<H>> {
+    ) -> Vec<TimedFrame<H>> {
         let key = (camera.clone(), stream);
         let Some(frames) = self.streams.get(&key) else {
             return Vec::new();
@@ -380,7 +380,7 @@ impl<H: Clone> Synchronizer<H> {
         &self,
         camera: &CameraId,
         stream: Stream,
-        frames: &VecDeque<Stamped<H>>,
+        frames: &VecDeque<TimedFrame<H>>,
         open: &Open,
         window: [Timestamp; 2],
     ) -> Vec<usize> {
@@ -396,7 +396,7 @@ impl<H: Clone> Synchronizer<H> {
         &self,
         camera: &CameraId,
         stream: Stream,
-        frames: &VecDeque<Stamped<H>>,
+        frames: &VecDeque<TimedFrame<H>>,
         open: &Open,
         window: [Timestamp; 2],
     ) -> Vec<usize> {
@@ -428,9 +428,9 @@ impl<H: Clone> Synchronizer<H> {
     fn with_colors(
         &mut self,
         camera: &CameraId,
-        taken: Vec<Stamped<H>>,
+        taken: Vec<TimedFrame<H>>,
         window: [Timestamp; 2],
-    ) -> Vec<DepthTake<H>> {
+    ) -> Vec<DepthWithColor<H>> {
         let colors = self
             .streams
             .entry((camera.clone(), Stream::DepthColor))
@@ -443,7 +443,7 @@ impl<H: Clone> Synchronizer<H> {
         let end = window[1].max(Timestamp(listed_until));
         let back = first.0.saturating_sub(self.parameters.window_ns());
         let start = Timestamp(back).max(self.closed_until.min(first));
-        let near: Vec<Stamped<H>> = colors
+        let near: Vec<TimedFrame<H>> = colors
             .iter()
             .filter(|c| start <= c.timestamp && c.timestamp < end)
             .cloned()
@@ -451,7 +451,7 @@ impl<H: Clone> Synchronizer<H> {
         let nearest = |t: Timestamp| near.iter().min_by_key(|c| distance(c.timestamp, t));
         taken
             .into_iter()
-            .map(|depth| DepthTake {
+            .map(|depth| DepthWithColor {
                 color: nearest(depth.timestamp).cloned(),
                 depth,
             })

@@ -44,7 +44,7 @@ impl Default for ColorOptions {
 /// Bayer, grey and RGB pictures are sent as they are, all others as RGB. A camera's clock runs from when it is switched
 /// on, and can be latched.
 pub struct ColorRig {
-    stations: BTreeMap<CameraId, Station>,
+    stations: BTreeMap<CameraId, ServedCamera>,
     players: Players,
     captures: Vec<Timestamp>,
     options: ColorOptions,
@@ -56,7 +56,7 @@ pub struct ColorRig {
 type Players = Arc<Mutex<BTreeMap<CameraId, Player>>>;
 
 /// A camera's place, which stays while the camera is off.
-struct Station {
+struct ServedCamera {
     address: Ipv4Addr,
     serial: String,
     scene: Arc<Scene>,
@@ -78,7 +78,7 @@ impl ColorRig {
         for (i, (id, messages)) in captures.cameras.into_iter().enumerate() {
             let address = u32::from(options.first_address).wrapping_add(i as u32);
             let (album, first) = Album::open(recording.clone(), id.clone(), messages)?;
-            let station = Station {
+            let station = ServedCamera {
                 address: address.into(),
                 serial: serial(&id, i),
                 scene: Arc::new(Scene::new(album, first)),
@@ -228,7 +228,7 @@ impl ColorRig {
         self.players().get(id).map(f)
     }
 
-    fn station(&self, id: &CameraId) -> Result<&Station, Error> {
+    fn station(&self, id: &CameraId) -> Result<&ServedCamera, Error> {
         let station = self.stations.get(id);
         station.ok_or_else(|| Error::Unservable(format!("there is no colour camera {id}")))
     }

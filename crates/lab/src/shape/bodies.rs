@@ -1,6 +1,6 @@
 //! Bodies that are not surfaces of revolution, given by signed distances.
 
-use super::profiles::{self, Swept};
+use super::profiles::{self, SweptProfile};
 use nalgebra::{Point3, Vector3};
 use std::f64::consts::{PI, TAU};
 
@@ -46,7 +46,7 @@ pub(super) fn fruit_at(p: Point3<f64>) -> Option<usize> {
 }
 
 pub(super) fn fruit_bowl() -> Body {
-    let bowl = Swept::new(&profiles::fruit_bowl());
+    let bowl = SweptProfile::new(&profiles::fruit_bowl());
     Body {
         distance: Box::new(move |p| {
             let fruit = FRUIT
@@ -62,7 +62,7 @@ pub(super) fn fruit_bowl() -> Body {
 pub(super) fn revolution(profile: &profiles::Profile) -> Body {
     let most = |a: usize| profile.points.iter().fold(0.0, |m: f64, p| m.max(p[a]));
     let (radius, height) = (most(0), most(1));
-    let swept = Swept::new(profile);
+    let swept = SweptProfile::new(profile);
     Body::new(
         move |p| revolved(&swept, p),
         [[-radius, -radius, 0.0], [radius, radius, height]],
@@ -153,7 +153,7 @@ fn ribs(p: Point3<f64>, radius: f64) -> f64 {
     }
 }
 
-fn revolved(swept: &Swept, p: Point3<f64>) -> f64 {
+fn revolved(swept: &SweptProfile, p: Point3<f64>) -> f64 {
     swept.distance(p.x.hypot(p.y), p.z)
 }
 

@@ -41,7 +41,7 @@ impl Profile {
 
 /// Signed distance to the solid that a profile sweeps: its segments in runs with a box around each, so that
 /// most are never looked at.
-pub(super) struct Swept {
+pub(super) struct SweptProfile {
     runs: Vec<Run>,
 }
 
@@ -51,7 +51,7 @@ struct Run {
     max: [f64; 2],
 }
 
-impl Swept {
+impl SweptProfile {
     pub(super) fn new(profile: &Profile) -> Self {
         let segments: Vec<_> = profile.segments().collect();
         Self {

@@ -3,7 +3,7 @@
 
 use scand_core::evaluate::load::LoadedModel;
 use scand_core::evaluate::{self, Expected, evaluate};
-use scand_core::reconstruct::{self, Provenance, Silent, reconstruct};
+use scand_core::reconstruct::{self, NoProgress, Provenance, reconstruct};
 use scand_lab::{Options, Shape, Simulation};
 
 /// One reconstruction.
@@ -39,7 +39,7 @@ impl Run {
         let simulation = Simulation::new(self.options.clone()).unwrap();
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = self.resolution;
-        let model = reconstruct(&simulation.scene(0), &parameters, &Silent)
+        let model = reconstruct(&simulation.scene(0), &parameters, &NoProgress)
             .unwrap()
             .model;
         let model = LoadedModel {

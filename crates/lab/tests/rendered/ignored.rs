@@ -5,7 +5,7 @@ use crate::poses::{moved, posed};
 use nalgebra::{Point3, Vector3};
 use scand_core::image::Mask;
 use scand_core::mesh::Bvh;
-use scand_core::reconstruct::{Method, Parameters, Reconstruction, Scene, Silent, reconstruct};
+use scand_core::reconstruct::{Method, NoProgress, Parameters, Reconstruction, Scene, reconstruct};
 use scand_core::report::{Measurements, measure};
 use scand_lab::{CaptureFault, Options, Shape, Simulation};
 
@@ -29,7 +29,7 @@ fn made(scene: &Scene) -> (Reconstruction, Measurements) {
         method: Method::Hull,
         ..Parameters::default()
     };
-    let made = reconstruct(scene, &parameters, &Silent).unwrap();
+    let made = reconstruct(scene, &parameters, &NoProgress).unwrap();
     let measured = measure(scene, &made, Method::Hull);
     (made, measured)
 }

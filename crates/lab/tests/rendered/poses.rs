@@ -5,7 +5,7 @@ use scand_core::calibration::Camera;
 use scand_core::image::Mask;
 use scand_core::mesh::{Mesh, rasterize};
 use scand_lab::{
-    CaptureFault, ColorStation, Exchange, Options, Other, Pose, Shape, Simulation, poses_json,
+    CaptureFault, ColorStation, Exchange, Options, OtherObject, Pose, Shape, Simulation, poses_json,
 };
 
 pub(crate) fn posed(shape: Shape, poses: &str, change: impl FnOnce(&mut Options)) -> Options {
@@ -129,7 +129,7 @@ fn a_chip_is_out_of_later_captures_and_another_object_is_in_its_own_alone() {
         }];
         o.faults.exchanged = vec![Exchange {
             capture: 1,
-            with: Other::Taller(10.0),
+            with: OtherObject::Taller(10.0),
         }];
     });
     let simulation = Simulation::new(options).unwrap();
@@ -234,7 +234,7 @@ fn what_cannot_be_is_refused_in_words() {
     let handle = refused(&|o| {
         o.faults.exchanged = vec![Exchange {
             capture: 1,
-            with: Other::HandleUp(3.0),
+            with: OtherObject::HandleUp(3.0),
         }];
     });
     assert!(handle.contains("only a mug"), "{handle}");
@@ -245,10 +245,10 @@ fn what_cannot_be_is_refused_in_words() {
         assert_eq!(word.parse::<Pose>().unwrap().to_string(), word);
     }
     for word in ["mug", "fruit-bowl", "bigger:1", "taller:3", "handle-up:3"] {
-        assert_eq!(word.parse::<Other>().unwrap().to_string(), word);
+        assert_eq!(word.parse::<OtherObject>().unwrap().to_string(), word);
     }
-    assert!("wider:1".parse::<Other>().is_err());
-    assert!("bigger:90".parse::<Other>().is_err());
+    assert!("wider:1".parse::<OtherObject>().is_err());
+    assert!("bigger:90".parse::<OtherObject>().is_err());
 }
 
 #[test]

@@ -8,11 +8,11 @@ use scand_core::frame::{CameraId, CaptureId, Timestamp};
 use scand_core::level::Level;
 use scand_core::notes::CaptureNotes;
 use scand_core::reconstruct::{
-    self, Method, Reconstruction, Scene, Silent, SilhouetteSource, reconstruct,
+    self, Method, NoProgress, Reconstruction, Scene, SilhouetteSource, reconstruct,
 };
 use scand_core::report::{
-    Code, FailedCapture, Failure, Origin, Parameters, Report, StageTime, Timing, Verdict, judge,
-    measure, preview, to_json,
+    FailedCapture, Failure, Origin, Parameters, ReasonCode, Report, StageTime, Timing, Verdict,
+    judge, measure, preview, to_json,
 };
 use scand_lab::{CameraFault, Options, Shape, Simulation};
 use serde_json::Value;
@@ -36,7 +36,7 @@ fn simulated_at(resolution: f64, change: impl Fn(&mut Options)) -> (Scene, Recon
     let scene = Simulation::new(options).unwrap().scene(0);
     let mut parameters = reconstruct::Parameters::default();
     parameters.hull.resolution = resolution;
-    let made = reconstruct(&scene, &parameters, &Silent).unwrap();
+    let made = reconstruct(&scene, &parameters, &NoProgress).unwrap();
     (scene, made)
 }
 
@@ -122,7 +122,7 @@ fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
         });
         let verdict = judged(&scene, &made);
         let mut reasons = verdict.reasons.iter();
-        let reason = reasons.find(|r| r.code == Code::CameraDisplaced);
+        let reason = reasons.find(|r| r.code == ReasonCode::CameraDisplaced);
         let reason = reason.unwrap_or_else(|| panic!("{camera}: {verdict:#?}"));
         assert_eq!(reason.cameras, [CameraId::new(camera).unwrap()]);
         // The camera was turned about (0.6, 0.8, 0) of its own frame.
@@ -147,7 +147,7 @@ fn a_volume_that_no_object_stands_in_is_named_and_no_background_is_blamed() {
         change(&mut scene);
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = 30.0;
-        let made = reconstruct(&scene, &parameters, &Silent);
+        let made = reconstruct(&scene, &parameters, &NoProgress);
         made.map(|_| ()).map_err(|error| error.to_string())
     };
     assert_eq!(with(&|_| {}), Ok(()));
@@ -200,10 +200,10 @@ fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_
     let of = |scene: &Scene| {
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = 100.0;
-        let made = reconstruct(scene, &parameters, &Silent).unwrap();
+        let made = reconstruct(scene, &parameters, &NoProgress).unwrap();
         judged(scene, &made)
     };
-    let codes = |verdict: &Verdict| -> Vec<Code> {
+    let codes = |verdict: &Verdict| -> Vec<ReasonCode> {
         let red = verdict.reasons.iter().filter(|r| r.level == Level::Red);
         red.map(|r| r.code).collect()
     };
@@ -211,7 +211,11 @@ fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_
     let mut exchanged = scene.clone();
     exchange(&mut exchanged, 1, 4);
     let verdict = of(&exchanged);
-    assert_eq!(codes(&verdict), [Code::CamerasExchanged], "{verdict:#?}");
+    assert_eq!(
+        codes(&verdict),
+        [ReasonCode::CamerasExchanged],
+        "{verdict:#?}"
+    );
     let mut names: Vec<String> = verdict.reasons[0]
         .cameras
         .iter()
@@ -226,7 +230,11 @@ fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_
         view.camera = of_other.camera.clone();
     }
     let verdict = of(&foreign);
-    assert_eq!(codes(&verdict), [Code::CalibrationForeign], "{verdict:#?}");
+    assert_eq!(
+        codes(&verdict),
+        [ReasonCode::CalibrationForeign],
+        "{verdict:#?}"
+    );
 }
 
 #[test]
@@ -241,7 +249,10 @@ fn a_camera_out_of_focus_is_named() {
         o.faults.blurred_px = vec![blurred.clone()];
     });
     let verdict = judged(&scene, &made);
-    let found = verdict.reasons.iter().find(|r| r.code == Code::Blurred);
+    let found = verdict
+        .reasons
+        .iter()
+        .find(|r| r.code == ReasonCode::Blurred);
     let reason = found.unwrap_or_else(|| panic!("{verdict:#?}"));
     assert_eq!(reason.cameras, [CameraId::new("c05").unwrap()]);
     assert!(verdict.level > Level::Green);
@@ -253,14 +264,14 @@ fn depth_without_readings_and_a_rig_without_depth_are_told_apart() {
     let verdict = judged(&scene, &made);
     assert_eq!(
         (verdict.level, verdict.reasons[0].code),
-        (Level::Amber, Code::NoDepth)
+        (Level::Amber, ReasonCode::NoDepth)
     );
     preview(&scene, &made, &verdict, &Description::default());
     let (scene, made) = simulated(|o| o.depth_cameras = 0);
     let verdict = judged(&scene, &made);
     assert_eq!(
         (verdict.level, verdict.reasons[0].code),
-        (Level::Amber, Code::NoDepthCamera)
+        (Level::Amber, ReasonCode::NoDepthCamera)
     );
     preview(&scene, &made, &verdict, &Description::default());
 }

@@ -11,7 +11,7 @@ use crate::daemon::backgrounds;
 use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
 use crate::daemon::notes::NoteEffects;
-use crate::daemon::recorder::{Recorder, Work};
+use crate::daemon::recorder::{Recorder, RecorderTask};
 use crate::daemon::rig::{Rig, ShotResult, State};
 use crate::daemon::status::{self, Status};
 use crate::daemon::systemd::Heartbeat;
@@ -35,7 +35,7 @@ pub(super) struct CaptureThread {
     dispatcher: Arc<Dispatcher>,
     shared: Arc<Mutex<Status>>,
     synchronizer: Synchronizer<Frame>,
-    session: Option<Naming>,
+    session: Option<SessionNaming>,
     note_effects: Arc<NoteEffects>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
@@ -43,7 +43,7 @@ pub(super) struct CaptureThread {
 }
 
 /// A session's name and how many captures it has.
-struct Naming {
+struct SessionNaming {
     name: String,
     captures: u32,
 }
@@ -120,7 +120,7 @@ impl CaptureThread {
             Order::Close(answer) => {
                 self.session = None;
                 self.plan.events.publish(Event::Session { name: None });
-                self.hand_over(Work::Close(answer));
+                self.hand_over(RecorderTask::Close(answer));
             }
             Order::Reload(settings, answer) => {
                 self.reload(*settings);
@@ -199,10 +199,10 @@ impl CaptureThread {
     }
 
     /// Gives the recorder a piece of work. If its queue is full, the waiting client is told.
-    fn hand_over(&mut self, work: Work) -> bool {
+    fn hand_over(&mut self, work: RecorderTask) -> bool {
         let refused = self.recorder.hand_over(work).err();
         let handed = refused.is_none();
-        refused.into_iter().for_each(Work::refuse);
+        refused.into_iter().for_each(RecorderTask::refuse);
         handed
     }
 

@@ -6,7 +6,7 @@ use super::CaptureThread;
 use super::shot::shoot;
 use crate::daemon::dispatcher::ReplyGuard;
 use crate::daemon::presses::{Input, Press};
-use crate::daemon::recorder::Work;
+use crate::daemon::recorder::RecorderTask;
 use crate::frame::{CaptureId, Trigger};
 use crate::recording::{FinishedCapture, Outcome};
 
@@ -29,7 +29,7 @@ impl CaptureThread {
             };
             let taken = Input::Taken(press, kept.trigger.time, result);
             next = self.dispatcher.on(taken);
-            self.hand_over(Work::Keep(Box::new(kept), written));
+            self.hand_over(RecorderTask::Keep(Box::new(kept), written));
         }
     }
 

@@ -1,9 +1,9 @@
 //! Sessions: begins them, names their captures, and records notes in them.
 
-use super::{CaptureThread, Naming};
+use super::{CaptureThread, SessionNaming};
 use crate::daemon::events::Event;
 use crate::daemon::names;
-use crate::daemon::recorder::{Answer, NotePlace, QUEUE_FULL, Work};
+use crate::daemon::recorder::{Answer, NotePlace, QUEUE_FULL, RecorderTask};
 use crate::log;
 use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
@@ -71,22 +71,23 @@ impl CaptureThread {
     fn enter_session(&mut self, name: String, session: Box<RecordingSession>, answer: Answer) {
         let words = format!("session {name}");
         let answer: Answer = Box::new(move |done| answer(done.map(|_| words)));
-        if !self.hand_over(Work::Begin(session, answer)) {
+        if !self.hand_over(RecorderTask::Begin(session, answer)) {
             return;
         }
         log::info!("session {name}");
         self.plan.events.publish(Event::Session {
             name: Some(name.clone()),
         });
-        self.session = Some(Naming { name, captures: 0 });
+        self.session = Some(SessionNaming { name, captures: 0 });
     }
 
     /// Writes a note to the disk: into the recording in progress if that has the capture, otherwise beside the
     /// recording that has it. The note takes effect only when it is on the disk.
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
         let time = self.rig.clock().timestamp();
-        let is_of =
-            |session: &Naming| names::has_capture(&session.name, session.captures, &note.capture);
+        let is_of = |session: &SessionNaming| {
+            names::has_capture(&session.name, session.captures, &note.capture)
+        };
         let place = match self.session.as_ref().is_some_and(is_of) {
             true => NotePlace::Session,
             false => NotePlace::Beside(self.plan.recording.folder.clone()),
@@ -107,7 +108,7 @@ impl CaptureThread {
             }
             answer(written);
         });
-        self.hand_over(Work::Note(note, time, place, answer));
+        self.hand_over(RecorderTask::Note(note, time, place, answer));
     }
 
     /// Bytes after which a recording is completed and the next one begun.
@@ -117,7 +118,7 @@ impl CaptureThread {
 
     pub(super) fn header_changed(&mut self) {
         let header = Box::new(self.plan.header.clone());
-        let work = Work::Change(header, self.largest_file(), self.rig.clock().timestamp());
+        let work = RecorderTask::Change(header, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.hand_over(work) {
             // Rather a session of its own than one whose later captures have old backgrounds.
             log::warning!("{QUEUE_FULL}: the next capture begins a session");

@@ -222,7 +222,7 @@ impl Bundle {
             p: Vector6::zeros(),
             cost: 0.0,
         };
-        let mut sums = Sums::new(self.fitted_columns(view));
+        let mut sums = NormalSums::new(self.fitted_columns(view));
         for (p, pixel) in &view.points {
             let on_board = self.on_board(view, p);
             let rotated = placement.rotation * on_board.coords;
@@ -518,7 +518,7 @@ impl Bundle {
 
 /// Sums over a view's corners of the products of derivatives: of its fitted columns, its placement's, and the residual,
 /// one behind the other, on and above the diagonal.
-struct Sums {
+struct NormalSums {
     columns: Vec<usize>,
     products: [[f64; ALL]; ALL],
 }
@@ -526,7 +526,7 @@ struct Sums {
 /// Columns of a view with its placement's and the residual.
 const ALL: usize = SHARED + 7;
 
-impl Sums {
+impl NormalSums {
     fn new(columns: Vec<usize>) -> Self {
         Self {
             columns,

@@ -73,7 +73,7 @@ pub(super) fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
         pose_free: false,
         prior: [None; PARAMETERS],
     };
-    let placement = |agreed: &Option<super::pose_graph::Agreed>| PlacementState {
+    let placement = |agreed: &Option<super::pose_graph::PlacementEstimate>| PlacementState {
         rig_from_board: agreed
             .as_ref()
             .map_or_else(Isometry3::identity, |a| a.root_from_board),

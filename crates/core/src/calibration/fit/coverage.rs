@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 /// What a session should have.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
-pub struct Wanted {
+pub struct CoverageLimits {
     /// Views of each camera.
     /// Default 6, range 0 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 0, 1000>")]
@@ -33,7 +33,7 @@ pub struct Wanted {
     pub tilts_degrees: [f64; 2],
 }
 
-impl Default for Wanted {
+impl Default for CoverageLimits {
     fn default() -> Self {
         Self {
             views: 6,
@@ -45,7 +45,7 @@ impl Default for Wanted {
     }
 }
 
-impl Wanted {
+impl CoverageLimits {
     /// Refuses values that contradict each other.
     ///
     /// # Errors
@@ -72,7 +72,7 @@ pub fn missing(
     session: &Session,
     fit: Option<&Fit>,
     depth_cameras: &[CameraId],
-    wanted: &Wanted,
+    wanted: &CoverageLimits,
 ) -> Vec<String> {
     let mut found = Vec::new();
     for camera in 0..session.cameras.len() {
@@ -88,7 +88,12 @@ pub fn missing(
     found
 }
 
-fn of_camera(session: &Session, camera: usize, fit: Option<&Fit>, wanted: &Wanted) -> Vec<String> {
+fn of_camera(
+    session: &Session,
+    camera: usize,
+    fit: Option<&Fit>,
+    wanted: &CoverageLimits,
+) -> Vec<String> {
     let subject = &session.cameras[camera];
     let views: Vec<_> = session
         .views
@@ -186,7 +191,7 @@ fn unseen_placements(session: &Session) -> Vec<String> {
 }
 
 /// Cameras whose best partner shares too few placements with them, by name of both; two that are each other's, once.
-fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
+fn of_pairs(session: &Session, wanted: &CoverageLimits) -> Vec<String> {
     let placements = |camera: usize| -> BTreeSet<usize> {
         session
             .views
@@ -220,7 +225,7 @@ fn of_pairs(session: &Session, wanted: &Wanted) -> Vec<String> {
     lacking.into_iter().map(words).collect()
 }
 
-fn of_depth(fit: &Fit, id: &CameraId, wanted: &Wanted) -> Vec<String> {
+fn of_depth(fit: &Fit, id: &CameraId, wanted: &CoverageLimits) -> Vec<String> {
     let Some(index) = fit.cameras.iter().position(|c| c.camera.id == *id) else {
         return Vec::new();
     };

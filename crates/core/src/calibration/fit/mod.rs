@@ -36,19 +36,19 @@ mod verdict_of_shape;
 mod volume;
 
 pub use corners::find_corners;
-pub use coverage::{Wanted, missing};
+pub use coverage::{CoverageLimits, missing};
 pub use diagnosis::{Finding, diagnose};
 pub use drift::{CheckError, Checked, Checks, Motion, PairMotion, Watch, check};
 pub use grid::Rejection;
 pub use lens::{Lens, Model};
 pub use projection::Projection;
 pub use result::{
-    Fate, Figures, Fit, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, LeftOutShare,
-    ShapeTerm, Uncertainty, ViewResiduals,
+    Figures, Fit, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, LeftOutShare,
+    ShapeTerm, TermStatus, Uncertainty, ViewResiduals,
 };
 pub use scale::{
-    CameraDistance, Length, Measured, RulerReading, Slope, Testimony, Witnesses, scale_words,
-    witnesses,
+    CameraDistance, Length, Measured, RulerReading, ScaleWitnessLimits, Slope, WitnessReading,
+    scale_words, witnesses,
 };
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;

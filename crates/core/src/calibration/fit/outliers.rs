@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 
 /// Something to leave out.
-pub(super) enum Verdict {
+pub(super) enum ViewDecision {
     /// A view, by its index, and why.
     View(usize, String),
     /// A placement, by its index, and why.
@@ -18,7 +18,7 @@ pub(super) enum Verdict {
 }
 
 /// A view's residual in the rig and by itself.
-struct Judged {
+struct JudgedView {
     joint: f64,
     alone: f64,
 }
@@ -34,7 +34,7 @@ fn rms_of_median(median: f64) -> f64 {
     median / (2.0 * std::f64::consts::LN_2).sqrt() * std::f64::consts::SQRT_2
 }
 
-fn judged(bundle: &Bundle, view: &Observation) -> Judged {
+fn judged(bundle: &Bundle, view: &Observation) -> JudgedView {
     let camera = &bundle.cameras[view.camera];
     let start = camera.camera_from_rig * bundle.placements[view.placement].rig_from_board;
     let start = if view.back {
@@ -51,7 +51,7 @@ fn judged(bundle: &Bundle, view: &Observation) -> Judged {
         };
         rms_of_median(median(points.iter().map(length)))
     });
-    Judged {
+    JudgedView {
         joint: rms(bundle, view),
         alone: alone.unwrap_or(1e3),
     }
@@ -85,8 +85,8 @@ fn usual(bundle: &Bundle, of_views: &[f64]) -> Vec<f64> {
 }
 
 /// The worst view or placement that does not belong; `None` when all do.
-pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
-    let judged: Vec<Judged> = (bundle.views.par_iter())
+pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
+    let judged: Vec<JudgedView> = (bundle.views.par_iter())
         .map(|v| judged(bundle, v))
         .collect();
     let alone = usual(bundle, &judged.iter().map(|j| j.alone).collect::<Vec<_>>());
@@ -107,7 +107,7 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
              blurred, or the board bent",
             worst.alone
         );
-        return Some(Verdict::View(index, reason));
+        return Some(ViewDecision::View(index, reason));
     }
     let placement = view.placement;
     let odd_one = odd_one_out(bundle, placement, |camera| ratio * joint[camera]);
@@ -117,12 +117,16 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<Verdict> {
              the capture",
             worst.joint
         );
-        Verdict::Placement(placement, reason)
+        ViewDecision::Placement(placement, reason)
     }))
 }
 
 /// The one view of a placement without which its other views agree, each camera's to `most` pixels.
-fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -> Option<Verdict> {
+fn odd_one_out(
+    bundle: &Bundle,
+    placement: usize,
+    most: impl Fn(usize) -> f64,
+) -> Option<ViewDecision> {
     let views: Vec<usize> = (0..bundle.views.len())
         .filter(|&i| bundle.views[i].placement == placement)
         .collect();
@@ -144,7 +148,7 @@ fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
     let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
                   taken at another time";
-    (rest <= 1.0).then(|| Verdict::View(odd, reason.into()))
+    (rest <= 1.0).then(|| ViewDecision::View(odd, reason.into()))
 }
 
 /// A bundle of one placement's views in which only the board's pose is free, adjusted.

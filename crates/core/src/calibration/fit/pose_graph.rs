@@ -174,7 +174,7 @@ pub(super) fn tree(cameras: usize, links: &[Link], root: usize) -> Tree {
 }
 
 /// A placement as all its cameras see it.
-pub(super) struct Agreed {
+pub(super) struct PlacementEstimate {
     pub root_from_board: Isometry3<f64>,
     /// Each camera's turn, and how far its pose lies from what is agreed; `None` for one that did not see it.
     pub turns: Vec<Option<(usize, f64)>>,
@@ -182,7 +182,12 @@ pub(super) struct Agreed {
 
 impl Comparison<'_> {
     /// The pose of a placement on which most cameras agree, and each camera's reading of the board under it.
-    pub(super) fn agree(&self, poses: &Poses, tree: &Tree, placement: usize) -> Option<Agreed> {
+    pub(super) fn agree(
+        &self,
+        poses: &Poses,
+        tree: &Tree,
+        placement: usize,
+    ) -> Option<PlacementEstimate> {
         let seen: Vec<_> = (0..poses.len())
             .map(|c| Some((tree.camera_from_root[c]?, poses[c][placement]?)))
             .collect();
@@ -199,7 +204,7 @@ impl Comparison<'_> {
                 .sum();
             (
                 cost,
-                Agreed {
+                PlacementEstimate {
                     root_from_board,
                     turns,
                 },

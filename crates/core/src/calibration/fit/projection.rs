@@ -27,7 +27,7 @@ pub struct Projection {
 }
 
 /// Derivatives of where a camera sees a point, in metres at the point across the line of sight.
-struct Sight {
+struct ProjectionDerivatives {
     camera: usize,
     /// By its lens and pose.
     by_camera: SMatrix<f64, 2, CAMERA>,
@@ -36,7 +36,7 @@ struct Sight {
     metres_a_pixel: f64,
 }
 
-impl Sight {
+impl ProjectionDerivatives {
     /// `None` for a point that the camera does not see.
     fn of(camera: usize, state: &CameraState, p: Point3<f64>) -> Option<Self> {
         let turned = state.camera_from_rig.rotation * p.coords;
@@ -82,7 +82,11 @@ struct Motion {
 }
 
 impl Motion {
-    fn of(sights: &[Sight], covariance: &DMatrix<f64>, columns: usize) -> Option<Self> {
+    fn of(
+        sights: &[ProjectionDerivatives],
+        covariance: &DMatrix<f64>,
+        columns: usize,
+    ) -> Option<Self> {
         let normal: Matrix6<f64> = sights
             .iter()
             .map(|s| s.by_motion.transpose() * s.by_motion)
@@ -102,7 +106,7 @@ impl Motion {
     }
 
     /// Variance of both coordinates together, in m², once it is taken back.
-    fn left(&self, sight: &Sight, covariance: &DMatrix<f64>) -> f64 {
+    fn left(&self, sight: &ProjectionDerivatives, covariance: &DMatrix<f64>) -> f64 {
         let start = sight.camera * CAMERA;
         let own = covariance.fixed_view::<CAMERA, CAMERA>(start, start);
         let shared = self.with_cameras.fixed_view::<CAMERA, 6>(start, 0);
@@ -133,13 +137,13 @@ pub(super) fn projections(
         )
     });
     let places: Vec<Point3<f64>> = places.collect();
-    let sights: Vec<Sight> = cameras
+    let sights: Vec<ProjectionDerivatives> = cameras
         .iter()
         .enumerate()
         .flat_map(|(camera, state)| {
             places
                 .iter()
-                .filter_map(move |&p| Sight::of(camera, state, p))
+                .filter_map(move |&p| ProjectionDerivatives::of(camera, state, p))
         })
         .collect();
     let Some(motion) = Motion::of(&sights, covariance, columns) else {
@@ -170,7 +174,7 @@ fn map(
     camera: usize,
     state: &CameraState,
     middle: Point3<f64>,
-    variance: impl Fn(&Sight) -> f64,
+    variance: impl Fn(&ProjectionDerivatives) -> f64,
 ) -> Vec<Option<f64>> {
     let away = (state.camera_from_rig * middle).z.max(1e-3);
     let [columns, rows] = MAP;
@@ -187,7 +191,7 @@ fn map(
     let directions = state.lens.unproject(pixels).into_iter();
     let deviation = |direction: Vector2<f64>| {
         let p = rig_from_camera * Point3::new(direction.x * away, direction.y * away, away);
-        let sight = Sight::of(camera, state, p)?;
+        let sight = ProjectionDerivatives::of(camera, state, p)?;
         Some(variance(&sight).sqrt() / sight.metres_a_pixel)
     };
     directions.map(deviation).collect()

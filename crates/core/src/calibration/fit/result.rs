@@ -76,7 +76,7 @@ pub struct ShapeTerm {
     /// Its standard deviation; where it was not kept, what it may be all the same.
     pub deviation: f64,
     /// What became of it.
-    pub fate: Fate,
+    pub fate: TermStatus,
     /// What the first and the last half of the placements say of it, each with its standard deviation; where that was
     /// asked.
     pub halves: Option<[[f64; 2]; 2]>,
@@ -85,7 +85,7 @@ pub struct ShapeTerm {
 /// What became of a term of the board's shape.
 #[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
-pub enum Fate {
+pub enum TermStatus {
     /// It predicts placements that were held out no better: it is 0.
     #[default]
     NotNeeded,

@@ -2,7 +2,7 @@
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::*;
-use crate::calibration::{Board, Camera, Level, RigCalibration};
+use crate::calibration::{Board, CalibrationLevel, Camera, RigCalibration};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
@@ -88,7 +88,11 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
 }
 
 /// What witnesses say of a rig whose board is said to have squares of this size, and the verdict.
-fn testified(square: f64, slope: Option<f64>, measured: &Measured) -> (Vec<Testimony>, Judgement) {
+fn testified(
+    square: f64,
+    slope: Option<f64>,
+    measured: &Measured,
+) -> (Vec<WitnessReading>, Judgement) {
     let mut session = rig(3, 12).session(0.1, &mut Random(7));
     session.board.square = square;
     let parameters = Parameters {
@@ -101,7 +105,7 @@ fn testified(square: f64, slope: Option<f64>, measured: &Measured) -> (Vec<Testi
         (CameraId::new("kinect").unwrap(), Slope { value, deviation })
     });
     let slopes = slope.into_iter().collect();
-    let found = witnesses(&fit, &slopes, measured, &Witnesses::default());
+    let found = witnesses(&fit, &slopes, measured, &ScaleWitnessLimits::default());
     let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
     (found.clone(), judgement.with_witnesses(&found))
 }
@@ -122,11 +126,11 @@ fn a_board_of_a_wrong_size_is_contradicted_by_a_distance_with_both_explanations(
     // c00 and c02 are 500 mm apart.
     let (found, judgement) = testified(0.025, None, &distance(0.5, 0.001));
     assert!(
-        !found[0].contradicts && judgement.level < Level::Doubtful,
+        !found[0].contradicts && judgement.level < CalibrationLevel::Doubtful,
         "{found:?}"
     );
     let (found, judgement) = testified(0.024, None, &distance(0.5, 0.001));
-    assert_eq!(judgement.level, Level::Doubtful);
+    assert_eq!(judgement.level, CalibrationLevel::Doubtful);
     let words = &found[0].words;
     for part in [
         "cameras c00 and c02 are 480",
@@ -159,7 +163,11 @@ fn a_depth_cameras_slope_contradicts_a_wrong_board_and_its_own_scale() {
     ] {
         let (found, judgement) = testified(0.025, Some(slope), &none);
         assert_eq!(found[0].contradicts, contradicts, "{slope}: {found:?}");
-        assert_eq!(judgement.level >= Level::Doubtful, contradicts, "{slope}");
+        assert_eq!(
+            judgement.level >= CalibrationLevel::Doubtful,
+            contradicts,
+            "{slope}"
+        );
     }
     let (found, _) = testified(0.024, Some(0.00096), &none);
     let words = &found[0].words;
@@ -188,10 +196,10 @@ fn a_ruler_tells_a_print_that_is_not_true_to_scale() {
         distances: Vec::new(),
     };
     let (found, judgement) = testified(0.025, None, &reading(0.1992));
-    assert!(judgement.level < Level::Doubtful);
+    assert!(judgement.level < CalibrationLevel::Doubtful);
     assert!(found[0].words.contains("would have 24.9 mm"), "{found:?}");
     let (found, judgement) = testified(0.025, None, &reading(0.194));
-    assert_eq!(judgement.level, Level::Doubtful);
+    assert_eq!(judgement.level, CalibrationLevel::Doubtful);
     assert!(found[0].words.contains("have 24.25 mm"), "{found:?}");
 }
 

@@ -4,7 +4,7 @@
 
 use super::result::Fit;
 use super::verdict::Judgement;
-use crate::calibration::{Board, Level};
+use crate::calibration::{Board, CalibrationLevel};
 use crate::frame::CameraId;
 use crate::range;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// The limits for witnesses of the scale.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
-pub struct Witnesses {
+pub struct ScaleWitnessLimits {
     /// Metres per unit of depth cameras as the factory set them; 0 if that is not known.
     /// Default 0.001, range 0 to 1.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1>")]
@@ -31,7 +31,7 @@ pub struct Witnesses {
     pub deviations: f64,
 }
 
-impl Default for Witnesses {
+impl Default for ScaleWitnessLimits {
     fn default() -> Self {
         Self {
             nominal_slope: 0.001,
@@ -92,7 +92,7 @@ pub struct Slope {
 
 /// What a witness says about the scale.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
-pub struct Testimony {
+pub struct WitnessReading {
     /// By what part the calibration's lengths, which the board's size sets, are larger than the witness says.
     pub off: f64,
     /// Its standard deviation.
@@ -109,8 +109,8 @@ pub fn witnesses(
     fit: &Fit,
     slopes: &BTreeMap<CameraId, Slope>,
     measured: &Measured,
-    parameters: &Witnesses,
-) -> Vec<Testimony> {
+    parameters: &ScaleWitnessLimits,
+) -> Vec<WitnessReading> {
     let mut found = Vec::new();
     let of_slopes = slopes.iter();
     found.extend(of_slopes.filter_map(|(id, slope)| of_slope(fit, id, *slope, parameters)));
@@ -122,7 +122,7 @@ pub fn witnesses(
 }
 
 /// The messages about the scale, one line each.
-pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
+pub fn scale_words(testimonies: &[WitnessReading], board: &Board) -> Vec<String> {
     if testimonies.is_empty() {
         return vec![format!(
             "scale: nothing but the board's size ({} a square) sets it: a board that is 1 % larger makes every length 1 % \
@@ -136,19 +136,19 @@ pub fn scale_words(testimonies: &[Testimony], board: &Board) -> Vec<String> {
 
 impl Judgement {
     /// Adds the reasons that witnesses of the scale give.
-    pub fn with_witnesses(mut self, testimonies: &[Testimony]) -> Self {
+    pub fn with_witnesses(mut self, testimonies: &[WitnessReading]) -> Self {
         for testimony in testimonies.iter().filter(|t| t.contradicts) {
-            self.level = self.level.max(Level::Doubtful);
+            self.level = self.level.max(CalibrationLevel::Doubtful);
             self.reasons.push(testimony.words.clone());
         }
         self
     }
 }
 
-impl Witnesses {
-    fn testimony(&self, off: f64, deviation: f64) -> Testimony {
+impl ScaleWitnessLimits {
+    fn testimony(&self, off: f64, deviation: f64) -> WitnessReading {
         let most = self.tolerance.max(self.deviations * deviation);
-        Testimony {
+        WitnessReading {
             off,
             deviation,
             contradicts: off.abs() > most,
@@ -157,7 +157,12 @@ impl Witnesses {
     }
 }
 
-fn of_slope(fit: &Fit, id: &CameraId, slope: Slope, parameters: &Witnesses) -> Option<Testimony> {
+fn of_slope(
+    fit: &Fit,
+    id: &CameraId,
+    slope: Slope,
+    parameters: &ScaleWitnessLimits,
+) -> Option<WitnessReading> {
     let nominal = parameters.nominal_slope;
     let ratio = slope.value / nominal;
     // Nothing is known of a camera that counts in another unit.
@@ -185,7 +190,11 @@ fn of_slope(fit: &Fit, id: &CameraId, slope: Slope, parameters: &Witnesses) -> O
     Some(found)
 }
 
-fn of_ruler(board: &Board, reading: &RulerReading, parameters: &Witnesses) -> Testimony {
+fn of_ruler(
+    board: &Board,
+    reading: &RulerReading,
+    parameters: &ScaleWitnessLimits,
+) -> WitnessReading {
     let RulerReading { printed, measured } = *reading;
     let ratio = measured.metres / printed;
     let mut found = parameters.testimony(1.0 / ratio - 1.0, measured.deviation / measured.metres);
@@ -211,7 +220,11 @@ fn of_ruler(board: &Board, reading: &RulerReading, parameters: &Witnesses) -> Te
     found
 }
 
-fn of_distance(fit: &Fit, distance: &CameraDistance, parameters: &Witnesses) -> Option<Testimony> {
+fn of_distance(
+    fit: &Fit,
+    distance: &CameraDistance,
+    parameters: &ScaleWitnessLimits,
+) -> Option<WitnessReading> {
     let find = |id: &CameraId| fit.cameras.iter().find(|c| c.camera.id == *id);
     let [a, b] = [find(&distance.cameras[0])?, find(&distance.cameras[1])?];
     let between = b.camera.center() - a.camera.center();
@@ -253,7 +266,7 @@ fn other_board(board: &Board, off: f64) -> String {
     )
 }
 
-fn agrees(numbers: String, found: &Testimony) -> String {
+fn agrees(numbers: String, found: &WitnessReading) -> String {
     format!(
         "{numbers}: they differ by {:+.2} %, within the allowed ±{:.2} %",
         100.0 * found.off,

@@ -4,7 +4,7 @@
 use super::adjust::{Bundle, Loss};
 use super::holdout::{Prediction, held_out};
 use super::outliers::mild_loss;
-use super::result::{Fate, FittedShape, HeldOut, ShapeTerm};
+use super::result::{FittedShape, HeldOut, ShapeTerm, TermStatus};
 use super::sheet::TERMS;
 use crate::calibration::BoardShape;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -20,13 +20,13 @@ const FEWEST_IN_HALF: usize = 3;
 
 /// How often placements are held out, and how few views a camera may be left with.
 #[derive(Clone, Copy)]
-pub(super) struct Folds {
+pub(super) struct CrossValidation {
     pub count: usize,
     pub min_views: usize,
 }
 
 /// A bundle with the terms that are kept, and what is known of it.
-pub(super) struct Settled {
+pub(super) struct TermSelection {
     pub bundle: Bundle,
     pub shape: FittedShape,
     pub held_out: Option<HeldOut>,
@@ -39,11 +39,15 @@ type Mask = [bool; TERMS];
 
 /// Settles the shape of a bundle that is adjusted with all terms free. If the pattern maps onto itself by a quarter
 /// turn, the direction of its rows is unknown, and `is_square` keeps no term. `None` if the equations cannot be solved.
-pub(super) fn settled(mut bundle: Bundle, folds: Folds, is_square: bool) -> Option<Settled> {
+pub(super) fn settled(
+    mut bundle: Bundle,
+    folds: CrossValidation,
+    is_square: bool,
+) -> Option<TermSelection> {
     bundle.sheet.variance = bundle.variance();
     let whole = bundle.covariance(Loss::SQUARED)? * bundle.variance();
     let joint = Estimate::of(&bundle, &whole);
-    let mut tried = Tried {
+    let mut tried = TermCandidate {
         bundle: &bundle,
         folds,
         done: Vec::new(),
@@ -59,14 +63,14 @@ pub(super) fn settled(mut bundle: Bundle, folds: Folds, is_square: bool) -> Opti
             value: 0.0,
             deviation: 0.0,
             fate: match (wanted[i], untested[i]) {
-                (true, _) if halves.is_some_and(agree) => Fate::Kept,
-                (false, false) => Fate::NotNeeded,
-                _ => Fate::NotHeld,
+                (true, _) if halves.is_some_and(agree) => TermStatus::Kept,
+                (false, false) => TermStatus::NotNeeded,
+                _ => TermStatus::NotHeld,
             },
             halves,
         }
     });
-    let kept = terms.map(|term| term.fate == Fate::Kept);
+    let kept = terms.map(|term| term.fate == TermStatus::Kept);
     let (mut settled, prediction) = tried.take(kept);
     settled.sheet.free = kept;
     let covariance = told(&whole, &joint, kept, bundle.shape_column());
@@ -79,7 +83,7 @@ pub(super) fn settled(mut bundle: Bundle, folds: Folds, is_square: bool) -> Opti
         },
         ..terms[i]
     });
-    Some(Settled {
+    Some(TermSelection {
         bundle: settled,
         shape: FittedShape {
             bend: [fitted[0], fitted[1]],
@@ -152,13 +156,13 @@ impl Estimate {
 }
 
 /// Bundles that were adjusted with some of the terms, and how well they predict.
-struct Tried<'a> {
+struct TermCandidate<'a> {
     bundle: &'a Bundle,
-    folds: Folds,
+    folds: CrossValidation,
     done: Vec<(Mask, Bundle, Option<Prediction>)>,
 }
 
-impl Tried<'_> {
+impl TermCandidate<'_> {
     /// The terms that predict placements better, and those for which this cannot be tested although the residuals
     /// shrink.
     fn wanted(&mut self, joint: &Estimate) -> (Mask, Mask) {

@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 
 /// A camera by itself.
 #[derive(Clone, Debug)]
-pub(super) struct Alone {
+pub(super) struct SingleCamera {
     pub lens: Lens,
     /// Pose of the seen face in each view; `None` where none fits.
     pub poses: Vec<Option<PlanePose>>,
@@ -24,19 +24,19 @@ pub(super) fn calibrate(
     views: &[&View],
     board: &Board,
     model: Model,
-) -> Option<Alone> {
+) -> Option<SingleCamera> {
     let pairs: Vec<_> = views.iter().map(|v| v.pairs(board)).collect();
     if let Some(known) = &subject.known {
         let lens = Lens::from_intrinsics(known);
         let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
-        return Some(Alone { lens, poses });
+        return Some(SingleCamera { lens, poses });
     }
     let fitted = starts(subject, &pairs, model)
         .into_iter()
         .filter_map(|lens| from_start(board, &pairs, lens, model));
     let (_, lens) = fitted.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let poses = pairs.iter().map(|p| planar::pose(&lens, p)).collect();
-    Some(Alone { lens, poses })
+    Some(SingleCamera { lens, poses })
 }
 
 /// Lenses to start from: the one that is given; else one of the focal length that the homographies give, where they

@@ -5,7 +5,7 @@ use super::adjust::{Bundle, CAMERA, CameraState, Observation, PlacementState};
 use super::frame::{lowest_placement, rig_from_table};
 use super::holdout::hangs_together;
 use super::lens::PARAMETERS;
-use super::outliers::{self, Verdict, mild_loss};
+use super::outliers::{self, ViewDecision, mild_loss};
 use super::planar::PlanePose;
 use super::pose_graph::{Comparison, Link, Tree, poses, tree};
 use super::projection::projections;
@@ -14,8 +14,8 @@ use super::result::{
 };
 use super::session::{Corner, Session, View, turns};
 use super::sheet::Sheet;
-use super::sheet_terms::{Folds, settled};
-use super::single_camera::{self, Alone};
+use super::sheet_terms::{CrossValidation, settled};
+use super::single_camera::{self, SingleCamera};
 use super::volume::proposed;
 use super::{Error, Parameters};
 use crate::calibration::{Camera, Face};
@@ -116,7 +116,7 @@ fn alone(
     session: &mut Session,
     parameters: &Parameters,
     left_out: &mut Vec<LeftOut>,
-) -> Result<(Vec<Alone>, Vec<Option<PlanePose>>), Error> {
+) -> Result<(Vec<SingleCamera>, Vec<Option<PlanePose>>), Error> {
     let cameras: Vec<usize> = (0..session.cameras.len()).collect();
     let calibrate = |&camera: &usize| {
         let views: Vec<&View> = session
@@ -131,7 +131,7 @@ fn alone(
             parameters.model,
         )
     };
-    let found: Vec<Option<Alone>> = cameras.par_iter().map(calibrate).collect();
+    let found: Vec<Option<SingleCamera>> = cameras.par_iter().map(calibrate).collect();
     let mut alones = Vec::new();
     for (camera, found) in found.into_iter().enumerate() {
         let id = &session.cameras[camera].id;
@@ -273,7 +273,7 @@ impl<'a> Solver<'a> {
     /// Removes views and placements, the worst first, until the rest is consistent.
     fn leave_out_what_does_not_belong(&mut self, left_out: &mut Vec<LeftOut>) {
         for (placement, reason) in outliers::duplicates(&self.bundle, &self.session.placements) {
-            self.leave_out(&Verdict::Duplicate(placement, reason), left_out);
+            self.leave_out(&ViewDecision::Duplicate(placement, reason), left_out);
         }
         for _ in 0..self.session.views.len() {
             let Some(verdict) = outliers::worst(&self.bundle, self.parameters.outlier_ratio) else {
@@ -296,23 +296,23 @@ impl<'a> Solver<'a> {
             .collect();
         for index in (0..poor.len()).rev().filter(|&i| poor[i]) {
             let reason = "few of its corners are where they should be".to_owned();
-            self.leave_out(&Verdict::View(index, reason), left_out);
+            self.leave_out(&ViewDecision::View(index, reason), left_out);
         }
         self.bundle.adjust(mild_loss(&self.bundle), 30);
     }
 
-    fn leave_out(&mut self, verdict: &Verdict, left_out: &mut Vec<LeftOut>) {
+    fn leave_out(&mut self, verdict: &ViewDecision, left_out: &mut Vec<LeftOut>) {
         let session = &mut self.session;
         let name = |placement: usize| Some(session.placements[placement].clone());
         let id = |view: &View| session.cameras[view.camera].id.clone();
         left_out.push(match verdict {
-            Verdict::View(index, reason) => LeftOut {
+            ViewDecision::View(index, reason) => LeftOut {
                 camera: Some(id(&session.views[*index])),
                 placement: name(session.views[*index].placement),
                 reason: reason.clone(),
                 views: vec![id(&session.views[*index])],
             },
-            Verdict::Placement(placement, reason) => LeftOut {
+            ViewDecision::Placement(placement, reason) => LeftOut {
                 camera: None,
                 placement: name(*placement),
                 reason: reason.clone(),
@@ -321,7 +321,7 @@ impl<'a> Solver<'a> {
                     .map(id)
                     .collect(),
             },
-            Verdict::Duplicate(placement, reason) => LeftOut {
+            ViewDecision::Duplicate(placement, reason) => LeftOut {
                 camera: None,
                 placement: name(*placement),
                 reason: reason.clone(),
@@ -329,8 +329,8 @@ impl<'a> Solver<'a> {
             },
         });
         let keep = |index: usize, placement: usize| match verdict {
-            Verdict::View(out, _) => index != *out,
-            Verdict::Placement(out, _) | Verdict::Duplicate(out, _) => placement != *out,
+            ViewDecision::View(out, _) => index != *out,
+            ViewDecision::Placement(out, _) | ViewDecision::Duplicate(out, _) => placement != *out,
         };
         let mut index = 0;
         session.views.retain(|view| {
@@ -385,7 +385,7 @@ impl<'a> Solver<'a> {
         }
         self.bundle.placements[table].free = false;
         self.bundle.adjust_weighted();
-        let folds = Folds {
+        let folds = CrossValidation {
             count: self.parameters.folds,
             min_views: self.parameters.min_views,
         };

@@ -2,7 +2,7 @@
 
 use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;
-use crate::calibration::{Board, BoardShape, Distortion, Intrinsics, Level};
+use crate::calibration::{Board, BoardShape, CalibrationLevel, Distortion, Intrinsics};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use std::collections::BTreeMap;
 
@@ -162,7 +162,7 @@ fn a_bent_or_stretched_board_is_found_and_a_flat_one_stays_flat() {
             .terms()
             .map(|t| t.fate)
     };
-    let (kept, not_needed) = (Fate::Kept, Fate::NotNeeded);
+    let (kept, not_needed) = (TermStatus::Kept, TermStatus::NotNeeded);
     assert_eq!(fates([0.0; 3]), [not_needed; 3]);
     assert_eq!(fates([5e-4, 0.0, 0.0]), [kept, not_needed, not_needed]);
     assert_eq!(fates([3e-4, -2e-4, 5e-4]), [kept; 3]);
@@ -176,7 +176,7 @@ fn a_bent_or_stretched_board_is_found_and_a_flat_one_stays_flat() {
 fn a_two_sided_board_is_bent_the_other_way_on_its_back() {
     let board = Board::charuco(11, 8, 0.025, true).unwrap();
     let found = shape_found(board, 6, [4e-4, 0.0, 0.0]);
-    assert_eq!(found.bend[0].fate, Fate::Kept, "{found:?}");
+    assert_eq!(found.bend[0].fate, TermStatus::Kept, "{found:?}");
 }
 
 fn predicts_well(truth: &Truth, fit: &Fit) {
@@ -265,7 +265,8 @@ fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
     assert_eq!(named[0].as_str(), "c04");
     let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
     assert!(
-        judgement.level >= Level::Doubtful && judgement.reasons.iter().any(|r| r.contains("c04"))
+        judgement.level >= CalibrationLevel::Doubtful
+            && judgement.reasons.iter().any(|r| r.contains("c04"))
     );
 }
 
@@ -277,13 +278,13 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
         judge(&fit, &[], &depths, &Limits::default())
     };
     let fine = judged(Ok(0.0009));
-    assert!(fine.level < Level::Doubtful, "{fine:?}");
+    assert!(fine.level < CalibrationLevel::Doubtful, "{fine:?}");
     let biased = judged(Ok(0.0012));
-    assert_eq!(biased.level, Level::Doubtful);
+    assert_eq!(biased.level, CalibrationLevel::Doubtful);
     let told = "depth camera kinect: a bias of up to 1.20 mm is left, expected at most 1";
     assert!(biased.reasons.iter().any(|r| r == told), "{biased:?}");
     let without = judged(Err("no boards".to_owned()));
-    assert_eq!(without.level, Level::Doubtful);
+    assert_eq!(without.level, CalibrationLevel::Doubtful);
     let told = "depth camera kinect has no response: no boards";
     assert!(without.reasons.iter().any(|r| r == told), "{without:?}");
 }
@@ -305,11 +306,19 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
         });
         judge(&fit, &[], &BTreeMap::new(), &Limits::default())
     };
-    assert!(judged(0, 0).level < Level::Doubtful, "{:?}", judged(0, 0));
+    assert!(
+        judged(0, 0).level < CalibrationLevel::Doubtful,
+        "{:?}",
+        judged(0, 0)
+    );
     // One view of a camera may be an accident; a share of them is not.
-    assert!(judged(1, 0).level < Level::Doubtful, "{:?}", judged(1, 0));
+    assert!(
+        judged(1, 0).level < CalibrationLevel::Doubtful,
+        "{:?}",
+        judged(1, 0)
+    );
     let quarter = judged(used / 3 + 1, 0);
-    assert_eq!(quarter.level, Level::Doubtful, "{quarter:?}");
+    assert_eq!(quarter.level, CalibrationLevel::Doubtful, "{quarter:?}");
     let told = format!(
         "camera {id}: {} of {} views",
         used / 3 + 1,
@@ -317,7 +326,7 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
     );
     assert!(quarter.reasons[0].starts_with(&told), "{quarter:?}");
     let half = judged(used, 0);
-    assert_eq!(half.level, Level::Refused, "{half:?}");
+    assert_eq!(half.level, CalibrationLevel::Refused, "{half:?}");
     // Of all views, whosever they are.
     let all = sound.residuals.len();
     let whole = judged(0, all);
@@ -340,12 +349,12 @@ fn dropped_corners_have_a_figure_of_their_own() {
         folds: 5,
     });
     let sound = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
-    assert_eq!(sound.level, Level::Good, "{sound:?}");
+    assert_eq!(sound.level, CalibrationLevel::Good, "{sound:?}");
     let kept = fit.cameras[2].figures.corners;
     fit.cameras[2].false_corners = kept / 10;
     let dropped_part = 100.0 * (kept / 10) as f64 / (kept + kept / 10) as f64;
     let dropped = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
-    assert_eq!(dropped.level, Level::Accepted, "{dropped:?}");
+    assert_eq!(dropped.level, CalibrationLevel::Accepted, "{dropped:?}");
     let told = format!(
         "camera c02: {dropped_part:.1} % of its corners were dropped, expected at most 5 %"
     );
@@ -370,7 +379,7 @@ fn two_cameras_at_one_place_are_refused_unless_that_is_meant() {
         );
         let found = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
         assert_eq!(
-            found.level == Level::Refused,
+            found.level == CalibrationLevel::Refused,
             refused,
             "{mm} mm {degrees}°: {found:?}"
         );
@@ -380,7 +389,7 @@ fn two_cameras_at_one_place_are_refused_unless_that_is_meant() {
             same_place: true,
             ..Limits::default()
         };
-        assert!(judge(&fit, &[], &BTreeMap::new(), &meant).level < Level::Doubtful);
+        assert!(judge(&fit, &[], &BTreeMap::new(), &meant).level < CalibrationLevel::Doubtful);
     }
 }
 
@@ -587,7 +596,13 @@ fn what_an_unfinished_session_lacks_is_said() {
     )
     .ok();
     let kinect = truth.cameras[11].id.clone();
-    let words = missing(&session, fit.as_ref(), &[kinect], &Wanted::default()).join("\n");
+    let words = missing(
+        &session,
+        fit.as_ref(),
+        &[kinect],
+        &CoverageLimits::default(),
+    )
+    .join("\n");
     for expected in [
         "camera c01: it has",
         "parts of its picture",
@@ -603,9 +618,9 @@ fn two_cameras_that_share_too_little_are_named_once() {
     let truth = truth(checkerboard(), 4, 1);
     let mut session = truth.session(0.1, &mut Random(7));
     only(&mut session, |camera, _| camera < 2);
-    let wanted = Wanted {
+    let wanted = CoverageLimits {
         shared: 5,
-        ..Wanted::default()
+        ..CoverageLimits::default()
     };
     let words = missing(&session, None, &[], &wanted);
     let pairs: Vec<_> = words.iter().filter(|w| w.contains("share")).collect();
@@ -630,7 +645,7 @@ fn nobody_is_asked_to_show_the_board_below_the_table() {
     let session = truth.session(0.1, &mut Random(7));
     let fit = fit(&session, &Parameters::default()).unwrap();
     let words = |fit| {
-        let all = missing(&session, fit, &[], &Wanted::default());
+        let all = missing(&session, fit, &[], &CoverageLimits::default());
         let of_it = all
             .iter()
             .find(|w| w.contains("c02") && w.contains("parts"));
@@ -685,6 +700,6 @@ fn a_placement_that_nobody_saw_is_named() {
     // Where nothing can be fitted it is among what is missing.
     let mut session = truth.session(0.1, &mut Random(7));
     unseen(&mut session);
-    let words = missing(&session, None, &[], &Wanted::default()).join("\n");
+    let words = missing(&session, None, &[], &CoverageLimits::default()).join("\n");
     assert!(words.contains("placement p07: no camera saw"), "{words}");
 }

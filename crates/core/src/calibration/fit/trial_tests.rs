@@ -2,7 +2,7 @@
 //! that are bent and stretched like real prints. All errors are compared with their stated deviations.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
-use super::{Fate, Fit, Parameters, fit};
+use super::{Fit, Parameters, TermStatus, fit};
 use crate::calibration::{Board, BoardShape, Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Matrix6, Point3, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::collections::BTreeMap;
@@ -179,7 +179,7 @@ fn hold(sessions: u64, cameras: &[Camera], board: Board, count: usize) {
             .shape
             .terms()
             .iter()
-            .filter(|t| t.fate == Fate::NotHeld)
+            .filter(|t| t.fate == TermStatus::NotHeld)
             .count();
         normalized(&truth, &found, &mut all);
     }

@@ -4,7 +4,7 @@ use super::diagnosis::Finding;
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
-use crate::calibration::{Camera, Level};
+use crate::calibration::{CalibrationLevel, Camera};
 use crate::frame::CameraId;
 use crate::range;
 use nalgebra::Vector3;
@@ -118,12 +118,12 @@ impl Limits {
         not_below("left_out_refused", self.left_out_refused, least)
     }
 
-    fn by_rms(&self, rms: f64) -> Level {
+    fn by_rms(&self, rms: f64) -> CalibrationLevel {
         match rms {
-            r if r <= self.good_px => Level::Good,
-            r if r <= self.accepted_px => Level::Accepted,
-            r if r <= self.refused_px => Level::Doubtful,
-            _ => Level::Refused,
+            r if r <= self.good_px => CalibrationLevel::Good,
+            r if r <= self.accepted_px => CalibrationLevel::Accepted,
+            r if r <= self.refused_px => CalibrationLevel::Doubtful,
+            _ => CalibrationLevel::Refused,
         }
     }
 }
@@ -132,7 +132,7 @@ impl Limits {
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct Judgement {
     /// What it is worth.
-    pub level: Level,
+    pub level: CalibrationLevel,
     /// Why it is not good.
     pub reasons: Vec<String>,
     /// The camera with the largest residual, and that in pixels.
@@ -142,7 +142,7 @@ pub struct Judgement {
 }
 
 /// A reason, and the best verdict that it allows.
-type Reason = (Level, String);
+type Reason = (CalibrationLevel, String);
 
 /// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the largest bias in
 /// metres that its response leaves, or the reason why it has no response.
@@ -154,7 +154,7 @@ pub fn judge(
 ) -> Judgement {
     let causes = findings.iter();
     let mut found: Vec<Reason> = causes
-        .map(|finding| (Level::Doubtful, finding.words.clone()))
+        .map(|finding| (CalibrationLevel::Doubtful, finding.words.clone()))
         .collect();
     found.extend(left_out(fit, limits));
     if !limits.same_place {
@@ -168,25 +168,23 @@ pub fn judge(
     for (index, camera) in fit.cameras.iter().enumerate() {
         found.extend(of_camera(camera, limits));
         let words = beyond_model(fit, index, limits.good_px);
-        found.extend(words.map(|words| (Level::Accepted, words)));
+        found.extend(words.map(|words| (CalibrationLevel::Accepted, words)));
     }
     found.extend(of_held_out(fit, limits));
     found.extend(of_shape(&fit.shape, limits.bend_mm, limits.stretch_percent));
     found.extend(too_little(fit, limits));
     found.extend(uncalibrated(fit));
-    found.extend(
-        depths
-            .iter()
-            .filter_map(|(id, found)| Some((Level::Doubtful, depth_reason(id, found, limits)?))),
-    );
+    found.extend(depths.iter().filter_map(|(id, found)| {
+        Some((CalibrationLevel::Doubtful, depth_reason(id, found, limits)?))
+    }));
     if !fit.table_is_lowest && fit.cameras.len() > 1 {
         let words = format!(
             "no placement lies flat below all others: the rig's frame lies on {}, which may not be the table",
             fit.table
         );
-        found.push((Level::Accepted, words));
+        found.push((CalibrationLevel::Accepted, words));
     }
-    found.retain(|(level, _)| *level > Level::Good);
+    found.retain(|(level, _)| *level > CalibrationLevel::Good);
     let worst = |name: String, rms: f64| (name, rms);
     let cameras = fit
         .cameras
@@ -201,7 +199,7 @@ pub fn judge(
             .iter()
             .map(|(level, _)| *level)
             .max()
-            .unwrap_or(Level::Good),
+            .unwrap_or(CalibrationLevel::Good),
         reasons: found.into_iter().map(|(_, words)| words).collect(),
         worst_camera: cameras.max_by(|a, b| a.1.total_cmp(&b.1)),
         worst_placement: placements.max_by(|a, b| a.1.total_cmp(&b.1)),
@@ -211,9 +209,9 @@ pub fn judge(
 /// The shares of views that were left out: of all cameras, and of each.
 fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     let level = |part: f64| match part {
-        p if p > limits.left_out_refused => Level::Refused,
-        p if p > limits.left_out_doubtful => Level::Doubtful,
-        _ => Level::Good,
+        p if p > limits.left_out_refused => CalibrationLevel::Refused,
+        p if p > limits.left_out_doubtful => CalibrationLevel::Doubtful,
+        _ => CalibrationLevel::Good,
     };
     let reason = |whose: String, share: LeftOutShare| {
         let words = format!(
@@ -255,7 +253,7 @@ fn at_one_place(fit: &Fit) -> Vec<Reason> {
                     1e3 * distance,
                     1e3 * SAME_CENTER,
                 );
-                found.push((Level::Refused, words));
+                found.push((CalibrationLevel::Refused, words));
             }
         }
     }
@@ -267,7 +265,7 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
     // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
     let mut found = vec![(
-        limits.by_rms(rms).min(Level::Doubtful),
+        limits.by_rms(rms).min(CalibrationLevel::Doubtful),
         format!(
             "camera {id}: rms {rms:.3} px, expected at most {}",
             limits.good_px
@@ -280,14 +278,14 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
             100.0 * dropped,
             100.0 * limits.dropped_corners
         );
-        found.push((Level::Accepted, words));
+        found.push((CalibrationLevel::Accepted, words));
     }
     if camera.views < limits.views {
         let words = format!(
             "camera {id}: {} views, expected {} or more",
             camera.views, limits.views
         );
-        found.push((Level::Accepted, words));
+        found.push((CalibrationLevel::Accepted, words));
     }
     if camera.coverage < limits.coverage {
         let words = format!(
@@ -295,7 +293,7 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
             100.0 * camera.coverage,
             100.0 * limits.coverage
         );
-        found.push((Level::Accepted, words));
+        found.push((CalibrationLevel::Accepted, words));
     }
     found
 }
@@ -309,7 +307,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
             "{placements} placements, expected {} or more",
             limits.placements
         );
-        found.push((Level::Doubtful, words));
+        found.push((CalibrationLevel::Doubtful, words));
     }
     for camera in &fit.cameras {
         let (lens, deviation) = (&camera.camera.intrinsics, camera.uncertainty.focal_px);
@@ -322,7 +320,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
                 100.0 * part,
                 100.0 * limits.focal_deviation
             );
-            found.push((Level::Doubtful, words));
+            found.push((CalibrationLevel::Doubtful, words));
         }
     }
     found
@@ -331,7 +329,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
 fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
     match &fit.held_out {
         Some(held_out) if held_out.ratio > limits.held_out_ratio => Some((
-            Level::Doubtful,
+            CalibrationLevel::Doubtful,
             format!(
                 "placements that were held out are predicted {:.2} times worse than they are fitted, expected at \
                  most {}",
@@ -339,7 +337,10 @@ fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
             ),
         )),
         Some(_) => None,
-        None => Some((Level::Accepted, "too few placements to hold any out".into())),
+        None => Some((
+            CalibrationLevel::Accepted,
+            "too few placements to hold any out".into(),
+        )),
     }
 }
 
@@ -352,7 +353,7 @@ fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
             l.camera.as_ref()?,
             l.reason
         );
-        Some((Level::Doubtful, words))
+        Some((CalibrationLevel::Doubtful, words))
     })
 }
 

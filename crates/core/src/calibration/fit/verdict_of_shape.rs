@@ -1,10 +1,10 @@
 //! The reasons that the board's shape gives for the verdict of a calibration.
 
-use super::result::{Fate, FittedShape, ShapeTerm};
-use crate::calibration::Level;
+use super::result::{FittedShape, ShapeTerm, TermStatus};
+use crate::calibration::CalibrationLevel;
 
 /// A reason, and what a calibration is worth at best because of it.
-type Reason = (Level, String);
+type Reason = (CalibrationLevel, String);
 
 /// What is amiss with the board's shape: with a bend of more than `most_bent_mm`, and with squares that are longer in
 /// one direction by more than `most_stretched_percent`, more than with others.
@@ -20,28 +20,28 @@ pub(super) fn of_shape(
     let unheld = bends.filter_map(|(term, name)| {
         let words = halves(term, 1e3, "mm")?;
         let subject = format!("the board seems to be bent {name}, and was assumed to be flat");
-        Some((Level::Doubtful, format!("{subject}: {words}")))
+        Some((CalibrationLevel::Doubtful, format!("{subject}: {words}")))
     });
     let stretch = halves(&shape.stretch, 2e2, "%").map(|words| {
         let subject =
             "the board's squares seem to be longer in one direction, and were assumed to be equal";
-        (Level::Doubtful, format!("{subject}: {words}"))
+        (CalibrationLevel::Doubtful, format!("{subject}: {words}"))
     });
     found.chain(unheld).chain(stretch).collect()
 }
 
 fn bent(shape: &FittedShape, most_mm: f64) -> Option<Reason> {
     let (found, deviation) = (1e3 * shape.shape().depth(), 1e3 * shape.depth_deviation());
-    let is_kept = shape.bend.iter().any(|term| term.fate == Fate::Kept);
+    let is_kept = shape.bend.iter().any(|term| term.fate == TermStatus::Kept);
     is_kept.then(|| match found > most_mm {
         true => (
-            Level::Doubtful,
+            CalibrationLevel::Doubtful,
             format!(
                 "the board is bent by {found:.2} ± {deviation:.3} mm, expected at most {most_mm}"
             ),
         ),
         false => (
-            Level::Accepted,
+            CalibrationLevel::Accepted,
             format!(
                 "the board is bent by {found:.2} ± {deviation:.3} mm, which the fit allows for"
             ),
@@ -61,20 +61,20 @@ fn stretched(stretch: &ShapeTerm, most_percent: f64) -> Option<Reason> {
         percent.abs(),
         2e2 * stretch.deviation
     );
-    (stretch.fate == Fate::Kept).then(|| match percent.abs() > most_percent {
+    (stretch.fate == TermStatus::Kept).then(|| match percent.abs() > most_percent {
         true => (
-            Level::Doubtful,
+            CalibrationLevel::Doubtful,
             format!(
                 "{words}, expected at most {most_percent} %; it is not known which of the two lengths is right"
             ),
         ),
-        false => (Level::Accepted, format!("{words}; the fit assumes that their mean is the stated length")),
+        false => (CalibrationLevel::Accepted, format!("{words}; the fit assumes that their mean is the stated length")),
     })
 }
 
 /// What two halves of the placements say of a term that was needed and not held.
 fn halves(term: &ShapeTerm, scale: f64, unit: &str) -> Option<String> {
-    let is_unheld = term.fate == Fate::NotHeld;
+    let is_unheld = term.fate == TermStatus::NotHeld;
     is_unheld.then(|| match term.halves {
         Some([[first, a], [last, b]]) => {
             let [first, a, last, b] = [first, a, last, b].map(|v| scale * v);
@@ -94,7 +94,7 @@ mod tests {
         ShapeTerm {
             value,
             deviation: 1e-5,
-            fate: Fate::Kept,
+            fate: TermStatus::Kept,
             halves: None,
         }
     }
@@ -111,9 +111,15 @@ mod tests {
             ..FittedShape::default()
         };
         let told = "the board is bent by 0.40 ± 0.010 mm, which the fit allows for";
-        assert_eq!(words(bend(-0.4)), [(Level::Accepted, told.to_owned())]);
+        assert_eq!(
+            words(bend(-0.4)),
+            [(CalibrationLevel::Accepted, told.to_owned())]
+        );
         let told = "the board is bent by 1.20 ± 0.010 mm, expected at most 1";
-        assert_eq!(words(bend(1.2)), [(Level::Doubtful, told.to_owned())]);
+        assert_eq!(
+            words(bend(1.2)),
+            [(CalibrationLevel::Doubtful, told.to_owned())]
+        );
     }
 
     #[test]
@@ -125,7 +131,7 @@ mod tests {
         let [(level, told)] = &words(stretch(-5e-4))[..] else {
             panic!("one reason")
         };
-        assert_eq!(*level, Level::Accepted);
+        assert_eq!(*level, CalibrationLevel::Accepted);
         assert!(
             told.contains("0.10 ± 0.002 % longer down its columns"),
             "{told}"
@@ -133,7 +139,7 @@ mod tests {
         let [(level, told)] = &words(stretch(2e-3))[..] else {
             panic!("one reason")
         };
-        assert_eq!(*level, Level::Doubtful);
+        assert_eq!(*level, CalibrationLevel::Doubtful);
         assert!(
             told.contains("0.40 ± 0.002 % longer along its rows"),
             "{told}"
@@ -144,7 +150,7 @@ mod tests {
     #[test]
     fn a_term_that_is_needed_and_not_held_is_doubted_with_what_each_half_says() {
         let unheld = ShapeTerm {
-            fate: Fate::NotHeld,
+            fate: TermStatus::NotHeld,
             halves: Some([[4e-4, 5e-5], [-1e-4, 5e-5]]),
             ..ShapeTerm::default()
         };
@@ -154,7 +160,10 @@ mod tests {
         };
         let told = "the board seems to be bent down its columns, and was assumed to be flat: the first half of the \
                     placements says +0.40 ± 0.05 mm, the last -0.10 ± 0.05 mm";
-        assert_eq!(words(shape), [(Level::Doubtful, told.to_owned())]);
+        assert_eq!(
+            words(shape),
+            [(CalibrationLevel::Doubtful, told.to_owned())]
+        );
         let untold = FittedShape {
             stretch: ShapeTerm {
                 halves: None,
@@ -165,7 +174,7 @@ mod tests {
         let [(level, told)] = &words(untold)[..] else {
             panic!("one reason")
         };
-        assert_eq!(*level, Level::Doubtful);
+        assert_eq!(*level, CalibrationLevel::Doubtful);
         assert!(told.contains("too few placements"), "{told}");
     }
 }

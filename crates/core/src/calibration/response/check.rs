@@ -8,9 +8,9 @@ use crate::calibration::{Board, DepthResponse, Intrinsics};
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct DepthCheck {
     /// Each placement that it read, in the order given.
-    pub placements: Vec<DepthOff>,
+    pub placements: Vec<DepthDeviation>,
     /// The placement that is the farthest off for its distance.
-    pub worst: DepthOff,
+    pub worst: DepthDeviation,
     /// Whether that is more than can be.
     pub is_off: bool,
     /// By how many pixels in x and y the depth is displaced against its colour picture, if several placements show
@@ -20,7 +20,7 @@ pub struct DepthCheck {
 
 /// Readings of one placement.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
-pub struct DepthOff {
+pub struct DepthDeviation {
     /// The placement's name.
     pub placement: String,
     /// Mean distance in metres.
@@ -29,7 +29,7 @@ pub struct DepthOff {
     pub off: f64,
 }
 
-impl DepthOff {
+impl DepthDeviation {
     /// At 1 m: noise and errors of disparity grow with the square of the distance.
     fn at_1m(&self) -> f64 {
         self.off / self.distance.powi(2)
@@ -84,7 +84,7 @@ fn against(
     lens: &Intrinsics,
     plane: &Plane<'_>,
     response: &DepthResponse,
-) -> (DepthOff, Vec<Patch>) {
+) -> (DepthDeviation, Vec<Patch>) {
     let (mut depth, mut off) = (0.0, 0.0);
     for sample in &plane.samples {
         let z = response.slope * sample.reading + response.intercept;
@@ -94,7 +94,7 @@ fn against(
     }
     let count = plane.samples.len().max(1) as f64;
     let line = [response.slope, response.intercept];
-    let found = DepthOff {
+    let found = DepthDeviation {
         placement: plane.placement.to_owned(),
         distance: depth / count,
         off: off / count,

@@ -11,7 +11,7 @@ mod plane;
 mod polynomial;
 mod table;
 
-pub use check::{DepthCheck, DepthOff, check_depth};
+pub use check::{DepthCheck, DepthDeviation, check_depth};
 pub use correction::Correction;
 pub use misfit::{Cause, Misfit};
 pub use paper::PaperFit;

@@ -3,7 +3,7 @@
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::register::{Colours, DepthWitness, HeldBy, Refusal, Registered, Registration, Rival};
-use crate::report::{Code, Reason};
+use crate::report::{Reason, ReasonCode};
 use serde::Serialize;
 
 /// How captures were fused.
@@ -131,10 +131,10 @@ impl Fusion {
         let reason = |c: &FusedCapture| {
             let (level, code) = match (c.held_by, c.is_fused) {
                 (Some(HeldBy::Frame), _) => return None,
-                (_, false) => (Level::Amber, Code::CaptureLeftOut),
-                (Some(HeldBy::Nothing), _) => (Level::Amber, Code::TurnUnknown),
-                _ if c.level > Level::Green => (Level::Amber, Code::PoseDoubtful),
-                _ => (Level::Green, Code::PoseFound),
+                (_, false) => (Level::Amber, ReasonCode::CaptureLeftOut),
+                (Some(HeldBy::Nothing), _) => (Level::Amber, ReasonCode::TurnUnknown),
+                _ if c.level > Level::Green => (Level::Amber, ReasonCode::PoseDoubtful),
+                _ => (Level::Green, ReasonCode::PoseFound),
             };
             Some(Reason {
                 level,

@@ -8,7 +8,7 @@ use super::sides::Sides;
 use crate::calibration::Volume;
 use crate::mesh::closest_on_triangle;
 use crate::reconstruct::hull;
-use crate::reconstruct::surface::{Constraint, Lattice, Side, Solid, Undecided};
+use crate::reconstruct::surface::{Constraint, Lattice, Side, Solid, UndecidedConstraints};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 const SURELY: f64 = 127.5;
 
 /// The bit of the one constraint that there is.
-const SURFACE: Undecided = 1;
+const SURFACE: UndecidedConstraints = 1;
 
 /// A faired hull.
 pub struct Body {
@@ -159,7 +159,7 @@ impl Body {
 }
 
 impl Solid for Body {
-    fn side(&self, center: Point3<f64>, half: f64, _: Undecided) -> Side {
+    fn side(&self, center: Point3<f64>, half: f64, _: UndecidedConstraints) -> Side {
         let size = 2.0 * half / self.lattice.cell_size;
         let level = size.round().max(1.0).log2().round() as u32;
         let at = self.place(center);
@@ -188,7 +188,7 @@ impl Solid for Body {
         }
     }
 
-    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+    fn value(&self, p: Point3<f64>, undecided: UndecidedConstraints) -> f32 {
         if undecided & SURFACE == 0 {
             return SURELY as f32;
         }
@@ -204,7 +204,7 @@ impl Solid for Body {
         }
     }
 
-    fn normal(&self, p: Point3<f64>, _: Undecided) -> (Vector3<f32>, Constraint) {
+    fn normal(&self, p: Point3<f64>, _: UndecidedConstraints) -> (Vector3<f32>, Constraint) {
         let Some((triangle, inside)) = self.best(p) else {
             return (Vector3::z(), 0);
         };

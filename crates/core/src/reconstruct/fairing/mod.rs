@@ -38,13 +38,13 @@ use sides::Sides;
 
 /// Edges of the cells of the meshes that are faired, in those of the hull: a coarse one for the form, a finer one for
 /// what is left.
-const LEVELS: [Level; 2] = [
-    Level {
+const LEVELS: [RefinementLevel; 2] = [
+    RefinementLevel {
         cells: 4,
         rounds: 8,
         steps: 150,
     },
-    Level {
+    RefinementLevel {
         cells: 2,
         rounds: 4,
         steps: 80,
@@ -58,7 +58,7 @@ const SMALLEST_RADIUS_PX: f64 = 50.0;
 /// Rounds in which all resists alike, so that the hull's facets do not count as edges.
 const ROUNDS_TO_SETTLE: usize = 2;
 
-struct Level {
+struct RefinementLevel {
     cells: u32,
     rounds: usize,
     /// Most steps of the solver in a round.
@@ -121,7 +121,7 @@ pub fn fair(
     let sides = shapes
         .last()
         .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, hull.volume().min.z));
-    let mut coarse: Option<transfer::Moved> = None;
+    let mut coarse: Option<transfer::MovedMesh> = None;
     let mut last = None;
     for (level, mut shape) in LEVELS.iter().zip(shapes) {
         let cell_size = lattice.cell_size * f64::from(level.cells);
@@ -146,7 +146,7 @@ pub fn fair(
                 shape.even_out();
             }
         }
-        coarse = Some(transfer::Moved::new(&shape, &start));
+        coarse = Some(transfer::MovedMesh::new(&shape, &start));
         last = Some((shape, start));
     }
     let (mut shape, start) = last?;

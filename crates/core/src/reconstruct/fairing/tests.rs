@@ -5,7 +5,7 @@ use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
 use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Mesh, check, components};
-use crate::reconstruct::hull::{Cone, Extracted};
+use crate::reconstruct::hull::{Cone, ExtractedSurface};
 use nalgebra::{Isometry3, Point2, Point3, Vector2, Vector3};
 
 /// A ring of cameras that look down on what stands on the table, 0.4 m away.
@@ -89,7 +89,7 @@ fn volume() -> Volume {
 }
 
 /// The plain hull's mesh, and the faired one's with its facts.
-fn faired(cameras: &[Camera], levels: &[Grid<u8>]) -> (Mesh, Option<(Facts, Extracted)>) {
+fn faired(cameras: &[Camera], levels: &[Grid<u8>]) -> (Mesh, Option<(Facts, ExtractedSurface)>) {
     let pairs = cameras.iter().zip(levels);
     let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
     let parameters = hull::Parameters {

@@ -7,13 +7,13 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// A mesh before and after.
-pub(super) struct Moved {
+pub(super) struct MovedMesh {
     before: Bvh,
     places: Vec<Point3<f64>>,
     after: Curved,
 }
 
-impl Moved {
+impl MovedMesh {
     /// Of a shape that began at the positions `before`.
     pub(super) fn new(shape: &Shape, before: &[Point3<f64>]) -> Self {
         let mesh = Mesh {

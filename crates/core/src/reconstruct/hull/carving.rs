@@ -3,14 +3,14 @@
 use super::extremes::Extremes;
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
-use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
+use crate::reconstruct::surface::{Constraint, Side, Solid, UndecidedConstraints};
 use nalgebra::{Point2, Point3, Vector3};
 
 /// Depth cameras are numbered downwards from here, cameras from 0 upwards.
 const FIRST_CARVING: Constraint = Constraint::MAX - 64;
 
 /// The bit for all carvings together.
-const CARVING: Undecided = 1 << 63;
+const CARVING: UndecidedConstraints = 1 << 63;
 
 /// What one depth camera carves away.
 pub struct Carving<'a> {
@@ -191,7 +191,7 @@ pub fn carving_of(constraint: Constraint) -> Option<usize> {
 }
 
 impl Solid for Carved<'_> {
-    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side {
+    fn side(&self, center: Point3<f64>, half: f64, undecided: UndecidedConstraints) -> Side {
         let hull = self.hull.side(center, half, undecided);
         if hull == Side::Outside {
             return Side::Outside;
@@ -217,7 +217,7 @@ impl Solid for Carved<'_> {
         }
     }
 
-    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+    fn value(&self, p: Point3<f64>, undecided: UndecidedConstraints) -> f32 {
         let hull = self.hull.value(p, undecided);
         if undecided & CARVING == 0 {
             return hull;
@@ -225,7 +225,11 @@ impl Solid for Carved<'_> {
         self.deepest(p).map_or(hull, |(value, _)| value.min(hull))
     }
 
-    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint) {
+    fn normal(
+        &self,
+        p: Point3<f64>,
+        undecided: UndecidedConstraints,
+    ) -> (Vector3<f32>, Constraint) {
         if undecided & CARVING != 0
             && let Some((value, i)) = self.deepest(p)
             && value < self.hull.value(p, undecided)

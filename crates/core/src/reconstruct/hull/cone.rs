@@ -129,17 +129,17 @@ impl<'a> Cone<'a> {
 
     /// What the camera knows of a cube: inside its silhouette, outside it, both, or `None` where no part of
     /// the cube is surely within the picture, so that it knows nothing.
-    pub(super) fn side(&self, center: Point3<f64>, half: f64) -> Known {
+    pub(super) fn side(&self, center: Point3<f64>, half: f64) -> CubeEvidence {
         let radius = half * 3f64.sqrt();
         let depth = self.camera.camera_from_rig(center).z;
         if depth < -radius {
-            return Known {
+            return CubeEvidence {
                 side: Side::Inside,
                 seen: false,
                 unknown: false,
             };
         }
-        let across = Known {
+        let across = CubeEvidence {
             side: Side::Across(0),
             seen: false,
             unknown: false,
@@ -160,7 +160,7 @@ impl<'a> Cone<'a> {
         let [x0, x1] = [pixel.x - extent, pixel.x + extent];
         let [y0, y1] = [pixel.y - extent, pixel.y + extent];
         if x1 < -0.5 || y1 < -0.5 || x0 > width + 0.5 || y0 > height + 0.5 {
-            return Known {
+            return CubeEvidence {
                 side: Side::Inside,
                 seen: false,
                 unknown: false,
@@ -182,7 +182,7 @@ impl<'a> Cone<'a> {
         } else {
             Side::Across(0)
         };
-        Known {
+        CubeEvidence {
             side,
             seen,
             unknown: all,
@@ -273,7 +273,7 @@ impl<'a> Cone<'a> {
 }
 
 /// What a camera knows of a cube.
-pub(super) struct Known {
+pub(super) struct CubeEvidence {
     /// Where the cube is; `Inside` also where the camera sees nothing of it and so cannot object.
     pub(super) side: Side,
     /// Whether all of the cube is within the picture.

@@ -13,7 +13,7 @@ pub use cone::Cone;
 pub use solid::{FLOOR, Hull, Plane};
 pub use viewing::Exit;
 
-use super::surface::{self, Constraint, Lattice, Sampled, Solid, Surface};
+use super::surface::{self, Constraint, Lattice, SampledSolid, Solid, Surface};
 use crate::calibration::Volume;
 use crate::mesh;
 use nalgebra::Point3;
@@ -129,11 +129,11 @@ pub enum Error {
 }
 
 /// A solid's surface.
-pub struct Extracted {
+pub struct ExtractedSurface {
     /// The surface, without stray pieces.
     pub surface: Surface,
     /// What was seen of the solid, to extract another one on the same lattice that differs in places.
-    pub sampled: Sampled,
+    pub sampled: SampledSolid,
     /// Pieces that were dropped, but for specks.
     pub dropped_pieces: usize,
 }
@@ -189,7 +189,7 @@ pub fn extract(
     hull: &Hull,
     lattice: &Lattice,
     parameters: &Parameters,
-) -> Result<Extracted, Error> {
+) -> Result<ExtractedSurface, Error> {
     let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
     let most = (MOST_CELLS * cells.norm_squared()) as usize;
     match surface::extract(hull, lattice, most) {
@@ -211,7 +211,7 @@ pub fn extract_solid(
     solid: &impl Solid,
     lattice: &Lattice,
     parameters: &Parameters,
-) -> Option<Extracted> {
+) -> Option<ExtractedSurface> {
     let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
     let most = (MOST_CELLS * cells.norm_squared()) as usize;
     let found = surface::extract(solid, lattice, most).ok()?;
@@ -223,18 +223,18 @@ pub fn extract_solid(
 pub fn extract_changed(
     solid: &impl Solid,
     lattice: &Lattice,
-    before: &Sampled,
+    before: &SampledSolid,
     may_differ: impl Fn(Point3<f64>, f64) -> bool + Sync,
     parameters: &Parameters,
-) -> Extracted {
+) -> ExtractedSurface {
     let changed = surface::extract_changed(solid, lattice, before, may_differ);
     without_stray_pieces(changed, parameters)
 }
 
 fn without_stray_pieces(
-    (surface, sampled): (Surface, Sampled),
+    (surface, sampled): (Surface, SampledSolid),
     parameters: &Parameters,
-) -> Extracted {
+) -> ExtractedSurface {
     let pieces = mesh::components(&surface.mesh);
     let largest = pieces.parts.iter().map(|p| p.volume).fold(0.0, f64::max);
     let keep: Vec<bool> = pieces
@@ -243,7 +243,7 @@ fn without_stray_pieces(
         .map(|p| p.volume >= parameters.smallest_piece * largest)
         .collect();
     if keep.iter().all(|&k| k) {
-        return Extracted {
+        return ExtractedSurface {
             surface,
             sampled,
             dropped_pieces: 0,
@@ -261,7 +261,7 @@ fn without_stray_pieces(
         .iter()
         .map(|&v| surface.constraints[v as usize])
         .collect();
-    Extracted {
+    ExtractedSurface {
         surface: Surface { mesh, constraints },
         sampled,
         dropped_pieces,

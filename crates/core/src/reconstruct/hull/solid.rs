@@ -3,7 +3,7 @@
 use super::cone::{Cone, SURELY};
 use crate::calibration::Volume;
 use crate::frame::CameraId;
-use crate::reconstruct::surface::{Constraint, Side, Solid, Undecided};
+use crate::reconstruct::surface::{Constraint, Side, Solid, UndecidedConstraints};
 use crate::statistics::upper_median;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ pub const FLOOR: Constraint = Constraint::MAX;
 const WALLS: Constraint = Constraint::MAX - 6;
 
 /// The bit for the volume and for whether enough cameras see a point.
-const BOUNDS: Undecided = 1;
+const BOUNDS: UndecidedConstraints = 1;
 
 /// A plane that bounds the object, as the table that it stood on in another capture: nothing is beyond it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +88,7 @@ impl<'a> Hull<'a> {
     pub fn reach(&self, p: Point3<f64>, along: Vector3<f64>, least: f64) -> f64 {
         let most = (self.volume.max - self.volume.min).norm();
         let mut way = least.max(1e-6);
-        while way < most && self.value(p + along * way, Undecided::MAX) > 0.0 {
+        while way < most && self.value(p + along * way, UndecidedConstraints::MAX) > 0.0 {
             way *= 2.0;
         }
         (0.75 * way).max(least)
@@ -141,12 +141,12 @@ impl<'a> Hull<'a> {
             .map(|(_, cone)| &cone.camera().id)
     }
 
-    fn bit(camera: usize) -> Undecided {
+    fn bit(camera: usize) -> UndecidedConstraints {
         1 << ((camera + 1) % 64)
     }
 
     /// The cameras that may matter.
-    fn asked(&self, undecided: Undecided) -> impl Iterator<Item = (usize, &Cone<'a>)> {
+    fn asked(&self, undecided: UndecidedConstraints) -> impl Iterator<Item = (usize, &Cone<'a>)> {
         self.cones
             .iter()
             .enumerate()
@@ -212,7 +212,7 @@ impl<'a> Hull<'a> {
 }
 
 impl Solid for Hull<'_> {
-    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side {
+    fn side(&self, center: Point3<f64>, half: f64, undecided: UndecidedConstraints) -> Side {
         let mut left = 0;
         let mut seen = 0;
         for (i, cone) in self.asked(undecided) {
@@ -256,7 +256,7 @@ impl Solid for Hull<'_> {
         }
     }
 
-    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32 {
+    fn value(&self, p: Point3<f64>, undecided: UndecidedConstraints) -> f32 {
         let mut value = SURELY;
         if undecided & BOUNDS != 0 {
             value = self.bounds_value(p).0;
@@ -273,7 +273,11 @@ impl Solid for Hull<'_> {
         value
     }
 
-    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint) {
+    fn normal(
+        &self,
+        p: Point3<f64>,
+        undecided: UndecidedConstraints,
+    ) -> (Vector3<f32>, Constraint) {
         let (mut lowest, face) = self.bounds_value(p);
         let mut nearest = None;
         if undecided & BOUNDS == 0 {

@@ -4,7 +4,7 @@ use super::*;
 use crate::calibration::{Camera, Distortion, Intrinsics};
 use crate::frame::CameraId;
 use crate::image::Grid;
-use crate::reconstruct::surface::{Side, Undecided};
+use crate::reconstruct::surface::{Side, UndecidedConstraints};
 use nalgebra::{Isometry3, Point2, Vector2, Vector3};
 
 fn camera(index: usize, eye: Point3<f64>, width: usize, height: usize) -> Camera {
@@ -50,7 +50,7 @@ fn surface_of(
     levels: &[Grid<u8>],
     volume: Volume,
     parameters: &Parameters,
-) -> Extracted {
+) -> ExtractedSurface {
     let cones = cameras
         .iter()
         .zip(levels)
@@ -117,7 +117,7 @@ fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
     for _ in 0..4000 {
         let center = Point3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * 0.4;
         let half = 0.03 * uniform();
-        let inside = match hull.side(center, half, Undecided::MAX) {
+        let inside = match hull.side(center, half, UndecidedConstraints::MAX) {
             Side::Across(_) => continue,
             side => side == Side::Inside,
         };
@@ -125,7 +125,10 @@ fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
         for _ in 0..20 {
             let offset =
                 Vector3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * 2.0 * half;
-            assert_eq!(hull.value(center + offset, Undecided::MAX) > 0.0, inside);
+            assert_eq!(
+                hull.value(center + offset, UndecidedConstraints::MAX) > 0.0,
+                inside
+            );
         }
     }
     assert!(decided > 2000, "{decided}");
@@ -170,7 +173,8 @@ fn the_volume_cuts_what_stands_on_the_table() {
     let cameras = ring(5, 320, 240);
     let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
     let volume = Volume::new(Point3::new(-0.07, -0.07, 0.0), Point3::new(0.07, 0.07, 0.1)).unwrap();
-    let Extracted { surface, .. } = surface_of(&cameras, &levels, volume, &Parameters::default());
+    let ExtractedSurface { surface, .. } =
+        surface_of(&cameras, &levels, volume, &Parameters::default());
     assert!(mesh::check(&surface.mesh).is_watertight());
     let on_floor = |v: usize| surface.mesh.vertices[v].z < 1e-4;
     let floor = (0..surface.mesh.vertices.len()).filter(|&v| is_floor(surface.constraints[v]));
@@ -259,6 +263,6 @@ fn a_camera_says_nothing_of_what_it_ignores() {
     let hull = Hull::new(cones, cube(0.08), 2);
     let unproved = hull.unproved_volume().unwrap();
     assert!((2e-5..5e-5).contains(&unproved), "{unproved}");
-    assert!(hull.value(Point3::new(0.0, 0.0, 0.045), Undecided::MAX) < 0.0);
-    assert!(hull.value(Point3::origin(), Undecided::MAX) > 0.0);
+    assert!(hull.value(Point3::new(0.0, 0.0, 0.045), UndecidedConstraints::MAX) < 0.0);
+    assert!(hull.value(Point3::origin(), UndecidedConstraints::MAX) > 0.0);
 }

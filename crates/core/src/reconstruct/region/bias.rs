@@ -2,7 +2,7 @@
 //! It is used no further than the calibration's uncertainty allows.
 
 use super::Parameters;
-use super::front::{Front, stands_on_table};
+use super::front::{HullRenderings, stands_on_table};
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
@@ -49,7 +49,7 @@ impl Bias {
     /// never negative but for the bias).
     pub(super) fn estimate(
         view: &DepthView,
-        front: &Front,
+        front: &HullRenderings,
         difference: &Grid<f32>,
         volume: &Volume,
         object: &Mask,
@@ -155,7 +155,7 @@ fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
 }
 
 /// The low end of the differences on the hull's flatter front.
-fn from_hull(front: &Front, difference: &Grid<f32>) -> Option<(f64, f64)> {
+fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64)> {
     const LOW: f64 = 0.2;
     let mut values = Vec::new();
     for y in 0..difference.height() {

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 /// Renderings of the hull, of the size of the depth camera's pictures.
 #[derive(Clone, Debug)]
-pub struct Front {
+pub struct HullRenderings {
     /// Depth of the nearest surface in metres; infinite where the hull is not.
     pub depth: Grid<f32>,
     /// Depth at which a ray first leaves the hull; infinite where the hull is not.
@@ -19,7 +19,7 @@ pub struct Front {
     pub is_front: Grid<bool>,
 }
 
-impl Front {
+impl HullRenderings {
     /// Renders a hull with the vertex normals `normals`; `threshold` is T of equation 4.
     pub fn render(
         hull: &Mesh,

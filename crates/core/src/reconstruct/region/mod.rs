@@ -15,7 +15,7 @@ mod segment;
 mod support;
 
 pub use bias::{Bias, BiasSource};
-pub use front::{Front, front_vertices};
+pub use front::{HullRenderings, front_vertices};
 
 use crate::calibration::Volume;
 use crate::image::{Grid, Mask};
@@ -97,7 +97,7 @@ impl Default for Parameters {
 #[derive(Clone, Debug)]
 pub struct Regions {
     /// The hull as the depth camera sees it.
-    pub front: Front,
+    pub front: HullRenderings,
     /// Dk - Ds in metres, corrected for the bias: positive in a cavity; NaN where either is missing.
     pub difference: Grid<f32>,
     /// Standard deviation of the difference over the front surface, σF, in metres.
@@ -118,9 +118,9 @@ impl Regions {
 }
 
 /// Finds the regions that one depth camera sees of a hull whose `front` it sees. `object` are the pixels that
-/// [`Front::object_pixels`] gave.
+/// [`HullRenderings::object_pixels`] gave.
 pub fn find(
-    front: Front,
+    front: HullRenderings,
     view: &DepthView,
     depth: &EnhancedDepth,
     volume: &Volume,
@@ -162,7 +162,7 @@ pub fn find(
 }
 
 /// F = Dk - Ds; NaN where either is missing.
-fn difference(front: &Front, depth: &EnhancedDepth) -> Grid<f32> {
+fn difference(front: &HullRenderings, depth: &EnhancedDepth) -> Grid<f32> {
     Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         if depth.kind[(x, y)] == DepthKind::None || !front.is_front[(x, y)] {
             return f32::NAN;

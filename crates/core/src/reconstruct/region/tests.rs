@@ -57,7 +57,7 @@ fn block() -> Mesh {
 fn the_front_is_the_top_and_the_way_out_the_bottom() {
     let (mesh, camera) = (block(), overhead());
     assert!(crate::mesh::check(&mesh).is_watertight());
-    let front = Front::render(&mesh, &vertex_normals(&mesh), &camera, 0.3);
+    let front = HullRenderings::render(&mesh, &vertex_normals(&mesh), &camera, 0.3);
     let middle = (80, 60);
     assert!(
         (front.depth[middle] - 0.7).abs() < 1e-4,

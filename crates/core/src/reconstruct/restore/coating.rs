@@ -7,7 +7,7 @@
 //! of the hull.
 
 use super::factor::solve;
-use super::laplacian::{Patch, Screened, Singular};
+use super::laplacian::{Patch, ScreenedSystem, Singular};
 use super::{Parameters, Source};
 use crate::image::Grid;
 use crate::mesh::{Mesh, vertex_normals};
@@ -69,7 +69,7 @@ pub(super) fn restore(
     let weights: Vec<f64> = patch.vertices[..patch.inner].iter().map(weight).collect();
     let solution = solve(
         &patch,
-        &Screened {
+        &ScreenedSystem {
             delta: &coated,
             delta_weight: 1.0,
             target: &surface[..patch.inner],

@@ -6,7 +6,7 @@ use crate::calibration::Volume;
 use crate::image::Grid;
 use crate::mesh::{Mesh, rasterize_closed};
 use crate::reconstruct::hull::{Carving, Cone};
-use crate::reconstruct::surface::Undecided;
+use crate::reconstruct::surface::UndecidedConstraints;
 use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -89,7 +89,7 @@ fn least_carved(
     let mut least: Option<(f64, Point3<f64>, usize)> = None;
     for step in first..last.max(0.0) as usize {
         let p = origin + direction * (start + step as f64 * cell_size);
-        if template.solid.value(p, Undecided::MAX) <= 0.0 {
+        if template.solid.value(p, UndecidedConstraints::MAX) <= 0.0 {
             continue;
         }
         // The carving that took most off the point is the one that would have to be undone.

@@ -1,7 +1,7 @@
 //! Solves screened systems directly, however weakly their vertices are anchored: the sparse Cholesky factorisation
 //! of `nalgebra-sparse`, in the order that an approximate minimum degree gives.
 
-use super::laplacian::{Patch, Screened, Singular};
+use super::laplacian::{Patch, ScreenedSystem, Singular};
 use crate::array::three;
 use nalgebra::DMatrix;
 use nalgebra_sparse::CscMatrix;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 ///
 /// # Errors
 /// If a part of the patch has no anchor.
-pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, Singular> {
+pub(super) fn solve(patch: &Patch, system: &ScreenedSystem) -> Result<Vec<[f64; 3]>, Singular> {
     let n = patch.inner;
     if !system.is_anchored(patch) {
         return Err(Singular(n));
@@ -37,7 +37,7 @@ pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, S
 /// Rows, ascending, and values of a column of diag(w) + μ LᵀL.
 type Column = Vec<(usize, f64)>;
 
-fn column(patch: &Patch, system: &Screened, b: usize) -> Column {
+fn column(patch: &Patch, system: &ScreenedSystem, b: usize) -> Column {
     let mut entries = vec![(b, system.target_weight[b])];
     // The rows of L that hold b: its own, and those of its neighbours, of whom it is one.
     for i in patch.inner_neighbours(b).chain([b]) {

@@ -2,7 +2,7 @@
 //! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.1), for the three coordinates
 //! side by side. No factorisation is needed.
 
-use super::laplacian::{Patch, Screened, Singular};
+use super::laplacian::{Patch, ScreenedSystem, Singular};
 use crate::array::three;
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ const TASK: usize = 1024;
 ///
 /// # Errors
 /// If a part of the patch is held so weakly that no solution is found.
-pub(super) fn solve(patch: &Patch, system: &Screened) -> Result<Vec<[f64; 3]>, Singular> {
+pub(super) fn solve(patch: &Patch, system: &ScreenedSystem) -> Result<Vec<[f64; 3]>, Singular> {
     let operator = Operator::new(patch, system);
     let mut x = system.target.to_vec();
     let mut residual = system.descent(patch, &x);
@@ -76,7 +76,7 @@ struct Operator<'a> {
 }
 
 impl<'a> Operator<'a> {
-    fn new(patch: &Patch, system: &'a Screened) -> Self {
+    fn new(patch: &Patch, system: &'a ScreenedSystem) -> Self {
         let n = patch.inner;
         let (mut starts, mut neighbours) = (Vec::with_capacity(n + 1), Vec::with_capacity(6 * n));
         let shares: Vec<f64> = (0..n).map(|i| patch.share(i)).collect();
@@ -154,7 +154,7 @@ mod tests {
         let target: Vec<[f64; 3]> = (0..patch.inner).map(|i| three(|k| noise(i, k))).collect();
         let weights: Vec<f64> = (0..patch.inner).map(|i| [0.05, 1.0, 4.0][i % 3]).collect();
         for smoothness in [0.1, 1.0, 100.0] {
-            let system = Screened {
+            let system = ScreenedSystem {
                 delta: &vec![[0.0; 3]; patch.inner],
                 delta_weight: smoothness,
                 target: &target,
@@ -174,7 +174,7 @@ mod tests {
         let mesh = sheet(40);
         let patch = Patch::new(&mesh, |_| true);
         let target: Vec<[f64; 3]> = (0..patch.inner).map(|i| [(i % 7) as f64; 3]).collect();
-        let system = Screened {
+        let system = ScreenedSystem {
             delta: &vec![[f64::NAN; 3]; patch.inner],
             delta_weight: 1.0,
             target: &target,

@@ -81,7 +81,7 @@ impl Patch {
 }
 
 /// A screened system over the inner vertices of a patch: minimise Σ wᵢ |xᵢ - tᵢ|² + μ Σ |L x - δ|², the ring held.
-pub(super) struct Screened<'a> {
+pub(super) struct ScreenedSystem<'a> {
     /// Laplacian coordinates wanted at each inner vertex.
     pub(super) delta: &'a [[f64; 3]],
     /// Weight of the Laplacian coordinates.
@@ -94,7 +94,7 @@ pub(super) struct Screened<'a> {
     pub(super) ring: &'a [[f64; 3]],
 }
 
-impl Screened<'_> {
+impl ScreenedSystem<'_> {
     /// Whether each part of the patch is held somewhere: by a weight, or by a neighbour in the ring. Round-off would
     /// hide it from a factorisation.
     pub(super) fn is_anchored(&self, patch: &Patch) -> bool {
@@ -192,7 +192,7 @@ mod tests {
         let wanted = positions(&patch, |x, y| (x * 0.7).sin() + 0.3 * y, &mesh);
         let delta = patch.laplacian(&wanted);
         let free = vec![0.0; patch.inner];
-        let system = Screened {
+        let system = ScreenedSystem {
             delta: &delta,
             delta_weight: 1.0,
             target: &wanted[..patch.inner],
@@ -213,7 +213,7 @@ mod tests {
         let free = vec![0.0; patch.inner];
         let restored = |surface: &[[f64; 3]]| {
             let delta = patch.laplacian(surface);
-            let system = Screened {
+            let system = ScreenedSystem {
                 delta: &delta,
                 delta_weight: 1.0,
                 target: &surface[..patch.inner],
@@ -239,7 +239,7 @@ mod tests {
         let all = positions(&patch, |x, _| x, &mesh);
         let delta = patch.laplacian(&all);
         let solved = |target_weight: &[f64]| {
-            let system = Screened {
+            let system = ScreenedSystem {
                 delta: &delta,
                 delta_weight: 1.0,
                 target: &all[..patch.inner],

@@ -17,7 +17,7 @@ pub use laplacian::Singular;
 
 use super::Model;
 use super::depth::EnhancedDepth;
-use super::hull::{self, Carved, Carving, Extracted, Hull, carving_of};
+use super::hull::{self, Carved, Carving, ExtractedSurface, Hull, carving_of};
 use super::region::Regions;
 use super::surface::{Constraint, Lattice, Solid};
 use crate::calibration::DepthCamera;
@@ -90,7 +90,7 @@ pub struct Template<'a> {
     /// What is carved: the hull, plain or faired.
     pub solid: &'a dyn Solid,
     /// The surface of `solid`.
-    pub extracted: &'a Extracted,
+    pub extracted: &'a ExtractedSurface,
     /// The lattice that it was extracted on.
     pub lattice: &'a Lattice,
     /// How it was extracted.

@@ -3,7 +3,7 @@
 //! raster are smoothed away. Walls and everything else stay where the carving put them.
 
 use super::iterate::solve;
-use super::laplacian::{Patch, Screened, Singular};
+use super::laplacian::{Patch, ScreenedSystem, Singular};
 use super::{Parameters, Source};
 use crate::mesh::vertex_normals;
 use crate::reconstruct::{Model, Provenance};
@@ -37,7 +37,7 @@ pub(super) fn relax(
     let weights: Vec<f64> = patch.vertices[..patch.inner].iter().map(weight).collect();
     let solution = solve(
         &patch,
-        &Screened {
+        &ScreenedSystem {
             delta: &vec![[0.0; 3]; patch.inner],
             delta_weight: parameters.smoothness,
             target: &positions[..patch.inner],

@@ -7,7 +7,7 @@ use crate::image::{Grid, PixelRect};
 
 /// What was mended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Tidied {
+pub(super) struct MaskRepairs {
     /// Pieces kept.
     pub pieces: usize,
     /// Pieces dropped as too small.
@@ -31,8 +31,8 @@ pub(super) fn tidy(
     cells: &Cells,
     evidence: &Grid<f32>,
     parameters: &Parameters,
-) -> Tidied {
-    let mut tidied = Tidied::default();
+) -> MaskRepairs {
+    let mut tidied = MaskRepairs::default();
     let (columns, rows) = (object.width(), object.height());
     let Some(extent) = object.extent(PixelRect::whole(columns, rows), |&o| o) else {
         return tidied;

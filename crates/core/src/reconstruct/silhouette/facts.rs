@@ -1,7 +1,7 @@
 //! Facts about a silhouette besides its contour, by which the verdict and a person judge it.
 
 use super::cells::Cells;
-use super::components::Tidied;
+use super::components::MaskRepairs;
 use super::contour::ContourFacts;
 use super::photometry::Photometry;
 use crate::image::{Grid, Mask, PixelRect, RgbImage};
@@ -94,7 +94,7 @@ impl DifferenceFacts {
         object: &Grid<bool>,
         photometry: &Photometry,
         contour: ContourFacts,
-        tidied: Tidied,
+        tidied: MaskRepairs,
     ) -> Self {
         Self {
             gain: photometry.gain,

@@ -4,7 +4,7 @@
 //! Corner i of a cell has x offset i & 1, y offset i >> 1 & 1, z offset i >> 2.
 
 use super::descend::ActiveCell;
-use super::{Lattice, Undecided};
+use super::{Lattice, UndecidedConstraints};
 use rayon::prelude::*;
 
 /// A corner or cell as one number that sorts by z, y, x.
@@ -35,7 +35,7 @@ pub(super) struct Cells {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Cell {
     key: u64,
-    undecided: Undecided,
+    undecided: UndecidedConstraints,
     /// Whether the solid in it is the one sampled before.
     known: bool,
 }
@@ -78,7 +78,7 @@ impl Cells {
     pub(super) fn insert(&mut self, more: Vec<[u32; 3]>) {
         self.cells.extend(more.into_iter().map(|at| Cell {
             key: key(at),
-            undecided: Undecided::MAX,
+            undecided: UndecidedConstraints::MAX,
             known: false,
         }));
         self.cells.sort_by_key(|c| c.key);
@@ -93,7 +93,7 @@ impl Cells {
         position(self.cells[cell].key)
     }
 
-    pub(super) fn undecided(&self, cell: usize) -> Undecided {
+    pub(super) fn undecided(&self, cell: usize) -> UndecidedConstraints {
         self.cells[cell].undecided
     }
 

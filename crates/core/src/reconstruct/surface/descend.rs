@@ -1,7 +1,7 @@
 //! Finds the cells that the surface may cross, from coarse to fine. The work grows with the surface, not with the
 //! volume.
 
-use super::{Lattice, Side, Solid, Undecided};
+use super::{Lattice, Side, Solid, UndecidedConstraints};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 const LEVELS: u32 = 5;
 
 /// A cell and the constraints that may matter in it.
-pub(super) type ActiveCell = ([u32; 3], Undecided);
+pub(super) type ActiveCell = ([u32; 3], UndecidedConstraints);
 
 /// The cells of the lattice that the surface may cross and that `matter`, given by center and half edge, in an
 /// order that does not depend on threads.
@@ -66,7 +66,7 @@ fn coarsest(lattice: &Lattice) -> Vec<ActiveCell> {
     let mut cubes = Vec::with_capacity(nx as usize * ny as usize * nz as usize);
     for z in 0..nz {
         for y in 0..ny {
-            cubes.extend((0..nx).map(|x| ([x, y, z], Undecided::MAX)));
+            cubes.extend((0..nx).map(|x| ([x, y, z], UndecidedConstraints::MAX)));
         }
     }
     cubes

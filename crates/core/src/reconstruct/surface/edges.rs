@@ -4,7 +4,7 @@
 //! Edge e of a cell runs along axis e / 4 from the corner [`EDGE_START`]`[e]`.
 
 use super::cells::{Cells, Corners, advance};
-use super::{Constraint, Lattice, Sampled, Solid};
+use super::{Constraint, Lattice, SampledSolid, Solid};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -40,7 +40,7 @@ impl Samples {
         solid: &impl Solid,
         lattice: &Lattice,
         cells: &Cells,
-        before: Option<&Sampled>,
+        before: Option<&SampledSolid>,
     ) -> Self {
         let corners = Corners::of(cells);
         let mut cell_of = vec![u32::MAX; corners.len()];
@@ -223,7 +223,7 @@ impl CutEdges {
         lattice: &Lattice,
         cells: &Cells,
         corners: &Corners,
-        before: Option<&Sampled>,
+        before: Option<&SampledSolid>,
     ) -> Vec<Crossing> {
         let crossing = |(edge, key): (&CutEdge, &u64)| {
             if let Some(before) = before.filter(|_| edge.known)

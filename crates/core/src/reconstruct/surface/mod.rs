@@ -22,7 +22,7 @@ use rayon::prelude::*;
 
 /// The constraints of a solid that may matter in a part of space: bit i stands for every constraint whose
 /// number is i modulo 64.
-pub type Undecided = u64;
+pub type UndecidedConstraints = u64;
 
 /// What is known of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +32,7 @@ pub enum Side {
     /// All of it is inside.
     Inside,
     /// The surface may cross it, by these constraints alone.
-    Across(Undecided),
+    Across(UndecidedConstraints),
 }
 
 /// Which constraint of a solid its surface lies on.
@@ -42,13 +42,14 @@ pub type Constraint = u16;
 pub trait Solid: Sync {
     /// What is known of the cube of half edge `half` around `center`, where only `undecided` constraints may
     /// matter. It may say `Across` too often, never too rarely.
-    fn side(&self, center: Point3<f64>, half: f64, undecided: Undecided) -> Side;
+    fn side(&self, center: Point3<f64>, half: f64, undecided: UndecidedConstraints) -> Side;
 
     /// Positive inside, negative outside, monotone across the surface; of no particular unit.
-    fn value(&self, p: Point3<f64>, undecided: Undecided) -> f32;
+    fn value(&self, p: Point3<f64>, undecided: UndecidedConstraints) -> f32;
 
     /// At a point of the surface: the unit outward normal, and the constraint that bounds the solid there.
-    fn normal(&self, p: Point3<f64>, undecided: Undecided) -> (Vector3<f32>, Constraint);
+    fn normal(&self, p: Point3<f64>, undecided: UndecidedConstraints)
+    -> (Vector3<f32>, Constraint);
 }
 
 /// A regular lattice of cubes.
@@ -97,7 +98,7 @@ pub struct Surface {
 }
 
 /// What an extraction saw of a solid: enough to extract one that differs from it in places only.
-pub struct Sampled {
+pub struct SampledSolid {
     cells: Cells,
     samples: Samples,
     /// The keys of the edges that the surface crosses, sorted, and where it does.
@@ -114,7 +115,7 @@ pub fn extract(
     solid: &impl Solid,
     lattice: &Lattice,
     most: usize,
-) -> Result<(Surface, Sampled), usize> {
+) -> Result<(Surface, SampledSolid), usize> {
     let across = descend::cells_across_at_most(most, solid, lattice, |_, _| true)?;
     let cells = Cells::new(lattice, across);
     Ok(extract_from(cells, solid, lattice, None))
@@ -125,9 +126,9 @@ pub fn extract(
 pub fn extract_changed(
     solid: &impl Solid,
     lattice: &Lattice,
-    before: &Sampled,
+    before: &SampledSolid,
     may_differ: impl Fn(Point3<f64>, f64) -> bool + Sync,
-) -> (Surface, Sampled) {
+) -> (Surface, SampledSolid) {
     let across = descend::cells_across(solid, lattice, &may_differ);
     let half = 0.5 * lattice.cell_size;
     let stays = |at| !may_differ(lattice.corner(at) + Vector3::repeat(half), half);
@@ -139,8 +140,8 @@ fn extract_from(
     mut cells: Cells,
     solid: &impl Solid,
     lattice: &Lattice,
-    before: Option<&Sampled>,
-) -> (Surface, Sampled) {
+    before: Option<&SampledSolid>,
+) -> (Surface, SampledSolid) {
     let (samples, cut) = loop {
         let samples = Samples::take(solid, lattice, &cells, before);
         let cut = CutEdges::find(&cells, &samples);
@@ -186,7 +187,7 @@ fn extract_from(
         },
         constraints,
     };
-    let sampled = Sampled {
+    let sampled = SampledSolid {
         cells,
         samples,
         edges: cut.keys,

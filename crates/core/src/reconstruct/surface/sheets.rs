@@ -36,7 +36,7 @@ const FACE_CORNERS: [[usize; 4]; 6] = [
 type FaceKey = ([u32; 3], usize);
 
 /// Ambiguous faces and whether their middle is inside.
-type Middles = BTreeMap<FaceKey, bool>;
+type FaceCenters = BTreeMap<FaceKey, bool>;
 
 /// The sheets of every cell.
 pub(super) fn trace(
@@ -45,7 +45,7 @@ pub(super) fn trace(
     cells: &Cells,
     cut: &CutEdges,
 ) -> Vec<Sheets> {
-    let mut middles: Middles = (0..cells.len())
+    let mut middles: FaceCenters = (0..cells.len())
         .into_par_iter()
         .flat_map_iter(|cell| ambiguous_faces(cells, cut, cell))
         .map(|(face, cell)| {
@@ -55,7 +55,7 @@ pub(super) fn trace(
             )
         })
         .collect();
-    let of_cell = |cell: usize, middles: &Middles| {
+    let of_cell = |cell: usize, middles: &FaceCenters| {
         loops(cut.inside(cell), |face| {
             middles[&face_key(cells.position(cell), face)]
         })

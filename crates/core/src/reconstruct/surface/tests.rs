@@ -7,16 +7,16 @@ use std::collections::BTreeMap;
 struct Function<F>(F);
 
 impl<F: Fn(Point3<f64>) -> f64 + Sync> Solid for Function<F> {
-    fn side(&self, _: Point3<f64>, _: f64, undecided: Undecided) -> Side {
+    fn side(&self, _: Point3<f64>, _: f64, undecided: UndecidedConstraints) -> Side {
         Side::Across(undecided)
     }
 
-    fn value(&self, p: Point3<f64>, _: Undecided) -> f32 {
+    fn value(&self, p: Point3<f64>, _: UndecidedConstraints) -> f32 {
         // In units of a thousandth, so that the root's tolerance is small against a cell.
         (1e3 * self.0(p)) as f32
     }
 
-    fn normal(&self, p: Point3<f64>, _: Undecided) -> (Vector3<f32>, Constraint) {
+    fn normal(&self, p: Point3<f64>, _: UndecidedConstraints) -> (Vector3<f32>, Constraint) {
         let slope = |axis: usize| {
             let mut h = Vector3::zeros();
             h[axis] = 1e-5;

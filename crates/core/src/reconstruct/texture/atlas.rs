@@ -133,8 +133,8 @@ impl Paint<'_> {
 
     /// A view with no weight yet; `None` where it does not see the whole triangle.
     fn source(&self, vertices: [u32; 3], view: usize, own: usize) -> Option<Source> {
-        use super::visibility::Sight;
-        let hidden = |v: u32| self.surface.sights[view][v as usize] == Sight::Hidden;
+        use super::visibility::Visibility;
+        let hidden = |v: u32| self.surface.sights[view][v as usize] == Visibility::Hidden;
         if view != own && vertices.into_iter().any(hidden) {
             return None;
         }

@@ -3,7 +3,7 @@
 //! mixed with its neighbour in a narrow band.
 
 use super::labels::UNSEEN;
-use super::visibility::{Sight, facing};
+use super::visibility::{Visibility, facing};
 use super::{Parameters, Surface};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -73,13 +73,13 @@ impl Blend {
             if calm || own[0].label == UNSEEN {
                 return own;
             }
-            let mut mix = Mix::default();
+            let mut mix = LabelWeights::default();
             for share in self.of(v) {
                 mix.add(share.label, share.weight);
             }
             for share in surface.rings.neighbors(v).flat_map(|n| self.of(n)) {
                 let known = own.iter().any(|s| s.label == share.label);
-                if known || surface.sights[usize::from(share.label)][v] == Sight::Safe {
+                if known || surface.sights[usize::from(share.label)][v] == Visibility::Safe {
                     mix.add(share.label, share.weight);
                 }
             }
@@ -101,7 +101,7 @@ impl Blend {
                 let mean = mean_color(surface, samples, v);
                 for share in shares.iter_mut().take_while(|s| s.label != UNSEEN) {
                     let view = usize::from(share.label);
-                    let safe = surface.sights[view][v] == Sight::Safe;
+                    let safe = surface.sights[view][v] == Visibility::Safe;
                     // What is not known is left for the neighbours to fill.
                     let offset = mean.filter(|_| safe).map(|m| m - samples[view][v]);
                     share.offset = offset.unwrap_or(UNKNOWN);
@@ -150,7 +150,7 @@ impl Share {
 
 /// The labels around a vertex, by the number of triangles that have them.
 fn own_shares(surface: &Surface, labels: &[u16], vertex: usize) -> [Share; MOST] {
-    let mut mix = Mix::default();
+    let mut mix = LabelWeights::default();
     for triangle in surface.rings.triangles(vertex) {
         if labels[triangle] != UNSEEN {
             mix.add(labels[triangle], 1.0);
@@ -168,7 +168,7 @@ fn mean_color(
 ) -> Option<Vector3<f32>> {
     let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
     for (view, sights) in surface.sights.iter().enumerate() {
-        if sights[vertex] != Sight::Safe {
+        if sights[vertex] != Visibility::Safe {
             continue;
         }
         let sample = samples[view][vertex];
@@ -185,12 +185,12 @@ fn mean_color(
 
 /// Weights by label in the making; the smallest of too many is dropped.
 #[derive(Default)]
-struct Mix {
+struct LabelWeights {
     entries: [(u16, f32); 2 * MOST],
     length: usize,
 }
 
-impl Mix {
+impl LabelWeights {
     fn add(&mut self, label: u16, weight: f32) {
         let known = &mut self.entries[..self.length];
         if let Some(entry) = known.iter_mut().find(|e| e.0 == label) {

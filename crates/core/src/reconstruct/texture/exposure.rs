@@ -3,7 +3,7 @@
 
 use super::Surface;
 use super::view::View;
-use super::visibility::Sight;
+use super::visibility::Visibility;
 use crate::statistics::upper_median;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
@@ -50,7 +50,7 @@ fn compare(surface: &Surface, views: [usize; 2]) -> Option<Pair> {
     let [a, b] = views.map(|v| &surface.views[v]);
     let [sights_a, sights_b] = views.map(|v| &surface.sights[v]);
     let common: Vec<usize> = (0..surface.mesh.vertices.len())
-        .filter(|&v| sights_a[v] == Sight::Safe && sights_b[v] == Sight::Safe)
+        .filter(|&v| sights_a[v] == Visibility::Safe && sights_b[v] == Visibility::Safe)
         .collect();
     let step = common.len().div_ceil(MOST_SAMPLES).max(1);
     let mut ratios = [const { Vec::new() }; 3];
@@ -105,9 +105,9 @@ fn solve(views: &[View], pairs: &[Pair], channel: usize) -> Vec<f32> {
 /// For each view the evened out colour of each vertex that it sees; 0 for the others.
 pub(super) fn samples(surface: &Surface, gains: &[Gain]) -> Vec<Vec<Vector3<f32>>> {
     let views = surface.views.par_iter().zip(&surface.sights).zip(gains);
-    let of_view = |((view, sights), gain): ((&View, &Vec<Sight>), &Gain)| {
-        let sample = |(v, sight): (usize, &Sight)| match sight {
-            Sight::Hidden => Vector3::zeros(),
+    let of_view = |((view, sights), gain): ((&View, &Vec<Visibility>), &Gain)| {
+        let sample = |(v, sight): (usize, &Visibility)| match sight {
+            Visibility::Hidden => Vector3::zeros(),
             _ => mean_at(view, v).component_mul(gain),
         };
         sights.par_iter().enumerate().map(sample).collect()

@@ -2,7 +2,7 @@
 //! (Lempitsky and Ivanov 2007, equation 1, solved by iterated conditional modes); then merges small regions.
 
 use super::rings::NONE;
-use super::visibility::{Sight, facing};
+use super::visibility::{Visibility, facing};
 use super::{Parameters, Surface};
 use crate::array::three;
 use nalgebra::Point3;
@@ -101,15 +101,20 @@ fn fill_row(surface: &Surface, triangle: usize, row: &mut [f32]) {
     let middle = Point3::from((corners[0].coords + corners[1].coords + corners[2].coords) / 3.0);
     for (view, score) in row.iter_mut().enumerate() {
         let sights = three(|i| surface.sights[view][t[i] as usize]);
-        let worst = sights.into_iter().min().unwrap_or(Sight::Hidden);
+        let worst = sights.into_iter().min().unwrap_or(Visibility::Hidden);
         let view = &surface.views[view];
         let cosine = facing(view.center, middle, normal) / normal.norm().max(1e-6);
-        if worst == Sight::Hidden || plane.dot(&(view.center - middle)) <= 0.0 || cosine <= 0.0 {
+        if worst == Visibility::Hidden || plane.dot(&(view.center - middle)) <= 0.0 || cosine <= 0.0
+        {
             continue;
         }
         let depth = t.map(|v| view.projected[v as usize][2]).iter().sum::<f32>() / 3.0;
         let resolution = view.focal_px / depth;
-        let trust = if worst == Sight::Safe { 1.0 } else { MARGINAL };
+        let trust = if worst == Visibility::Safe {
+            1.0
+        } else {
+            MARGINAL
+        };
         let kind = if view.is_depth { DEPTH_COLOR } else { 1.0 };
         *score = resolution * resolution * cosine * cosine * trust * kind;
     }

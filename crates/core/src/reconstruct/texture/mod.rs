@@ -20,7 +20,7 @@ use crate::mesh::{self, Mesh};
 use nalgebra::Vector3;
 use rings::Rings;
 use view::View;
-use visibility::Sight;
+use visibility::Visibility;
 
 /// How a model is painted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -89,7 +89,7 @@ struct Surface<'a> {
     normals: Vec<Vector3<f32>>,
     views: Vec<View<'a>>,
     /// For each view how well it sees each vertex.
-    sights: Vec<Vec<Sight>>,
+    sights: Vec<Vec<Visibility>>,
 }
 
 /// Paints `model` from the pictures of `scene`. `silhouettes` are the colour cameras', in their order (128

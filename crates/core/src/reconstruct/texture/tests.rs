@@ -225,7 +225,7 @@ fn exposures_are_evened_out() {
     let mut ratios = Vec::new();
     for (view, sights) in surface.sights.iter().enumerate() {
         let (mut found, mut truth) = (0.0, 0.0);
-        for v in (0..sights.len()).filter(|&v| sights[v] == Sight::Safe) {
+        for v in (0..sights.len()).filter(|&v| sights[v] == Visibility::Safe) {
             found += f64::from(samples[view][v].sum());
             truth += pattern(model.mesh.vertices[v].cast()).iter().sum::<f64>();
         }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// How well a camera sees a vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
-pub(super) enum Sight {
+pub(super) enum Visibility {
     /// Not at all, or so close to an edge that light from behind is mixed in.
     Hidden,
     /// At a grazing angle or near an edge: better than nothing.
@@ -44,7 +44,7 @@ pub(super) fn sights(
     normals: &[Vector3<f32>],
     views: &[View],
     parameters: &Parameters,
-) -> Vec<Vec<Sight>> {
+) -> Vec<Vec<Visibility>> {
     let sights_of = |view: &View| {
         let buffer = DepthBuffer::new(mesh, view, parameters.occlusion_pixels);
         let vertex = |v: usize| {
@@ -76,9 +76,9 @@ fn sight(
     projected: [f32; 3],
     facing: f32,
     margin_px: f32,
-) -> Sight {
+) -> Visibility {
     if facing < HIDDEN_BELOW || !view.contains(projected) {
-        return Sight::Hidden;
+        return Visibility::Hidden;
     }
     let [x, y, z] = projected;
     // How much nearer the surface itself may be one pixel further on.
@@ -87,7 +87,7 @@ fn sight(
     let texel = z / view.focal_px / buffer.scale;
     let tolerance = texel + rise / buffer.scale;
     if is_outside(view, x, y) || buffer.is_hidden(x, y, z - tolerance) {
-        return Sight::Hidden;
+        return Visibility::Hidden;
     }
     // An edge within `reach` pixels: the outline of the silhouette, of the model, or of what is in front.
     let edge_within = |reach: f32| {
@@ -100,11 +100,11 @@ fn sight(
     let margin_px = margin_px.max(1.0 / buffer.scale);
     let is_marginal = facing < MARGINAL_BELOW || edge_within(margin_px);
     if !is_marginal {
-        Sight::Safe
+        Visibility::Safe
     } else if edge_within(INNER_MARGIN * margin_px) {
-        Sight::Hidden
+        Visibility::Hidden
     } else {
-        Sight::Marginal
+        Visibility::Marginal
     }
 }
 

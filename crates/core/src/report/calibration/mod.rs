@@ -10,7 +10,7 @@ mod views;
 
 pub use views::{Found, ViewPicture};
 
-use crate::calibration::Level;
+use crate::calibration::CalibrationLevel;
 use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
@@ -79,12 +79,12 @@ pub fn calibration_page(page: &CalibrationPage<'_>) -> String {
 const ARROW_PX: f64 = 0.25;
 
 /// The style of a level.
-fn style_of(level: Level) -> &'static str {
+fn style_of(level: CalibrationLevel) -> &'static str {
     match level {
-        Level::Good => "good",
-        Level::Accepted => "fair",
-        Level::Doubtful => "poor",
-        Level::Refused => "bad",
+        CalibrationLevel::Good => "good",
+        CalibrationLevel::Accepted => "fair",
+        CalibrationLevel::Doubtful => "poor",
+        CalibrationLevel::Refused => "bad",
     }
 }
 

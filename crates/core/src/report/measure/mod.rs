@@ -13,7 +13,7 @@ pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
 pub use exchanged::Exchanged;
 pub use model::{ModelMeasures, ProvenanceMeasures};
-pub use moved::Moved;
+pub use moved::MovedCamera;
 
 use super::coarse::coarse;
 use crate::reconstruct::{Method, Reconstruction, Scene};
@@ -27,7 +27,7 @@ pub struct Measurements {
     /// A colour camera each, in the order of the scene's.
     pub colors: Vec<ColorMeasures>,
     /// The camera that has moved since the calibration, if one has.
-    pub moved: Option<Moved>,
+    pub moved: Option<MovedCamera>,
     /// The two cameras whose pictures or poses were exchanged, if two were.
     pub exchanged: Option<Exchanged>,
     /// The median over the cameras of their silhouettes' shift, as a share of the object's longest side: what a

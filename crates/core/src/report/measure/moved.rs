@@ -12,7 +12,7 @@ use serde::Serialize;
 
 /// A camera that has moved.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Moved {
+pub struct MovedCamera {
     /// The camera.
     pub camera: CameraId,
     /// By how many pixels its silhouette is displaced from where the others put it, x to the right and y down.
@@ -41,14 +41,14 @@ pub(super) fn moved(
     scene: &Scene,
     made: &Reconstruction,
     colors: &[ColorMeasures],
-) -> Option<Moved> {
+) -> Option<MovedCamera> {
     let suspects = suspects(colors);
     if colors.len() < LEAST_CAMERAS || suspects.is_empty() {
         return None;
     }
     let of_suspect = |camera| without(scene, made, colors, camera);
     let found = suspects.into_par_iter().filter_map(of_suspect);
-    let found: Vec<Moved> = found.collect();
+    let found: Vec<MovedCamera> = found.collect();
     found
         .into_iter()
         .filter(|m| m.shift_share > SUSPICIOUS && improvement(m) < BLAMED)
@@ -56,7 +56,7 @@ pub(super) fn moved(
 }
 
 /// What remains of the others' disagreement without the camera.
-fn improvement(moved: &Moved) -> f64 {
+fn improvement(moved: &MovedCamera) -> f64 {
     moved.others_share_without / moved.others_share_with
 }
 
@@ -76,7 +76,7 @@ fn without(
     made: &Reconstruction,
     colors: &[ColorMeasures],
     camera: usize,
-) -> Option<Moved> {
+) -> Option<MovedCamera> {
     let all_but_it = |i: usize| (i != camera).then(|| &scene.colors[i].camera);
     let hull = trial_hull(scene, made, all_but_it)?;
     let share_without = |i: usize| {
@@ -88,7 +88,7 @@ fn without(
     let others = || (0..colors.len()).filter(|&i| i != camera);
     let (view, silhouette) = (&scene.colors[camera], &made.silhouettes[camera]);
     let shift_px = Consistency::shift_against(&view.camera, silhouette, &hull, scene.volume);
-    Some(Moved {
+    Some(MovedCamera {
         camera: view.camera.id.clone(),
         shift_px,
         shift_share: colors[camera].shift_share(shift_px),

@@ -1,6 +1,6 @@
 //! Rules about how the capture was taken: its time, its cameras, its recording.
 
-use super::{Code, Level, Parameters, Reason, about_cameras};
+use super::{Level, Parameters, Reason, ReasonCode, about_cameras};
 use crate::calibration;
 use crate::capture::{CaptureFacts, ColorFacts, Silhouette};
 use crate::frame::CameraId;
@@ -14,12 +14,12 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
     let skew_ms = capture.skew_ns as f64 / NS_PER_MS;
     into.extend(parameters.skew_ms.level(skew_ms).map(|level| Reason {
         level,
-        code: Code::Skew,
+        code: ReasonCode::Skew,
         cameras: farthest(capture),
         words: format!("the colour cameras' pictures are {skew_ms:.1} ms apart"),
     }));
     into.extend(about_cameras(
-        Code::BackgroundOld,
+        ReasonCode::BackgroundOld,
         &parameters.background_age_h,
         capture.colors.iter().map(|c| (&c.camera, age_h(c))),
         |hours| format!("{hours:.0} h"),
@@ -29,25 +29,27 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
     for left_out in &capture.left_out {
         into.push(Reason {
             level: Level::Amber,
-            code: Code::CameraLeftOut,
+            code: ReasonCode::CameraLeftOut,
             cameras: vec![left_out.camera.clone()],
             words: format!("the camera was not used: {}", left_out.reason),
         });
     }
     repeat(
-        Code::Damage,
+        ReasonCode::Damage,
         capture.damage.iter().map(ToString::to_string),
         into,
     );
-    repeat(Code::Warning, capture.warnings.iter().cloned(), into);
+    repeat(ReasonCode::Warning, capture.warnings.iter().cloned(), into);
 }
 
 /// A model is no better than its calibration.
-fn doubted(calibration: &calibration::Verdict) -> Option<Reason> {
+fn doubted(calibration: &calibration::CalibrationVerdict) -> Option<Reason> {
     let (level, worth) = match calibration.level {
-        calibration::Level::Good | calibration::Level::Accepted => return None,
-        calibration::Level::Doubtful => (Level::Amber, "is doubtful"),
-        calibration::Level::Refused => (Level::Red, "was refused"),
+        calibration::CalibrationLevel::Good | calibration::CalibrationLevel::Accepted => {
+            return None;
+        }
+        calibration::CalibrationLevel::Doubtful => (Level::Amber, "is doubtful"),
+        calibration::CalibrationLevel::Refused => (Level::Red, "was refused"),
     };
     let reasons = &calibration.reasons;
     let first = reasons.first().map_or(String::new(), |r| format!(": {r}"));
@@ -57,7 +59,7 @@ fn doubted(calibration: &calibration::Verdict) -> Option<Reason> {
     };
     Some(Reason {
         level,
-        code: Code::CalibrationDoubtful,
+        code: ReasonCode::CalibrationDoubtful,
         cameras: Vec::new(),
         words: format!("the calibration {worth}{first}{more}"),
     })
@@ -78,7 +80,11 @@ fn age_h(camera: &ColorFacts) -> f64 {
 }
 
 /// Makes an amber reason of each warning.
-fn repeat(code: Code, messages: impl ExactSizeIterator<Item = String>, into: &mut Vec<Reason>) {
+fn repeat(
+    code: ReasonCode,
+    messages: impl ExactSizeIterator<Item = String>,
+    into: &mut Vec<Reason>,
+) {
     let rest = messages.len().saturating_sub(REPEATED);
     let more = (rest > 0).then(|| format!("and {rest} more of this kind"));
     into.extend(messages.take(REPEATED).chain(more).map(|words| Reason {

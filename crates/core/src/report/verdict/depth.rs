@@ -1,6 +1,6 @@
 //! Rules about the depth cameras: whether there is depth, whether it is right, and whether the model follows it.
 
-use super::{Code, Level, Parameters, Reason, about_cameras, mm, percent};
+use super::{Level, Parameters, Reason, ReasonCode, about_cameras, mm, percent};
 use crate::frame::CameraId;
 use crate::reconstruct::Method;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
@@ -8,11 +8,21 @@ use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     if measured.depth_cameras == 0 {
         let why = "the rig has no depth camera";
-        return into.push(only_a_hull(Code::NoDepthCamera, why, measured, parameters));
+        return into.push(only_a_hull(
+            ReasonCode::NoDepthCamera,
+            why,
+            measured,
+            parameters,
+        ));
     }
     if measured.method == Method::Hull {
         let why = "no depth was used, as requested";
-        return into.push(only_a_hull(Code::DepthNotUsed, why, measured, parameters));
+        return into.push(only_a_hull(
+            ReasonCode::DepthNotUsed,
+            why,
+            measured,
+            parameters,
+        ));
     }
     let (blind, seeing): (Vec<_>, Vec<_>) =
         measured.depths.iter().partition(|d| d.facts.measured == 0);
@@ -22,7 +32,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     if !seeing.is_empty() && seeing.iter().all(|d| d.regions.is_none()) {
         into.push(Reason {
             level: Level::Green,
-            code: Code::NoRegion,
+            code: ReasonCode::NoRegion,
             cameras: Vec::new(),
             words: "no concave region was found: the model is the visual hull".to_owned(),
         });
@@ -32,7 +42,12 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
 }
 
 /// Silhouettes show no hollow: such a model is to be looked at, unless a hull is what is wanted.
-fn only_a_hull(code: Code, why: &str, measured: &Measurements, parameters: &Parameters) -> Reason {
+fn only_a_hull(
+    code: ReasonCode,
+    why: &str,
+    measured: &Measurements,
+    parameters: &Parameters,
+) -> Reason {
     Reason {
         level: if parameters.hull_is_wanted {
             Level::Green
@@ -57,7 +72,7 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
     };
     Reason {
         level: Level::Amber,
-        code: Code::NoDepth,
+        code: ReasonCode::NoDepth,
         cameras: blind.iter().map(|d| d.camera.clone()).collect(),
         words: format!(
             "no depth reading of the object from {}: {consequence}",
@@ -76,7 +91,7 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
         found.map_or(0.0, |d| d.bias.found)
     };
     let reason = about_cameras(
-        Code::DepthBiased,
+        ReasonCode::DepthBiased,
         &parameters.bias_excess_mm,
         seeing.iter().map(|d| (&d.camera, excess(d))),
         |v| format!("{v:.1} mm more"),
@@ -96,14 +111,14 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         with_regions.map(|(d, r)| (&d.camera, value(r))).collect()
     };
     into.extend(about_cameras(
-        Code::RegionUnread,
+        ReasonCode::RegionUnread,
         &parameters.region_unread,
         each(|r| 1.0 - r.coverage).into_iter(),
         |v| format!("{} without readings", percent(v)),
         |names| format!("the depth camera got few readings in the hollow, so its shape is interpolated: {names}"),
     ));
     into.extend(about_cameras(
-        Code::RegionLarge,
+        ReasonCode::RegionLarge,
         &parameters.region_share,
         each(|r| r.share).into_iter(),
         percent,
@@ -115,7 +130,7 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         },
     ));
     into.extend(about_cameras(
-        Code::DepthDisagrees,
+        ReasonCode::DepthDisagrees,
         &parameters.disagreement_mm,
         each(|r| 1e3 * r.disagreement).into_iter(),
         |v| format!("a tenth beyond {v:.1} mm"),

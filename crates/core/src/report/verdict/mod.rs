@@ -21,7 +21,7 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[cfg_attr(test, derive(serde::Deserialize))]
 #[serde(rename_all = "snake_case")]
-pub enum Code {
+pub enum ReasonCode {
     /// A silhouette is displaced from where the other cameras put it: the camera moved.
     CameraDisplaced,
     /// All silhouettes are displaced against the model: the calibration is that of another recording or rig.
@@ -104,7 +104,7 @@ pub struct Reason {
     /// How much it weighs.
     pub level: Level,
     /// What it is about.
-    pub code: Code,
+    pub code: ReasonCode,
     /// The cameras it is about, the worst one first.
     pub cameras: Vec<CameraId>,
     /// What a person should know.
@@ -162,7 +162,7 @@ impl Limits {
 /// One reason about all cameras whose value is beyond its limits, the worst one first. `words` is given their
 /// names and values.
 fn about_cameras<'a>(
-    code: Code,
+    code: ReasonCode,
     limits: &Limits,
     values: impl Iterator<Item = (&'a CameraId, f64)>,
     in_words: impl Fn(f64) -> String,

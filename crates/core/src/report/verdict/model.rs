@@ -1,6 +1,6 @@
 //! Rules about the model itself.
 
-use super::{Code, Level, Limits, Parameters, Reason, percent};
+use super::{Level, Limits, Parameters, Reason, ReasonCode, percent};
 use crate::reconstruct::Provenance;
 use crate::report::Measurements;
 
@@ -17,13 +17,13 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     };
     if !model.watertight {
         let words = "the model's surface does not enclose a solid".to_owned();
-        into.push(reason(Level::Red, Code::NotWatertight, words));
+        into.push(reason(Level::Red, ReasonCode::NotWatertight, words));
     }
     let beyond = |limits: &Limits, value: f64| limits.level(value).map(|level| (level, value));
     let bridged = model.share(Provenance::Bridged);
     into.extend(beyond(&parameters.bridged, bridged).map(|(level, v)| {
         let words = format!("{} of the model bridges holes of the depth", percent(v));
-        reason(level, Code::HolesBridged, words)
+        reason(level, ReasonCode::HolesBridged, words)
     }));
     if model.closed_openings > 0 {
         let level = parameters
@@ -36,7 +36,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         );
         into.push(reason(
             level.unwrap_or(Level::Green),
-            Code::CarvingUndone,
+            ReasonCode::CarvingUndone,
             words,
         ));
     }
@@ -47,7 +47,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
                 "the model is in {v:.0} separate pieces: it shows several objects, or one that was \
             cut apart"
             );
-            reason(level, Code::SeveralComponents, words)
+            reason(level, ReasonCode::SeveralComponents, words)
         }),
     );
     let unproved = model.unproved_volume.unwrap_or(0.0);
@@ -57,20 +57,20 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             the model, whether they belong to the object or not",
             1e6 * unproved
         );
-        into.push(reason(Level::Green, Code::Unproved, words));
+        into.push(reason(Level::Green, ReasonCode::Unproved, words));
     }
     let handles = model.mesh.genus.unwrap_or(0) as f64;
     into.extend(beyond(&parameters.handles, handles).map(|(level, v)| {
         let words =
             format!("the model has {v:.0} handles or holes through it: it may be perforated");
-        reason(level, Code::ManyHandles, words)
+        reason(level, ReasonCode::ManyHandles, words)
     }));
     let opened = model.handles_of_depth as f64;
     into.extend(beyond(&parameters.handles_of_depth, opened).map(|(level, v)| {
         let words = format!(
             "the depth opened {v:.0} hole(s) that no silhouette shows: the model may be perforated"
         );
-        reason(level, Code::OpenedByDepth, words)
+        reason(level, ReasonCode::OpenedByDepth, words)
     }));
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
@@ -78,7 +78,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             "no camera saw {} of the model: its colour there is copied from the surroundings",
             percent(v)
         );
-        reason(level, Code::Unpainted, words)
+        reason(level, ReasonCode::Unpainted, words)
     }));
     for (count, from) in [
         (model.dropped_hull_pieces, "beside the hull"),
@@ -89,7 +89,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             let words = format!("{count} stray piece(s) {from} were dropped");
             into.push(reason(
                 level.unwrap_or(Level::Green),
-                Code::PiecesDropped,
+                ReasonCode::PiecesDropped,
                 words,
             ));
         }

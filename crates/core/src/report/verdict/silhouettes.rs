@@ -1,6 +1,6 @@
 //! Rules about the colour cameras: whether their silhouettes agree, and whether their pictures are good enough.
 
-use super::{Code, Level, Parameters, Reason, about_cameras, percent};
+use super::{Level, Parameters, Reason, ReasonCode, about_cameras, percent};
 use crate::frame::CameraId;
 use crate::report::{ColorMeasures, Measurements};
 
@@ -16,35 +16,35 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         .or_else(|| uncovered(measured, parameters));
     into.extend(reason);
     into.extend(about_cameras(
-        Code::FrameCut,
+        ReasonCode::FrameCut,
         &parameters.frame_cut,
         each(frame_cut).into_iter(),
         |v| format!("{} of its side", percent(v)),
         |names| format!("the frame cuts the object; what lies outside is only guessed: {names}"),
     ));
     into.extend(about_cameras(
-        Code::Overexposed,
+        ReasonCode::Overexposed,
         &parameters.overexposed,
         each(|c| f64::from(c.silhouette.overexposed)).into_iter(),
         percent,
         |names| format!("parts of the object are overexposed: {names}"),
     ));
     into.extend(about_cameras(
-        Code::Underexposed,
+        ReasonCode::Underexposed,
         &parameters.underexposed,
         each(|c| f64::from(c.silhouette.underexposed)).into_iter(),
         percent,
         |names| format!("parts of the object are black: {names}"),
     ));
     into.extend(about_cameras(
-        Code::Blurred,
+        ReasonCode::Blurred,
         &parameters.blur_px,
         each(|c| f64::from(c.silhouette.blur_px.unwrap_or(0.0))).into_iter(),
         |v| format!("{v:.1} px"),
         |names| format!("the object's outline is blurred: {names}"),
     ));
     into.extend(about_cameras(
-        Code::BackdropChanged,
+        ReasonCode::BackdropChanged,
         &parameters.backdrop_changed,
         each(|c| {
             c.silhouette
@@ -57,7 +57,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         |names| format!("the backdrop differs from its background picture: {names}"),
     ));
     into.extend(about_cameras(
-        Code::ToldByOutline,
+        ReasonCode::ToldByOutline,
         &parameters.told_by_outline,
         each(|c| {
             let difference = c.silhouette.difference.as_ref();
@@ -75,7 +75,7 @@ fn exchanged(measured: &Measurements) -> Option<Reason> {
     let [a, b] = &found.cameras;
     Some(Reason {
         level: Level::Red,
-        code: Code::CamerasExchanged,
+        code: ReasonCode::CamerasExchanged,
         cameras: found.cameras.to_vec(),
         words: format!(
             "{a} and {b} look exchanged: with each other's pose both agree (now {} of a silhouette are uncovered, then {})",
@@ -92,7 +92,7 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let least = without.map_or(shift, |without| without.min(shift));
     (least > parameters.common_shift).then(|| Reason {
         level: Level::Red,
-        code: Code::CalibrationForeign,
+        code: ReasonCode::CalibrationForeign,
         cameras: Vec::new(),
         words: format!(
             "the calibration is not of this recording: half of the silhouettes lie {} of the object's size or more beside \
@@ -106,7 +106,7 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
 fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let moved = measured.moved.as_ref()?;
     let mut reason = about_cameras(
-        Code::CameraDisplaced,
+        ReasonCode::CameraDisplaced,
         &parameters.displaced,
         [(&moved.camera, moved.shift_share)].into_iter(),
         |v| format!("by {} of the object's size", percent(v)),
@@ -122,7 +122,7 @@ fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason>
 /// Parts of silhouettes that the hull leaves uncovered, where no camera moved: bad masks, mostly.
 fn uncovered(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     about_cameras(
-        Code::SilhouetteUncovered,
+        ReasonCode::SilhouetteUncovered,
         &parameters.uncovered,
         measured
             .colors

@@ -1,12 +1,12 @@
 //! Tests the rules on made-up figures. Tests on simulated rigs, elsewhere, show that the figures reveal faults.
 
 use super::*;
-use crate::capture::{ColorFacts, LeftOut, Silhouette};
+use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
-    ColorMeasures, Consistency, Exchanged, ModelMeasures, Moved, ProvenanceMeasures,
+    ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
 };
 
 fn id(name: &str) -> CameraId {
@@ -82,24 +82,24 @@ fn capture() -> CaptureFacts {
 
 #[test]
 fn a_model_is_no_better_than_its_calibration() {
-    use crate::calibration::{Level as Worth, Verdict as Judged};
+    use crate::calibration::{CalibrationLevel, CalibrationVerdict};
     let level = |worth| {
         let mut capture = capture();
-        capture.calibration = Some(Judged {
+        capture.calibration = Some(CalibrationVerdict {
             level: worth,
             reasons: vec!["camera c02 moved by 0.70°".into(), "rms 0.5 px".into()],
         });
         let verdict = judged(&measured(), &capture);
         let mut doubts = verdict.reasons.iter();
-        let doubt = doubts.find(|r| r.code == Code::CalibrationDoubtful);
+        let doubt = doubts.find(|r| r.code == ReasonCode::CalibrationDoubtful);
         (verdict.level, doubt.map(|r| r.words.clone()))
     };
-    assert_eq!(level(Worth::Good), (Level::Green, None));
-    assert_eq!(level(Worth::Accepted), (Level::Green, None));
+    assert_eq!(level(CalibrationLevel::Good), (Level::Green, None));
+    assert_eq!(level(CalibrationLevel::Accepted), (Level::Green, None));
     let words = "the calibration is doubtful: camera c02 moved by 0.70° (2 reasons in all)";
     let doubtful = (Level::Amber, Some(words.to_owned()));
-    assert_eq!(level(Worth::Doubtful), doubtful);
-    assert_eq!(level(Worth::Refused).0, Level::Red);
+    assert_eq!(level(CalibrationLevel::Doubtful), doubtful);
+    assert_eq!(level(CalibrationLevel::Refused).0, Level::Red);
 }
 
 /// Of a rig of which no more than hulls is wanted, for that of [`measured`] has no depth camera.
@@ -111,7 +111,7 @@ fn judged(measured: &Measurements, capture: &CaptureFacts) -> Verdict {
     judge(measured, capture, &parameters)
 }
 
-fn codes(verdict: &Verdict, level: Level) -> Vec<Code> {
+fn codes(verdict: &Verdict, level: Level) -> Vec<ReasonCode> {
     let of_level = verdict.reasons.iter().filter(|r| r.level == level);
     of_level.map(|r| r.code).collect()
 }
@@ -120,7 +120,7 @@ fn codes(verdict: &Verdict, level: Level) -> Vec<Code> {
 fn a_model_of_silhouettes_alone_is_to_be_looked_at_unless_it_is_wanted() {
     let mut measured = measured();
     measured.model.mesh.volume = 340e-6;
-    for code in [Code::NoDepthCamera, Code::DepthNotUsed] {
+    for code in [ReasonCode::NoDepthCamera, ReasonCode::DepthNotUsed] {
         let verdict = judge(&measured, &capture(), &Parameters::default());
         assert_eq!(codes(&verdict, Level::Amber), [code]);
         let wanted = judged(&measured, &capture());
@@ -140,7 +140,7 @@ fn a_hole_that_only_depth_shows_is_to_be_looked_at() {
     let mut measured = measured();
     measured.model.handles_of_depth = 1;
     let verdict = judged(&measured, &capture());
-    assert_eq!(codes(&verdict, Level::Amber), [Code::OpenedByDepth]);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::OpenedByDepth]);
 }
 
 #[test]
@@ -150,7 +150,10 @@ fn a_model_in_several_pieces_is_to_be_looked_at() {
     assert_eq!(judged(&measured, &capture()).level, Level::Green);
     measured.model.mesh.components = 4;
     let verdict = judged(&measured, &capture());
-    assert_eq!(codes(&verdict, Level::Amber), [Code::SeveralComponents]);
+    assert_eq!(
+        codes(&verdict, Level::Amber),
+        [ReasonCode::SeveralComponents]
+    );
     assert!(verdict.reasons[0].words.contains("in 4 separate pieces"));
 }
 
@@ -158,7 +161,7 @@ fn a_model_in_several_pieces_is_to_be_looked_at() {
 fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
     let mut measured = measured();
     measured.colors[0] = camera("c00", 0.01);
-    measured.moved = Some(Moved {
+    measured.moved = Some(MovedCamera {
         camera: id("c01"),
         shift_px: [12.0, -3.4],
         shift_share: 0.012,
@@ -166,7 +169,7 @@ fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
         others_share_without: 0.001,
     });
     let verdict = judged(&measured, &capture());
-    assert_eq!(codes(&verdict, Level::Amber), [Code::CameraDisplaced]);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::CameraDisplaced]);
     let reason = &verdict.reasons[0];
     assert_eq!(reason.cameras, [id("c01")]);
     assert!(reason.words.contains("c01 (by 1.2 %"), "{}", reason.words);
@@ -181,17 +184,23 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
     measured.colors[0] = camera("c00", 0.2);
     measured.common_shift_share = 0.0029;
     let of_one = judged(&measured, &capture());
-    assert_eq!(codes(&of_one, Level::Red), [Code::SilhouetteUncovered]);
+    assert_eq!(
+        codes(&of_one, Level::Red),
+        [ReasonCode::SilhouetteUncovered]
+    );
     measured.common_shift_share = 0.0136;
     let foreign = judged(&measured, &capture());
-    assert_eq!(codes(&foreign, Level::Red), [Code::CalibrationForeign]);
+    assert_eq!(
+        codes(&foreign, Level::Red),
+        [ReasonCode::CalibrationForeign]
+    );
     let words = &foreign.reasons[0].words;
     assert!(
         words.contains("not of this recording") && words.contains("1.4 %"),
         "{words}"
     );
     // One camera that moved may displace all, and is to blame if the others agree without it.
-    let moved = |others_share_without| Moved {
+    let moved = |others_share_without| MovedCamera {
         camera: id("c01"),
         shift_px: [60.0, 0.0],
         shift_share: 0.06,
@@ -200,17 +209,23 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
     };
     measured.moved = Some(moved(0.001));
     let displaced = judged(&measured, &capture());
-    assert_eq!(codes(&displaced, Level::Red), [Code::CameraDisplaced]);
+    assert_eq!(codes(&displaced, Level::Red), [ReasonCode::CameraDisplaced]);
     measured.moved = Some(moved(0.009));
     let foreign = judged(&measured, &capture());
-    assert_eq!(codes(&foreign, Level::Red), [Code::CalibrationForeign]);
+    assert_eq!(
+        codes(&foreign, Level::Red),
+        [ReasonCode::CalibrationForeign]
+    );
     measured.exchanged = Some(Exchanged {
         cameras: [id("c00"), id("c01")],
         missing_with: 0.2,
         missing_without: 0.001,
     });
     let exchanged = judged(&measured, &capture());
-    assert_eq!(codes(&exchanged, Level::Red), [Code::CamerasExchanged]);
+    assert_eq!(
+        codes(&exchanged, Level::Red),
+        [ReasonCode::CamerasExchanged]
+    );
     let words = &exchanged.reasons[0].words;
     assert!(words.starts_with("c00 and c01 look exchanged"), "{words}");
 }
@@ -220,7 +235,10 @@ fn parts_of_a_silhouette_that_are_not_covered_are_amber() {
     let mut measured = measured();
     measured.colors[2] = camera("c02", 0.02);
     let verdict = judged(&measured, &capture());
-    assert_eq!(codes(&verdict, Level::Amber), [Code::SilhouetteUncovered]);
+    assert_eq!(
+        codes(&verdict, Level::Amber),
+        [ReasonCode::SilhouetteUncovered]
+    );
     assert!(verdict.reasons[0].words.contains("c02 (2.0 %)"));
 }
 
@@ -232,10 +250,10 @@ fn the_gravest_reason_decides_and_comes_first() {
     measured.colors[0].silhouette.edge_px = [0, 0, 300, 0];
     let verdict = judged(&measured, &capture());
     assert_eq!(verdict.level, Level::Red);
-    assert_eq!(verdict.reasons[0].code, Code::NotWatertight);
+    assert_eq!(verdict.reasons[0].code, ReasonCode::NotWatertight);
     assert_eq!(
         codes(&verdict, Level::Amber),
-        [Code::FrameCut, Code::PiecesDropped]
+        [ReasonCode::FrameCut, ReasonCode::PiecesDropped]
     );
 }
 
@@ -247,7 +265,7 @@ fn a_capture_that_came_about_badly_is_amber() {
     capture.colors[2].silhouette = Silhouette::Background {
         age_ns: 48 * 3_600_000_000_000,
     };
-    capture.left_out.push(LeftOut {
+    capture.left_out.push(LeftOutCamera {
         camera: id("c07"),
         reason: "it has no calibration".into(),
     });
@@ -256,7 +274,11 @@ fn a_capture_that_came_about_badly_is_amber() {
     let ambers = codes(&verdict, Level::Amber);
     assert_eq!(
         ambers[..3],
-        [Code::Skew, Code::BackgroundOld, Code::CameraLeftOut]
+        [
+            ReasonCode::Skew,
+            ReasonCode::BackgroundOld,
+            ReasonCode::CameraLeftOut
+        ]
     );
     assert_eq!(
         ambers.len(),
@@ -273,11 +295,11 @@ fn a_depth_camera_that_gave_nothing_is_amber() {
     measured.depth_cameras = 1;
     measured.depths = vec![crate::report::DepthMeasures::nothing(id("kinect"))];
     let verdict = judged(&measured, &capture());
-    assert_eq!(codes(&verdict, Level::Amber), [Code::NoDepth]);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::NoDepth]);
     measured.method = Method::Hull;
     assert_eq!(
         codes(&judged(&measured, &capture()), Level::Green),
-        [Code::DepthNotUsed]
+        [ReasonCode::DepthNotUsed]
     );
 }
 
@@ -325,8 +347,8 @@ fn the_schema_of_the_report_knows_each_reason_and_no_other() {
     let schema: serde_json::Value = serde_json::from_str(schema).unwrap();
     let schema = &schema["$defs"]["reason"]["properties"]["code"]["enum"];
     // Serde answers a word that it does not know with all that it knows, in backticks.
-    let refused: Result<Code, serde::de::value::Error> =
-        Code::deserialize("unheard of".into_deserializer());
+    let refused: Result<ReasonCode, serde::de::value::Error> =
+        ReasonCode::deserialize("unheard of".into_deserializer());
     let refused = refused.unwrap_err().to_string();
     let codes: Vec<&str> = refused.split('`').skip(3).step_by(2).collect();
     assert!(codes.len() > 2, "{refused}");

@@ -13,7 +13,7 @@ use super::result::Fit;
 use super::session::Session;
 use crate::frame::CameraId;
 use exchange::Exchange;
-use moment::Moment;
+use moment::TimingFault;
 use split::{Change, Split};
 use suspects::Reference;
 
@@ -56,14 +56,14 @@ fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> 
     findings
 }
 
-fn of_moment(reference: &Reference, camera: usize, moment: &Moment) -> Finding {
+fn of_moment(reference: &Reference, camera: usize, moment: &TimingFault) -> Finding {
     let id = reference.id(camera);
     let words = match moment {
-        Moment::Mirrored => format!(
+        TimingFault::Mirrored => format!(
             "camera {id}: its pictures are mirrored: mirrored back they agree with the other cameras'; switch its \
              mirroring off and show the board again"
         ),
-        Moment::Shifted { by, from } => {
+        TimingFault::Shifted { by, from } => {
             let order = if *by < 0 { "late" } else { "early" };
             let moment = if *by < 0 { "before" } else { "after" };
             let from = match from {

@@ -4,11 +4,11 @@
 use super::super::Parameters;
 use super::super::pose_graph::{AGREES, Comparison};
 use super::super::session::View;
-use super::suspects::{FEWEST_VIEWS, Reference, Solo};
+use super::suspects::{FEWEST_VIEWS, IndependentFit, Reference};
 use nalgebra::Isometry3;
 
 /// What is wrong with the moment of a camera's pictures.
-pub(super) enum Moment {
+pub(super) enum TimingFault {
     /// They are of a placement this many before (less than 0) or after, all of them or from a placement on.
     Shifted { by: isize, from: Option<usize> },
     /// They are mirrored.
@@ -22,11 +22,15 @@ const MOST_AGREE: f64 = 0.8;
 const FEW_AGREE: f64 = 0.5;
 
 /// What is wrong with the moment of a camera's pictures; `None` if nothing is wrong, or it cannot be known.
-pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) -> Option<Moment> {
+pub(super) fn of(
+    reference: &Reference,
+    camera: usize,
+    parameters: &Parameters,
+) -> Option<TimingFault> {
     let subject = &reference.session.cameras[camera];
     let views = reference.views(camera);
     let comparison = Comparison::new(reference.session);
-    let solo = Solo::of(reference, subject, &views, parameters)?;
+    let solo = IndependentFit::of(reference, subject, &views, parameters)?;
     let plain = vote(reference, &comparison, &solo, 0);
     if plain
         .as_ref()
@@ -35,31 +39,31 @@ pub(super) fn of(reference: &Reference, camera: usize, parameters: &Parameters) 
         return None;
     }
     let is_unlikely = plain.as_ref().is_none_or(|plain| plain.part() <= FEW_AGREE);
-    let agrees = |vote: Option<Vote>| {
+    let agrees = |vote: Option<PoseVote>| {
         vote.is_some_and(|v| v.part() >= MOST_AGREE && v.agreeing.len() >= FEWEST_VIEWS)
     };
     for by in SHIFTS {
         if is_unlikely && agrees(vote(reference, &comparison, &solo, by)) {
-            return Some(Moment::Shifted { by, from: None });
+            return Some(TimingFault::Shifted { by, from: None });
         }
         let late = plain
             .as_ref()
             .and_then(|plain| shifted_part(reference, &comparison, &solo, plain, by));
         if let Some(from) = late {
-            return Some(Moment::Shifted {
+            return Some(TimingFault::Shifted {
                 by,
                 from: Some(from),
             });
         }
     }
     let mirrored: Vec<View> = views.iter().map(|v| mirrored(reference, v)).collect();
-    let solo = Solo::of(reference, subject, &mirrored, parameters)?;
+    let solo = IndependentFit::of(reference, subject, &mirrored, parameters)?;
     let is_mirrored = is_unlikely && agrees(vote(reference, &comparison, &solo, 0));
-    is_mirrored.then_some(Moment::Mirrored)
+    is_mirrored.then_some(TimingFault::Mirrored)
 }
 
 /// The views that agree on one place of their camera.
-struct Vote {
+struct PoseVote {
     camera_from_rig: Isometry3<f64>,
     /// Indices of the views that agree.
     agreeing: Vec<usize>,
@@ -67,7 +71,7 @@ struct Vote {
     of: usize,
 }
 
-impl Vote {
+impl PoseVote {
     fn part(&self) -> f64 {
         self.agreeing.len() as f64 / self.of.max(1) as f64
     }
@@ -83,7 +87,7 @@ fn shifted(reference: &Reference, view: &View, by: isize) -> Option<Isometry3<f6
 fn agreeing(
     reference: &Reference,
     comparison: &Comparison,
-    solo: &Solo,
+    solo: &IndependentFit,
     camera_from_rig: &Isometry3<f64>,
     by: isize,
 ) -> Vec<usize> {
@@ -102,7 +106,12 @@ fn agreeing(
 }
 
 /// The place on which most views agree if each is of the placement `by` after its own.
-fn vote(reference: &Reference, comparison: &Comparison, solo: &Solo, by: isize) -> Option<Vote> {
+fn vote(
+    reference: &Reference,
+    comparison: &Comparison,
+    solo: &IndependentFit,
+    by: isize,
+) -> Option<PoseVote> {
     let seen = solo.views.iter();
     let pairs: Vec<_> = seen
         .filter_map(|(view, own)| Some((*own, shifted(reference, view, by)?)))
@@ -112,7 +121,7 @@ fn vote(reference: &Reference, comparison: &Comparison, solo: &Solo, by: isize) 
             .readings(own)
             .map(move |own| own * rig_from_board.inverse())
     });
-    let votes = candidates.map(|camera_from_rig| Vote {
+    let votes = candidates.map(|camera_from_rig| PoseVote {
         agreeing: agreeing(reference, comparison, solo, &camera_from_rig, by),
         camera_from_rig,
         of: pairs.len(),
@@ -129,8 +138,8 @@ fn vote(reference: &Reference, comparison: &Comparison, solo: &Solo, by: isize) 
 fn shifted_part(
     reference: &Reference,
     comparison: &Comparison,
-    solo: &Solo,
-    plain: &Vote,
+    solo: &IndependentFit,
+    plain: &PoseVote,
     by: isize,
 ) -> Option<usize> {
     let shifted = agreeing(reference, comparison, solo, &plain.camera_from_rig, by);

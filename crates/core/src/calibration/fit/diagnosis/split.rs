@@ -10,7 +10,7 @@ use super::super::pose_graph::{AGREES, Comparison};
 use super::super::session::View;
 use super::super::sheet::Sheet;
 use super::super::single_camera::{free_parameters, priors};
-use super::suspects::{FEWEST_VIEWS, Reference, Solo};
+use super::suspects::{FEWEST_VIEWS, IndependentFit, Reference};
 use crate::calibration::Face;
 use crate::statistics::upper_median;
 use nalgebra::Isometry3;
@@ -120,7 +120,7 @@ impl<'a> Resection<'a> {
     fn of(reference: &'a Reference<'a>, camera: usize, parameters: &Parameters) -> Option<Self> {
         let subject = &reference.session.cameras[camera];
         let all = reference.views(camera);
-        let solo = Solo::of(reference, subject, &all, parameters)?;
+        let solo = IndependentFit::of(reference, subject, &all, parameters)?;
         let seen = |view: &View| reference.rig_from_board[view.placement].is_some();
         let views: Vec<_> = solo
             .views
@@ -161,7 +161,7 @@ struct Resection<'a> {
 
 /// What of a camera is free.
 #[derive(Clone, Copy, PartialEq)]
-enum Free {
+enum FreeParameters {
     Nothing,
     Pose,
     Lens,
@@ -176,7 +176,7 @@ impl Resection<'_> {
             let Some(start) = self.start(part) else {
                 return f64::MAX;
             };
-            let (_, residuals) = self.fitted(part, &start, Free::Both, false);
+            let (_, residuals) = self.fitted(part, &start, FreeParameters::Both, false);
             residuals
                 .iter()
                 .map(|r| (r / self.most_px).powi(2).ln_1p())
@@ -250,7 +250,7 @@ impl Resection<'_> {
         &self,
         part: &[(View, Isometry3<f64>)],
         start: &CameraState,
-        free: Free,
+        free: FreeParameters,
         jointly: bool,
     ) -> (CameraState, Vec<f64>) {
         let comparison = Comparison::new(self.reference.session);
@@ -267,12 +267,12 @@ impl Resection<'_> {
         let own = cameras.len();
         cameras.push(CameraState {
             free: match free {
-                Free::Nothing | Free::Pose => [false; PARAMETERS],
+                FreeParameters::Nothing | FreeParameters::Pose => [false; PARAMETERS],
                 // Its centre would pass for a turn of the camera.
-                Free::Lens => std::array::from_fn(|i| i < 2 && self.lens_free[i]),
-                Free::Both => self.lens_free,
+                FreeParameters::Lens => std::array::from_fn(|i| i < 2 && self.lens_free[i]),
+                FreeParameters::Both => self.lens_free,
             },
-            pose_free: matches!(free, Free::Pose | Free::Both),
+            pose_free: matches!(free, FreeParameters::Pose | FreeParameters::Both),
             ..start.clone()
         });
         let mut placements = Vec::new();
@@ -327,26 +327,27 @@ impl Resection<'_> {
             true => (early, late),
             false => (late, early),
         };
-        let (held, residuals) = self.fitted(longer, &self.start(longer)?, Free::Both, true);
+        let (held, residuals) =
+            self.fitted(longer, &self.start(longer)?, FreeParameters::Both, true);
         if !self.agree(&residuals) {
             return None;
         }
-        let tried = |start: &CameraState, free: Free| {
+        let tried = |start: &CameraState, free: FreeParameters| {
             let (state, mut residuals) = self.fitted(shorter, start, free, true);
             let agrees = self.agree(&residuals);
             let median = upper_median(&mut residuals).unwrap_or(f64::MAX);
             (state, agrees, median)
         };
-        if tried(&held, Free::Nothing).1 {
+        if tried(&held, FreeParameters::Nothing).1 {
             return None;
         }
         let elsewhere = CameraState {
             camera_from_rig: self.start(shorter)?.camera_from_rig,
             ..held.clone()
         };
-        let moved = tried(&elsewhere, Free::Pose);
-        let refocused = tried(&held, Free::Lens);
-        let both = tried(&elsewhere, Free::Both);
+        let moved = tried(&elsewhere, FreeParameters::Pose);
+        let refocused = tried(&held, FreeParameters::Lens);
+        let both = tried(&elsewhere, FreeParameters::Both);
         let poses = |state: &CameraState| match is_mostly_early {
             true => [held.camera_from_rig, state.camera_from_rig],
             false => [state.camera_from_rig, held.camera_from_rig],

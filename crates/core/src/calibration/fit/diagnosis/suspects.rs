@@ -105,7 +105,7 @@ impl<'a> Reference<'a> {
 }
 
 /// A camera by itself: results that no other camera can affect.
-pub(super) struct Solo {
+pub(super) struct IndependentFit {
     pub lens: super::super::lens::Lens,
     /// The views that a pose explains, with the board's (the front's) pose in each.
     pub views: Vec<(View, Isometry3<f64>)>,
@@ -113,7 +113,7 @@ pub(super) struct Solo {
     pub usual_px: f64,
 }
 
-impl Solo {
+impl IndependentFit {
     pub(super) fn of(
         reference: &Reference,
         subject: &SessionCamera,

@@ -2,7 +2,7 @@
 
 use super::super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::super::{Error, Finding, Limits, Parameters, Session, diagnose, fit, judge};
-use crate::calibration::{Board, Level};
+use crate::calibration::{Board, CalibrationLevel};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ fn from_on(session: &mut Session, changed: &Session, camera: usize, from: usize)
 }
 
 /// What is found, and the verdict.
-fn told(session: &Session) -> (Vec<Finding>, Level) {
+fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     let parameters = Parameters {
         folds: 0,
         ..Parameters::default()
@@ -48,7 +48,7 @@ fn told(session: &Session) -> (Vec<Finding>, Level) {
         Err(error @ Error::Disjoint { .. }) => {
             let findings = diagnose(session, None, &parameters);
             println!("{error} {findings:?}");
-            (findings, Level::Refused)
+            (findings, CalibrationLevel::Refused)
         }
         Err(error) => panic!("{error}"),
     }
@@ -56,7 +56,7 @@ fn told(session: &Session) -> (Vec<Finding>, Level) {
 
 fn is_told(session: &Session, words: &[&str]) {
     let (findings, level) = told(session);
-    assert!(level >= Level::Doubtful, "{findings:?}");
+    assert!(level >= CalibrationLevel::Doubtful, "{findings:?}");
     assert_eq!(findings.len(), 1, "{findings:?}");
     for words in words {
         assert!(findings[0].words.contains(words), "{words}: {findings:?}");
@@ -167,7 +167,7 @@ fn a_camera_that_is_bumped_twice_is_told_twice() {
     let again = bumped(4, 2, 1.5, 0);
     from_on(&mut session, &again, 2, 15);
     let (findings, level) = told(&session);
-    assert!(level >= Level::Doubtful);
+    assert!(level >= CalibrationLevel::Doubtful);
     let words: Vec<&str> = findings.iter().map(|f| f.words.as_str()).collect();
     assert_eq!(words.len(), 2, "{words:?}");
     assert!(
@@ -184,7 +184,7 @@ fn cameras_that_were_bumped_at_different_times_are_told_each() {
     let other = bumped(5, 4, 0.5, 0);
     from_on(&mut session, &other, 4, 9);
     let (findings, level) = told(&session);
-    assert!(level >= Level::Doubtful);
+    assert!(level >= CalibrationLevel::Doubtful);
     let words: Vec<&str> = findings.iter().map(|f| f.words.as_str()).collect();
     assert_eq!(words.len(), 2, "{words:?}");
     assert!(
@@ -259,7 +259,7 @@ fn sound_sessions_are_not_doubted() {
             let session = rig(cameras, seed).session(0.1, &mut Random(100 + seed));
             let (findings, level) = told(&session);
             assert!(
-                findings.is_empty() && level < Level::Doubtful,
+                findings.is_empty() && level < CalibrationLevel::Doubtful,
                 "{seed}: {findings:?}"
             );
         }
@@ -308,7 +308,7 @@ fn three_placements_say_too_little() {
     session.placements.truncate(3);
     let (findings, level) = told(&session);
     assert!(
-        findings.is_empty() && level == Level::Doubtful,
+        findings.is_empty() && level == CalibrationLevel::Doubtful,
         "{level:?} {findings:?}"
     );
 }

@@ -13,7 +13,7 @@ const PRIOR: f32 = 4.0;
 const TEXTURE: f32 = 0.05;
 
 /// What is beside a cell.
-struct Beside {
+struct CellNeighbors {
     /// The object's colours in linear light, per channel; places that are not taken hold a colour that no
     /// pixel is near.
     object: [[f32; SAMPLES]; 3],
@@ -92,11 +92,11 @@ fn beside(
     pure: &Grid<bool>,
     (cx, cy): (usize, usize),
     offsets: &[(isize, isize)],
-) -> Beside {
+) -> CellNeighbors {
     const FAR: f32 = 1e3;
     let plate = three(|c| (band.cells.plate[(cx, cy)][c] + 0.5) as usize);
     let weight = three(|c| colors.weight[c][plate[c]]);
-    let mut beside = Beside {
+    let mut beside = CellNeighbors {
         object: [[FAR; SAMPLES]; 3],
         weight: [[1.0; SAMPLES]; 3],
         objects: 0,
@@ -136,7 +136,7 @@ fn beside(
 /// How much nearer a pixel's colour is to the object's than to the backdrop's, in squared standard
 /// deviations.
 #[inline]
-fn preference(colors: &Colors, beside: &Beside, x: usize, y: usize) -> f32 {
+fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f32 {
     let (light, expected) = (colors.light(x, y), colors.expected(x, y));
     let mut to_backdrop = 0.0;
     let mut distances = [0.0f32; SAMPLES];
