@@ -32,10 +32,11 @@ page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
-check: ## all checks without root or a camera library: format, clippy, documentation, licences, spelling, default tests
+check: ## all checks without root or a camera library: format, clippy, documentation, licences, spelling, short default tests
 	@CARGO=$(CARGO) scripts/check.sh
 
-test: deps check ## the gate: install what the tests need, then `check`, then the rig's tests (scand-core has no features)
+test: deps check ## the gate: install what the tests need, then `check`, then the long tests and the rig's (scand-core has no features)
+	scripts/part.sh "tests, long" $(CARGO) test --locked --workspace --quiet -- long::
 	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page --lib --bins $(RIG_TESTS)
 
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # `make check`: what needs neither root nor an installed camera library. Format, spelling, clippy over each combination
 # of features, licences, documentation, and the tests of the default features. A combination whose system library is
-# missing is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
+# missing is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure. Tests in modules named `long` take more than ten
+# seconds each; `make test` runs those as well.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo=${CARGO:-cargo}
@@ -91,4 +92,4 @@ else
 	skip "clippy, rig" "it wants aravis and libclang"
 fi
 part "documentation" env RUSTDOCFLAGS="-D warnings" "$cargo" doc --locked --workspace --no-deps --features "$documented"
-part "tests, default features" "$cargo" test --locked --workspace --quiet
+part "tests, default features" "$cargo" test --locked --workspace --quiet -- --skip long::

@@ -72,46 +72,51 @@ fn reasons(told: &Value) -> String {
     told["verdict"]["reasons"].to_string()
 }
 
-#[test]
-fn a_bent_board_is_found_and_spoils_neither_lenses_nor_places() {
-    let (told, focal, apart) = calibrated(&["--board-bend-mm", "0.5,0"]);
-    assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
-    let bend = told["shape"]["bend"][0]["value"].as_f64().unwrap();
-    assert!((1e3 * bend - 0.5).abs() < 0.05, "{bend}");
-    assert!(
-        reasons(&told).contains("the board is bent by 0.5"),
-        "{told}"
-    );
-    assert_ne!(told["verdict"]["level"], "good");
-}
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
 
-#[test]
-fn a_flat_board_is_taken_for_flat() {
-    let (told, focal, apart) = calibrated(&[]);
-    assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
-    for term in [
-        &told["shape"]["bend"][0],
-        &told["shape"]["bend"][1],
-        &told["shape"]["stretch"],
-    ] {
-        assert_eq!(
-            (&term["value"], &term["fate"]),
-            (&Value::from(0.0), &Value::from("not_needed"))
+    #[test]
+    fn a_print_that_is_longer_one_way_is_found_and_doubted() {
+        // Twice 0.2 % between the rows and the columns.
+        let (told, focal, apart) = calibrated(&["--board-stretch-percent", "0.2"]);
+        assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
+        let stretch = told["shape"]["stretch"]["value"].as_f64().unwrap();
+        assert!((1e2 * stretch - 0.2).abs() < 0.02, "{stretch}");
+        assert!(
+            reasons(&told).contains("longer along its rows than down its columns"),
+            "{told}"
         );
+        assert_eq!(told["verdict"]["level"], "doubtful");
     }
-    assert!(!reasons(&told).contains("the board"), "{told}");
-}
 
-#[test]
-fn a_print_that_is_longer_one_way_is_found_and_doubted() {
-    // Twice 0.2 % between the rows and the columns.
-    let (told, focal, apart) = calibrated(&["--board-stretch-percent", "0.2"]);
-    assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
-    let stretch = told["shape"]["stretch"]["value"].as_f64().unwrap();
-    assert!((1e2 * stretch - 0.2).abs() < 0.02, "{stretch}");
-    assert!(
-        reasons(&told).contains("longer along its rows than down its columns"),
-        "{told}"
-    );
-    assert_eq!(told["verdict"]["level"], "doubtful");
+    #[test]
+    fn a_bent_board_is_found_and_spoils_neither_lenses_nor_places() {
+        let (told, focal, apart) = calibrated(&["--board-bend-mm", "0.5,0"]);
+        assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
+        let bend = told["shape"]["bend"][0]["value"].as_f64().unwrap();
+        assert!((1e3 * bend - 0.5).abs() < 0.05, "{bend}");
+        assert!(
+            reasons(&told).contains("the board is bent by 0.5"),
+            "{told}"
+        );
+        assert_ne!(told["verdict"]["level"], "good");
+    }
+
+    #[test]
+    fn a_flat_board_is_taken_for_flat() {
+        let (told, focal, apart) = calibrated(&[]);
+        assert!(focal < 1.5e-3 && apart < 1e-3, "{focal} {apart}");
+        for term in [
+            &told["shape"]["bend"][0],
+            &told["shape"]["bend"][1],
+            &told["shape"]["stretch"],
+        ] {
+            assert_eq!(
+                (&term["value"], &term["fate"]),
+                (&Value::from(0.0), &Value::from("not_needed"))
+            );
+        }
+        assert!(!reasons(&told).contains("the board"), "{told}");
+    }
 }

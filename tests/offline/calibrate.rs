@@ -185,164 +185,6 @@ fn calibrate(arguments: &[&str]) -> (Option<i32>, String, String) {
 }
 
 #[test]
-fn faults_are_named_and_what_is_left_is_right() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let (session, truth) = (path("session.mcap"), path("truth.toml"));
-    let faults = [
-        "--moved-placement",
-        "5=3",
-        "--duplicate-placement",
-        "9",
-        "--blind",
-        "c02",
-        "--turned-over-placement",
-        "4",
-    ];
-    let with_truth = ["--placements", "18", "--truth", truth.to_str().unwrap()];
-    simulate(&[faults.as_slice(), &with_truth].concat(), &session);
-    let (session, out) = (session.to_str().unwrap(), path("calibration.toml"));
-    // A camera is missing: that is doubtful, and the file says so by its name.
-    let arguments = [session, "--json", "--out", out.to_str().unwrap()];
-    let (code, json, errors) = calibrate(&arguments);
-    assert_eq!(code, Some(3), "{errors}");
-    let aside = path("calibration.doubtful.toml");
-    assert!(
-        !out.exists() && errors.contains("calibration.doubtful.toml"),
-        "{errors}"
-    );
-    let written = scand::calibration::RigCalibration::load(&aside).unwrap();
-    let verdict = written.verdict.unwrap();
-    assert_eq!(verdict.level.name(), "doubtful");
-    assert!(
-        verdict.reasons.iter().any(|r| r.contains("c02")),
-        "{verdict:?}"
-    );
-    // Accepted, it has the name that was asked for, and the same verdict.
-    let (code, _, errors) = calibrate(&[&arguments[..], &["--accept-doubtful"]].concat());
-    assert_eq!(code, Some(0), "{errors}");
-    assert_eq!(std::fs::read(&out).unwrap(), std::fs::read(&aside).unwrap());
-    let found: Value = serde_json::from_str(&json).unwrap();
-    let left_out = found["left_out"].to_string();
-    for named in [
-        "placement-005",
-        "placement-009",
-        "\"c02\"",
-        "it moved during the capture",
-        "placement-008",
-    ] {
-        assert!(left_out.contains(named), "{named}: {left_out}");
-    }
-    assert!(!left_out.contains("placement-004"), "{left_out}");
-    assert!(found["figures"]["rms_px"].as_f64().unwrap() < 0.1, "{json}");
-    assert!(found["held_out"]["ratio"].as_f64().unwrap() < 1.3);
-    let [fitted, truth] =
-        [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
-    assert!(fitted.cameras.len() >= 9, "{left_out}");
-    for (id, (camera, _)) in &fitted.cameras {
-        let true_one = &truth.cameras[id].0;
-        let ratio = camera
-            .intrinsics
-            .focal_px
-            .component_div(&true_one.intrinsics.focal_px);
-        assert!(
-            ratio.iter().all(|r| (r - 1.0).abs() < 3e-3),
-            "{id}: {ratio}"
-        );
-    }
-
-    let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:8x6:25mm"]);
-    assert_eq!(code, Some(1));
-    assert!(errors.contains("has 9x7 inner corners"), "{errors}");
-
-    let bumped = path("bumped.mcap");
-    simulate(&["--placements", "1", "--turned", "c07=0.1"], &bumped);
-    let check = [
-        "--check",
-        bumped.to_str().unwrap(),
-        "--against",
-        out.to_str().unwrap(),
-        "--json",
-    ];
-    let (code, json, errors) = calibrate(&check);
-    assert_eq!(code, Some(1), "{errors}");
-    let found: Value = serde_json::from_str(&json).unwrap();
-    let moved = found["cameras"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter(|c| !c["motion"].is_null());
-    let moved: Vec<_> = moved.collect();
-    assert_eq!(moved.len(), 1, "{json}");
-    assert_eq!(moved[0]["camera"], "c07");
-    assert!(
-        (moved[0]["motion"]["turn_degrees"].as_f64().unwrap() - 0.1).abs() < 0.01,
-        "{json}"
-    );
-    let not_checked = found["not_checked"].as_array().unwrap();
-    assert!(not_checked.contains(&"c02".into()), "{json}");
-
-    let still = path("still.mcap");
-    simulate(&["--placements", "1"], &still);
-    let check = ["--check", still.to_str().unwrap(), "--against"];
-    let (code, words, errors) = calibrate(&[&check[..], &[out.to_str().unwrap()]].concat());
-    assert_eq!(code, Some(3), "a camera was not checked: {errors}");
-    let summary = words.lines().last().unwrap();
-    let expected = "no camera that saw the board moved; not checked: ";
-    assert!(
-        summary.starts_with(expected) && summary.contains("c02"),
-        "{words}"
-    );
-}
-
-#[test]
-fn blurred_placements_are_solved_or_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let (session, truth) = (path("session.mcap"), path("truth.toml"));
-    #[rustfmt::skip]
-    let faults = [
-        "--blurred-placement", "4=2", "--blurred-placement", "7=6", "--blurred-placement", "9=20",
-        "--placements", "24", "--truth", truth.to_str().unwrap(),
-    ];
-    simulate(&faults, &session);
-    let out = path("calibration.toml");
-    let command = [
-        session.to_str().unwrap(),
-        "--json",
-        "--out",
-        out.to_str().unwrap(),
-        "--accept-doubtful",
-    ];
-    let (code, json, errors) = calibrate(&command);
-    // A camera that sees too little beside them is missing, and named.
-    assert!(matches!(code, Some(0 | 3)), "{errors}");
-    let found: Value = serde_json::from_str(&json).unwrap();
-    let named = |what: &str| found["left_out"].to_string().contains(what);
-    for placement in found["placements"].as_array().unwrap() {
-        let name = placement["name"].as_str().unwrap();
-        let rms = placement["figures"]["rms_px"].as_f64().unwrap();
-        println!("{name}: {rms:.3} px, named {}", named(name));
-        assert!(rms < 0.25 || named(name), "{name}: {rms}");
-    }
-    // Nobody can see a board through such a blur.
-    assert!(named("placement-009"), "{}", found["left_out"]);
-    let [fitted, truth] =
-        [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
-    let is_told = |id: &CameraId| fitted.cameras.contains_key(id) || named(id.as_str());
-    assert!(truth.cameras.keys().all(is_told) && fitted.cameras.len() >= 10);
-    let center = |of: &scand::calibration::RigCalibration, id| of.cameras[id].0.center();
-    let first = fitted.cameras.keys().next().unwrap();
-    for (id, (camera, _)) in &fitted.cameras {
-        let ratio = camera.intrinsics.focal_px.x / truth.cameras[id].0.intrinsics.focal_px.x;
-        assert!((ratio - 1.0).abs() < 3e-3, "{id}: {ratio}");
-        let apart = |of| (center(of, id) - center(of, first)).norm();
-        let off = apart(&fitted) - apart(&truth);
-        assert!(off.abs() < 1.5e-3, "{id}: {off} m");
-    }
-}
-
-#[test]
 fn what_cannot_be_calibrated_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("session.mcap");
@@ -442,193 +284,6 @@ fn rms(told: &Value) -> f64 {
 }
 
 #[test]
-fn one_camera_by_itself_is_calibrated_from_any_start_and_with_either_model() {
-    let alone = Alone::new();
-    let [toml, ros, kalibr] = ["calibration.toml", "ros", "camchain.yaml"].map(|n| alone.path(n));
-    let plain = alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
-    let truth = scand::calibration::RigCalibration::load(Path::new(&alone.path("truth.toml")));
-    let truth = truth.unwrap().cameras.into_values().next().unwrap().0;
-    let found = lens(&plain);
-    let truth = truth.intrinsics;
-    assert!(rms(&plain) < 0.1, "{plain:#}");
-    assert!(
-        (found[0] / truth.focal_px.x - 1.0).abs() < 3e-3,
-        "{found:?}, {truth:?}"
-    );
-    assert!(
-        (found[2] - truth.center_px.x).abs() < 5.0,
-        "{found:?}, {truth:?}"
-    );
-
-    // What others write is a start, and leads to the same lens.
-    for file in [&ros, &kalibr, &toml] {
-        let started = lens(&alone.calibrated(&["--start", file]));
-        for (a, b) in found.iter().zip(&started) {
-            assert!((a - b).abs() < 0.05, "{file}: {found:?} {started:?}");
-        }
-    }
-    // It is read: of another camera's pictures it is refused, and so is nonsense.
-    let text = std::fs::read_to_string(Path::new(&ros).join("c00.yaml")).unwrap();
-    let other = alone.path("other.yaml");
-    std::fs::write(&other, text.replace("image_width: 701", "image_width: 640")).unwrap();
-    let errors = alone.refused(1, &["--start", &other]);
-    assert!(
-        errors.contains("camera c00") && errors.contains("640x523"),
-        "{errors}"
-    );
-    std::fs::write(&other, "cam0:\n  intrinsics: [1, 2]\n").unwrap();
-    let errors = alone.refused(78, &["--start", &other]);
-    assert!(
-        errors.contains("other.yaml") && errors.contains("cam0"),
-        "{errors}"
-    );
-    // Lenses that are kept are kept to the last bit.
-    let kept = alone.calibrated(&["--fix-intrinsics", &ros]);
-    assert_eq!(lens(&kept), found);
-
-    let rational = alone.calibrated(&["--model", "rational"]);
-    let camera = &rational["cameras"]["c00"];
-    assert_eq!(camera["distortion_model"], "rational_polynomial");
-    assert_eq!(numbers(&camera["distortion"]).len(), 8);
-    // More terms never fit worse, and the true lens is one of theirs.
-    assert!(rms(&rational) < 1.001 * rms(&plain), "{rational:#}");
-    assert!((lens(&rational)[0] / truth.focal_px.x - 1.0).abs() < 5e-3);
-    let configured = alone.calibrated(&["--set", "calibration.fit.model=rational"]);
-    assert_eq!(lens(&configured), lens(&rational));
-}
-
-#[test]
-fn limits_are_configured_and_exports_need_no_fit() {
-    let alone = Alone::new();
-    let path = |name: &str| alone.path(name);
-    let [toml, ros, kalibr] = ["calibration.toml", "ros", "camchain.yaml"].map(path);
-    alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
-
-    // A verdict is held against what the configuration says.
-    let config = path("rig.toml");
-    let limits = "[calibration.limits]\ngood_px = 0.001\naccepted_px = 0.001\nrefused_px = 0.001\n";
-    std::fs::write(&config, limits).unwrap();
-    let unwritten = path("unwritten.toml");
-    let errors = alone.refused(1, &["--config", &config, "--out", &unwritten]);
-    assert!(
-        errors.contains("is refused") && !Path::new(&unwritten).exists(),
-        "{errors}"
-    );
-    let less = [
-        "--config",
-        &config,
-        "--set",
-        "calibration.limits.refused_px=0.6",
-    ];
-    let told = alone.calibrated(&[&less[..], &["--accept-doubtful"]].concat());
-    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
-    // Doubtful, nothing is exported, and no file has the name that was asked for.
-    let unexported = path("unexported.yaml");
-    let asked = ["--kalibr", &unexported, "--out", &unwritten];
-    alone.refused(3, &[&less[..], &asked].concat());
-    assert!(!Path::new(&unexported).exists() && !Path::new(&unwritten).exists());
-    assert!(Path::new(&path("unwritten.doubtful.toml")).exists());
-    let errors = alone.refused(1, &[&less[..], &asked].concat());
-    assert!(
-        errors.contains("unwritten.doubtful.toml already exists"),
-        "{errors}"
-    );
-    let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
-    assert!(
-        told["missing"].to_string().contains("expected 99 or more"),
-        "{told:#}"
-    );
-    let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
-    assert!(
-        errors.contains("calibration.limits.coverage=20: 20 found, expected 0 to 1"),
-        "{errors}"
-    );
-    std::fs::write(&config, "[calibration.limits]\ngod_px = 1\n").unwrap();
-    let errors = alone.refused(78, &["--config", &config]);
-    assert!(
-        errors.contains("line 2") && errors.contains("god_px"),
-        "{errors}"
-    );
-
-    // From a calibration file come the same files as from the fit.
-    let [ros_again, kalibr_again, toml_again] = ["ros2", "camchain2.yaml", "again.toml"].map(path);
-    let (code, _, errors) = calibrate(&[
-        "--from",
-        &toml,
-        "--ros",
-        &ros_again,
-        "--kalibr",
-        &kalibr_again,
-        "--out",
-        &toml_again,
-    ]);
-    assert_eq!(code, Some(0), "{errors}");
-    let text = |path: &str| std::fs::read_to_string(path).unwrap();
-    assert_eq!(text(&toml), text(&toml_again));
-    assert_eq!(text(&kalibr), text(&kalibr_again));
-    assert_eq!(
-        text(&format!("{ros}/c00.yaml")),
-        text(&format!("{ros_again}/c00.yaml"))
-    );
-    let (code, _, errors) = calibrate(&["--from", &toml]);
-    assert!(code == Some(1) && errors.contains("give --ros"), "{errors}");
-
-    // And from a recording, with a depth camera whose response no format of others holds.
-    let (scan, out) = (path("scan.mcap"), path("scan.toml"));
-    #[rustfmt::skip]
-    let simulated = [
-        "simulate", "--shape", "ball", "--cameras", "2", "--size", "160x120", "--masks", "--depth-frames", "1",
-        "--depth-response", "written", "--out", &scan,
-    ];
-    scand(&simulated).assert().success();
-    let folder = path("scan-ros");
-    let (code, _, errors) = calibrate(&["--from", &scan, "--ros", &folder, "--out", &out]);
-    assert_eq!(code, Some(0), "{errors}");
-    let info = path("info.toml");
-    scand(&["info", &scan, "--calibration", &info])
-        .assert()
-        .success();
-    assert_eq!(text(&out), text(&info));
-    // Nothing that is there is replaced unasked, whatever it is.
-    let recorded = std::fs::read(&scan).unwrap();
-    let [session, other] = ["session.mcap", "other.mcap"].map(path);
-    #[rustfmt::skip]
-    let unasked: [&[&str]; 6] = [
-        &["info", &scan, "--calibration", &info],
-        &["info", &scan, "--calibration", &scan],
-        &["calibrate", "--from", &scan, "--ros", &folder],
-        &["calibrate", "--from", &scan, "--kalibr", &scan],
-        &["calibrate", &session, "--report", &scan],
-        &["simulate", "--shape", "ball", "--truth", &scan, "--out", &other],
-    ];
-    for arguments in unasked {
-        let output = scand(arguments).output().unwrap();
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert!(
-            output.status.code() == Some(1) && errors.contains("already exists: give --force"),
-            "{arguments:?}: {errors}"
-        );
-    }
-    assert!(!Path::new(&other).exists());
-    for asked in [unasked[0], unasked[2]] {
-        scand(asked).arg("--force").assert().success();
-    }
-    assert_eq!(std::fs::read(&scan).unwrap(), recorded);
-    let kinect = text(&format!("{folder}/kinect.yaml"));
-    assert!(
-        kinect.starts_with("# a reading r is 0.00104 * r + -0.018 metres"),
-        "{kinect}"
-    );
-    let read = scand::calibration::RigCalibration::import(Path::new(&folder)).unwrap();
-    assert_eq!(read.cameras.len(), 3);
-    let (code, _, errors) = calibrate(&["--from", &session, "--ros", &folder]);
-    assert!(
-        code == Some(1) && errors.contains("it has no calibration"),
-        "{errors}"
-    );
-}
-
-#[test]
 fn what_would_be_ignored_is_refused() {
     let check = ["SESSION.mcap", "--check", "--against", "rig.toml"];
     #[rustfmt::skip]
@@ -653,63 +308,416 @@ fn what_would_be_ignored_is_refused() {
     }
 }
 
-#[test]
-fn a_depth_camera_without_a_response_is_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let [session, table, out] = ["session.mcap", "table.txt", "calibration.toml"].map(path);
-    simulate(
-        &["--cameras", "3", "--placements", "14"],
-        Path::new(&session),
-    );
-    let response = |arguments: &[&str], expected: i32| {
-        let all = [
-            &[
-                session.as_str(),
-                "--json",
-                "--force",
-                "--accept-doubtful",
-                "--out",
-                &out,
-            ],
-            arguments,
-        ]
-        .concat();
-        let (code, json, errors) = calibrate(&all);
-        assert_eq!(code, Some(expected), "{arguments:?}: {errors}");
-        let told: Value = serde_json::from_str(&json).unwrap();
-        let written = scand::calibration::RigCalibration::load(Path::new(&out)).unwrap();
-        let kinect = &written.cameras[&CameraId::new("kinect").unwrap()];
-        (told, kinect.1)
-    };
-    let (told, found) = response(&["--set", "calibration.plane.min_views=50"], 0);
-    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
-    for place in [&told["lost"], &told["verdict"]["reasons"]] {
-        let words = place.to_string();
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn faults_are_named_and_what_is_left_is_right() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let (session, truth) = (path("session.mcap"), path("truth.toml"));
+        let faults = [
+            "--moved-placement",
+            "5=3",
+            "--duplicate-placement",
+            "9",
+            "--blind",
+            "c02",
+            "--turned-over-placement",
+            "4",
+        ];
+        let with_truth = ["--placements", "18", "--truth", truth.to_str().unwrap()];
+        simulate(&[faults.as_slice(), &with_truth].concat(), &session);
+        let (session, out) = (session.to_str().unwrap(), path("calibration.toml"));
+        // A camera is missing: that is doubtful, and the file says so by its name.
+        let arguments = [session, "--json", "--out", out.to_str().unwrap()];
+        let (code, json, errors) = calibrate(&arguments);
+        assert_eq!(code, Some(3), "{errors}");
+        let aside = path("calibration.doubtful.toml");
         assert!(
-            words.contains("depth camera kinect has no response")
-                && words.contains("expected 50 or more"),
+            !out.exists() && errors.contains("calibration.doubtful.toml"),
+            "{errors}"
+        );
+        let written = scand::calibration::RigCalibration::load(&aside).unwrap();
+        let verdict = written.verdict.unwrap();
+        assert_eq!(verdict.level.name(), "doubtful");
+        assert!(
+            verdict.reasons.iter().any(|r| r.contains("c02")),
+            "{verdict:?}"
+        );
+        // Accepted, it has the name that was asked for, and the same verdict.
+        let (code, _, errors) = calibrate(&[&arguments[..], &["--accept-doubtful"]].concat());
+        assert_eq!(code, Some(0), "{errors}");
+        assert_eq!(std::fs::read(&out).unwrap(), std::fs::read(&aside).unwrap());
+        let found: Value = serde_json::from_str(&json).unwrap();
+        let left_out = found["left_out"].to_string();
+        for named in [
+            "placement-005",
+            "placement-009",
+            "\"c02\"",
+            "it moved during the capture",
+            "placement-008",
+        ] {
+            assert!(left_out.contains(named), "{named}: {left_out}");
+        }
+        assert!(!left_out.contains("placement-004"), "{left_out}");
+        assert!(found["figures"]["rms_px"].as_f64().unwrap() < 0.1, "{json}");
+        assert!(found["held_out"]["ratio"].as_f64().unwrap() < 1.3);
+        let [fitted, truth] =
+            [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
+        assert!(fitted.cameras.len() >= 9, "{left_out}");
+        for (id, (camera, _)) in &fitted.cameras {
+            let true_one = &truth.cameras[id].0;
+            let ratio = camera
+                .intrinsics
+                .focal_px
+                .component_div(&true_one.intrinsics.focal_px);
+            assert!(
+                ratio.iter().all(|r| (r - 1.0).abs() < 3e-3),
+                "{id}: {ratio}"
+            );
+        }
+
+        let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:8x6:25mm"]);
+        assert_eq!(code, Some(1));
+        assert!(errors.contains("has 9x7 inner corners"), "{errors}");
+
+        let bumped = path("bumped.mcap");
+        simulate(&["--placements", "1", "--turned", "c07=0.1"], &bumped);
+        let check = [
+            "--check",
+            bumped.to_str().unwrap(),
+            "--against",
+            out.to_str().unwrap(),
+            "--json",
+        ];
+        let (code, json, errors) = calibrate(&check);
+        assert_eq!(code, Some(1), "{errors}");
+        let found: Value = serde_json::from_str(&json).unwrap();
+        let moved = found["cameras"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|c| !c["motion"].is_null());
+        let moved: Vec<_> = moved.collect();
+        assert_eq!(moved.len(), 1, "{json}");
+        assert_eq!(moved[0]["camera"], "c07");
+        assert!(
+            (moved[0]["motion"]["turn_degrees"].as_f64().unwrap() - 0.1).abs() < 0.01,
+            "{json}"
+        );
+        let not_checked = found["not_checked"].as_array().unwrap();
+        assert!(not_checked.contains(&"c02".into()), "{json}");
+
+        let still = path("still.mcap");
+        simulate(&["--placements", "1"], &still);
+        let check = ["--check", still.to_str().unwrap(), "--against"];
+        let (code, words, errors) = calibrate(&[&check[..], &[out.to_str().unwrap()]].concat());
+        assert_eq!(code, Some(3), "a camera was not checked: {errors}");
+        let summary = words.lines().last().unwrap();
+        let expected = "no camera that saw the board moved; not checked: ";
+        assert!(
+            summary.starts_with(expected) && summary.contains("c02"),
             "{words}"
         );
     }
-    assert_eq!(found, None);
 
-    let (told, found) = response(&["--set", "calibration.limits.depth_bias_mm=0"], 0);
-    assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
-    let reasons = told["verdict"]["reasons"].to_string();
-    assert!(reasons.contains("kinect: a bias of"), "{reasons}");
-    assert!(found.is_some());
+    #[test]
+    fn blurred_placements_are_solved_or_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let (session, truth) = (path("session.mcap"), path("truth.toml"));
+        #[rustfmt::skip]
+        let faults = [
+            "--blurred-placement", "4=2", "--blurred-placement", "7=6", "--blurred-placement", "9=20",
+            "--placements", "24", "--truth", truth.to_str().unwrap(),
+        ];
+        simulate(&faults, &session);
+        let out = path("calibration.toml");
+        let command = [
+            session.to_str().unwrap(),
+            "--json",
+            "--out",
+            out.to_str().unwrap(),
+            "--accept-doubtful",
+        ];
+        let (code, json, errors) = calibrate(&command);
+        // A camera that sees too little beside them is missing, and named.
+        assert!(matches!(code, Some(0 | 3)), "{errors}");
+        let found: Value = serde_json::from_str(&json).unwrap();
+        let named = |what: &str| found["left_out"].to_string().contains(what);
+        for placement in found["placements"].as_array().unwrap() {
+            let name = placement["name"].as_str().unwrap();
+            let rms = placement["figures"]["rms_px"].as_f64().unwrap();
+            println!("{name}: {rms:.3} px, named {}", named(name));
+            assert!(rms < 0.25 || named(name), "{name}: {rms}");
+        }
+        // Nobody can see a board through such a blur.
+        assert!(named("placement-009"), "{}", found["left_out"]);
+        let [fitted, truth] =
+            [&out, &truth].map(|p| scand::calibration::RigCalibration::load(p).unwrap());
+        let is_told = |id: &CameraId| fitted.cameras.contains_key(id) || named(id.as_str());
+        assert!(truth.cameras.keys().all(is_told) && fitted.cameras.len() >= 10);
+        let center = |of: &scand::calibration::RigCalibration, id| of.cameras[id].0.center();
+        let first = fitted.cameras.keys().next().unwrap();
+        for (id, (camera, _)) in &fitted.cameras {
+            let ratio = camera.intrinsics.focal_px.x / truth.cameras[id].0.intrinsics.focal_px.x;
+            assert!((ratio - 1.0).abs() < 3e-3, "{id}: {ratio}");
+            let apart = |of| (center(of, id) - center(of, first)).norm();
+            let off = apart(&fitted) - apart(&truth);
+            assert!(off.abs() < 1.5e-3, "{id}: {off} m");
+        }
+    }
 
-    // A table by itself says which way is meant.
-    std::fs::write(&table, "0.7 702\n1.0 1001\n1.3 1299\n").unwrap();
-    let (told, found) = response(&["--depth-table", &table], 0);
-    assert_eq!(told["depth"]["table"]["method"], "paper", "{told:#}");
-    assert!((found.unwrap().slope - 1e-3).abs() < 1e-5);
-    // One that no sensor's readings make ends the run before anything is looked for.
-    std::fs::write(&table, "0.7 1.00007\n1.0 1.0001\n1.3 1.00013\n").unwrap();
-    let (code, _, errors) = calibrate(&[&session, "--depth-table", &table]);
-    assert!(
-        code == Some(1) && errors.contains("table.txt: depth response slope"),
-        "{errors}"
-    );
+    #[test]
+    fn a_depth_camera_without_a_response_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let [session, table, out] = ["session.mcap", "table.txt", "calibration.toml"].map(path);
+        simulate(
+            &["--cameras", "3", "--placements", "14"],
+            Path::new(&session),
+        );
+        let response = |arguments: &[&str], expected: i32| {
+            let all = [
+                &[
+                    session.as_str(),
+                    "--json",
+                    "--force",
+                    "--accept-doubtful",
+                    "--out",
+                    &out,
+                ],
+                arguments,
+            ]
+            .concat();
+            let (code, json, errors) = calibrate(&all);
+            assert_eq!(code, Some(expected), "{arguments:?}: {errors}");
+            let told: Value = serde_json::from_str(&json).unwrap();
+            let written = scand::calibration::RigCalibration::load(Path::new(&out)).unwrap();
+            let kinect = &written.cameras[&CameraId::new("kinect").unwrap()];
+            (told, kinect.1)
+        };
+        let (told, found) = response(&["--set", "calibration.plane.min_views=50"], 0);
+        assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+        for place in [&told["lost"], &told["verdict"]["reasons"]] {
+            let words = place.to_string();
+            assert!(
+                words.contains("depth camera kinect has no response")
+                    && words.contains("expected 50 or more"),
+                "{words}"
+            );
+        }
+        assert_eq!(found, None);
+
+        let (told, found) = response(&["--set", "calibration.limits.depth_bias_mm=0"], 0);
+        assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+        let reasons = told["verdict"]["reasons"].to_string();
+        assert!(reasons.contains("kinect: a bias of"), "{reasons}");
+        assert!(found.is_some());
+
+        // A table by itself says which way is meant.
+        std::fs::write(&table, "0.7 702\n1.0 1001\n1.3 1299\n").unwrap();
+        let (told, found) = response(&["--depth-table", &table], 0);
+        assert_eq!(told["depth"]["table"]["method"], "paper", "{told:#}");
+        assert!((found.unwrap().slope - 1e-3).abs() < 1e-5);
+        // One that no sensor's readings make ends the run before anything is looked for.
+        std::fs::write(&table, "0.7 1.00007\n1.0 1.0001\n1.3 1.00013\n").unwrap();
+        let (code, _, errors) = calibrate(&[&session, "--depth-table", &table]);
+        assert!(
+            code == Some(1) && errors.contains("table.txt: depth response slope"),
+            "{errors}"
+        );
+    }
+
+    #[test]
+    fn one_camera_by_itself_is_calibrated_from_any_start_and_with_either_model() {
+        let alone = Alone::new();
+        let [toml, ros, kalibr] =
+            ["calibration.toml", "ros", "camchain.yaml"].map(|n| alone.path(n));
+        let plain = alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
+        let truth = scand::calibration::RigCalibration::load(Path::new(&alone.path("truth.toml")));
+        let truth = truth.unwrap().cameras.into_values().next().unwrap().0;
+        let found = lens(&plain);
+        let truth = truth.intrinsics;
+        assert!(rms(&plain) < 0.1, "{plain:#}");
+        assert!(
+            (found[0] / truth.focal_px.x - 1.0).abs() < 3e-3,
+            "{found:?}, {truth:?}"
+        );
+        assert!(
+            (found[2] - truth.center_px.x).abs() < 5.0,
+            "{found:?}, {truth:?}"
+        );
+
+        // What others write is a start, and leads to the same lens.
+        for file in [&ros, &kalibr, &toml] {
+            let started = lens(&alone.calibrated(&["--start", file]));
+            for (a, b) in found.iter().zip(&started) {
+                assert!((a - b).abs() < 0.05, "{file}: {found:?} {started:?}");
+            }
+        }
+        // It is read: of another camera's pictures it is refused, and so is nonsense.
+        let text = std::fs::read_to_string(Path::new(&ros).join("c00.yaml")).unwrap();
+        let other = alone.path("other.yaml");
+        std::fs::write(&other, text.replace("image_width: 701", "image_width: 640")).unwrap();
+        let errors = alone.refused(1, &["--start", &other]);
+        assert!(
+            errors.contains("camera c00") && errors.contains("640x523"),
+            "{errors}"
+        );
+        std::fs::write(&other, "cam0:\n  intrinsics: [1, 2]\n").unwrap();
+        let errors = alone.refused(78, &["--start", &other]);
+        assert!(
+            errors.contains("other.yaml") && errors.contains("cam0"),
+            "{errors}"
+        );
+        // Lenses that are kept are kept to the last bit.
+        let kept = alone.calibrated(&["--fix-intrinsics", &ros]);
+        assert_eq!(lens(&kept), found);
+
+        let rational = alone.calibrated(&["--model", "rational"]);
+        let camera = &rational["cameras"]["c00"];
+        assert_eq!(camera["distortion_model"], "rational_polynomial");
+        assert_eq!(numbers(&camera["distortion"]).len(), 8);
+        // More terms never fit worse, and the true lens is one of theirs.
+        assert!(rms(&rational) < 1.001 * rms(&plain), "{rational:#}");
+        assert!((lens(&rational)[0] / truth.focal_px.x - 1.0).abs() < 5e-3);
+        let configured = alone.calibrated(&["--set", "calibration.fit.model=rational"]);
+        assert_eq!(lens(&configured), lens(&rational));
+    }
+
+    #[test]
+    fn limits_are_configured_and_exports_need_no_fit() {
+        let alone = Alone::new();
+        let path = |name: &str| alone.path(name);
+        let [toml, ros, kalibr] = ["calibration.toml", "ros", "camchain.yaml"].map(path);
+        alone.calibrated(&["--out", &toml, "--ros", &ros, "--kalibr", &kalibr]);
+
+        // A verdict is held against what the configuration says.
+        let config = path("rig.toml");
+        let limits =
+            "[calibration.limits]\ngood_px = 0.001\naccepted_px = 0.001\nrefused_px = 0.001\n";
+        std::fs::write(&config, limits).unwrap();
+        let unwritten = path("unwritten.toml");
+        let errors = alone.refused(1, &["--config", &config, "--out", &unwritten]);
+        assert!(
+            errors.contains("is refused") && !Path::new(&unwritten).exists(),
+            "{errors}"
+        );
+        let less = [
+            "--config",
+            &config,
+            "--set",
+            "calibration.limits.refused_px=0.6",
+        ];
+        let told = alone.calibrated(&[&less[..], &["--accept-doubtful"]].concat());
+        assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+        // Doubtful, nothing is exported, and no file has the name that was asked for.
+        let unexported = path("unexported.yaml");
+        let asked = ["--kalibr", &unexported, "--out", &unwritten];
+        alone.refused(3, &[&less[..], &asked].concat());
+        assert!(!Path::new(&unexported).exists() && !Path::new(&unwritten).exists());
+        assert!(Path::new(&path("unwritten.doubtful.toml")).exists());
+        let errors = alone.refused(1, &[&less[..], &asked].concat());
+        assert!(
+            errors.contains("unwritten.doubtful.toml already exists"),
+            "{errors}"
+        );
+        let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
+        assert!(
+            told["missing"].to_string().contains("expected 99 or more"),
+            "{told:#}"
+        );
+        let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
+        assert!(
+            errors.contains("calibration.limits.coverage=20: 20 found, expected 0 to 1"),
+            "{errors}"
+        );
+        std::fs::write(&config, "[calibration.limits]\ngod_px = 1\n").unwrap();
+        let errors = alone.refused(78, &["--config", &config]);
+        assert!(
+            errors.contains("line 2") && errors.contains("god_px"),
+            "{errors}"
+        );
+
+        // From a calibration file come the same files as from the fit.
+        let [ros_again, kalibr_again, toml_again] =
+            ["ros2", "camchain2.yaml", "again.toml"].map(path);
+        let (code, _, errors) = calibrate(&[
+            "--from",
+            &toml,
+            "--ros",
+            &ros_again,
+            "--kalibr",
+            &kalibr_again,
+            "--out",
+            &toml_again,
+        ]);
+        assert_eq!(code, Some(0), "{errors}");
+        let text = |path: &str| std::fs::read_to_string(path).unwrap();
+        assert_eq!(text(&toml), text(&toml_again));
+        assert_eq!(text(&kalibr), text(&kalibr_again));
+        assert_eq!(
+            text(&format!("{ros}/c00.yaml")),
+            text(&format!("{ros_again}/c00.yaml"))
+        );
+        let (code, _, errors) = calibrate(&["--from", &toml]);
+        assert!(code == Some(1) && errors.contains("give --ros"), "{errors}");
+
+        // And from a recording, with a depth camera whose response no format of others holds.
+        let (scan, out) = (path("scan.mcap"), path("scan.toml"));
+        #[rustfmt::skip]
+        let simulated = [
+            "simulate", "--shape", "ball", "--cameras", "2", "--size", "160x120", "--masks", "--depth-frames", "1",
+            "--depth-response", "written", "--out", &scan,
+        ];
+        scand(&simulated).assert().success();
+        let folder = path("scan-ros");
+        let (code, _, errors) = calibrate(&["--from", &scan, "--ros", &folder, "--out", &out]);
+        assert_eq!(code, Some(0), "{errors}");
+        let info = path("info.toml");
+        scand(&["info", &scan, "--calibration", &info])
+            .assert()
+            .success();
+        assert_eq!(text(&out), text(&info));
+        // Nothing that is there is replaced unasked, whatever it is.
+        let recorded = std::fs::read(&scan).unwrap();
+        let [session, other] = ["session.mcap", "other.mcap"].map(path);
+        #[rustfmt::skip]
+        let unasked: [&[&str]; 6] = [
+            &["info", &scan, "--calibration", &info],
+            &["info", &scan, "--calibration", &scan],
+            &["calibrate", "--from", &scan, "--ros", &folder],
+            &["calibrate", "--from", &scan, "--kalibr", &scan],
+            &["calibrate", &session, "--report", &scan],
+            &["simulate", "--shape", "ball", "--truth", &scan, "--out", &other],
+        ];
+        for arguments in unasked {
+            let output = scand(arguments).output().unwrap();
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert!(
+                output.status.code() == Some(1) && errors.contains("already exists: give --force"),
+                "{arguments:?}: {errors}"
+            );
+        }
+        assert!(!Path::new(&other).exists());
+        for asked in [unasked[0], unasked[2]] {
+            scand(asked).arg("--force").assert().success();
+        }
+        assert_eq!(std::fs::read(&scan).unwrap(), recorded);
+        let kinect = text(&format!("{folder}/kinect.yaml"));
+        assert!(
+            kinect.starts_with("# a reading r is 0.00104 * r + -0.018 metres"),
+            "{kinect}"
+        );
+        let read = scand::calibration::RigCalibration::import(Path::new(&folder)).unwrap();
+        assert_eq!(read.cameras.len(), 3);
+        let (code, _, errors) = calibrate(&["--from", &session, "--ros", &folder]);
+        assert!(
+            code == Some(1) && errors.contains("it has no calibration"),
+            "{errors}"
+        );
+    }
 }

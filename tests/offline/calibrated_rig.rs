@@ -317,26 +317,6 @@ fn knows_depth(measured: &Measured) {
     );
 }
 
-#[test]
-fn a_simulated_rig_is_found_again_with_a_board_of_one_side_or_two() {
-    let one = Calibrated::new("checkerboard:9x6:25mm", 1);
-    let measured = Measured::of(&one);
-    measured.say("one-sided checkerboard");
-    keeps_its_promises(&measured);
-    knows_frame(&measured);
-    knows_depth(&measured);
-    writes_what_it_is_asked_for(&one);
-
-    let two = Calibrated::new("charuco:9x6:25mm:two-sided", 1);
-    let better = Measured::of(&two);
-    better.say("two-sided ChArUco board");
-    keeps_its_promises(&better);
-    // Markers crowd the corners of its small squares in the depth camera's picture: without the print they would be
-    // pulled, and the depth with them.
-    knows_depth(&better);
-    assert!(better.predicted_px[0] < measured.predicted_px[0]);
-}
-
 /// Errors of one session hang together, for all are told in the frame of one placement: this takes several.
 #[test]
 #[ignore = "six sessions take two minutes"]
@@ -390,5 +370,30 @@ fn writes_what_it_is_asked_for(all: &Calibrated) {
     for (id, (camera, _)) in &again.cameras {
         assert_eq!(camera.intrinsics, ros.cameras[id].0.intrinsics);
         assert_eq!(camera.intrinsics, all.found.cameras[id].0.intrinsics);
+    }
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_simulated_rig_is_found_again_with_a_board_of_one_side_or_two() {
+        let one = Calibrated::new("checkerboard:9x6:25mm", 1);
+        let measured = Measured::of(&one);
+        measured.say("one-sided checkerboard");
+        keeps_its_promises(&measured);
+        knows_frame(&measured);
+        knows_depth(&measured);
+        writes_what_it_is_asked_for(&one);
+
+        let two = Calibrated::new("charuco:9x6:25mm:two-sided", 1);
+        let better = Measured::of(&two);
+        better.say("two-sided ChArUco board");
+        keeps_its_promises(&better);
+        // Markers crowd the corners of its small squares in the depth camera's picture: without the print they would be
+        // pulled, and the depth with them.
+        knows_depth(&better);
+        assert!(better.predicted_px[0] < measured.predicted_px[0]);
     }
 }

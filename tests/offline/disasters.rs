@@ -100,51 +100,6 @@ fn left(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-#[test]
-fn a_replay_that_is_killed_leaves_whole_models_or_none_and_the_next_one_makes_the_rest() {
-    let recording = small();
-    let home = tempfile::tempdir().unwrap();
-    let whole = home.path().join("whole");
-    let begin = Instant::now();
-    assert!(replay(&recording, &whole).status().unwrap().success());
-    let takes = begin.elapsed();
-    let expected = captures(&whole);
-    assert_eq!(expected.len(), 3);
-    let (kills, mut dice) = (times(4, 40), Dice(21));
-    let mut of_each = BTreeMap::<usize, u64>::new();
-    let out = home.path().join("out");
-    for kill in 0..kills {
-        let mut process = replay(&recording, &out).spawn().unwrap();
-        std::thread::sleep(takes.mul_f64(dice.below(1000) as f64 / 900.0));
-        process.kill().unwrap();
-        process.wait().unwrap();
-        let found = captures(&out);
-        for (capture, files) in &found {
-            assert!(
-                files == &expected[capture],
-                "{}: {:?}",
-                capture.display(),
-                files.keys()
-            );
-        }
-        *of_each.entry(found.len()).or_default() += 1;
-        // Every other time the next one goes on where this one was.
-        if kill % 2 == 1 || kill + 1 == kills {
-            assert!(replay(&recording, &out).status().unwrap().success());
-            assert!(captures(&out) == expected);
-            assert_eq!(left(&out).len(), left(&whole).len(), "{:?}", left(&out));
-            std::fs::remove_dir_all(&out).unwrap();
-        }
-    }
-    assert!(
-        kills < 20 || of_each.len() > 1,
-        "all kills came at one place: {of_each:?}"
-    );
-    println!(
-        "shown: {kills} kills of a replay: whole models or none, the next run makes the same bytes"
-    );
-}
-
 /// A replay by way of strace, which lets a call of any thread fail at its `number`th time for a file below `out`.
 fn refused(recording: &Path, out: &Path, call: &str, error: &str, number: u64) -> Command {
     let inner = replay(recording, out);
@@ -159,63 +114,6 @@ fn refused(recording: &Path, out: &Path, call: &str, error: &str, number: u64) -
         .stdout(Stdio::null())
         .stderr(Stdio::piped());
     strace
-}
-
-#[test]
-fn a_replay_whose_disk_refuses_any_call_leaves_whole_models_and_says_why_there_are_no_more() {
-    let recording = small();
-    let home = tempfile::tempdir().unwrap();
-    let whole = home.path().join("whole");
-    assert!(replay(&recording, &whole).status().unwrap().success());
-    let expected = captures(&whole);
-    let (mut count, mut failed) = (0, 0);
-    for (call, error) in [
-        ("fsync", "EIO"),
-        ("fsync", "ENOSPC"),
-        ("rename", "EIO"),
-        ("mkdir", "ENOSPC"),
-    ] {
-        for number in 1..=times(2, 6) {
-            let out = home.path().join("out");
-            let ended = refused(&recording, &out, call, error, number)
-                .output()
-                .unwrap();
-            let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-            let place = format!("{call} {number}: {error}");
-            assert!(
-                matches!(ended.status.code(), Some(0 | 1 | 3)),
-                "{place}: {said}"
-            );
-            assert!(!said.contains("panicked"), "{place}: {said}");
-            let found = captures(&out);
-            let models = found
-                .iter()
-                .filter(|(_, files)| files.contains_key("model.glb"));
-            for (capture, files) in models.clone() {
-                assert!(
-                    files == &expected[capture],
-                    "{place}: {}",
-                    capture.display()
-                );
-            }
-            if models.count() < expected.len() {
-                failed += 1;
-                assert_ne!(ended.status.code(), Some(0), "{place}: nothing was said");
-                assert!(said.contains("os error"), "{place}: {said}");
-            }
-            count += 1;
-            assert!(
-                replay(&recording, &out).status().unwrap().success(),
-                "{place}"
-            );
-            assert!(captures(&out) == expected, "{place}");
-            std::fs::remove_dir_all(&out).unwrap();
-        }
-    }
-    assert!(failed > 0, "nothing was refused");
-    println!(
-        "shown: {count} refused calls of a replay (fsync, rename, mkdir): {failed} runs failed and said so, 0 half outputs"
-    );
 }
 
 fn seconds(command: &mut Command) -> f64 {
@@ -264,4 +162,111 @@ fn recovery_over_copying(bytes: &[u8]) -> f64 {
         .collect();
     ratios.sort_by(f64::total_cmp);
     ratios[ratios.len() / 2]
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_replay_whose_disk_refuses_any_call_leaves_whole_models_and_says_why_there_are_no_more() {
+        let recording = small();
+        let home = tempfile::tempdir().unwrap();
+        let whole = home.path().join("whole");
+        assert!(replay(&recording, &whole).status().unwrap().success());
+        let expected = captures(&whole);
+        let (mut count, mut failed) = (0, 0);
+        for (call, error) in [
+            ("fsync", "EIO"),
+            ("fsync", "ENOSPC"),
+            ("rename", "EIO"),
+            ("mkdir", "ENOSPC"),
+        ] {
+            for number in 1..=times(2, 6) {
+                let out = home.path().join("out");
+                let ended = refused(&recording, &out, call, error, number)
+                    .output()
+                    .unwrap();
+                let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+                let place = format!("{call} {number}: {error}");
+                assert!(
+                    matches!(ended.status.code(), Some(0 | 1 | 3)),
+                    "{place}: {said}"
+                );
+                assert!(!said.contains("panicked"), "{place}: {said}");
+                let found = captures(&out);
+                let models = found
+                    .iter()
+                    .filter(|(_, files)| files.contains_key("model.glb"));
+                for (capture, files) in models.clone() {
+                    assert!(
+                        files == &expected[capture],
+                        "{place}: {}",
+                        capture.display()
+                    );
+                }
+                if models.count() < expected.len() {
+                    failed += 1;
+                    assert_ne!(ended.status.code(), Some(0), "{place}: nothing was said");
+                    assert!(said.contains("os error"), "{place}: {said}");
+                }
+                count += 1;
+                assert!(
+                    replay(&recording, &out).status().unwrap().success(),
+                    "{place}"
+                );
+                assert!(captures(&out) == expected, "{place}");
+                std::fs::remove_dir_all(&out).unwrap();
+            }
+        }
+        assert!(failed > 0, "nothing was refused");
+        println!(
+            "shown: {count} refused calls of a replay (fsync, rename, mkdir): {failed} runs failed and said so, 0 half outputs"
+        );
+    }
+
+    #[test]
+    fn a_replay_that_is_killed_leaves_whole_models_or_none_and_the_next_one_makes_the_rest() {
+        let recording = small();
+        let home = tempfile::tempdir().unwrap();
+        let whole = home.path().join("whole");
+        let begin = Instant::now();
+        assert!(replay(&recording, &whole).status().unwrap().success());
+        let takes = begin.elapsed();
+        let expected = captures(&whole);
+        assert_eq!(expected.len(), 3);
+        let (kills, mut dice) = (times(4, 40), Dice(21));
+        let mut of_each = BTreeMap::<usize, u64>::new();
+        let out = home.path().join("out");
+        for kill in 0..kills {
+            let mut process = replay(&recording, &out).spawn().unwrap();
+            std::thread::sleep(takes.mul_f64(dice.below(1000) as f64 / 900.0));
+            process.kill().unwrap();
+            process.wait().unwrap();
+            let found = captures(&out);
+            for (capture, files) in &found {
+                assert!(
+                    files == &expected[capture],
+                    "{}: {:?}",
+                    capture.display(),
+                    files.keys()
+                );
+            }
+            *of_each.entry(found.len()).or_default() += 1;
+            // Every other time the next one goes on where this one was.
+            if kill % 2 == 1 || kill + 1 == kills {
+                assert!(replay(&recording, &out).status().unwrap().success());
+                assert!(captures(&out) == expected);
+                assert_eq!(left(&out).len(), left(&whole).len(), "{:?}", left(&out));
+                std::fs::remove_dir_all(&out).unwrap();
+            }
+        }
+        assert!(
+            kills < 20 || of_each.len() > 1,
+            "all kills came at one place: {of_each:?}"
+        );
+        println!(
+            "shown: {kills} kills of a replay: whole models or none, the next run makes the same bytes"
+        );
+    }
 }

@@ -172,21 +172,26 @@ fn what_was_found_before_does_no_harm_any_more() {
     println!("shown: {count} inputs that fuzzers found do no harm");
 }
 
-#[test]
-fn sound_inputs_with_random_damage_do_no_harm() {
-    let seconds = times(2, 15);
-    for target in &bodies::TARGETS {
-        let seeds = seeds(target.0);
-        assert!(!seeds.is_empty(), "{}", target.0);
-        seeds.iter().for_each(|sound| give(target, sound));
-        let (mut dice, mut count) = (Dice(seconds), 0u64);
-        let begin = Instant::now();
-        while begin.elapsed() < Duration::from_secs(seconds) {
-            let [sound, other] = [(); 2].map(|()| &seeds[dice.index(seeds.len())]);
-            give(target, &damage(sound, other, &mut dice));
-            count += 1;
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn sound_inputs_with_random_damage_do_no_harm() {
+        let seconds = times(2, 15);
+        for target in &bodies::TARGETS {
+            let seeds = seeds(target.0);
+            assert!(!seeds.is_empty(), "{}", target.0);
+            seeds.iter().for_each(|sound| give(target, sound));
+            let (mut dice, mut count) = (Dice(seconds), 0u64);
+            let begin = Instant::now();
+            while begin.elapsed() < Duration::from_secs(seconds) {
+                let [sound, other] = [(); 2].map(|()| &seeds[dice.index(seeds.len())]);
+                give(target, &damage(sound, other, &mut dice));
+                count += 1;
+            }
+            println!("shown: {count} damaged inputs of {}: no panic", target.0);
+            assert!(count > seconds, "{}: {count} inputs alone", target.0);
         }
-        println!("shown: {count} damaged inputs of {}: no panic", target.0);
-        assert!(count > seconds, "{}: {count} inputs alone", target.0);
     }
 }

@@ -50,79 +50,84 @@ fn calibrate(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     (output.status.code(), words)
 }
 
-#[test]
-fn a_folder_of_pictures_a_camera_gives_what_a_recording_of_them_gives() {
-    let folder = tempfile::tempdir().unwrap();
-    let session = session();
-    write_files(&session, folder.path());
-    let recording = folder.path().join("session.mcap");
-    write_board_session(&session, &recording, Compression::None).unwrap();
-    let load = |name: &str| RigCalibration::load(&folder.path().join(name)).unwrap();
-    let run = |arguments: &[&str]| {
-        let (code, words) = calibrate(folder.path(), arguments);
-        assert_eq!(code, Some(0), "{words}");
-    };
-    run(&[
-        "session.mcap",
-        "--out",
-        "recorded.toml",
-        "--accept-doubtful",
-    ]);
-    let board = [
-        "--board",
-        "checkerboard:9x6:25mm",
-        "--accept-doubtful",
-        "--out",
-    ];
-    let by_pattern = [
-        "--pictures",
-        "c00=c00/*.png",
-        "c02=c02/*.png",
-        "--report",
-        "report.html",
-    ];
-    run(&[&by_pattern[..], &board, &["files.toml"]].concat());
-    run(&[
-        &["--pictures", "c00=c00", "--pictures", "c02=c02"],
-        &board[..],
-        &["folders.toml"],
-    ]
-    .concat());
-    let recorded = load("recorded.toml");
-    assert_eq!(recorded.cameras.len(), 2);
-    let by_files = load("files.toml");
-    assert_eq!(load("folders.toml").cameras, by_files.cameras);
-    // The recording has cameras that saw nothing, beside which sums are rounded otherwise.
-    for (id, (camera, _)) in &recorded.cameras {
-        let (found, _) = &by_files.cameras[id];
-        let focal = found.intrinsics.focal_px - camera.intrinsics.focal_px;
-        let place =
-            found.rig_from_camera.translation.vector - camera.rig_from_camera.translation.vector;
-        assert!(
-            focal.norm() < 1e-6 && place.norm() < 1e-9,
-            "{found:?} {camera:?}"
-        );
-    }
-    // The report has pictures in it, and is no larger than a mail takes.
-    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
-    assert!(page.contains("The worst views") && page.contains("data:image/jpeg;base64,"));
-    assert!(page.len() < 1_500_000, "{}", page.len());
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
 
-    // A picture that is missing is named by the numbers of both.
-    std::fs::remove_file(folder.path().join("c02/7.png")).unwrap();
-    let (code, words) = calibrate(
-        folder.path(),
-        &[&by_pattern[..], &board, &["none.toml"]].concat(),
-    );
-    assert_eq!(code, Some(1), "{words}");
-    assert!(words.contains("c00 24, c02 23"), "{words}");
-    std::fs::remove_file(folder.path().join("c00/3.png")).unwrap();
-    let arguments = [&by_pattern[..3], &board, &["shifted.toml"]].concat();
-    let (_, words) = calibrate(folder.path(), &arguments);
-    assert!(
-        words.contains("4.png and 3.png are used as one placement"),
-        "{words}"
-    );
-    let (code, words) = calibrate(folder.path(), &["--pictures", "c00/*.png"]);
-    assert_eq!(code, Some(2), "{words}");
+    #[test]
+    fn a_folder_of_pictures_a_camera_gives_what_a_recording_of_them_gives() {
+        let folder = tempfile::tempdir().unwrap();
+        let session = session();
+        write_files(&session, folder.path());
+        let recording = folder.path().join("session.mcap");
+        write_board_session(&session, &recording, Compression::None).unwrap();
+        let load = |name: &str| RigCalibration::load(&folder.path().join(name)).unwrap();
+        let run = |arguments: &[&str]| {
+            let (code, words) = calibrate(folder.path(), arguments);
+            assert_eq!(code, Some(0), "{words}");
+        };
+        run(&[
+            "session.mcap",
+            "--out",
+            "recorded.toml",
+            "--accept-doubtful",
+        ]);
+        let board = [
+            "--board",
+            "checkerboard:9x6:25mm",
+            "--accept-doubtful",
+            "--out",
+        ];
+        let by_pattern = [
+            "--pictures",
+            "c00=c00/*.png",
+            "c02=c02/*.png",
+            "--report",
+            "report.html",
+        ];
+        run(&[&by_pattern[..], &board, &["files.toml"]].concat());
+        run(&[
+            &["--pictures", "c00=c00", "--pictures", "c02=c02"],
+            &board[..],
+            &["folders.toml"],
+        ]
+        .concat());
+        let recorded = load("recorded.toml");
+        assert_eq!(recorded.cameras.len(), 2);
+        let by_files = load("files.toml");
+        assert_eq!(load("folders.toml").cameras, by_files.cameras);
+        // The recording has cameras that saw nothing, beside which sums are rounded otherwise.
+        for (id, (camera, _)) in &recorded.cameras {
+            let (found, _) = &by_files.cameras[id];
+            let focal = found.intrinsics.focal_px - camera.intrinsics.focal_px;
+            let place = found.rig_from_camera.translation.vector
+                - camera.rig_from_camera.translation.vector;
+            assert!(
+                focal.norm() < 1e-6 && place.norm() < 1e-9,
+                "{found:?} {camera:?}"
+            );
+        }
+        // The report has pictures in it, and is no larger than a mail takes.
+        let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+        assert!(page.contains("The worst views") && page.contains("data:image/jpeg;base64,"));
+        assert!(page.len() < 1_500_000, "{}", page.len());
+
+        // A picture that is missing is named by the numbers of both.
+        std::fs::remove_file(folder.path().join("c02/7.png")).unwrap();
+        let (code, words) = calibrate(
+            folder.path(),
+            &[&by_pattern[..], &board, &["none.toml"]].concat(),
+        );
+        assert_eq!(code, Some(1), "{words}");
+        assert!(words.contains("c00 24, c02 23"), "{words}");
+        std::fs::remove_file(folder.path().join("c00/3.png")).unwrap();
+        let arguments = [&by_pattern[..3], &board, &["shifted.toml"]].concat();
+        let (_, words) = calibrate(folder.path(), &arguments);
+        assert!(
+            words.contains("4.png and 3.png are used as one placement"),
+            "{words}"
+        );
+        let (code, words) = calibrate(folder.path(), &["--pictures", "c00/*.png"]);
+        assert_eq!(code, Some(2), "{words}");
+    }
 }

@@ -59,48 +59,6 @@ fn f_score(model: &Mesh, truth: &Mesh) -> f64 {
 }
 
 #[test]
-fn a_convex_object_is_its_hull_bit_for_bit_whatever_the_depth_says() {
-    for shape in [Shape::Ball, Shape::Egg, Shape::Box] {
-        for (bias_mm, misregistration_px) in [(0.0, 0.0), (5.0, 1.0)] {
-            let simulated = simulation(shape, |o| {
-                o.depth.bias_mm = bias_mm;
-                o.depth.misregistration_px = misregistration_px;
-            });
-            let scene = simulated.scene(0);
-            let (hybrid, hull) = (run(&scene, Method::Hybrid), run(&scene, Method::Hull));
-            assert_eq!(hybrid.depths[0].regions.count, 0, "{shape:?} {bias_mm} mm");
-            assert!(
-                hybrid.model.mesh == hull.model.mesh,
-                "{shape:?} {bias_mm} mm"
-            );
-        }
-    }
-}
-
-#[test]
-fn depth_takes_nothing_off_a_convex_body_from_wherever_and_with_whatever_bias() {
-    for shape in [Shape::Egg, Shape::Box, Shape::Prism] {
-        for slant_deg in [0.0, 10.0, 25.0, 45.0] {
-            for bias_mm in [-8.0, 0.0, 8.0] {
-                let simulated = simulation(shape, |o| {
-                    (o.width, o.height) = (640, 480);
-                    o.masks = true;
-                    o.depth_cameras = 2;
-                    o.depth_slant_deg = slant_deg;
-                    o.depth.bias_mm = bias_mm;
-                });
-                let found = run(&simulated.scene(0), Method::Hybrid);
-                let regions: Vec<_> = found.depths.iter().map(|d| d.regions.count).collect();
-                let what = format!("{shape:?} at {slant_deg} degrees with {bias_mm} mm");
-                assert_eq!(regions, [0, 0], "{what}");
-                let is_hull = |p: &Provenance| matches!(p, Provenance::Hull | Provenance::Table);
-                assert!(found.model.provenance.iter().all(is_hull), "{what}");
-            }
-        }
-    }
-}
-
-#[test]
 fn a_cup_is_hollow_and_a_hull_alone_is_not() {
     let simulated = simulation(Shape::Cup, |_| {});
     let scene = simulated.scene(0);
@@ -115,65 +73,6 @@ fn a_cup_is_hollow_and_a_hull_alone_is_not() {
     assert!(scores[0] > 0.85 && scores[1] < 0.75, "{scores:?}");
     assert!(hybrid.model.provenance.contains(&Provenance::Restored));
     assert_eq!(mesh::check(&hybrid.model.mesh).components, 1);
-}
-
-#[test]
-fn eight_millimetres_of_hidden_bias_perforate_nothing() {
-    let outcome = |bias_mm: f64| {
-        let simulated = simulation(Shape::Bowl, |o| o.depth.bias_mm = bias_mm);
-        let found = run(&simulated.scene(0), Method::Hybrid);
-        let report = mesh::check(&found.model.mesh);
-        assert_eq!(
-            (report.components, report.genus),
-            (1, Some(0)),
-            "{bias_mm} mm"
-        );
-        let truth = mesh::check(simulated.truth());
-        assert!(
-            (0.5..2.0).contains(&(report.volume / truth.volume)),
-            "{bias_mm} mm: {report:?}"
-        );
-        (report.volume, f_score(&found.model.mesh, simulated.truth()))
-    };
-    let (without, with) = (outcome(0.0), outcome(8.0));
-    println!("volume, F at 1 mm: {without:?} without bias, {with:?} with 8 mm");
-    assert!(
-        (with.0 / without.0 - 1.0).abs() < 0.05,
-        "{} m³ against {}",
-        with.0,
-        without.0
-    );
-    assert!(
-        with.1 > without.1 - 0.03,
-        "{} against {}",
-        with.1,
-        without.1
-    );
-}
-
-#[test]
-fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
-    for bias_mm in [0.0, 8.0] {
-        let simulated = simulation(Shape::Cup, |o| o.depth.bias_mm = bias_mm);
-        let parameters = Parameters {
-            restoration: restore::Parameters {
-                form: restore::Form::Coating,
-                ..restore::Parameters::default()
-            },
-            ..Parameters::default()
-        };
-        let found = reconstruct(&simulated.scene(0), &parameters, &NoProgress).unwrap();
-        let report = mesh::check(&found.model.mesh);
-        let score = f_score(&found.model.mesh, simulated.truth());
-        println!("{bias_mm} mm: F at 1 mm {score:.3}, {report:?}");
-        assert!(report.is_watertight(), "{report:?}");
-        assert_eq!(
-            (report.components, report.genus),
-            (1, Some(0)),
-            "{bias_mm} mm"
-        );
-        assert!(score > 0.9, "{bias_mm} mm: {score}");
-    }
 }
 
 #[test]
@@ -208,58 +107,10 @@ fn a_ball_is_exact() {
 }
 
 #[test]
-fn thin_walls_are_not_perforated_and_a_handle_stays_open() {
-    for (shape, genus) in [(Shape::Cup, 0), (Shape::Mug, 1)] {
-        // Coarser triangles would slit the walls of the truth itself.
-        let simulated = simulation(shape, |o| o.spacing_mm = 1.2);
-        let found = run(&simulated.scene(0), Method::Hybrid);
-        let report = mesh::check(&found.model.mesh);
-        assert_eq!(
-            (report.components, report.genus),
-            (1, Some(genus)),
-            "{shape:?}"
-        );
-    }
-}
-
-#[test]
 fn a_ring_keeps_its_hole() {
     let simulated = simulation(Shape::Torus, |_| {});
     let found = run(&simulated.scene(0), Method::Hybrid);
     assert_eq!(mesh::check(&found.model.mesh).genus, Some(1));
-}
-
-#[test]
-fn without_depth_the_model_is_the_hull() {
-    let simulated = simulation(Shape::Cup, |_| {});
-    let mut scene = simulated.scene(0);
-    let hull = run(&scene, Method::Hull).model.mesh;
-    for frame in &mut scene.depths[0].frames {
-        frame.readings.pixels_mut().fill(0);
-    }
-    assert!(run(&scene, Method::Hybrid).model.mesh == hull);
-    scene.depths.clear();
-    assert!(run(&scene, Method::Hybrid).model.mesh == hull);
-}
-
-#[test]
-fn the_same_bytes_whatever_the_number_of_threads() {
-    let simulated = simulation(Shape::Cup, |o| (o.width, o.height) = (480, 360));
-    let scene = simulated.scene(0);
-    let bytes = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        let model = pool.install(|| run(&scene, Method::Hybrid)).model;
-        let glb =
-            glb::encode(&model, &Description::default(), &glb::Parameters::default()).unwrap();
-        (glb, ply::encode(&model, &Description::default()).unwrap())
-    };
-    let one = bytes(1);
-    for threads in [2, 3, 8] {
-        assert!(bytes(threads) == one, "{threads} threads");
-    }
 }
 
 #[test]
@@ -279,4 +130,159 @@ fn simplified_models_stay_closed() {
         model.mesh.vertices.len()
     );
     assert_eq!(model.provenance.len(), model.mesh.vertices.len());
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn depth_takes_nothing_off_a_convex_body_from_wherever_and_with_whatever_bias() {
+        for shape in [Shape::Egg, Shape::Box, Shape::Prism] {
+            for slant_deg in [0.0, 10.0, 25.0, 45.0] {
+                for bias_mm in [-8.0, 0.0, 8.0] {
+                    let simulated = simulation(shape, |o| {
+                        (o.width, o.height) = (640, 480);
+                        o.masks = true;
+                        o.depth_cameras = 2;
+                        o.depth_slant_deg = slant_deg;
+                        o.depth.bias_mm = bias_mm;
+                    });
+                    let found = run(&simulated.scene(0), Method::Hybrid);
+                    let regions: Vec<_> = found.depths.iter().map(|d| d.regions.count).collect();
+                    let what = format!("{shape:?} at {slant_deg} degrees with {bias_mm} mm");
+                    assert_eq!(regions, [0, 0], "{what}");
+                    let is_hull =
+                        |p: &Provenance| matches!(p, Provenance::Hull | Provenance::Table);
+                    assert!(found.model.provenance.iter().all(is_hull), "{what}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_convex_object_is_its_hull_bit_for_bit_whatever_the_depth_says() {
+        for shape in [Shape::Ball, Shape::Egg, Shape::Box] {
+            for (bias_mm, misregistration_px) in [(0.0, 0.0), (5.0, 1.0)] {
+                let simulated = simulation(shape, |o| {
+                    o.depth.bias_mm = bias_mm;
+                    o.depth.misregistration_px = misregistration_px;
+                });
+                let scene = simulated.scene(0);
+                let (hybrid, hull) = (run(&scene, Method::Hybrid), run(&scene, Method::Hull));
+                assert_eq!(hybrid.depths[0].regions.count, 0, "{shape:?} {bias_mm} mm");
+                assert!(
+                    hybrid.model.mesh == hull.model.mesh,
+                    "{shape:?} {bias_mm} mm"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn thin_walls_are_not_perforated_and_a_handle_stays_open() {
+        for (shape, genus) in [(Shape::Cup, 0), (Shape::Mug, 1)] {
+            // Coarser triangles would slit the walls of the truth itself.
+            let simulated = simulation(shape, |o| o.spacing_mm = 1.2);
+            let found = run(&simulated.scene(0), Method::Hybrid);
+            let report = mesh::check(&found.model.mesh);
+            assert_eq!(
+                (report.components, report.genus),
+                (1, Some(genus)),
+                "{shape:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn eight_millimetres_of_hidden_bias_perforate_nothing() {
+        let outcome = |bias_mm: f64| {
+            let simulated = simulation(Shape::Bowl, |o| o.depth.bias_mm = bias_mm);
+            let found = run(&simulated.scene(0), Method::Hybrid);
+            let report = mesh::check(&found.model.mesh);
+            assert_eq!(
+                (report.components, report.genus),
+                (1, Some(0)),
+                "{bias_mm} mm"
+            );
+            let truth = mesh::check(simulated.truth());
+            assert!(
+                (0.5..2.0).contains(&(report.volume / truth.volume)),
+                "{bias_mm} mm: {report:?}"
+            );
+            (report.volume, f_score(&found.model.mesh, simulated.truth()))
+        };
+        let (without, with) = (outcome(0.0), outcome(8.0));
+        println!("volume, F at 1 mm: {without:?} without bias, {with:?} with 8 mm");
+        assert!(
+            (with.0 / without.0 - 1.0).abs() < 0.05,
+            "{} m³ against {}",
+            with.0,
+            without.0
+        );
+        assert!(
+            with.1 > without.1 - 0.03,
+            "{} against {}",
+            with.1,
+            without.1
+        );
+    }
+
+    #[test]
+    fn without_depth_the_model_is_the_hull() {
+        let simulated = simulation(Shape::Cup, |_| {});
+        let mut scene = simulated.scene(0);
+        let hull = run(&scene, Method::Hull).model.mesh;
+        for frame in &mut scene.depths[0].frames {
+            frame.readings.pixels_mut().fill(0);
+        }
+        assert!(run(&scene, Method::Hybrid).model.mesh == hull);
+        scene.depths.clear();
+        assert!(run(&scene, Method::Hybrid).model.mesh == hull);
+    }
+
+    #[test]
+    fn the_papers_own_form_restores_a_cup_and_stands_a_hidden_bias() {
+        for bias_mm in [0.0, 8.0] {
+            let simulated = simulation(Shape::Cup, |o| o.depth.bias_mm = bias_mm);
+            let parameters = Parameters {
+                restoration: restore::Parameters {
+                    form: restore::Form::Coating,
+                    ..restore::Parameters::default()
+                },
+                ..Parameters::default()
+            };
+            let found = reconstruct(&simulated.scene(0), &parameters, &NoProgress).unwrap();
+            let report = mesh::check(&found.model.mesh);
+            let score = f_score(&found.model.mesh, simulated.truth());
+            println!("{bias_mm} mm: F at 1 mm {score:.3}, {report:?}");
+            assert!(report.is_watertight(), "{report:?}");
+            assert_eq!(
+                (report.components, report.genus),
+                (1, Some(0)),
+                "{bias_mm} mm"
+            );
+            assert!(score > 0.9, "{bias_mm} mm: {score}");
+        }
+    }
+
+    #[test]
+    fn the_same_bytes_whatever_the_number_of_threads() {
+        let simulated = simulation(Shape::Cup, |o| (o.width, o.height) = (480, 360));
+        let scene = simulated.scene(0);
+        let bytes = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            let model = pool.install(|| run(&scene, Method::Hybrid)).model;
+            let glb =
+                glb::encode(&model, &Description::default(), &glb::Parameters::default()).unwrap();
+            (glb, ply::encode(&model, &Description::default()).unwrap())
+        };
+        let one = bytes(1);
+        for threads in [2, 3, 8] {
+            assert!(bytes(threads) == one, "{threads} threads");
+        }
+    }
 }

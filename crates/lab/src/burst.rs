@@ -13,7 +13,7 @@ use scand_core::image::Grid;
 /// Nanoseconds between two frames.
 pub(super) const DEPTH_PERIOD: u64 = 33_333_333;
 
-/// What is needed to take a burst.
+/// The inputs for a burst.
 pub(super) struct Burst<'a> {
     pub options: &'a Options,
     pub station: &'a DepthStation,

@@ -11,11 +11,11 @@ const MARGIN: f64 = 16.0;
 /// Samples a pixel of the contour.
 const SAMPLES: usize = 64;
 
-/// What a camera sees of an object: a window of its picture.
+/// The window of a camera's picture that shows the object.
 pub(super) struct Layer {
     /// Column and row of the window's first pixel in the picture.
     pub origin: [usize; 2],
-    /// What is in front at each pixel's centre.
+    /// The frontmost triangle at each pixel's centre.
     pub fragments: Grid<Fragment>,
     /// The part of each pixel that the object covers.
     pub coverage: Grid<f32>,

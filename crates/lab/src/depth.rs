@@ -16,7 +16,7 @@ use scand_core::mesh::{Bvh, Fragment, Mesh};
 /// The sensor's disparity: 1/z in 1/cm is OFFSET − SLOPE · disparity (openkinect's fit).
 const DISPARITY_SLOPE: f64 = 0.000_028_827_667_679_679_4;
 const DISPARITY_OFFSET: f64 = 0.031_448_695_264_218_8;
-/// Metres from the camera to the projector beside it.
+/// Metres from the camera to the projector.
 const BASELINE: f64 = 0.075;
 /// The table is a disc that ends so far beyond the object, in metres, and is no smaller than this.
 const TABLE_BEYOND: f64 = 0.06;
@@ -137,7 +137,7 @@ impl DepthScene {
     }
 }
 
-/// Pixels by which the depth lies beside where the calibration has it.
+/// Pixels by which the depth picture is displaced from where the calibration says it is.
 fn displacement(sensor: &DepthSensor) -> Vector2<f64> {
     Vector2::new(0.8, 0.6) * sensor.misregistration_px
 }

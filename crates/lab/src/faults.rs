@@ -23,21 +23,21 @@ pub struct CaptureFault {
 pub struct Exchange {
     /// The capture, from 0.
     pub capture: usize,
-    /// What is there.
+    /// The object that takes its place.
     pub with: OtherObject,
 }
 
-/// What is there in place of the object.
+/// An object that takes the place of the simulated one.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum OtherObject {
     /// An object of another shape.
     Shape(Shape),
-    /// A copy that is larger by so many per cent.
+    /// A copy that is larger by this many per cent.
     Bigger(f64),
-    /// A copy that is higher by so many per cent.
+    /// A copy that is taller by this many per cent.
     Taller(f64),
-    /// A mug whose handle is so many millimetres higher.
+    /// A mug whose handle is this many millimetres higher.
     HandleUp(f64),
 }
 

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use scand_core::mesh::Mesh;
 use std::f64::consts::TAU;
 
-/// Metres by which an object is put down beside the middle, at most, along each side of the table.
+/// Largest distance in metres of an object from the middle, along each side of the table.
 const SHIFT: f64 = 0.010;
 
 /// Where a pose puts an object of the given surface as capture `index` of a session. The first capture is not

@@ -10,7 +10,7 @@ pub(super) struct Material {
     shape: Shape,
     seed: u64,
     is_textured: bool,
-    /// Where the shape is as it was made, and by how much what is on the table is larger.
+    /// The pose of the shape as it was made, and the scale of the copy on the table.
     shape_from_rig: Isometry3<f64>,
     scale: Vector3<f64>,
 }

@@ -164,7 +164,7 @@ impl Default for ColorSensor {
     }
 }
 
-/// What a recording knows of how the depth sensor responds.
+/// The depth sensor's response as a recording states it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Response {
@@ -200,7 +200,7 @@ pub struct DepthSensor {
     pub misregistration_px: f64,
     /// How the sensor responds. Default `ideal`.
     pub response: Response,
-    /// A colour picture for each so many depth frames. Default 1.
+    /// Depth frames per colour picture. Default 1.
     pub color_every: usize,
     /// Quality of the depth camera's colour as JPEG, 1 to 100; 0 is `rgb8`. Default 0.
     pub color_jpeg_quality: u8,
@@ -253,17 +253,17 @@ pub struct CameraFault {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Faults {
-    /// Colour cameras turned by so many degrees since they were calibrated.
+    /// Colour cameras that were turned by some degrees after they were calibrated.
     pub turned_deg: Vec<CameraFault>,
     /// Colour cameras whose frame's edge cuts off such a part of the object, from the left; the calibration is true.
     pub cut_off: Vec<CameraFault>,
-    /// Colour cameras out of focus by a point spread of so many more pixels.
+    /// Colour cameras that are out of focus: pixels by which the point spread grows.
     pub blurred_px: Vec<CameraFault>,
-    /// Colour cameras that expose so many stops too long.
+    /// Colour cameras that are overexposed, in stops.
     pub overexposed_stops: Vec<CameraFault>,
     /// Cameras that give no frame to a capture.
     pub missing: Vec<String>,
-    /// Cameras whose frames come so many milliseconds late.
+    /// Cameras whose frames are late, in milliseconds.
     pub late_ms: Vec<CameraFault>,
     /// Colour cameras without a background (or mask).
     pub no_background: Vec<String>,

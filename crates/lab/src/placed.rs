@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use scand_core::mesh::{Bvh, Mesh};
 use std::sync::OnceLock;
 
-/// What is on the table in a capture.
+/// The object on the table in a capture, and a prop if there is one.
 #[derive(Debug)]
 pub(super) struct Placed {
     /// The surfaces in the rig's frame, the prop's last.
@@ -78,7 +78,7 @@ fn is_broken(options: &Options) -> bool {
     !options.faults.chip_mm.is_empty() || !options.faults.pit_mm.is_empty()
 }
 
-/// Whether captures differ in what is on the table.
+/// Whether captures show different objects.
 fn needs_its_own(options: &Options) -> bool {
     let faults = &options.faults;
     let differ = !faults.prop_mm.is_empty() || !faults.exchanged.is_empty();

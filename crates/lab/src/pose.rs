@@ -14,7 +14,7 @@ pub enum Pose {
     Flip,
     /// On the side that looked towards this azimuth (degrees), or on any.
     Side(Option<f64>),
-    /// Upright, turned about the vertical by so many degrees.
+    /// Upright, turned about the vertical by this many degrees.
     Turn(f64),
     /// Let go in any orientation.
     Any,

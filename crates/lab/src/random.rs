@@ -10,7 +10,7 @@ pub(crate) struct Random {
 }
 
 impl Random {
-    /// The stream of a key: what it is for, which camera, which frame, which row.
+    /// The stream of a key: purpose, camera, frame, row.
     pub(crate) fn new(key: &[u64]) -> Self {
         let mut state = 0x5ca2_d000_0000_0001;
         for &part in key {

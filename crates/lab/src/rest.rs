@@ -9,7 +9,7 @@ const TOUCHING: f64 = 5e-5;
 /// Radians by which the feet must surround the centre of mass better than just so.
 const MARGIN: f64 = 0.02;
 
-/// The convex hull of a body, and its centre of mass.
+/// A body's convex hull and centre of mass, from which its resting poses follow.
 pub(super) struct RestingPoses {
     hull: Mesh,
     center: Point3<f64>,

@@ -421,7 +421,7 @@ pub(super) fn trigger_time(index: usize) -> Timestamp {
     Timestamp(BEGIN + TO_TRIGGER + BETWEEN_TRIGGERS * index as u64)
 }
 
-/// What a depth camera gave to a burst, each reading with the newest colour picture before it.
+/// A depth camera's frames of a burst, each with the newest colour picture before it.
 fn depth_view(station: &DepthStation, burst: &[Frame]) -> DepthView {
     let mut color = Arc::new(RgbImage::default());
     let mut frames = Vec::new();

@@ -252,57 +252,62 @@ fn a_panic_in_any_stage_fails_one_capture_alone() {
     );
 }
 
-#[test]
-fn a_file_cut_off_at_any_byte_is_refused_or_read_up_to_there() {
-    let place = Place::new();
-    let mut fates = Fates::default();
-    let mut loaded = 0;
-    for length in 0..place.sound.len() {
-        place.try_all(&place.sound[..length], &mut fates, false);
-        assert!(fates.loaded >= loaded, "cut at {length}");
-        loaded = fates.loaded;
-    }
-    println!(
-        "shown: cut at each of {} bytes: {fates:?}",
-        place.sound.len()
-    );
-    // All but the magic bytes are damaged files; only the very end may be missing.
-    assert_eq!(fates.damaged, place.sound.len() - 8);
-    assert!(fates.loaded > 0 && fates.refused > 100, "{fates:?}");
-}
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
 
-#[test]
-fn thousands_of_flipped_bits_do_no_harm() {
-    let place = Place::new();
-    let mut fates = Fates::default();
-    let bits = 8 * place.sound.len();
-    // A step that shares no factor with 8, so that every bit of a byte has its turn.
-    for bit in (0..bits).step_by((bits / times(4000, 40_000) as usize) | 1) {
-        let mut broken = place.sound.clone();
-        broken[bit / 8] ^= 1 << (bit % 8);
-        place.try_all(&broken, &mut fates, false);
-    }
-    println!("shown: bits flipped one by one in a file of {bits}: {fates:?}");
-    assert!(
-        fates.loaded > 0 && fates.refused > 0 && fates.damaged > 1000,
-        "{fates:?}"
-    );
-}
-
-#[test]
-fn flipped_bits_that_the_checksums_do_not_know_do_no_harm() {
-    let place = Place::new();
-    let mut fates = Fates::default();
-    let sound = Messages::read(&place.sound);
-    for (i, message) in sound.0.iter().enumerate() {
-        let bits = 8 * message.data.len();
-        for bit in (0..bits).step_by((bits / times(50, 200) as usize) | 1) {
-            let mut broken = sound.clone();
-            broken.0[i].data[bit / 8] ^= 1 << (bit % 8);
-            place.try_all(&broken.bytes(), &mut fates, true);
+    #[test]
+    fn flipped_bits_that_the_checksums_do_not_know_do_no_harm() {
+        let place = Place::new();
+        let mut fates = Fates::default();
+        let sound = Messages::read(&place.sound);
+        for (i, message) in sound.0.iter().enumerate() {
+            let bits = 8 * message.data.len();
+            for bit in (0..bits).step_by((bits / times(50, 200) as usize) | 1) {
+                let mut broken = sound.clone();
+                broken.0[i].data[bit / 8] ^= 1 << (bit % 8);
+                place.try_all(&broken.bytes(), &mut fates, true);
+            }
         }
+        println!("shown: bits flipped behind the checksums: {fates:?}");
+        assert_eq!(fates.damaged, 0);
+        assert!(fates.models > 100 && fates.failed > 50, "{fates:?}");
     }
-    println!("shown: bits flipped behind the checksums: {fates:?}");
-    assert_eq!(fates.damaged, 0);
-    assert!(fates.models > 100 && fates.failed > 50, "{fates:?}");
+
+    #[test]
+    fn a_file_cut_off_at_any_byte_is_refused_or_read_up_to_there() {
+        let place = Place::new();
+        let mut fates = Fates::default();
+        let mut loaded = 0;
+        for length in 0..place.sound.len() {
+            place.try_all(&place.sound[..length], &mut fates, false);
+            assert!(fates.loaded >= loaded, "cut at {length}");
+            loaded = fates.loaded;
+        }
+        println!(
+            "shown: cut at each of {} bytes: {fates:?}",
+            place.sound.len()
+        );
+        // All but the magic bytes are damaged files; only the very end may be missing.
+        assert_eq!(fates.damaged, place.sound.len() - 8);
+        assert!(fates.loaded > 0 && fates.refused > 100, "{fates:?}");
+    }
+
+    #[test]
+    fn thousands_of_flipped_bits_do_no_harm() {
+        let place = Place::new();
+        let mut fates = Fates::default();
+        let bits = 8 * place.sound.len();
+        // A step that shares no factor with 8, so that every bit of a byte has its turn.
+        for bit in (0..bits).step_by((bits / times(4000, 40_000) as usize) | 1) {
+            let mut broken = place.sound.clone();
+            broken[bit / 8] ^= 1 << (bit % 8);
+            place.try_all(&broken, &mut fates, false);
+        }
+        println!("shown: bits flipped one by one in a file of {bits}: {fates:?}");
+        assert!(
+            fates.loaded > 0 && fates.refused > 0 && fates.damaged > 1000,
+            "{fates:?}"
+        );
+    }
 }

@@ -2,7 +2,7 @@
 //! same model.
 
 use crate::calibration::{CalibrationVerdict, Camera};
-use crate::reconstruct::{Scene, SilhouetteSource};
+use crate::reconstruct::{DepthView, Scene, SilhouetteSource};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
@@ -23,7 +23,11 @@ pub fn digest(
         add(part);
     }
     if let Some(verdict) = calibration {
-        add(&format!("{verdict:?}"));
+        // Never the name of a type: renaming one would make every model stale.
+        let CalibrationVerdict { level, reasons } = verdict;
+        add(&format!(
+            "Verdict {{ level: {level:?}, reasons: {reasons:?} }}"
+        ));
     }
     hexadecimal(hash)
 }
@@ -31,29 +35,16 @@ pub fn digest(
 /// SHA-256 over the cameras of a scene and its volume, to the last bit.
 pub fn calibration_digest(scene: &Scene) -> String {
     let mut hash = Sha256::new();
-    hash.update(format!("{:?}", scene.volume));
-    for view in &scene.colors {
-        add_camera(&mut hash, &view.camera);
-    }
-    for view in &scene.depths {
-        add_camera(&mut hash, &view.camera.camera);
-        hash.update(format!("{:?}", view.camera.response));
-    }
+    add_rig(&mut hash, scene, |_, _| {});
     hexadecimal(hash)
 }
 
 /// SHA-256 over a scene: its cameras to the last bit, the CRC-32 of each picture.
 pub fn input_digest(scene: &Scene) -> String {
     let mut hash = Sha256::new();
-    hash.update(format!("{:?}", scene.volume));
-    for view in &scene.colors {
-        add_camera(&mut hash, &view.camera);
-    }
-    for view in &scene.depths {
-        add_camera(&mut hash, &view.camera.camera);
-        hash.update(format!("{:?}", view.camera.response));
+    add_rig(&mut hash, scene, |hash, view| {
         hash.update(view.frames.len().to_le_bytes());
-    }
+    });
     for (length, crc) in pictures(scene).par_iter().map(sum).collect::<Vec<_>>() {
         hash.update(length.to_le_bytes());
         hash.update(crc.to_le_bytes());
@@ -97,6 +88,19 @@ fn sum(pixels: &Pixels) -> (usize, u32) {
             let bytes: Vec<u8> = readings.iter().flat_map(|r| r.to_le_bytes()).collect();
             (bytes.len(), crc32fast::hash(&bytes))
         }
+    }
+}
+
+/// Adds the volume and all cameras of a scene; `add` adds more for each depth camera.
+fn add_rig(hash: &mut Sha256, scene: &Scene, add: impl Fn(&mut Sha256, &DepthView)) {
+    hash.update(format!("{:?}", scene.volume));
+    for view in &scene.colors {
+        add_camera(hash, &view.camera);
+    }
+    for view in &scene.depths {
+        add_camera(hash, &view.camera.camera);
+        hash.update(format!("{:?}", view.camera.response));
+        add(hash, view);
     }
 }
 

@@ -75,29 +75,6 @@ fn small(compression: Compression) -> Vec<u8> {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk() {
-    let bytes = small(Compression::None);
-    let place = Place::new();
-    let whole = read_all(&place.open(&bytes).unwrap()).0;
-    let mut last = 0;
-    for length in 8..bytes.len() {
-        let recording = place.open(&bytes[..length]).unwrap();
-        assert!(!recording.damage().is_empty(), "cut at {length}");
-        let (read, errors) = read_all(&recording);
-        assert_eq!(errors, Vec::<String>::new(), "cut at {length}");
-        assert!(read >= last, "cut at {length}: {read} after {last}");
-        last = read;
-    }
-    assert_eq!(last, whole);
-    for length in 0..8 {
-        assert!(matches!(
-            place.open(&bytes[..length]),
-            Err(Error::NotMcap { .. })
-        ));
-    }
-}
-
-#[test]
 fn what_a_cut_costs_is_told() {
     let bytes = small(Compression::None);
     let place = Place::new();
@@ -111,35 +88,6 @@ fn what_a_cut_costs_is_told() {
     };
     assert_eq!((damage.offset, damage.length), (at as u64, 50));
     assert!(damage.what.contains(&length.to_string()), "{damage}");
-}
-
-#[test]
-fn a_flipped_bit_in_a_chunk_is_noticed_and_none_does_harm() {
-    for compression in [Compression::None, Compression::Zstd] {
-        let bytes = small(compression);
-        let place = Place::new();
-        let whole = read_all(&place.open(&bytes).unwrap());
-        // From a chunk's sizes on; its first and last log time are not read.
-        let checked: Vec<_> = records_of(&bytes)
-            .into_iter()
-            .filter(|(opcode, ..)| *opcode == op::CHUNK)
-            .map(|(_, at, length)| at + 9 + 16..at + 9 + length)
-            .collect();
-        for at in (0..bytes.len()).step_by(bytes.len() / 1500 + 1) {
-            let mut broken = bytes.clone();
-            broken[at] ^= 1 << (at % 8);
-            let Ok(recording) = place.open(&broken) else {
-                continue;
-            };
-            let read = read_all(&recording);
-            // zstd's own headers have bits that mean nothing; what they unpack to is checked all the same.
-            let plain = compression == Compression::None;
-            if plain && checked.iter().any(|chunk| chunk.contains(&at)) {
-                let damage = recording.verify().unwrap();
-                assert!(!damage.is_empty() || read != whole, "byte {at}");
-            }
-        }
-    }
 }
 
 #[test]
@@ -394,6 +342,63 @@ fn an_index_that_lies_is_not_believed() {
             broken[at + 9 + offset.min(length - 1)] ^= 0x05;
             if let Ok(recording) = place.open(&broken) {
                 read_all(&recording);
+            }
+        }
+    }
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk() {
+        let bytes = small(Compression::None);
+        let place = Place::new();
+        let whole = read_all(&place.open(&bytes).unwrap()).0;
+        let mut last = 0;
+        for length in 8..bytes.len() {
+            let recording = place.open(&bytes[..length]).unwrap();
+            assert!(!recording.damage().is_empty(), "cut at {length}");
+            let (read, errors) = read_all(&recording);
+            assert_eq!(errors, Vec::<String>::new(), "cut at {length}");
+            assert!(read >= last, "cut at {length}: {read} after {last}");
+            last = read;
+        }
+        assert_eq!(last, whole);
+        for length in 0..8 {
+            assert!(matches!(
+                place.open(&bytes[..length]),
+                Err(Error::NotMcap { .. })
+            ));
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_in_a_chunk_is_noticed_and_none_does_harm() {
+        for compression in [Compression::None, Compression::Zstd] {
+            let bytes = small(compression);
+            let place = Place::new();
+            let whole = read_all(&place.open(&bytes).unwrap());
+            // From a chunk's sizes on; its first and last log time are not read.
+            let checked: Vec<_> = records_of(&bytes)
+                .into_iter()
+                .filter(|(opcode, ..)| *opcode == op::CHUNK)
+                .map(|(_, at, length)| at + 9 + 16..at + 9 + length)
+                .collect();
+            for at in (0..bytes.len()).step_by(bytes.len() / 1500 + 1) {
+                let mut broken = bytes.clone();
+                broken[at] ^= 1 << (at % 8);
+                let Ok(recording) = place.open(&broken) else {
+                    continue;
+                };
+                let read = read_all(&recording);
+                // zstd's own headers have bits that mean nothing; what they unpack to is checked all the same.
+                let plain = compression == Compression::None;
+                if plain && checked.iter().any(|chunk| chunk.contains(&at)) {
+                    let damage = recording.verify().unwrap();
+                    assert!(!damage.is_empty() || read != whole, "byte {at}");
+                }
             }
         }
     }

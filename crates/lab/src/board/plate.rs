@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use scand_core::calibration::{Board, BoardShape, Face, Rectangle, Surface};
 use scand_core::mesh::Mesh;
 
-/// White around the pattern, as a part of a square, and the thickness of a plate that nobody measured.
+/// The white border around the pattern as a share of a square, and the thickness of a plate if none is given.
 const MARGIN: f64 = 0.5;
 const THICKNESS: f64 = 0.003;
 /// Cells of a face's mesh along each side: small enough for depth between vertices to be exact.

@@ -36,7 +36,7 @@ impl BoardSession {
     /// is rendered yet.
     ///
     /// # Errors
-    /// If an option cannot be met, or a fault names what is not there.
+    /// If an option cannot be met, or a fault names a camera or placement that does not exist.
     pub fn new(options: Options, boards: BoardOptions) -> Result<Self, Error> {
         check(&options)?;
         let object = options.shape.mesh(options.spacing_mm * 1e-3);
@@ -105,7 +105,7 @@ impl BoardSession {
         self.plate.front_from_back
     }
 
-    /// The cameras as they are: what a calibration should find, but for the rig's frame.
+    /// The true cameras: a calibration should find these, up to the choice of the rig's frame.
     pub fn truth(&self) -> RigCalibration {
         let colors = self.rig.colors.iter().map(|s| (s.actual.clone(), None));
         let depths = self.rig.depths.iter().map(|s| {
@@ -243,7 +243,7 @@ impl BoardSession {
     }
 }
 
-/// A back that is printed a little beside its place and turned a little.
+/// The pose of a back that was glued on slightly shifted and turned.
 fn misprinted(board: &Board, seed: u64, about_mm: f64) -> Isometry3<f64> {
     let mut random = Random::new(&[seed, 27]);
     let off = about_mm * 1e-3;

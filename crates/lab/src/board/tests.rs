@@ -356,52 +356,57 @@ fn depth_frames(capture: &Capture) -> Vec<Grid<u16>> {
     depth.map(grid).collect()
 }
 
-#[test]
-fn boards_take_20_mm_of_bias_to_less_than_1_mm_from_70_to_130_cm() {
-    for (seed, response) in [(1, Response::Ideal), (2, Response::Hidden)] {
-        let session = session(320, |options, boards| {
-            options.seed = seed;
-            options.cameras = 2;
-            options.depth.bias_mm = 20.0;
-            options.depth.response = response;
-            boards.placements = 20;
-        });
-        let truth = session.truth();
-        let (camera, actual) = truth.cameras.values().last().unwrap();
-        let actual = actual.unwrap();
-        let captures: Vec<Grid<f32>> = (0..20)
-            .filter(|k| k % 3 == 0 || k % 4 == 2)
-            .map(|k| mean_readings(&depth_frames(&session.capture(k).unwrap())).unwrap())
-            .collect();
-        let used = (0..20).filter(|k| k % 3 == 0 || k % 4 == 2);
-        let views: Vec<PlaneView<'_>> = used
-            .zip(&captures)
-            .map(|(k, readings)| PlaneView {
-                placement: "a",
-                camera_from_face: camera.rig_from_camera.inverse()
-                    * session.placements()[k].rig_from_board,
-                readings,
-            })
-            .collect();
-        let parameters = PlaneParameters::default();
-        let fit = fit_plane(&camera.intrinsics, session.board(), &views, &parameters).unwrap();
-        let bias = |z: f64| {
-            let raw = (z - actual.intercept) / actual.slope;
-            fit.response.slope * raw + fit.response.intercept - z
-        };
-        let worst = (0..=60)
-            .map(|k| bias(0.7 + 0.01 * f64::from(k)).abs())
-            .fold(0.0, f64::max);
-        assert!(worst < 1e-3, "{worst} {:?} {:?}", fit.bias, fit.left_out);
-        // Without the fit they are off by a centimetre or two.
-        assert!(
-            fit.bias.iter().any(|b| b.bias_before.abs() > 0.01),
-            "{:?}",
-            fit.bias
-        );
-        for z in [0.7, 1.3] {
-            let off = fit.response.scale_at(z) - actual.scale_at(z);
-            assert!(off.abs() < 0.005, "{off}");
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn boards_take_20_mm_of_bias_to_less_than_1_mm_from_70_to_130_cm() {
+        for (seed, response) in [(1, Response::Ideal), (2, Response::Hidden)] {
+            let session = session(320, |options, boards| {
+                options.seed = seed;
+                options.cameras = 2;
+                options.depth.bias_mm = 20.0;
+                options.depth.response = response;
+                boards.placements = 20;
+            });
+            let truth = session.truth();
+            let (camera, actual) = truth.cameras.values().last().unwrap();
+            let actual = actual.unwrap();
+            let captures: Vec<Grid<f32>> = (0..20)
+                .filter(|k| k % 3 == 0 || k % 4 == 2)
+                .map(|k| mean_readings(&depth_frames(&session.capture(k).unwrap())).unwrap())
+                .collect();
+            let used = (0..20).filter(|k| k % 3 == 0 || k % 4 == 2);
+            let views: Vec<PlaneView<'_>> = used
+                .zip(&captures)
+                .map(|(k, readings)| PlaneView {
+                    placement: "a",
+                    camera_from_face: camera.rig_from_camera.inverse()
+                        * session.placements()[k].rig_from_board,
+                    readings,
+                })
+                .collect();
+            let parameters = PlaneParameters::default();
+            let fit = fit_plane(&camera.intrinsics, session.board(), &views, &parameters).unwrap();
+            let bias = |z: f64| {
+                let raw = (z - actual.intercept) / actual.slope;
+                fit.response.slope * raw + fit.response.intercept - z
+            };
+            let worst = (0..=60)
+                .map(|k| bias(0.7 + 0.01 * f64::from(k)).abs())
+                .fold(0.0, f64::max);
+            assert!(worst < 1e-3, "{worst} {:?} {:?}", fit.bias, fit.left_out);
+            // Without the fit they are off by a centimetre or two.
+            assert!(
+                fit.bias.iter().any(|b| b.bias_before.abs() > 0.01),
+                "{:?}",
+                fit.bias
+            );
+            for z in [0.7, 1.3] {
+                let off = fit.response.scale_at(z) - actual.scale_at(z);
+                assert!(off.abs() < 0.005, "{off}");
+            }
         }
     }
 }

@@ -60,7 +60,7 @@ struct ServedCamera {
     address: Ipv4Addr,
     serial: String,
     scene: Arc<Scene>,
-    /// Takes what is sent to a camera that is off, and says nothing: an unplugged camera sends no refusal either.
+    /// Discards packets for a camera that is off without an answer, as an unplugged camera does.
     silence: Mutex<Option<UdpSocket>>,
 }
 

@@ -34,7 +34,7 @@ pub enum Error {
     /// The recording cannot be read.
     #[error(transparent)]
     Recording(#[from] recording::Error),
-    /// The recording has not what a sensor needs.
+    /// The recording lacks something that a depth sensor needs.
     #[error("depth camera {camera}: {what}")]
     Unfit {
         camera: CameraId,
@@ -52,7 +52,7 @@ pub struct SensorFrames {
 }
 
 impl SensorFrames {
-    /// Begins a file for captures of so many depth and colour frames.
+    /// Begins a file for captures with this many depth and colour frames.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -27,7 +27,7 @@ mod register {
     pub(super) const TIMESTAMP_LOW: u32 = 0x94c;
 }
 
-/// What a served camera shows and how it fails; outlives its stops.
+/// A served camera's pictures and faults; it outlives the camera's restarts.
 pub(super) struct Scene {
     /// Its pictures.
     pub album: Album,
@@ -126,7 +126,7 @@ struct Clock {
     scene: Arc<Scene>,
 }
 
-/// What a camera's clock shows when it is switched on, so that nobody takes it for the host's.
+/// The time of a camera's clock when it is switched on: far from the host's, so that the two cannot be confused.
 const AT_BEGIN_NS: u64 = 3_600_000_000_000;
 
 impl Clock {

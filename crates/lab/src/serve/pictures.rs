@@ -9,7 +9,7 @@ use scand_core::image::{RawPixels, rgb_from_file, rgb_from_raw, size_of_file};
 use scand_core::recording::{ColorPart, MessageRef, Recording, Topic};
 use std::sync::Arc;
 
-/// What a rig shows its cameras.
+/// The pictures that a rig serves to its cameras.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown {
     /// The captures one after the other, from this one on; after the last comes the first.

@@ -94,7 +94,7 @@ impl Shape {
         }
     }
 
-    /// The surface of a mug whose handle is by so many metres higher than [`Self::Mug`]'s.
+    /// The surface of a mug whose handle is this many metres higher than [`Self::Mug`]'s.
     pub(super) fn mug_with_raised_handle(raised: f64, spacing: f64) -> Mesh {
         meshed(&bodies::mug(raised), spacing.max(1e-4))
     }
@@ -228,6 +228,15 @@ mod tests {
         }
     }
 
+    /// Asserts a mesh's volume to within a share of what is expected.
+    fn assert_volume(mesh: &Mesh, shape: Shape, expected: f64, tolerance: f64) {
+        let volume = volume_and_total_area(mesh).0;
+        assert!(
+            (volume / expected - 1.0).abs() < tolerance,
+            "{shape:?}: {volume} for {expected}"
+        );
+    }
+
     #[test]
     fn volumes_are_those_of_the_closed_forms() {
         let cases = [
@@ -238,11 +247,7 @@ mod tests {
             (Shape::Vase, profiles::vase().volume()),
         ];
         for (shape, expected) in cases {
-            let volume = volume_and_total_area(&shape.mesh(0.001)).0;
-            assert!(
-                (volume / expected - 1.0).abs() < 0.002,
-                "{shape:?} {volume} for {expected}"
-            );
+            assert_volume(&shape.mesh(0.001), shape, expected, 0.002);
         }
     }
 
@@ -267,11 +272,7 @@ mod tests {
                 .count();
             let box_volume: f64 = (max - min).iter().product();
             let expected = box_volume * inside as f64 / f64::from(points);
-            let volume = volume_and_total_area(&shape.mesh(0.002)).0;
-            assert!(
-                (volume / expected - 1.0).abs() < 0.02,
-                "{shape:?} {volume} for {expected}"
-            );
+            assert_volume(&shape.mesh(0.002), shape, expected, 0.02);
         }
     }
 
@@ -283,33 +284,34 @@ mod tests {
         assert!(mesh.vertices.iter().filter(far).count() * 100 < mesh.vertices.len());
     }
 
-    #[test]
-    fn a_body_that_breaks_is_whole_but_for_the_ball() {
-        for shape in Shape::ALL {
-            let whole = shape.without(None, 0.002);
-            let report = check(&whole);
-            assert!(report.is_watertight(), "{shape:?}: {report:?}");
-            let volume = volume_and_total_area(&whole).0;
-            let exact = volume_and_total_area(&shape.mesh(0.001)).0;
-            assert!(
-                (volume / exact - 1.0).abs() < 0.02,
-                "{shape:?} {volume} for {exact}"
-            );
+    /// Tests of more than ten seconds: `make check` leaves them to `make test`.
+    mod long {
+        use super::*;
+
+        #[test]
+        fn a_body_that_breaks_is_whole_but_for_the_ball() {
+            for shape in Shape::ALL {
+                let whole = shape.without(None, 0.002);
+                let report = check(&whole);
+                assert!(report.is_watertight(), "{shape:?}: {report:?}");
+                let exact = volume_and_total_area(&shape.mesh(0.001)).0;
+                assert_volume(&whole, shape, exact, 0.02);
+            }
+            let center = Point3::new(0.08, 0.0, 0.06);
+            let whole = Shape::TwoPits.without(None, 0.002);
+            let broken = Shape::TwoPits.without(Some((center, 0.012)), 0.002);
+            assert!(check(&broken).is_watertight());
+            let lost = volume_and_total_area(&whole).0 - volume_and_total_area(&broken).0;
+            assert!(lost > 1e-8, "{lost}");
+            let beyond = |mesh: &Mesh| {
+                let vertices = mesh.vertices.iter().map(|v| v.cast::<f64>());
+                let far: Vec<_> = vertices
+                    .filter(|v| (v - center).norm() > 0.014)
+                    .map(|v| v.z)
+                    .collect();
+                (far.len(), far.iter().sum::<f64>())
+            };
+            assert_eq!(beyond(&whole), beyond(&broken));
         }
-        let center = Point3::new(0.08, 0.0, 0.06);
-        let whole = Shape::TwoPits.without(None, 0.002);
-        let broken = Shape::TwoPits.without(Some((center, 0.012)), 0.002);
-        assert!(check(&broken).is_watertight());
-        let lost = volume_and_total_area(&whole).0 - volume_and_total_area(&broken).0;
-        assert!(lost > 1e-8, "{lost}");
-        let beyond = |mesh: &Mesh| {
-            let vertices = mesh.vertices.iter().map(|v| v.cast::<f64>());
-            let far: Vec<_> = vertices
-                .filter(|v| (v - center).norm() > 0.014)
-                .map(|v| v.z)
-                .collect();
-            (far.len(), far.iter().sum::<f64>())
-        };
-        assert_eq!(beyond(&whole), beyond(&broken));
     }
 }

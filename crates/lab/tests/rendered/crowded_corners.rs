@@ -123,18 +123,23 @@ fn squares(rendered: &BoardSession, placement: usize, camera: usize) -> Option<[
     Some([&found, &matched].map(|corners| corners.iter().map(error).collect()))
 }
 
-#[test]
-fn corners_between_markers_are_where_the_print_is() {
-    let session = rendered();
-    let seen = (0..15).filter_map(|k| squares(&session, k / 5, k % 5));
-    let (mut found, mut matched) = (Vec::new(), Vec::new());
-    for [of_found, of_matched] in seen {
-        found.extend(of_found);
-        matched.extend(of_matched);
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn corners_between_markers_are_where_the_print_is() {
+        let session = rendered();
+        let seen = (0..15).filter_map(|k| squares(&session, k / 5, k % 5));
+        let (mut found, mut matched) = (Vec::new(), Vec::new());
+        for [of_found, of_matched] in seen {
+            found.extend(of_found);
+            matched.extend(of_matched);
+        }
+        let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        assert!(matched.len() > 200 && 10 * matched.len() > 9 * found.len());
+        let [found, matched] = [rms(&found), rms(&matched)];
+        println!("rms {found:.4} px as found, {matched:.4} px as matched");
+        assert!(matched < 0.02 && matched < 0.4 * found, "{matched} {found}");
     }
-    let rms = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
-    assert!(matched.len() > 200 && 10 * matched.len() > 9 * found.len());
-    let [found, matched] = [rms(&found), rms(&matched)];
-    println!("rms {found:.4} px as found, {matched:.4} px as matched");
-    assert!(matched < 0.02 && matched < 0.4 * found, "{matched} {found}");
 }

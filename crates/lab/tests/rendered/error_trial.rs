@@ -152,22 +152,6 @@ fn hold_hull(pools: &[(Provenance, Pool)]) {
 }
 
 #[test]
-fn what_the_hull_states_is_true_of_a_dozen_small_runs() {
-    let shapes = [
-        Shape::Egg,
-        Shape::Box,
-        Shape::Ball,
-        Shape::Prism,
-        Shape::Torus,
-        Shape::Relief,
-    ];
-    let of_shape =
-        |(shape, seed)| [(7, seed), (11, seed + 1)].map(|(n, s)| Run::new(shape, s, n, 0));
-    let runs: Vec<Run> = shapes.into_iter().zip(4..).flat_map(of_shape).collect();
-    hold_hull(&pooled(&runs));
-}
-
-#[test]
 #[ignore = "takes many minutes: make error-trial"]
 fn error_trial() {
     let seeds = [11, 12, 13];
@@ -178,4 +162,25 @@ fn error_trial() {
         })
     });
     hold_hull(&pooled(&runs.collect::<Vec<Run>>()));
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn what_the_hull_states_is_true_of_a_dozen_small_runs() {
+        let shapes = [
+            Shape::Egg,
+            Shape::Box,
+            Shape::Ball,
+            Shape::Prism,
+            Shape::Torus,
+            Shape::Relief,
+        ];
+        let of_shape =
+            |(shape, seed)| [(7, seed), (11, seed + 1)].map(|(n, s)| Run::new(shape, s, n, 0));
+        let runs: Vec<Run> = shapes.into_iter().zip(4..).flat_map(of_shape).collect();
+        hold_hull(&pooled(&runs));
+    }
 }

@@ -61,48 +61,6 @@ fn cut_off(simulation: &Simulation, made: &Reconstruction, most: f64) -> f64 {
 }
 
 #[test]
-fn a_prop_that_is_ignored_cuts_nothing_off_and_blames_nobody() {
-    for masks in [false, true] {
-        let simulation = with_prop(|o| o.masks = masks);
-        let scene = simulation.scene(1);
-        let (known, figures) = made(&scene);
-        let (blind, blamed) = made(&without(scene));
-        let (kept, lost) = (
-            cut_off(&simulation, &known, 1e-3),
-            cut_off(&simulation, &blind, 1e-3),
-        );
-        assert!(lost > 0.03, "masks {masks}: the prop cuts off {lost}");
-        assert!(kept < 0.002, "masks {masks}: {kept} is cut off");
-        let worst = |of: &Measurements| {
-            of.colors
-                .iter()
-                .map(|c| c.consistency.missing)
-                .fold(0.0, f64::max)
-        };
-        assert!(
-            worst(&figures) < 0.004,
-            "masks {masks}: {}",
-            worst(&figures)
-        );
-        assert!(worst(&blamed) > 0.01, "masks {masks}: {}", worst(&blamed));
-        assert!(figures.common_shift_share < 0.005);
-        assert_eq!(figures.moved, None);
-        let counted = figures
-            .colors
-            .iter()
-            .filter(|c| c.silhouette.unknown_px.is_some());
-        assert_eq!(counted.count(), 11);
-        // A part of the prop's own inside, and little else.
-        let unproved = figures.model.unproved_volume.unwrap();
-        assert!(
-            unproved < 0.026_f64.powi(2) * 0.024,
-            "masks {masks}: {unproved}"
-        );
-        assert_eq!(blamed.model.unproved_volume, None);
-    }
-}
-
-#[test]
 fn a_mask_that_ignores_nothing_changes_nothing() {
     let simulation = with_prop(|o| {
         o.width = 320;
@@ -117,4 +75,51 @@ fn a_mask_that_ignores_nothing_changes_nothing() {
     assert_eq!(a.hull, b.hull);
     assert_eq!(a.model.mesh, b.model.mesh);
     assert_eq!(measured.model.unproved_volume, Some(0.0));
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_prop_that_is_ignored_cuts_nothing_off_and_blames_nobody() {
+        for masks in [false, true] {
+            let simulation = with_prop(|o| o.masks = masks);
+            let scene = simulation.scene(1);
+            let (known, figures) = made(&scene);
+            let (blind, blamed) = made(&without(scene));
+            let (kept, lost) = (
+                cut_off(&simulation, &known, 1e-3),
+                cut_off(&simulation, &blind, 1e-3),
+            );
+            assert!(lost > 0.03, "masks {masks}: the prop cuts off {lost}");
+            assert!(kept < 0.002, "masks {masks}: {kept} is cut off");
+            let worst = |of: &Measurements| {
+                of.colors
+                    .iter()
+                    .map(|c| c.consistency.missing)
+                    .fold(0.0, f64::max)
+            };
+            assert!(
+                worst(&figures) < 0.004,
+                "masks {masks}: {}",
+                worst(&figures)
+            );
+            assert!(worst(&blamed) > 0.01, "masks {masks}: {}", worst(&blamed));
+            assert!(figures.common_shift_share < 0.005);
+            assert_eq!(figures.moved, None);
+            let counted = figures
+                .colors
+                .iter()
+                .filter(|c| c.silhouette.unknown_px.is_some());
+            assert_eq!(counted.count(), 11);
+            // A part of the prop's own inside, and little else.
+            let unproved = figures.model.unproved_volume.unwrap();
+            assert!(
+                unproved < 0.026_f64.powi(2) * 0.024,
+                "masks {masks}: {unproved}"
+            );
+            assert_eq!(blamed.model.unproved_volume, None);
+        }
+    }
 }

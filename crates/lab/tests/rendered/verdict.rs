@@ -110,35 +110,6 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
 }
 
 #[test]
-fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
-    for (camera, degrees) in [("c00", 0.1), ("c08", 0.1), ("c03", 1.0)] {
-        let turned = CameraFault {
-            camera: camera.into(),
-            amount: degrees,
-        };
-        let (scene, made) = simulated_at(120.0, |o| {
-            (o.cameras, o.width, o.height) = (11, 960, 720);
-            o.faults.turned_deg = vec![turned.clone()];
-        });
-        let verdict = judged(&scene, &made);
-        let mut reasons = verdict.reasons.iter();
-        let reason = reasons.find(|r| r.code == ReasonCode::CameraDisplaced);
-        let reason = reason.unwrap_or_else(|| panic!("{camera}: {verdict:#?}"));
-        assert_eq!(reason.cameras, [CameraId::new(camera).unwrap()]);
-        // The camera was turned about (0.6, 0.8, 0) of its own frame.
-        let focal_px = scene.colors[0].camera.intrinsics.focal_px;
-        let expected =
-            (focal_px * f64::to_radians(degrees)).component_mul(&Vector2::new(-0.8, 0.6));
-        let measured = measure(&scene, &made, Method::Hybrid);
-        let found = Vector2::from(measured.moved.unwrap().shift_px);
-        assert!(
-            (found - expected).norm() < 0.35 * expected.norm(),
-            "{camera}: {found} {expected}"
-        );
-    }
-}
-
-#[test]
 fn a_volume_that_no_object_stands_in_is_named_and_no_background_is_blamed() {
     let with = |change: &dyn Fn(&mut Scene)| {
         let mut options = Options::small(Shape::Ball);
@@ -182,59 +153,6 @@ fn exchange(scene: &mut Scene, a: usize, b: usize) {
     let camera_of_a = scene.colors[a].camera.clone();
     let camera_of_b = std::mem::replace(&mut scene.colors[b].camera, camera_of_a);
     scene.colors[a].camera = camera_of_b;
-}
-
-#[test]
-fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_red() {
-    let options = |seed| Options {
-        shape: Shape::Mug,
-        cameras: 8,
-        width: 640,
-        height: 480,
-        masks: true,
-        depth_cameras: 0,
-        seed,
-        ..Options::default()
-    };
-    let scene = Simulation::new(options(1)).unwrap().scene(0);
-    let of = |scene: &Scene| {
-        let mut parameters = reconstruct::Parameters::default();
-        parameters.hull.resolution = 100.0;
-        let made = reconstruct(scene, &parameters, &NoProgress).unwrap();
-        judged(scene, &made)
-    };
-    let codes = |verdict: &Verdict| -> Vec<ReasonCode> {
-        let red = verdict.reasons.iter().filter(|r| r.level == Level::Red);
-        red.map(|r| r.code).collect()
-    };
-    assert_eq!(codes(&of(&scene)), []);
-    let mut exchanged = scene.clone();
-    exchange(&mut exchanged, 1, 4);
-    let verdict = of(&exchanged);
-    assert_eq!(
-        codes(&verdict),
-        [ReasonCode::CamerasExchanged],
-        "{verdict:#?}"
-    );
-    let mut names: Vec<String> = verdict.reasons[0]
-        .cameras
-        .iter()
-        .map(ToString::to_string)
-        .collect();
-    names.sort();
-    assert_eq!(names, ["c01", "c04"]);
-    // The places of another rig of the same design.
-    let other = Simulation::new(options(2)).unwrap().scene(0);
-    let mut foreign = scene.clone();
-    for (view, of_other) in foreign.colors.iter_mut().zip(&other.colors) {
-        view.camera = of_other.camera.clone();
-    }
-    let verdict = of(&foreign);
-    assert_eq!(
-        codes(&verdict),
-        [ReasonCode::CalibrationForeign],
-        "{verdict:#?}"
-    );
 }
 
 #[test]
@@ -396,5 +314,92 @@ fn is_of_type(value: &Value, name: &str) -> bool {
         "integer" => value.is_u64() || value.is_i64(),
         "array" => value.is_array(),
         _ => value.is_object(),
+    }
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_camera_turned_by_a_tenth_of_a_degree_or_by_a_whole_one_is_named() {
+        for (camera, degrees) in [("c00", 0.1), ("c08", 0.1), ("c03", 1.0)] {
+            let turned = CameraFault {
+                camera: camera.into(),
+                amount: degrees,
+            };
+            let (scene, made) = simulated_at(120.0, |o| {
+                (o.cameras, o.width, o.height) = (11, 960, 720);
+                o.faults.turned_deg = vec![turned.clone()];
+            });
+            let verdict = judged(&scene, &made);
+            let mut reasons = verdict.reasons.iter();
+            let reason = reasons.find(|r| r.code == ReasonCode::CameraDisplaced);
+            let reason = reason.unwrap_or_else(|| panic!("{camera}: {verdict:#?}"));
+            assert_eq!(reason.cameras, [CameraId::new(camera).unwrap()]);
+            // The camera was turned about (0.6, 0.8, 0) of its own frame.
+            let focal_px = scene.colors[0].camera.intrinsics.focal_px;
+            let expected =
+                (focal_px * f64::to_radians(degrees)).component_mul(&Vector2::new(-0.8, 0.6));
+            let measured = measure(&scene, &made, Method::Hybrid);
+            let found = Vector2::from(measured.moved.unwrap().shift_px);
+            assert!(
+                (found - expected).norm() < 0.35 * expected.norm(),
+                "{camera}: {found} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn two_cameras_that_are_exchanged_are_named_and_a_calibration_of_another_rig_is_red() {
+        let options = |seed| Options {
+            shape: Shape::Mug,
+            cameras: 8,
+            width: 640,
+            height: 480,
+            masks: true,
+            depth_cameras: 0,
+            seed,
+            ..Options::default()
+        };
+        let scene = Simulation::new(options(1)).unwrap().scene(0);
+        let of = |scene: &Scene| {
+            let mut parameters = reconstruct::Parameters::default();
+            parameters.hull.resolution = 100.0;
+            let made = reconstruct(scene, &parameters, &NoProgress).unwrap();
+            judged(scene, &made)
+        };
+        let codes = |verdict: &Verdict| -> Vec<ReasonCode> {
+            let red = verdict.reasons.iter().filter(|r| r.level == Level::Red);
+            red.map(|r| r.code).collect()
+        };
+        assert_eq!(codes(&of(&scene)), []);
+        let mut exchanged = scene.clone();
+        exchange(&mut exchanged, 1, 4);
+        let verdict = of(&exchanged);
+        assert_eq!(
+            codes(&verdict),
+            [ReasonCode::CamerasExchanged],
+            "{verdict:#?}"
+        );
+        let mut names: Vec<String> = verdict.reasons[0]
+            .cameras
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        names.sort();
+        assert_eq!(names, ["c01", "c04"]);
+        // The places of another rig of the same design.
+        let other = Simulation::new(options(2)).unwrap().scene(0);
+        let mut foreign = scene.clone();
+        for (view, of_other) in foreign.colors.iter_mut().zip(&other.colors) {
+            view.camera = of_other.camera.clone();
+        }
+        let verdict = of(&foreign);
+        assert_eq!(
+            codes(&verdict),
+            [ReasonCode::CalibrationForeign],
+            "{verdict:#?}"
+        );
     }
 }

@@ -11,7 +11,7 @@ use nalgebra::{
 };
 use rayon::prelude::*;
 
-/// Columns of a view beside its placement's: the lens, the camera's pose, the back face's pose, the board's shape.
+/// Columns of a view apart from its placement's: the lens, the camera's pose, the back face's pose, the board's shape.
 const SHARED: usize = PARAMETERS + 12 + TERMS;
 /// First of these that is the shape's.
 const SHAPE: usize = PARAMETERS + 12;
@@ -57,7 +57,7 @@ pub(super) struct Observation {
     pub points: Vec<(Point3<f64>, Point2<f64>)>,
 }
 
-/// All that is adjusted, and what it is adjusted to.
+/// The parameters to adjust, and the observations that they are adjusted to.
 #[derive(Clone, Debug)]
 pub(super) struct Bundle {
     pub cameras: Vec<CameraState>,

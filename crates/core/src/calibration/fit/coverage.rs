@@ -8,7 +8,7 @@ use crate::range;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
 
-/// What a session should have.
+/// What a session needs for a calibration.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct CoverageLimits {
@@ -49,7 +49,7 @@ impl CoverageLimits {
     /// Refuses values that contradict each other.
     ///
     /// # Errors
-    /// If there is one: its field, what it is, and what was expected.
+    /// The first value out of its range: its field, the value, and the range.
     pub fn checked(&self) -> Result<(), String> {
         let [near, far] = self.depths;
         match near <= far {

@@ -17,7 +17,7 @@ pub(super) enum ViewDecision {
     Duplicate(usize, String),
 }
 
-/// A view's residual in the rig and by itself.
+/// A view's residual with the rig's pose, and with a pose of its own.
 struct JudgedView {
     joint: f64,
     alone: f64,

@@ -176,7 +176,7 @@ pub(super) fn tree(cameras: usize, links: &[Link], root: usize) -> Tree {
 /// A placement as all its cameras see it.
 pub(super) struct PlacementEstimate {
     pub root_from_board: Isometry3<f64>,
-    /// Each camera's turn, and how far its pose lies from what is agreed; `None` for one that did not see it.
+    /// How far each camera's estimate is from the common pose; `None` for a camera that did not see it.
     pub turns: Vec<Option<(usize, f64)>>,
 }
 

@@ -7,7 +7,7 @@ use crate::frame::CameraId;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Point2, Vector2};
 
-/// A calibrated rig with what is known of its errors.
+/// A calibrated rig with its uncertainties.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// The board.
@@ -73,23 +73,23 @@ pub struct FittedShape {
 pub struct ShapeTerm {
     /// What the fit takes it for: 0 where it was not kept.
     pub value: f64,
-    /// Its standard deviation; where it was not kept, what it may be all the same.
+    /// Its standard deviation; for a term that was not kept, how large it may be nevertheless.
     pub deviation: f64,
-    /// What became of it.
+    /// Whether the fit uses it.
     pub fate: TermStatus,
     /// What the first and the last half of the placements say of it, each with its standard deviation; where that was
     /// asked.
     pub halves: Option<[[f64; 2]; 2]>,
 }
 
-/// What became of a term of the board's shape.
+/// Whether the fit uses a term of the board's shape.
 #[derive(serde::Serialize, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum TermStatus {
-    /// It predicts placements that were held out no better: it is 0.
+    /// With it, held-out placements are not predicted better: it is 0.
     #[default]
     NotNeeded,
-    /// It predicts them better, but the two halves of the placements disagree on it, or are too few: it is 0.
+    /// It predicts them better, but the two halves of the placements disagree on its value or are too few: it is 0.
     NotHeld,
     /// It is part of the fit.
     Kept,
@@ -251,7 +251,7 @@ impl FittedCamera {
 }
 
 impl LeftOut {
-    /// What it is, in words: the camera, the placement, or both.
+    /// The camera, the placement, or both, in words.
     pub fn subject(&self) -> String {
         let camera = self.camera.as_ref().map(|id| format!("camera {id}"));
         let placement = self.placement.as_ref().map(|p| format!("placement {p}"));

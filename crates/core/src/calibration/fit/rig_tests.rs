@@ -6,7 +6,7 @@ use crate::calibration::{Board, CalibrationLevel, Camera, RigCalibration};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// So many cameras around a board of squares of 25 mm that is shown so often.
+/// `cameras` cameras around a board with squares of 25 mm that is shown `shown` times.
 fn rig(cameras: usize, shown: usize) -> Truth {
     let board = Board::checkerboard(9, 6, 0.025).unwrap();
     let at = Point3::new(0.0, 0.0, 0.1);

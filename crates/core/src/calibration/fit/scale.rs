@@ -57,7 +57,7 @@ pub struct Length {
 /// A reading of the ruler that is printed on the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RulerReading {
-    /// The length that is printed beside it, in metres.
+    /// The nominal length, in metres.
     pub printed: f64,
     /// What was measured.
     pub measured: Length,
@@ -90,7 +90,7 @@ pub struct Slope {
     pub deviation: f64,
 }
 
-/// What a witness says about the scale.
+/// The scale that a witness measured, compared with the board's.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct WitnessReading {
     /// By what part the calibration's lengths, which the board's size sets, are larger than the witness says.

@@ -11,9 +11,9 @@ pub struct SessionCamera {
     pub id: CameraId,
     /// Width and height of its pictures in pixels.
     pub size: [usize; 2],
-    /// Its lens, where that is known and to be kept.
+    /// Its lens if it is known and must not change.
     pub known: Option<Intrinsics>,
-    /// A lens to start from, where that is better than what the views say by themselves.
+    /// A lens to start from, if there is a better one than the views alone give.
     pub start: Option<Intrinsics>,
 }
 
@@ -28,7 +28,7 @@ pub struct Corner {
     pub pixel: Point2<f64>,
 }
 
-/// What a camera saw of a placement.
+/// A camera's corners of one placement.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Index of the camera.

@@ -25,7 +25,7 @@ pub(super) struct CrossValidation {
     pub min_views: usize,
 }
 
-/// A bundle with the terms that are kept, and what is known of it.
+/// A bundle with the terms that were kept, and how well it predicts.
 pub(super) struct TermSelection {
     pub bundle: Bundle,
     pub shape: FittedShape,
@@ -120,7 +120,7 @@ impl Estimate {
         1.0 - (1.0 + squared / self.coordinates).sqrt().recip()
     }
 
-    /// What is left of the others once this term is 0.
+    /// The other terms once this one is 0.
     fn without(&self, term: usize) -> Self {
         let column = self.covariance.column(term).into_owned();
         let variance = self.covariance[(term, term)].max(1e-300);

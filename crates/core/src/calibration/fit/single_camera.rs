@@ -10,7 +10,7 @@ use crate::calibration::Board;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 
-/// A camera by itself.
+/// The calibration of one camera from its own views only.
 #[derive(Clone, Debug)]
 pub(super) struct SingleCamera {
     pub lens: Lens,

@@ -111,7 +111,7 @@ struct Solver<'a> {
     false_corners: Vec<usize>,
 }
 
-/// Each camera by itself; views that no pose explains are left out.
+/// Calibrates each camera from its own views; views that fit no pose are left out.
 fn alone(
     session: &mut Session,
     parameters: &Parameters,
@@ -357,7 +357,7 @@ impl<'a> Solver<'a> {
         let Some(name) = &self.parameters.table_placement else {
             let (lowest, below) =
                 lowest_placement(&self.bundle, &self.session.board).unwrap_or((0, 1.0));
-            // What is wrong by less is noise.
+            // Smaller errors are noise.
             return Ok((lowest, below < 0.005));
         };
         let all = self.session.placements.iter().enumerate();

@@ -45,7 +45,7 @@ pub(super) fn crowded(size: [usize; 2], corners: &[Corner], board: &Board) -> bo
     windows.iter().any(Option::is_none)
 }
 
-/// What is looked at around a corner.
+/// The part of the picture around a corner that is examined.
 struct Window {
     /// Half its side in pixels.
     half: usize,

@@ -138,7 +138,7 @@ impl Truth {
         }
     }
 
-    /// What a camera sees of a face at a pose: all corners or, where one is outside the picture or seen too flat, none.
+    /// The corners of a face at a pose as a camera sees them; none if one is outside the picture or seen too obliquely.
     pub(super) fn sees(
         &self,
         camera: &Camera,

@@ -21,7 +21,7 @@ pub(super) struct Template {
     nodes: [[Point2<f64>; 3]; 3],
 }
 
-/// What a pixel is expected to show.
+/// The brightness that is expected of a pixel.
 #[derive(Clone, Copy)]
 pub(super) struct Pixel {
     /// The part of its light that is taken by ink.

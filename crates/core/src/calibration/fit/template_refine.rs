@@ -22,7 +22,7 @@ const STEPS: usize = 20;
 const STILL: f64 = 1e-3;
 /// Farthest, in pixels, that a corner may be from where the first fit has it.
 const LARGEST_MOVE: f64 = 1.5;
-/// Root mean square of what a match may leave, as a part of the contrast between paper and ink.
+/// Largest root mean square residual of a match, as a share of the contrast between paper and ink.
 const MOST_LEFT: f64 = 0.15;
 
 /// Views of a session in which markers crowd a corner: what a second look at their pictures makes better.
@@ -66,7 +66,7 @@ pub fn matched_with_print(
 /// A face of the board before a camera.
 struct Print<'a> {
     board: &'a Board,
-    /// What is black, by square.
+    /// Which squares are black.
     black: Vec<Vec<Rectangle>>,
     lens: &'a Intrinsics,
     surface: Surface,
@@ -150,7 +150,7 @@ fn shown(picture: &Grid<u8>, around: Point2<f64>, half: usize) -> Option<Grid<f6
     })
 }
 
-/// By how much the template is to be moved to match what is shown: least squares in the shift, the variance of the
+/// How far to move the template so that it matches the picture: least squares in the shift, the variance of the
 /// spread, and the light of paper and ink.
 fn matching(template: &Template, shown: &Grid<f64>) -> Option<Vector2<f64>> {
     let (mut shift, mut spread) = (Vector2::zeros(), USUAL_SPREAD);
@@ -188,7 +188,7 @@ fn matching(template: &Template, shown: &Grid<f64>) -> Option<Vector2<f64>> {
     None
 }
 
-/// Light of paper, and of ink beyond it, that explains best what is shown.
+/// The brightness of paper and the contrast of ink that fit the picture best.
 fn light(
     template: &Template,
     shown: &Grid<f64>,

@@ -55,7 +55,7 @@ fn session(seed: u64, cameras: &[Camera], board: Board, count: usize) -> (Truth,
     (truth, found)
 }
 
-/// Each error of a fit over what is stated of it, by kind.
+/// Each error of a fit divided by its stated uncertainty, by kind of parameter.
 fn normalized(truth: &Truth, fit: &Fit, all: &mut Errors) {
     let table = fit.table.trim_start_matches('p').parse().unwrap();
     let fit_from_truth = truth.fit_from_truth(table);
@@ -172,7 +172,7 @@ fn hold(sessions: u64, cameras: &[Camera], board: Board, count: usize) {
     let mut unheld = 0;
     for seed in 1..=sessions {
         let (truth, found) = session(seed, cameras, board, count);
-        // Nobody may have seen the board at some placement, but no view is thrown out.
+        // At some placement no camera may have seen the board, but no view may be thrown out.
         let thrown_out = found.left_out_share();
         assert_eq!(thrown_out.left_out, 0, "{seed}: {:?}", found.left_out);
         unheld += found

@@ -106,7 +106,7 @@ impl Limits {
     /// Refuses values that contradict each other.
     ///
     /// # Errors
-    /// If there is one: its field, what it is, and what was expected.
+    /// The first value out of its range: its field, the value, and the range.
     pub fn checked(&self) -> Result<(), String> {
         let not_below = |field: &str, found: f64, [least, most]: [f64; 2]| match found >= least {
             true => Ok(()),
@@ -131,7 +131,7 @@ impl Limits {
 /// A level with its reasons.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct Judgement {
-    /// What it is worth.
+    /// The verdict's level.
     pub level: CalibrationLevel,
     /// Why it is not good.
     pub reasons: Vec<String>,

@@ -3,7 +3,7 @@
 use super::result::{FittedShape, ShapeTerm, TermStatus};
 use crate::calibration::CalibrationLevel;
 
-/// A reason, and what a calibration is worth at best because of it.
+/// A reason, and the best level that a calibration can have because of it.
 type Reason = (CalibrationLevel, String);
 
 /// What is amiss with the board's shape: with a bend of more than `most_bent_mm`, and with squares that are longer in

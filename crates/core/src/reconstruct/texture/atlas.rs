@@ -24,7 +24,7 @@ struct Source {
     view: usize,
     /// Its weight at each corner.
     weights: [f32; 3],
-    /// What is added at each corner, times the weight.
+    /// The correction at each corner, times the weight.
     offsets: [Vector3<f32>; 3],
     /// The corners in the view's picture; `None` for the view whose chart it is.
     pixels: Option<[[f32; 2]; 3]>,
@@ -272,7 +272,7 @@ impl Tile {
         }
     }
 
-    /// Extends what is painted by `reach` texels, along rows, then along columns.
+    /// Extends the painted texels by `reach` texels, along rows, then along columns.
     fn extend(&mut self, reach: usize) {
         let reach = reach.min(usize::from(EMPTY) - 1) as u8;
         let [width, height] = [self.colors.width(), self.colors.height()];

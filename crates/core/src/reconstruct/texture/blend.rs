@@ -18,7 +18,7 @@ pub(super) struct Share {
     pub label: u16,
     /// Its weight; a vertex' weights add up to 1.
     pub weight: f32,
-    /// What is added to its evened out colour.
+    /// The correction that is added to its evened out colour.
     pub offset: Vector3<f32>,
 }
 
@@ -102,7 +102,7 @@ impl Blend {
                 for share in shares.iter_mut().take_while(|s| s.label != UNSEEN) {
                     let view = usize::from(share.label);
                     let safe = surface.sights[view][v] == Visibility::Safe;
-                    // What is not known is left for the neighbours to fill.
+                    // Unknown colours are filled in from neighbours later.
                     let offset = mean.filter(|_| safe).map(|m| m - samples[view][v]);
                     share.offset = offset.unwrap_or(UNKNOWN);
                 }

@@ -8,7 +8,7 @@ use crate::array::two;
 use crate::image::pack;
 use nalgebra::{Point3, Vector3};
 
-/// What a chart's coordinates are a projection into.
+/// The plane that a chart is projected onto.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Plane {
     /// A view's picture.
@@ -61,7 +61,7 @@ impl Layout {
         for attempt in 0..ATTEMPTS {
             layout.scale = 0.85_f32.powi(attempt);
             if attempt == ATTEMPTS / 2 {
-                // So many charts that it is their gutters which do not fit.
+                // There are so many charts that their gutters do not fit.
                 layout.gutter = layout.gutter.min(1);
             }
             layout.measure(surface);
@@ -167,7 +167,7 @@ impl Layout {
     }
 }
 
-/// Connected regions of one label, what is unseen split by the axis it faces.
+/// Connected regions of one label; unseen regions are split by the axis that they face.
 fn charts(surface: &Surface, labels: &[u16]) -> Vec<Chart> {
     let views = surface.views.len() as u16;
     let faced = |(triangle, &label): (usize, &u16)| match label {
@@ -203,7 +203,7 @@ fn facing_axis(surface: &Surface, triangle: usize) -> u16 {
     2 * axis as u16 + u16::from(normal[axis] < 0.0)
 }
 
-/// Metres a texel where nobody looks: a mean edge, and no chart longer than [`LONGEST_AXIS_CHART`].
+/// Metres per texel of unseen charts: a mean edge, such that no chart is longer than [`LONGEST_AXIS_CHART`].
 fn axis_texel(surface: &Surface) -> f32 {
     let vertices = &surface.mesh.vertices;
     let triangles = surface.mesh.triangles.iter();

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 /// The label of a triangle that no camera sees.
 pub(super) const UNSEEN: u16 = u16::MAX;
 
-/// What a view is worth that is marginal at a corner, against a safe one.
+/// Weight of a view that is marginal at a corner, relative to a safe one.
 const MARGINAL: f32 = 0.02;
-/// What a depth camera's colour is worth against a colour camera's.
+/// Weight of a depth camera's colour relative to a colour camera's.
 const DEPTH_COLOR: f32 = 0.1;
 /// Sweeps over all triangles at most; labels settle sooner.
 const SWEEPS: usize = 10;

@@ -174,6 +174,6 @@ impl<'a> Surface<'a> {
 /// A colour as bytes, sRGB-encoded.
 #[inline]
 fn to_bytes(color: Vector3<f32>) -> [u8; 3] {
-    // The cast saturates, and turns what is not a number into 0.
+    // The cast saturates, and turns NaN into 0.
     color.map(|c| (c + 0.5) as u8).into()
 }

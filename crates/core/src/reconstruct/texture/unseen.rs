@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// Colour of a surface when nothing at all is seen.
 const GREY: f32 = 128.0;
-/// Passes of smoothing over what is not seen.
+/// Smoothing passes over unseen vertices.
 const PASSES: usize = 30;
 
 /// The colour of each vertex, sRGB-encoded, 0 to 255.
@@ -36,7 +36,7 @@ pub(super) fn vertex_colors(
     colors
 }
 
-/// Fills what is not known from what is.
+/// Fills unknown colours from known ones.
 fn spread(surface: &Surface, colors: &mut [Vector3<f32>], known: &mut [bool]) {
     let unknown: Vec<usize> = (0..known.len()).filter(|&v| !known[v]).collect();
     let mut front: Vec<usize> = unknown

@@ -89,7 +89,7 @@ fn sight(
     if is_outside(view, x, y) || buffer.is_hidden(x, y, z - tolerance) {
         return Visibility::Hidden;
     }
-    // An edge within `reach` pixels: the outline of the silhouette, of the model, or of what is in front.
+    // An edge within `reach` pixels: the outline of the silhouette, of the model, or of an occluder.
     let edge_within = |reach: f32| {
         let nearest = z - tolerance - rise * reach;
         AROUND.iter().any(|[dx, dy]| {

@@ -13,7 +13,7 @@ use super::result::Fit;
 use super::session::Session;
 use crate::frame::CameraId;
 use exchange::Exchange;
-use moment::TimingFault;
+use moment::PictureFault;
 use split::{Change, Split};
 use suspects::Reference;
 
@@ -56,14 +56,14 @@ fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> 
     findings
 }
 
-fn of_moment(reference: &Reference, camera: usize, moment: &TimingFault) -> Finding {
+fn of_moment(reference: &Reference, camera: usize, moment: &PictureFault) -> Finding {
     let id = reference.id(camera);
     let words = match moment {
-        TimingFault::Mirrored => format!(
+        PictureFault::Mirrored => format!(
             "camera {id}: its pictures are mirrored: mirrored back they agree with the other cameras'; switch its \
              mirroring off and show the board again"
         ),
-        TimingFault::Shifted { by, from } => {
+        PictureFault::Shifted { by, from } => {
             let order = if *by < 0 { "late" } else { "early" };
             let moment = if *by < 0 { "before" } else { "after" };
             let from = match from {

@@ -7,8 +7,8 @@ use super::super::session::View;
 use super::suspects::{FEWEST_VIEWS, IndependentFit, Reference};
 use nalgebra::Isometry3;
 
-/// What is wrong with the moment of a camera's pictures.
-pub(super) enum TimingFault {
+/// Why a camera's pictures do not show their own placements.
+pub(super) enum PictureFault {
     /// They are of a placement this many before (less than 0) or after, all of them or from a placement on.
     Shifted { by: isize, from: Option<usize> },
     /// They are mirrored.
@@ -21,12 +21,12 @@ const SHIFTS: [isize; 6] = [-1, 1, -2, 2, -3, 3];
 const MOST_AGREE: f64 = 0.8;
 const FEW_AGREE: f64 = 0.5;
 
-/// What is wrong with the moment of a camera's pictures; `None` if nothing is wrong, or it cannot be known.
+/// Finds why a camera's pictures do not show their own placements; `None` if they do, or if that cannot be known.
 pub(super) fn of(
     reference: &Reference,
     camera: usize,
     parameters: &Parameters,
-) -> Option<TimingFault> {
+) -> Option<PictureFault> {
     let subject = &reference.session.cameras[camera];
     let views = reference.views(camera);
     let comparison = Comparison::new(reference.session);
@@ -44,13 +44,13 @@ pub(super) fn of(
     };
     for by in SHIFTS {
         if is_unlikely && agrees(vote(reference, &comparison, &solo, by)) {
-            return Some(TimingFault::Shifted { by, from: None });
+            return Some(PictureFault::Shifted { by, from: None });
         }
         let late = plain
             .as_ref()
             .and_then(|plain| shifted_part(reference, &comparison, &solo, plain, by));
         if let Some(from) = late {
-            return Some(TimingFault::Shifted {
+            return Some(PictureFault::Shifted {
                 by,
                 from: Some(from),
             });
@@ -59,7 +59,7 @@ pub(super) fn of(
     let mirrored: Vec<View> = views.iter().map(|v| mirrored(reference, v)).collect();
     let solo = IndependentFit::of(reference, subject, &mirrored, parameters)?;
     let is_mirrored = is_unlikely && agrees(vote(reference, &comparison, &solo, 0));
-    is_mirrored.then_some(TimingFault::Mirrored)
+    is_mirrored.then_some(PictureFault::Mirrored)
 }
 
 /// The views that agree on one place of their camera.

@@ -27,7 +27,7 @@ pub(super) struct Reference<'a> {
     pub fit: Fit,
     /// The board at each of the session's placements that its cameras saw.
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
-    /// Whether it is one camera that is suspected as much as the other: what is found is relative.
+    /// Whether either of two cameras may be at fault, because only their relative motion was found.
     pub is_relative: bool,
 }
 
@@ -104,7 +104,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// A camera by itself: results that no other camera can affect.
+/// Results from one camera's views only, which no other camera can affect.
 pub(super) struct IndependentFit {
     pub lens: super::super::lens::Lens,
     /// The views that a pose explains, with the board's (the front's) pose in each.

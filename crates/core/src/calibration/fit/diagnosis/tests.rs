@@ -6,7 +6,7 @@ use crate::calibration::{Board, CalibrationLevel};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// So many cameras side by side, a fifth of a metre apart.
+/// Cameras side by side, a fifth of a metre apart.
 fn rig(cameras: usize, seed: u64) -> Truth {
     // Few corners: a fault shows in each of them.
     let board = Board::checkerboard(6, 5, 0.035).unwrap();
@@ -32,7 +32,7 @@ fn from_on(session: &mut Session, changed: &Session, camera: usize, from: usize)
     session.views.sort_by_key(|v| (v.placement, v.camera));
 }
 
-/// What is found, and the verdict.
+/// The findings, and the verdict.
 fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     let parameters = Parameters {
         folds: 0,
@@ -117,33 +117,6 @@ fn a_pair_whose_cameras_moved_against_each_other_is_told_so() {
 }
 
 #[test]
-fn cameras_that_are_exchanged_are_named() {
-    for cameras in [3, 4] {
-        let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
-        for view in session.views.iter_mut().filter(|v| v.placement >= 12) {
-            view.camera = [0, 2, 1, 3][view.camera];
-        }
-        is_told(&session, &["cameras c01 and c02 are exchanged from p12 on"]);
-    }
-}
-
-#[test]
-fn cameras_that_are_exchanged_in_a_ring_are_named_with_what_each_shows() {
-    for cameras in [3, 5] {
-        let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
-        for view in session.views.iter_mut().filter(|v| v.placement >= 12) {
-            // The views of c01's place come as c00, and so on.
-            view.camera = [2, 0, 1, 3, 4][view.camera];
-        }
-        let words = [
-            "cameras c00, c01 and c02 are exchanged from p12 on",
-            "c00 shows what c01 did, c01 shows what c02 did, c02 shows what c00 did",
-        ];
-        is_told(&session, &words);
-    }
-}
-
-#[test]
 fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
     let truth = rig(2, 1);
     let mut exchanged = truth.session(0.1, &mut Random(7));
@@ -195,7 +168,7 @@ fn cameras_that_were_bumped_at_different_times_are_told_each() {
     );
 }
 
-/// A session in which a camera's pictures are so many placements late, from one on.
+/// A session in which a camera's pictures are late by some placements, from one placement on.
 fn late(cameras: usize, camera: usize, from: usize, by: usize) -> Session {
     let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
     for view in session.views.iter_mut().filter(|v| v.camera == camera) {
@@ -215,27 +188,6 @@ fn mirrored(cameras: usize, camera: usize) -> Session {
         }
     }
     session
-}
-
-#[test]
-fn a_camera_whose_pictures_are_late_is_named() {
-    is_told(
-        &late(4, 2, 0, 1),
-        &["camera c02: its pictures are one placement late: each"],
-    );
-    is_told(
-        &late(4, 2, 11, 1),
-        &["camera c02: its pictures are one placement late from p11 on"],
-    );
-    is_told(
-        &late(4, 2, 0, 3),
-        &["camera c02: its pictures are 3 placements late: each"],
-    );
-}
-
-#[test]
-fn a_mirrored_camera_is_named() {
-    is_told(&mirrored(4, 2), &["camera c02: its pictures are mirrored"]);
 }
 
 #[test]
@@ -267,41 +219,6 @@ fn sound_sessions_are_not_doubted() {
 }
 
 #[test]
-fn blurred_views_and_boards_that_moved_are_no_change_of_the_rig() {
-    let mut session = rig(4, 1).session(0.1, &mut Random(7));
-    let mut random = Random(5);
-    for view in session
-        .views
-        .iter_mut()
-        .filter(|v| v.camera == 1 && v.placement >= 17)
-    {
-        for corner in &mut view.corners {
-            corner.pixel += nalgebra::Vector2::new(random.normal(), random.normal());
-        }
-    }
-    let mut moved = rig(4, 1);
-    for placement in [4, 19] {
-        moved.placements[placement].translation.vector.x += 0.002;
-    }
-    let moved = moved.session(0.1, &mut Random(9));
-    for view in session.views.iter_mut().filter(|v| v.camera == 3) {
-        let same = |other: &&super::super::View| {
-            (other.camera, other.placement) == (view.camera, view.placement)
-        };
-        if let Some(other) = moved
-            .views
-            .iter()
-            .find(same)
-            .filter(|v| [4, 19].contains(&v.placement))
-        {
-            *view = other.clone();
-        }
-    }
-    let (findings, _) = told(&session);
-    assert!(findings.is_empty(), "{findings:?}");
-}
-
-#[test]
 fn three_placements_say_too_little() {
     let mut session = rig(4, 1).session(0.1, &mut Random(7));
     session.views.retain(|v| v.placement < 3);
@@ -311,4 +228,92 @@ fn three_placements_say_too_little() {
         findings.is_empty() && level == CalibrationLevel::Doubtful,
         "{level:?} {findings:?}"
     );
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_camera_whose_pictures_are_late_is_named() {
+        is_told(
+            &late(4, 2, 0, 1),
+            &["camera c02: its pictures are one placement late: each"],
+        );
+        is_told(
+            &late(4, 2, 11, 1),
+            &["camera c02: its pictures are one placement late from p11 on"],
+        );
+        is_told(
+            &late(4, 2, 0, 3),
+            &["camera c02: its pictures are 3 placements late: each"],
+        );
+    }
+
+    #[test]
+    fn cameras_that_are_exchanged_in_a_ring_are_named_with_what_each_shows() {
+        for cameras in [3, 5] {
+            let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
+            for view in session.views.iter_mut().filter(|v| v.placement >= 12) {
+                // The views of c01's place come as c00, and so on.
+                view.camera = [2, 0, 1, 3, 4][view.camera];
+            }
+            let words = [
+                "cameras c00, c01 and c02 are exchanged from p12 on",
+                "c00 shows what c01 did, c01 shows what c02 did, c02 shows what c00 did",
+            ];
+            is_told(&session, &words);
+        }
+    }
+
+    #[test]
+    fn cameras_that_are_exchanged_are_named() {
+        for cameras in [3, 4] {
+            let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
+            for view in session.views.iter_mut().filter(|v| v.placement >= 12) {
+                view.camera = [0, 2, 1, 3][view.camera];
+            }
+            is_told(&session, &["cameras c01 and c02 are exchanged from p12 on"]);
+        }
+    }
+
+    #[test]
+    fn a_mirrored_camera_is_named() {
+        is_told(&mirrored(4, 2), &["camera c02: its pictures are mirrored"]);
+    }
+
+    #[test]
+    fn blurred_views_and_boards_that_moved_are_no_change_of_the_rig() {
+        let mut session = rig(4, 1).session(0.1, &mut Random(7));
+        let mut random = Random(5);
+        for view in session
+            .views
+            .iter_mut()
+            .filter(|v| v.camera == 1 && v.placement >= 17)
+        {
+            for corner in &mut view.corners {
+                corner.pixel += nalgebra::Vector2::new(random.normal(), random.normal());
+            }
+        }
+        let mut moved = rig(4, 1);
+        for placement in [4, 19] {
+            moved.placements[placement].translation.vector.x += 0.002;
+        }
+        let moved = moved.session(0.1, &mut Random(9));
+        for view in session.views.iter_mut().filter(|v| v.camera == 3) {
+            let same = |other: &&crate::calibration::fit::View| {
+                (other.camera, other.placement) == (view.camera, view.placement)
+            };
+            if let Some(other) = moved
+                .views
+                .iter()
+                .find(same)
+                .filter(|v| [4, 19].contains(&v.placement))
+            {
+                *view = other.clone();
+            }
+        }
+        let (findings, _) = told(&session);
+        assert!(findings.is_empty(), "{findings:?}");
+    }
 }
