@@ -282,7 +282,7 @@ fn start_on(
     let interrupted =
         InterruptedRecordings::recover(&plan.recording.folder, &plan.watchdog).unwrap();
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted).unwrap());
-    interrupted.settled();
+    interrupted.forget();
     let stand = TestBench {
         folder,
         capturing,

@@ -40,7 +40,7 @@ pub enum Request {
     },
     /// What happens from now on: `listening`, and then a line of [`Event`] each.
     Events {},
-    /// Plates of the empty rig.
+    /// Take background pictures of the empty rig.
     Background {},
     /// What the daemon knows of itself.
     Status {},

@@ -43,13 +43,13 @@ pub enum ConfineError {
     Calls(#[from] seccompiler::BackendError),
 }
 
-/// Parts a process from the one that started it, which has the id `parent`: it ends with it, and holds none of its
-/// files but the standard ones. To be called before anything is opened.
+/// Makes this process end with its parent, which has the id `parent`, and closes all files that it inherited but the
+/// standard ones. To be called before anything is opened.
 ///
 /// # Errors
 /// If that one is gone already, or the system refuses.
 pub fn part_from(parent: u32) -> Result<(), ConfineError> {
-    let refused = |cause: rustix::io::Errno| limit("what ends it", cause.into());
+    let refused = |cause: rustix::io::Errno| limit("its end with its parent", cause.into());
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(refused)?;
     // It may have died before it could be bound to.
     if rustix::process::getppid()

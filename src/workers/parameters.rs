@@ -18,7 +18,7 @@ pub struct Parameters {
     /// How long one may take, in seconds, 1 to 86400. Default 900.
     #[serde(deserialize_with = "count::<_, _, 1, 86_400>")]
     pub time_limit_s: u32,
-    /// How much capturing comes first, 0 to 19: the nice value of the processes. Default 19.
+    /// Nice value of the processes, 0 to 19: a higher one leaves more processor time to capturing. Default 19.
     #[serde(deserialize_with = "count::<_, _, 0, 19>")]
     pub nice: u32,
 }

@@ -23,8 +23,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How often a job is begun that ends neither well nor badly, but with the daemon.
-const MOST_BEGUN: u32 = 3;
+/// A job that was interrupted this many times, because the daemon ended, counts as failed.
+const MAX_STARTS: u32 = 3;
 
 /// What the threads work with.
 pub struct WorkerPlan {
@@ -162,7 +162,7 @@ impl Shared {
             return Some(self.failed(&taken.job, &complete, reason, ""));
         };
         let complete = recording::finished_name(&path).unwrap_or_else(|| path.clone());
-        if taken.job.begun >= MOST_BEGUN {
+        if taken.job.begun >= MAX_STARTS {
             let begun = taken.job.begun;
             let reason = format!(
                 "it was started {begun} times, and each time the daemon or the worker ended first"
@@ -264,7 +264,7 @@ impl Shared {
         {
             if !told {
                 log::warning!(
-                    "{} has {} MB left: models wait until there are {}",
+                    "{} has {} MB free: no model is made until {} MB are free (recording.keep_free_mb)",
                     models.display(),
                     free / 1_000_000,
                     keep_free / 1_000_000

@@ -305,7 +305,7 @@ fn sighup_changes_what_models_leave_free() {
     };
     leave_free(&stand, 1_000_000_000);
     stand.start(run());
-    stand.until_logged("models wait until there are 1000000000");
+    stand.until_logged("no model is made until 1000000000 MB are free");
     assert!(!stand.log().contains(&capture), "{}", stand.log());
     leave_free(&stand, 1);
     stand.signal("-HUP");

@@ -12,7 +12,7 @@ mod summary;
 
 use super::{BadConfiguration, refuse_to_replace, wrong_usage};
 use crate::calibrate::{self, Detections, Options, Outcome};
-use crate::calibration::fit::Model;
+use crate::calibration::fit::LensModel;
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::config::Config;
@@ -68,7 +68,7 @@ pub struct Args {
     /// Lens model: plumb_bob (k1 k2 k3 p1 p2) or rational (k1 to k6, p1, p2); by default that of the configuration,
     /// or plumb_bob
     #[arg(long, value_enum)]
-    model: Option<LensModel>,
+    model: Option<ModelArgument>,
     /// Placement that lies flat on the table, where the rig's frame will be; by default the lowest one
     #[arg(long, value_name = "ID")]
     table_placement: Option<String>,
@@ -87,8 +87,8 @@ pub struct Args {
     /// The cameras run freely: use the frame nearest to the trigger
     #[arg(long)]
     nearest: bool,
-    /// Check the rig against a calibration instead: which camera moved, and by how much, and which depth camera reads
-    /// something else? One placement is enough. The exit code is 1 if one did, 3 if one could not be checked
+    /// Check the rig against a calibration instead, and name cameras that moved and depth cameras whose readings no
+    /// longer fit. One placement is enough. The exit code is 1 if there is one, 3 if a camera could not be checked
     #[arg(long, requires = "against", conflicts_with_all = [
         "out", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table", "report", "ros",
         "kalibr", "accept_doubtful", "measured", "distance",
@@ -113,16 +113,16 @@ pub struct Args {
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 #[value(rename_all = "snake_case")]
-enum LensModel {
+enum ModelArgument {
     PlumbBob,
     Rational,
 }
 
-impl From<LensModel> for Model {
-    fn from(model: LensModel) -> Self {
+impl From<ModelArgument> for LensModel {
+    fn from(model: ModelArgument) -> Self {
         match model {
-            LensModel::PlumbBob => Self::PlumbBob,
-            LensModel::Rational => Self::Rational,
+            ModelArgument::PlumbBob => Self::PlumbBob,
+            ModelArgument::Rational => Self::Rational,
         }
     }
 }

@@ -102,7 +102,7 @@ fn serve_rig(
         )
     };
     let workers = models.map(start).transpose()?;
-    interrupted.settled();
+    interrupted.forget();
     let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
     let running = Running {
         source,

@@ -262,7 +262,7 @@ impl Order {
     }
 }
 
-/// Where it is kept what presses were answered.
+/// The folder of the journal of presses.
 fn presses_of(recordings: &Path) -> PathBuf {
     recordings.join("presses")
 }
@@ -309,9 +309,9 @@ impl InterruptedRecordings {
         &self.recordings
     }
 
-    /// Forgets them: presses and jobs are settled.
-    pub fn settled(self) {
-        if let Err(error) = interrupted::settled(&self.folder) {
+    /// Removes the list of them, because all their presses and jobs were handled.
+    pub fn forget(self) {
+        if let Err(error) = interrupted::forget(&self.folder) {
             log::warning!("{error}");
         }
     }

@@ -21,10 +21,10 @@
 //!  Durable ── JobEnded ────────▶ "done" or "job_failed", Ended
 //! ```
 //!
-//! One order is carried out at a time: a press from `ask` until its last attempt is taken, see [`Presses::claim`]
-//! for the others. A press that its thread drops is refused or has failed. After a restart [`Presses::restore`]
-//! brings each press to where the journal and the recordings that were interrupted have it; one that was cut short
-//! gets its end there.
+//! The daemon works on one order at a time: a press from `ask` until its last attempt is taken; [`Presses::claim`]
+//! admits the other orders. If a thread panics while it holds a press, the press ends as refused or failed. After a
+//! restart, [`Presses::restore`] rebuilds each press from the journal and the interrupted recordings, and ends those
+//! that were cut short.
 
 pub(super) mod journal;
 mod latency;
@@ -151,7 +151,7 @@ pub(super) struct Figures {
 
 /// All presses, see the head of this file.
 pub(super) struct Presses {
-    requests: BTreeMap<PressKey, TrackedPress>,
+    presses: BTreeMap<PressKey, TrackedPress>,
     by_id: BTreeMap<String, PressKey>,
     by_capture: BTreeMap<String, PressKey>,
     next: u64,
@@ -174,8 +174,8 @@ impl Presses {
         let id = press.press_id.as_deref();
         let known = id.and_then(|id| self.by_id.get(id)).copied();
         let key = known.unwrap_or_else(|| self.asked(press));
-        if let Some(request) = self.requests.get_mut(&key) {
-            request.followers += 1;
+        if let Some(tracked) = self.presses.get_mut(&key) {
+            tracked.followers += 1;
         }
         (key, std::mem::take(&mut self.effects))
     }
@@ -191,8 +191,8 @@ impl Presses {
             Input::JobEnded(event) => self.job_ended(event),
             Input::Abandoned(press) => self.abandoned(press),
             Input::Left(press) => {
-                let request = self.requests.get_mut(&press);
-                request.into_iter().for_each(|r| r.followers -= 1);
+                let tracked = self.presses.get_mut(&press);
+                tracked.into_iter().for_each(|r| r.followers -= 1);
             }
         }
         std::mem::take(&mut self.effects)
@@ -243,12 +243,12 @@ impl Presses {
     }
 
     fn admitted(&mut self, press: PressKey, capture: String, retries: u32) {
-        let Some(request) = self.in_state(press, &PressState::Asked) else {
+        let Some(tracked) = self.in_state(press, &PressState::Asked) else {
             return;
         };
         match CaptureId::new(&capture) {
             Ok(id) => {
-                (request.first, request.retries) = (capture, retries);
+                (tracked.first, tracked.retries) = (capture, retries);
                 self.attempt(press, id);
             }
             Err(_) => {
@@ -259,11 +259,11 @@ impl Presses {
     }
 
     fn attempt(&mut self, press: PressKey, id: CaptureId) {
-        let Some(request) = self.requests.get_mut(&press) else {
+        let Some(tracked) = self.presses.get_mut(&press) else {
             return;
         };
-        request.attempts += 1;
-        let asked = request.press.clone();
+        tracked.attempts += 1;
+        let asked = tracked.press.clone();
         let accepted = Event::Accepted {
             capture: id.to_string(),
             source: Some(asked.source),
@@ -290,17 +290,17 @@ impl Presses {
     }
 
     fn taken(&mut self, press: PressKey, trigger: Timestamp, result: Result<u64, String>) {
-        let Some(request) = self.in_state(press, &PressState::Taking) else {
+        let Some(tracked) = self.in_state(press, &PressState::Taking) else {
             return;
         };
-        request.trigger = trigger;
-        let capture = request.capture.clone();
-        match (result, request.next_attempt()) {
+        tracked.trigger = trigger;
+        let capture = tracked.capture.clone();
+        match (result, tracked.next_attempt()) {
             (Err(reason), Some(id)) => {
                 self.tell(press, Event::Retried { capture, reason });
                 return self.attempt(press, id);
             }
-            (Err(reason), None) => request.state = PressState::Failing(reason),
+            (Err(reason), None) => tracked.state = PressState::Failing(reason),
             (Ok(skew_ns), _) => {
                 self.note_latency(press, "captured");
                 self.tell(press, Event::Captured { capture, skew_ns });
@@ -311,12 +311,12 @@ impl Presses {
     }
 
     fn written(&mut self, capture: String, result: Result<PathBuf, String>) {
-        let Some((press, request)) = self.of_capture(&capture) else {
+        let Some((press, tracked)) = self.of_capture(&capture) else {
             return;
         };
-        let end = match (request.state.clone(), result) {
+        let end = match (tracked.state.clone(), result) {
             // An attempt that was taken once more.
-            _ if request.capture != capture => return self.figures.failed += 1,
+            _ if tracked.capture != capture => return self.figures.failed += 1,
             (PressState::Captured, Ok(recording)) => Ok(recording),
             (PressState::Failing(reason), Ok(_)) => Err(reason),
             (PressState::Captured | PressState::Failing(_), Err(problem)) => {
@@ -335,14 +335,14 @@ impl Presses {
     }
 
     fn durable(&mut self, press: PressKey, capture: String, recording: PathBuf) {
-        let Some(request) = self.requests.get(&press) else {
+        let Some(tracked) = self.presses.get(&press) else {
             return;
         };
         let enqueue = Effect::Enqueue {
             recording: recording.clone(),
             capture: capture.clone(),
-            trigger: request.trigger,
-            source: request.press.source.clone(),
+            trigger: tracked.trigger,
+            source: tracked.press.source.clone(),
         };
         self.figures.complete += 1;
         self.note_latency(press, "durable");
@@ -353,15 +353,15 @@ impl Presses {
     fn job_ended(&mut self, event: Event) {
         let capture = event.capture().unwrap_or_default();
         match self.of_capture(capture) {
-            Some((press, request)) if request.state == PressState::Durable => {
+            Some((press, tracked)) if tracked.state == PressState::Durable => {
                 // An earlier attempt has no job.
-                if request.capture == capture {
+                if tracked.capture == capture {
                     self.tell(press, event);
                 }
             }
             // It is not known any more; or its job ended twice, as a kill came in between.
             None => self.effects.push(Effect::Publish(event)),
-            Some((_, request)) if request.state == PressState::Ended => {
+            Some((_, tracked)) if tracked.state == PressState::Ended => {
                 self.effects.push(Effect::Publish(event));
             }
             Some(_) => {}
@@ -370,10 +370,10 @@ impl Presses {
 
     fn abandoned(&mut self, press: PressKey) {
         let reason = "internal error: the thread that took it has ended".to_owned();
-        let Some(request) = self.in_state(press, &PressState::Taking) else {
+        let Some(tracked) = self.in_state(press, &PressState::Taking) else {
             return self.refused(press, reason);
         };
-        let capture = request.capture.clone();
+        let capture = tracked.capture.clone();
         self.busy = false;
         self.figures.failed += 1;
         self.tell(press, Event::Failed { capture, reason });
@@ -388,8 +388,8 @@ impl Presses {
     /// Answers a press: in the journal first, then to its client. The last answer is synced to the disk.
     fn reply(&mut self, press: PressKey, event: Event) {
         self.advance(press, &event);
-        let request = self.requests.get(&press);
-        let press_id = request.and_then(|request| request.press.press_id.clone());
+        let tracked = self.presses.get(&press);
+        let press_id = tracked.and_then(|tracked| tracked.press.press_id.clone());
         let settles = press_id.is_some() && event.is_end(Until::Durable);
         let line = press_id.map(|press_id| Effect::Journal {
             press_id,
@@ -407,8 +407,8 @@ impl Presses {
     }
 
     fn note_latency(&mut self, press: PressKey, what: &'static str) {
-        if let Some(request) = self.requests.get(&press) {
-            let took = self.now.saturating_duration_since(request.asked);
+        if let Some(tracked) = self.presses.get(&press) {
+            let took = self.now.saturating_duration_since(tracked.asked);
             self.latency.entry(what).or_default().note(took);
         }
     }

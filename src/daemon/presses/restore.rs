@@ -16,7 +16,7 @@ impl Presses {
         recorded: &[Recorded],
     ) -> (Self, Vec<Effect>) {
         let mut presses = Self {
-            requests: BTreeMap::new(),
+            presses: BTreeMap::new(),
             by_id: BTreeMap::new(),
             by_capture: BTreeMap::new(),
             next: 0,
@@ -41,8 +41,8 @@ impl Presses {
 
     fn restore_from_journal(&mut self, press_id: String, event: Event) {
         let press = self.get_or_insert(press_id);
-        let request = self.requests.get(&press);
-        if request.is_some_and(|r| r.state.may_become(&r.capture, &event)) {
+        let tracked = self.presses.get(&press);
+        if tracked.is_some_and(|r| r.state.may_become(&r.capture, &event)) {
             self.advance(press, &event);
             self.effects.push(Effect::Reply(press, event));
         }
@@ -56,17 +56,17 @@ impl Presses {
             return;
         };
         let press = self.get_or_insert(id.into());
-        let Some(request) = self.requests.get(&press) else {
+        let Some(tracked) = self.presses.get(&press) else {
             return;
         };
         let position = |id: &str| recorded.iter().position(|r| r.capture == id);
-        let is_newer = position(&request.capture) < position(&capture.capture);
-        let is_taking = request.state == PressState::Taking;
-        if !is_newer || !(is_taking || request.state == PressState::Asked) {
+        let is_newer = position(&tracked.capture) < position(&capture.capture);
+        let is_taking = tracked.state == PressState::Taking;
+        if !is_newer || !(is_taking || tracked.state == PressState::Asked) {
             return;
         }
         if is_taking {
-            let failed = request.capture.clone();
+            let failed = tracked.capture.clone();
             let reason = end_of(recorded, &failed).err().unwrap_or_default();
             let capture = failed;
             self.reply(press, Event::Retried { capture, reason });
@@ -83,7 +83,7 @@ impl Presses {
     /// Every press that was cut short gets its end: what the recordings say of its last capture, or that it is lost.
     fn resolve_interrupted(&mut self, recorded: &[Recorded]) {
         use PressState::{Asked, Captured, Taking};
-        let open = self.requests.iter();
+        let open = self.presses.iter();
         let open = open.filter(|(_, r)| matches!(r.state, Asked | Taking | Captured));
         let open: Vec<_> = open
             .map(|(press, r)| (*press, r.capture.clone(), r.state == Captured))

@@ -15,7 +15,7 @@ impl Presses {
         if let Some(id) = &press.press_id {
             self.by_id.insert(id.clone(), key);
         }
-        let request = TrackedPress {
+        let tracked = TrackedPress {
             press,
             asked: self.now,
             state: PressState::Asked,
@@ -26,9 +26,9 @@ impl Presses {
             trigger: Timestamp(0),
             followers: 0,
         };
-        self.requests.insert(key, request);
-        if self.requests.len() > MOST_PRESSES {
-            let oldest = self.requests.iter().find(|(_, r)| r.is_forgettable());
+        self.presses.insert(key, tracked);
+        if self.presses.len() > MOST_PRESSES {
+            let oldest = self.presses.iter().find(|(_, r)| r.is_forgettable());
             if let Some(key) = oldest.map(|(key, _)| *key) {
                 self.forget(key);
             }
@@ -47,13 +47,13 @@ impl Presses {
     }
 
     pub(super) fn forget(&mut self, key: PressKey) {
-        let Some(request) = self.requests.remove(&key) else {
+        let Some(tracked) = self.presses.remove(&key) else {
             return;
         };
-        if let Some(id) = &request.press.press_id {
+        if let Some(id) = &tracked.press.press_id {
             self.by_id.remove(id);
         }
-        if !request.capture.is_empty() {
+        if !tracked.capture.is_empty() {
             self.by_capture.retain(|_, press| *press != key);
         }
         self.effects.push(Effect::Forget(key));
@@ -61,14 +61,14 @@ impl Presses {
 
     /// Brings a press into the state in which an answer leaves it.
     pub(super) fn advance(&mut self, press: PressKey, event: &Event) {
-        let Some(request) = self.requests.get_mut(&press) else {
+        let Some(tracked) = self.presses.get_mut(&press) else {
             return;
         };
         if let Some(capture) = event.capture() {
-            capture.clone_into(&mut request.capture);
+            capture.clone_into(&mut tracked.capture);
             self.by_capture.insert(capture.into(), press);
         }
-        request.state = match event {
+        tracked.state = match event {
             Event::Accepted { .. } => PressState::Taking,
             // Another attempt follows.
             Event::Retried { .. } => PressState::Asked,
@@ -83,13 +83,13 @@ impl Presses {
         press: PressKey,
         state: &PressState,
     ) -> Option<&mut TrackedPress> {
-        let request = self.requests.get_mut(&press);
-        request.filter(|request| request.state == *state)
+        let tracked = self.presses.get_mut(&press);
+        tracked.filter(|tracked| tracked.state == *state)
     }
 
     pub(super) fn of_capture(&self, capture: &str) -> Option<(PressKey, &TrackedPress)> {
         let press = self.by_capture.get(capture)?;
-        Some((*press, self.requests.get(press)?))
+        Some((*press, self.presses.get(press)?))
     }
 }
 

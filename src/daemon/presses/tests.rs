@@ -532,7 +532,7 @@ fn the_oldest_are_forgotten_but_for_those_that_somebody_follows() {
         presses.on(Instant::now(), Input::Left(press));
     }
     let sizes = [
-        presses.requests.len(),
+        presses.presses.len(),
         presses.by_id.len(),
         presses.by_capture.len(),
     ];

@@ -27,7 +27,7 @@ pub enum Error {
     NoCaptures,
     /// A capture has the name that the object's folder would have.
     #[error(
-        "{}: a capture of the recording has this name, so that the object's folder cannot: give another --out",
+        "{}: a capture of this recording has this name, so the object's folder cannot have it: give another --out",
         .0.display()
     )]
     NameTaken(PathBuf),

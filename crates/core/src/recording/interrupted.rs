@@ -41,11 +41,11 @@ pub fn all(recordings: &Path) -> Vec<PathBuf> {
     names.map(|name| recordings.join(name)).collect()
 }
 
-/// Forgets them: what follows from them is on the disk.
+/// Removes the list of them, because all that follows from them is on the disk.
 ///
 /// # Errors
 /// If the list is there and cannot be removed.
-pub fn settled(recordings: &Path) -> Result<(), storage::Error> {
+pub fn forget(recordings: &Path) -> Result<(), storage::Error> {
     let file = list(recordings);
     match std::fs::remove_file(&file) {
         Err(cause) if cause.kind() != std::io::ErrorKind::NotFound => Err(storage::Error::Io {
@@ -72,8 +72,8 @@ mod tests {
         enter(folder.path(), &[path("c.mcap"), path("a.mcap")]).unwrap();
         let expected = ["a.mcap", "b.mcap", "c.mcap"].map(path);
         assert_eq!(all(folder.path()), expected);
-        settled(folder.path()).unwrap();
-        settled(folder.path()).unwrap();
+        forget(folder.path()).unwrap();
+        forget(folder.path()).unwrap();
         assert_eq!(all(folder.path()), Vec::<PathBuf>::new());
     }
 }

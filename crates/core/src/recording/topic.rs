@@ -1,5 +1,5 @@
-//! The topics of a recording and the schemas their messages have. The parts of a topic's name are the names of the
-//! enums' members in lower case, so that a new member needs no entry in a list.
+//! The topics of a recording and the schemas of their messages. The parts of a topic's name are the names of the enums'
+//! members in lower case; a new member needs only its schemas in `Topic::schemas`.
 
 use crate::frame::CameraId;
 use serde::de::IntoDeserializer;
@@ -7,7 +7,7 @@ use serde::de::value::Error as NotAWord;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// What a channel carries. Of serde's form only [`Topic::parse`] and `Display` make use.
+/// What a channel carries. Only [`Topic::parse`] and `Display` use what serde derives.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Topic {
@@ -25,9 +25,9 @@ pub enum Topic {
     Trigger,
     /// `/capture`: a capture is complete or has failed.
     Capture,
-    /// `/note`: what a person said of a capture.
+    /// `/note`: a person's note on a capture.
     Note,
-    /// `/log`: what the daemon had to say.
+    /// `/log`: lines of the daemon's log.
     Log,
 }
 

@@ -26,22 +26,29 @@ impl CaptureThread {
         }
         let folder = &self.plan.recording.folder;
         let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-        let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
-        // Those that are not on the disk yet will take theirs.
-        let waiting = self.recorder.waiting() as u64;
-        // Room for what the recording has beside the pictures, and for the backgrounds of a file that may begin.
-        let beside = self.backgrounds_bytes() + bytes / 10 + 1_000_000;
-        if free < kept_free + (1 + waiting) * bytes + beside {
+        if self.usable(free).is_none_or(|usable| usable < bytes) {
             return Err(format!(
-                "{} has {} MB left, a capture takes {} MB, {waiting} wait for the disk, and {} MB stay free \
+                "{} has {} MB left, a capture takes {} MB, {} wait for the disk, and {} MB stay free \
                  (recording.keep_free_mb)",
                 folder.display(),
                 free / 1_000_000,
                 bytes / 1_000_000,
+                self.recorder.waiting(),
                 self.plan.recording.keep_free_mb
             ));
         }
         Ok(())
+    }
+
+    /// Of so many free bytes those that captures may take; `None` if not even what is kept free is there.
+    pub(super) fn usable(&self, free: u64) -> Option<u64> {
+        let bytes = self.capture_bytes();
+        // Captures that wait for the disk will take their share of it.
+        let waiting = self.recorder.waiting() as u64 * bytes;
+        // A recording has more than pictures, and a file that begins has the backgrounds.
+        let rest = self.backgrounds_bytes() + bytes / 10 + 1_000_000;
+        let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
+        free.checked_sub(kept_free + waiting + rest)
     }
 
     /// Bytes of the backgrounds that a file begins with.

@@ -210,7 +210,7 @@ impl CaptureThread {
     fn publish(&self) {
         let bytes = self.capture_bytes();
         let free = free_bytes(&self.plan.recording.folder).unwrap_or(0);
-        let usable = free.saturating_sub(self.plan.recording.keep_free_mb * 1_000_000);
+        let usable = self.usable(free).unwrap_or(0);
         let status = Status {
             cameras: status::cameras(&self.rig, &self.lost),
             session: self.session.as_ref().map(|s| s.name.clone()),

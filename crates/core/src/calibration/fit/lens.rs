@@ -13,7 +13,7 @@ pub(super) type ByLens = SMatrix<f64, 2, PARAMETERS>;
 /// Which terms of the distortion are fitted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[serde(rename_all = "snake_case")]
-pub enum Model {
+pub enum LensModel {
     /// Brown–Conrady: k1, k2, k3 and p1, p2.
     #[default]
     PlumbBob,

@@ -40,7 +40,7 @@ pub use coverage::{CoverageLimits, missing};
 pub use diagnosis::{Finding, diagnose};
 pub use drift::{CheckError, Checked, Checks, Motion, PairMotion, Watch, check};
 pub use grid::Rejection;
-pub use lens::{Lens, Model};
+pub use lens::{Lens, LensModel};
 pub use projection::Projection;
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, LeftOutShare,
@@ -63,7 +63,7 @@ use crate::range;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Model of the lenses' distortion. Default `plumb_bob`.
-    pub model: Model,
+    pub model: LensModel,
     /// Fewest views from which a lens is fitted.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::count::<_, _, 1, 1000>")]
@@ -102,7 +102,7 @@ pub struct Parameters {
 impl Default for Parameters {
     fn default() -> Self {
         Self {
-            model: Model::default(),
+            model: LensModel::default(),
             min_views: 3,
             min_corners: 6,
             table_placement: None,

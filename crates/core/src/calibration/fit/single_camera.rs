@@ -2,7 +2,7 @@
 //! rig starts.
 
 use super::adjust::{Bundle, CameraState, Loss, Observation, PlacementState, Prior};
-use super::lens::{Lens, Model, PARAMETERS};
+use super::lens::{Lens, LensModel, PARAMETERS};
 use super::planar::{self, PlanePose};
 use super::session::{SessionCamera, View};
 use super::sheet::Sheet;
@@ -23,7 +23,7 @@ pub(super) fn calibrate(
     subject: &SessionCamera,
     views: &[&View],
     board: &Board,
-    model: Model,
+    model: LensModel,
 ) -> Option<SingleCamera> {
     let pairs: Vec<_> = views.iter().map(|v| v.pairs(board)).collect();
     if let Some(known) = &subject.known {
@@ -44,7 +44,7 @@ pub(super) fn calibrate(
 fn starts(
     subject: &SessionCamera,
     pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
-    model: Model,
+    model: LensModel,
 ) -> Vec<Lens> {
     if let Some(start) = &subject.start {
         let mut lens = Lens::from_intrinsics(start);
@@ -78,7 +78,7 @@ fn from_start(
     board: &Board,
     pairs: &[Vec<(Point3<f64>, Point2<f64>)>],
     lens: Lens,
-    model: Model,
+    model: LensModel,
 ) -> Option<(f64, Lens)> {
     let mut bundle = Bundle {
         cameras: vec![CameraState {
@@ -125,10 +125,10 @@ fn from_start(
 }
 
 /// The parameters that a model has.
-pub(super) fn free_parameters(model: Model) -> [bool; PARAMETERS] {
+pub(super) fn free_parameters(model: LensModel) -> [bool; PARAMETERS] {
     let terms = match model {
-        Model::PlumbBob => 9,
-        Model::Rational => PARAMETERS,
+        LensModel::PlumbBob => 9,
+        LensModel::Rational => PARAMETERS,
     };
     std::array::from_fn(|i| i < terms)
 }

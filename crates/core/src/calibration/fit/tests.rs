@@ -534,10 +534,10 @@ fn a_lens_that_no_polynomial_describes_is_found_with_the_rational_model() {
         };
         fit(&session, &parameters).unwrap().figures.rms_px
     };
-    let rational = rms(Model::Rational);
+    let rational = rms(LensModel::Rational);
     // 0.1 px in each of two coordinates.
     assert!((rational - 0.1414).abs() < 0.004, "{rational}");
-    let polynomial = rms(Model::PlumbBob);
+    let polynomial = rms(LensModel::PlumbBob);
     assert!(polynomial > 1.3 * rational, "{polynomial} {rational}");
 }
 
