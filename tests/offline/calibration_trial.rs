@@ -10,7 +10,7 @@ use scand::recording::{Compression, Writer};
 use scand_lab::{BoardOptions, BoardSession, CameraFault, Capture, Encoding, Options};
 use std::path::{Path, PathBuf};
 
-const PLACEMENTS: usize = 19;
+const PLACEMENTS: usize = 30;
 
 fn is_full() -> bool {
     std::env::var_os("SCAND_TRIAL").is_some_and(|size| size == "full")
@@ -415,8 +415,8 @@ fn no_sound_session_is_doubted() {
         let (base, board) = captures(|options, boards| {
             options.seed = seed;
             if !is_full() {
-                (options.width, options.height, options.cameras) = (800, 600, 5);
-                boards.placements = 17;
+                (options.width, options.height, options.cameras) = (800, 600, 8);
+                boards.placements = 30;
             }
             options.depth.bias_mm = 12.0;
         });

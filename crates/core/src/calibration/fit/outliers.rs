@@ -121,6 +121,10 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
     }))
 }
 
+/// Why a view is left out that fits a pose of the board, but not the one that the placement's other views agree on.
+pub(super) const ELSEWHERE: &str = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
+                                    taken at another time";
+
 /// The one view of a placement without which its other views agree, each camera's to `most` pixels.
 fn odd_one_out(
     bundle: &Bundle,
@@ -146,9 +150,7 @@ fn odd_one_out(
     };
     let (rest, odd) =
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let reason = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
-                  taken at another time";
-    (rest <= 1.0).then(|| ViewDecision::View(odd, reason.into()))
+    (rest <= 1.0).then(|| ViewDecision::View(odd, ELSEWHERE.into()))
 }
 
 /// A bundle of one placement's views in which only the board's pose is free, adjusted.

@@ -2,6 +2,7 @@
 //! another camera's place, another moment, or a mirrored picture. It names causes and changes no fit.
 
 mod exchange;
+mod last_view;
 mod moment;
 mod split;
 mod suspects;
@@ -34,7 +35,18 @@ pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -
         .map(|reference| of_reference(reference, parameters));
     // The sound rig is the one that leaves the least to explain.
     let explained = told.filter(|findings: &Vec<Finding>| !findings.is_empty());
-    explained.min_by_key(Vec::len).unwrap_or_default()
+    let mut findings = explained.min_by_key(Vec::len).unwrap_or_default();
+    if let Some(fit) = fit {
+        let possible = last_view::of(session, fit);
+        let is_new = |f: &Finding| {
+            !findings
+                .iter()
+                .any(|known| known.cameras.contains(&f.cameras[0]))
+        };
+        let new: Vec<Finding> = possible.into_iter().filter(is_new).collect();
+        findings.extend(new);
+    }
+    findings
 }
 
 /// The causes on which the suspected cameras' views agree, compared with this rig of the others.

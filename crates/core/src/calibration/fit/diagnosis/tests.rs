@@ -135,6 +135,31 @@ fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
 }
 
 #[test]
+fn a_camera_that_shows_the_board_elsewhere_in_its_last_view_alone_may_have_moved() {
+    let last = bumped(4, 2, 0.5, 19);
+    is_told(
+        &last,
+        &[
+            "camera c02: its last view, at p19,",
+            "may have been moved",
+            "again",
+        ],
+    );
+    let mut first = bumped(4, 2, 0.5, 0);
+    from_on(&mut first, &bumped(4, 2, 0.5, 20), 2, 1);
+    is_told(
+        &first,
+        &[
+            "camera c02: its first view, at p00,",
+            "--from-placement p01",
+        ],
+    );
+    let mut between = bumped(4, 2, 0.5, 9);
+    from_on(&mut between, &bumped(4, 2, 0.5, 20), 2, 10);
+    assert!(told(&between).0.is_empty());
+}
+
+#[test]
 fn a_camera_that_is_bumped_twice_is_told_twice() {
     let mut session = bumped(4, 2, 0.7, 8);
     let again = bumped(4, 2, 1.5, 0);
