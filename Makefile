@@ -35,9 +35,11 @@ deps: ## install what the tests need beyond Rust and a C compiler (as root on De
 check: ## all checks without root or a camera library: format, clippy, documentation, licences, spelling, short default tests
 	@CARGO=$(CARGO) scripts/check.sh
 
-test: deps check ## the gate: install what the tests need, then `check`, then the long tests and the rig's (scand-core has no features)
+test: deps check ## the gate: install what the tests need, then `check`, then the long tests, the rig's and the page's
 	scripts/part.sh "tests, long" $(CARGO) test --locked --workspace --quiet -- long::
+	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
 	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page --lib --bins $(RIG_TESTS)
+	scripts/part.sh "tests, page" scripts/page-test.sh
 
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1

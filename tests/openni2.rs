@@ -6,7 +6,7 @@ mod stage;
 
 use scand::clock::Clock;
 use scand::drivers::live::{
-    Backoff, Device, Driver, Event, Fault, Message, Pool, Shot, ShotStats, supervise,
+    Backoff, CameraEvent, Device, Driver, Fault, Message, Pool, Shot, ShotStats, supervise,
 };
 use scand::drivers::openni2::{OpenNi2, Parameters};
 use scand::frame::{CameraId, Frame, Picture, Stream, Timestamp};
@@ -380,36 +380,37 @@ fn an_unplugged_camera_is_named_and_comes_back() {
             let id = CameraId::new("d0").unwrap();
             let camera = supervise(id, driver, sender, Backoff::default()).unwrap();
             let next = || events.recv_timeout(Duration::from_secs(20)).unwrap().event;
-            assert!(matches!(next(), Event::Ready(_)));
+            assert!(matches!(next(), CameraEvent::Ready(_)));
             stand.tell("d0 gone");
             let begin = Instant::now();
             match next() {
-                Event::Away { fault, .. } => {
+                CameraEvent::Away { fault, .. } => {
                     assert!(fault.to_string().contains("unplugged"), "{fault}")
                 }
                 other => panic!("{other:?}"),
             }
             assert!(begin.elapsed() < Duration::from_secs(10));
             let asked = camera.shoot(stand.shot(7, 1.0));
-            let answer = std::iter::repeat_with(next).find(|e| matches!(e, Event::Answered { .. }));
+            let answer =
+                std::iter::repeat_with(next).find(|e| matches!(e, CameraEvent::Answered { .. }));
             assert!(
                 asked
                     && matches!(
                         answer,
-                        Some(Event::Answered {
+                        Some(CameraEvent::Answered {
                             outcome: Err(_),
                             ..
                         })
                     )
             );
             stand.tell("");
-            while !matches!(next(), Event::Ready(_)) {}
+            while !matches!(next(), CameraEvent::Ready(_)) {}
             assert!(camera.shoot(stand.shot(8, 5.0)));
             let mut frames = 0;
             let outcome = loop {
                 match next() {
-                    Event::Frame { shot: 8, .. } => frames += 1,
-                    Event::Answered { shot: 8, outcome } => break outcome,
+                    CameraEvent::Frame { shot: 8, .. } => frames += 1,
+                    CameraEvent::Answered { shot: 8, outcome } => break outcome,
                     other => panic!("{other:?}"),
                 }
             };

@@ -14,14 +14,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("frame", &["image"]),
     ("description", &[]),
     ("notes", &["frame"]),
-    ("calibration", &["frame", "range"]),
+    ("calibration", &["frame", "range", "storage"]),
     (
         "calibration/fit",
         &["calibration", "frame", "image", "range", "statistics"],
     ),
     (
         "calibration/response",
-        &["calibration", "image", "range", "statistics"],
+        &["calibration", "image", "range", "statistics", "storage"],
     ),
     (
         "calibrate",
@@ -51,6 +51,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "frame",
             "image",
             "reconstruct",
+            "storage",
         ],
     ),
     (
@@ -265,6 +266,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         "config",
         &[
             "range",
+            "storage",
             "words",
             "calibration",
             "daemon",

@@ -35,7 +35,7 @@ const CALIBRATION: [(&str, &str, &str); 6] = [
     (
         "wanted",
         "crates/core/src/calibration/fit/coverage.rs",
-        "pub struct Wanted",
+        "pub struct CoverageLimits",
     ),
     (
         "watch",
@@ -45,7 +45,7 @@ const CALIBRATION: [(&str, &str, &str); 6] = [
     (
         "witness",
         "crates/core/src/calibration/fit/scale.rs",
-        "pub struct Witnesses",
+        "pub struct ScaleWitnessLimits",
     ),
     (
         "plane",

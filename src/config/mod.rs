@@ -16,7 +16,7 @@ use crate::daemon::{
 };
 use crate::drivers::link::Link;
 use crate::drivers::{aravis, openni2, v4l2};
-use crate::{output, reconstruct, report, sync, words, workers};
+use crate::{output, reconstruct, report, storage, sync, words, workers};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -211,17 +211,11 @@ fn read(path: &Path, defaults: &Table) -> Result<Table, Error> {
         path: path.into(),
         cause,
     };
-    let length = std::fs::metadata(path).map_err(failed)?.len();
     let parse = |message: String| Error::Parse {
         path: path.into(),
         message,
     };
-    if length > LONGEST_FILE {
-        return Err(parse(format!(
-            "{length} bytes, expected at most {LONGEST_FILE}"
-        )));
-    }
-    let text = std::fs::read_to_string(path).map_err(failed)?;
+    let text = storage::read_text(path, LONGEST_FILE).map_err(failed)?;
     let text = lengths::as_numbers(&text, defaults);
     // Read as the configuration first: only then do messages have line numbers.
     toml::from_str::<Config>(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;

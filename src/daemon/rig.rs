@@ -4,7 +4,7 @@
 use super::systemd::Heartbeat;
 use crate::clock::Clock;
 use crate::drivers::live::{
-    Backoff, CameraInfo, Driver, Event, Fault, Message, Shot, ShotStats, StoppingThread,
+    Backoff, CameraEvent, CameraInfo, Driver, Fault, Message, Shot, ShotStats, StoppingThread,
     Supervised, supervise,
 };
 use crate::frame::{CameraId, Frame, Timestamp};
@@ -134,23 +134,23 @@ impl Rig {
             return false;
         };
         match message.event {
-            Event::Ready(info) => camera.state = State::Ready(info),
-            Event::Away { fault, .. } => {
+            CameraEvent::Ready(info) => camera.state = State::Ready(info),
+            CameraEvent::Away { fault, .. } => {
                 // A failed attempt to reopen it changes nothing.
                 let is_news = !matches!(&camera.state, State::Away(before) if *before == fault);
                 camera.state = State::Away(fault);
                 camera.health.clear();
                 return is_news;
             }
-            Event::Health(health) => {
+            CameraEvent::Health(health) => {
                 camera.health = health;
                 return false;
             }
-            Event::Frame { .. } => {
+            CameraEvent::Frame { .. } => {
                 self.late_frames += 1;
                 return false;
             }
-            Event::Answered { .. } => return false,
+            CameraEvent::Answered { .. } => return false,
         }
         true
     }
@@ -256,11 +256,11 @@ impl Rig {
                 Err(_) => return,
             };
             match message.event {
-                Event::Frame {
+                CameraEvent::Frame {
                     shot: number,
                     frame,
                 } if number == shot.number => result.frames.push(frame),
-                Event::Answered {
+                CameraEvent::Answered {
                     shot: number,
                     outcome,
                 } if number == shot.number => {

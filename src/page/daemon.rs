@@ -1,7 +1,7 @@
 //! The page's client of the daemon's socket: at most eight connections, however many people look. Two are the page's
 //! own (the events and the status, see `watch`), the others carry people's requests.
 
-use crate::trigger::{Event, Reply, Request, Until};
+use crate::trigger::{Event, LONGEST_REPLY, Reply, Request, Until};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
@@ -12,8 +12,6 @@ use tokio::time::timeout;
 
 /// Connections for people's requests.
 const REQUESTS: usize = 6;
-/// Longest line that is read, in bytes.
-const LONGEST_REPLY: u64 = 4 << 20;
 /// How long a request waits for one of the connections.
 const QUEUE: Duration = Duration::from_secs(2);
 /// How long a press may wait until it is accepted; later, hands are in the picture again.

@@ -2,6 +2,7 @@
 //! rig's configuration, and nothing of who may look at a page belongs into a recording.
 
 use super::origin::Origins;
+use crate::storage;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -62,9 +63,6 @@ pub enum Error {
         path: PathBuf,
         cause: std::io::Error,
     },
-    /// It is too large to be one.
-    #[error("configuration {}: expected at most {LARGEST_FILE} bytes", path.display())]
-    TooLarge { path: PathBuf },
     /// It is not what it should be.
     #[error("configuration {}: {cause}", path.display())]
     Parse {
@@ -108,10 +106,7 @@ impl Parameters {
             path: path.into(),
             cause,
         };
-        if std::fs::metadata(path).map_err(failed)?.len() > LARGEST_FILE {
-            return Err(Error::TooLarge { path: path.into() });
-        }
-        let text = std::fs::read_to_string(path).map_err(failed)?;
+        let text = storage::read_text(path, LARGEST_FILE).map_err(failed)?;
         toml::from_str(&text).map_err(|cause| Error::Parse {
             path: path.into(),
             cause,

@@ -6,8 +6,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Largest reply that is read, in bytes.
-const LONGEST_REPLY: u64 = 4 << 20;
+/// Longest line of the daemon that a client reads, in bytes.
+pub const LONGEST_REPLY: u64 = 4 << 20;
 
 /// Why the daemon could not be asked.
 #[derive(Debug, thiserror::Error)]

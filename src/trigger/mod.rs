@@ -4,7 +4,7 @@
 mod client;
 mod event;
 
-pub use client::{Client, Error};
+pub use client::{Client, Error, LONGEST_REPLY};
 pub use event::{Event, Reply, Until};
 
 use serde::{Deserialize, Serialize};

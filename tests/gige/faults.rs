@@ -4,7 +4,7 @@ use crate::network::alone;
 use crate::stand::{CAPTURES, Stand, id, milliseconds_after};
 use crate::support::torture::times;
 use crossbeam_channel::{Receiver, unbounded};
-use scand::drivers::live::{Backoff, Event, Fault, Message, supervise};
+use scand::drivers::live::{Backoff, CameraEvent, Fault, Message, supervise};
 use std::time::{Duration, Instant};
 
 #[test]
@@ -47,7 +47,7 @@ fn a_frame_with_lost_packets_never_looks_whole() {
 fn until<T>(
     events: &Receiver<Message>,
     patience: Duration,
-    mut wanted: impl FnMut(Event) -> Option<T>,
+    mut wanted: impl FnMut(CameraEvent) -> Option<T>,
 ) -> T {
     let end = Instant::now() + patience;
     loop {
@@ -70,7 +70,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             let driver = Box::new(stand.driver("c00", parameters));
             let camera = supervise(id("c00"), driver, sender, Backoff::default()).unwrap();
             let ready = |event| match event {
-                Event::Ready(info) => Some(info),
+                CameraEvent::Ready(info) => Some(info),
                 _ => None,
             };
             let before = until(&events, Duration::from_secs(10), ready);
@@ -78,7 +78,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             let stopped = Instant::now();
             stand.rig.stop_camera(&id("c00")).unwrap();
             let fault = until(&events, Duration::from_secs(10), |event| match event {
-                Event::Away { fault, .. } => Some(fault),
+                CameraEvent::Away { fault, .. } => Some(fault),
                 _ => None,
             });
             assert!(fault.to_string().contains("127.0.1.1"), "{fault}");
@@ -96,7 +96,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             stand.rig.stop_camera(&id("c00")).unwrap();
             assert!(camera.shoot(stand.shot(7, Duration::from_secs(1))));
             let outcome = until(&events, Duration::from_secs(10), |event| match event {
-                Event::Answered { shot: 7, outcome } => Some(outcome),
+                CameraEvent::Answered { shot: 7, outcome } => Some(outcome),
                 _ => None,
             });
             assert!(matches!(outcome, Err(Fault::Away(_))), "{outcome:?}");
@@ -104,7 +104,7 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
             until(&events, Duration::from_secs(20), ready);
             assert!(camera.shoot(stand.shot(8, Duration::from_secs(2))));
             until(&events, Duration::from_secs(10), |event| match event {
-                Event::Frame { shot: 8, frame } if frame.camera == id("c00") => Some(()),
+                CameraEvent::Frame { shot: 8, frame } if frame.camera == id("c00") => Some(()),
                 _ => None,
             });
             assert!(camera.end().wait(Instant::now() + Duration::from_secs(10)));

@@ -4,7 +4,7 @@ use crate::network::alone;
 use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};
 use crossbeam_channel::unbounded;
 use scand::drivers::aravis::{Parameters, TriggerMode};
-use scand::drivers::live::{Backoff, Event, Fault, supervise};
+use scand::drivers::live::{Backoff, CameraEvent, Fault, supervise};
 use scand_lab::serve::Shown;
 use std::time::{Duration, Instant};
 
@@ -243,7 +243,7 @@ fn cameras_are_shot_together_and_each_gives_its_own() {
             let names: Vec<&str> = CAMERAS.iter().map(|c| c.0).collect();
             let cameras: Vec<_> = names.iter().map(start).collect();
             let next = || events.recv_timeout(Duration::from_secs(20)).unwrap();
-            (0..cameras.len()).for_each(|_| assert!(matches!(next().event, Event::Ready(_))));
+            (0..cameras.len()).for_each(|_| assert!(matches!(next().event, CameraEvent::Ready(_))));
             let mut spreads = Vec::new();
             for number in 0..30 {
                 let shot = stand.shot(number, Duration::from_secs(3));
@@ -256,11 +256,11 @@ fn cameras_are_shot_together_and_each_gives_its_own() {
                         .position(|n| *n == message.camera.as_str())
                         .unwrap();
                     match message.event {
-                        Event::Frame { frame, .. } => {
+                        CameraEvent::Frame { frame, .. } => {
                             assert!(stand.is_picture(&frame, camera, number as usize % CAPTURES));
                             times.push(frame.timestamp.0);
                         }
-                        Event::Answered { outcome, .. } => {
+                        CameraEvent::Answered { outcome, .. } => {
                             assert_eq!(outcome, Ok(Default::default()));
                             answers += 1;
                         }

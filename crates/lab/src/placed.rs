@@ -49,7 +49,8 @@ impl Placed {
     }
 }
 
-/// The object's surface in its own frame as the captures see it that nothing happened to before.
+/// The undamaged object in its own frame. If it breaks later, it is meshed as the broken one is, so that the two differ
+/// only at the break.
 pub(super) fn object(options: &Options) -> Mesh {
     let spacing = options.spacing_mm * 1e-3;
     match is_broken(options) {

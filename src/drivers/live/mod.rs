@@ -13,7 +13,9 @@ use std::time::Duration;
 pub use clock::{DeviceClock, Reading};
 pub use device::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
 pub use pool::{Pool, PooledBuffer};
-pub use supervisor::{Backoff, Command, Event, Message, StoppingThread, Supervised, supervise};
+pub use supervisor::{
+    Backoff, CameraEvent, Command, Message, StoppingThread, Supervised, supervise,
+};
 
 /// How much earlier than the daemon's trigger an electrical signal may start the exposure: the press takes that long
 /// through the switch, USB and the socket.

@@ -18,7 +18,7 @@ pub enum Command {
 
 /// What a camera's thread reports.
 #[derive(Debug)]
-pub enum Event {
+pub enum CameraEvent {
     /// The camera is open and configured.
     Ready(Box<CameraInfo>),
     /// A complete frame of a shot.
@@ -52,7 +52,7 @@ pub struct Message {
     /// The camera.
     pub camera: CameraId,
     /// What a camera's thread reports.
-    pub event: Event,
+    pub event: CameraEvent,
 }
 
 /// Pauses between attempts to open a camera; each is twice the one before, up to a limit.
@@ -178,7 +178,7 @@ impl Supervisor {
             if worked {
                 pause = self.backoff.first;
             }
-            self.tell(Event::Away {
+            self.tell(CameraEvent::Away {
                 fault: fault.clone(),
                 again_in: pause,
             });
@@ -192,7 +192,7 @@ impl Supervisor {
     /// Serves until the camera fails; returns why, and whether it had been open.
     fn open_and_serve(&mut self) -> Result<Stop, (Fault, bool)> {
         let mut device = guarded(|| self.driver.open()).map_err(|fault| (fault, false))?;
-        self.tell(Event::Ready(Box::new(device.info().clone())));
+        self.tell(CameraEvent::Ready(Box::new(device.info().clone())));
         let served = guarded(|| self.serve(device.as_mut()));
         // A device that panicked may panic again while it is closed.
         let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
@@ -224,7 +224,7 @@ impl Supervisor {
         if !health.is_empty() {
             let message = Message {
                 camera: self.camera.clone(),
-                event: Event::Health(health),
+                event: CameraEvent::Health(health),
             };
             let _ = self.events.try_send(message);
         }
@@ -240,7 +240,7 @@ impl Supervisor {
             })
         });
         let fault = outcome.as_ref().err().cloned();
-        self.tell(Event::Answered {
+        self.tell(CameraEvent::Answered {
             shot: shot.number,
             outcome: outcome.map(|mut stats| {
                 stats.lost.append(&mut not_taken);
@@ -261,7 +261,7 @@ impl Supervisor {
         }
         let message = Message {
             camera: self.camera.clone(),
-            event: Event::Frame { shot, frame },
+            event: CameraEvent::Frame { shot, frame },
         };
         match self.events.try_send(message) {
             Ok(()) => Ok(()),
@@ -279,7 +279,7 @@ impl Supervisor {
         let until = Instant::now() + pause;
         loop {
             match self.commands.recv_deadline(until) {
-                Ok(Command::Shoot(shot)) => self.tell(Event::Answered {
+                Ok(Command::Shoot(shot)) => self.tell(CameraEvent::Answered {
                     shot: shot.number,
                     outcome: Err(fault.clone()),
                 }),
@@ -290,7 +290,7 @@ impl Supervisor {
     }
 
     /// Reports an event that must not be lost: waits until the queue has space, but not for ever.
-    fn tell(&self, event: Event) {
+    fn tell(&self, event: CameraEvent) {
         let message = Message {
             camera: self.camera.clone(),
             event,

@@ -91,7 +91,7 @@ fn stand(script: Script, fails_to_open: usize) -> TestBench {
 }
 
 impl TestBench {
-    fn next(&self) -> Event {
+    fn next(&self) -> CameraEvent {
         self.events
             .recv_timeout(Duration::from_secs(20))
             .unwrap()
@@ -99,7 +99,7 @@ impl TestBench {
     }
 
     fn ready(&self) {
-        while !matches!(self.next(), Event::Ready(_)) {}
+        while !matches!(self.next(), CameraEvent::Ready(_)) {}
     }
 
     fn shoot(&self, number: u64) -> (Vec<Timestamp>, Result<ShotStats, Fault>) {
@@ -116,8 +116,12 @@ impl TestBench {
         let mut frames = Vec::new();
         loop {
             match self.next() {
-                Event::Frame { shot, frame } if shot == number => frames.push(frame.timestamp),
-                Event::Answered { shot, outcome } if shot == number => return (frames, outcome),
+                CameraEvent::Frame { shot, frame } if shot == number => {
+                    frames.push(frame.timestamp)
+                }
+                CameraEvent::Answered { shot, outcome } if shot == number => {
+                    return (frames, outcome);
+                }
                 _ => {}
             }
         }
@@ -145,7 +149,7 @@ fn sound(number: u64, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
 fn a_camera_that_is_not_there_yet_is_opened_later_and_named_meanwhile() {
     let stand = stand(sound, 5);
     match stand.next() {
-        Event::Away { fault, .. } => assert!(fault.to_string().contains("127.0.0.9")),
+        CameraEvent::Away { fault, .. } => assert!(fault.to_string().contains("127.0.0.9")),
         other => panic!("{other:?}"),
     }
     stand.ready();
@@ -169,7 +173,7 @@ fn an_unplugged_camera_is_named_when_idle_and_comes_back_each_time() {
     stand.ready();
     for round in 0..rounds {
         stand.plugged.store(false, Ordering::Relaxed);
-        while !matches!(stand.next(), Event::Away { fault, .. } if fault == Fault::Away("unplugged".into()))
+        while !matches!(stand.next(), CameraEvent::Away { fault, .. } if fault == Fault::Away("unplugged".into()))
         {
         }
         let (frames, outcome) = stand.shoot(2 * round + 1);

@@ -5,6 +5,7 @@ use super::{
     CalibrationLevel, CalibrationVerdict, Camera, DepthResponse, Distortion, Intrinsics, Volume,
 };
 use crate::frame::CameraId;
+use crate::storage;
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -135,14 +136,7 @@ pub(super) fn read_text(path: &Path) -> Result<String, FileError> {
         path: path.into(),
         cause,
     };
-    let length = std::fs::metadata(path).map_err(failed)?.len();
-    if length > LONGEST_FILE {
-        return Err(FileError::Parse {
-            path: path.into(),
-            message: format!("{length} bytes, expected at most {LONGEST_FILE}"),
-        });
-    }
-    std::fs::read_to_string(path).map_err(failed)
+    storage::read_text(path, LONGEST_FILE).map_err(failed)
 }
 
 impl RigCalibration {

@@ -2,6 +2,7 @@
 
 use super::error::Error;
 use crate::frame::{CameraId, Picture};
+use crate::storage;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -91,12 +92,7 @@ pub(super) fn read(path: &Path) -> Result<Picture, Error> {
         path: path.into(),
         cause,
     };
-    let length = std::fs::metadata(path).map_err(failed)?.len();
-    if length > LARGEST_FILE {
-        let words = format!("{length} bytes, expected at most {LARGEST_FILE}");
-        return Err(failed(std::io::Error::other(words)));
-    }
-    let data = std::fs::read(path).map_err(failed)?;
+    let data = storage::read(path, LARGEST_FILE).map_err(failed)?;
     let format = match &data[..] {
         [0xff, 0xd8, ..] => "jpeg".to_owned(),
         [0x89, b'P', b'N', b'G', ..] => "png".to_owned(),

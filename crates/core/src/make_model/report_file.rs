@@ -3,6 +3,7 @@
 
 use crate::level::Level;
 use crate::report::Outcome;
+use crate::storage;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -59,14 +60,7 @@ struct Reason {
 /// If there is none, or it is larger than any report. The message names the file.
 pub(super) fn text(folder: &Path) -> Result<String, String> {
     let path = folder.join(NAME);
-    let bad = |problem: String| format!("{}: {problem}", path.display());
-    let length = std::fs::metadata(&path)
-        .map_err(|e| bad(e.to_string()))?
-        .len();
-    if length > LONGEST {
-        return Err(bad(format!("{length} bytes, expected at most {LONGEST}")));
-    }
-    std::fs::read_to_string(&path).map_err(|e| bad(e.to_string()))
+    storage::read_text(&path, LONGEST).map_err(|problem| format!("{}: {problem}", path.display()))
 }
 
 impl ReportFile {

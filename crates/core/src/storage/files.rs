@@ -4,13 +4,41 @@
 use super::Error;
 use std::fs::{self, File, OpenOptions};
 use std::io::ErrorKind::{AlreadyExists, InvalidInput, PermissionDenied, Unsupported};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Distinguishes the temporary names of one process.
 static NEXT: AtomicU32 = AtomicU32::new(0);
+
+/// A file's bytes, if it has at most `most`; a file that grows meanwhile, or that has no size, is bounded as well.
+///
+/// # Errors
+/// If it cannot be read, or is larger.
+pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut bytes = Vec::new();
+    if length <= most {
+        file.take(most + 1).read_to_end(&mut bytes)?;
+    }
+    let length = length.max(bytes.len() as u64);
+    if length > most {
+        let message = format!("{length} bytes, expected at most {most}");
+        return Err(io::Error::other(message));
+    }
+    Ok(bytes)
+}
+
+/// As [`read`], a file of text.
+///
+/// # Errors
+/// As those of [`read`], and if it is not UTF-8.
+pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
+    let text = String::from_utf8(read(path, most)?);
+    text.map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is not UTF-8"))
+}
 
 /// Writes a file so that under its final name there is the old content or all of the new, never a part.
 ///

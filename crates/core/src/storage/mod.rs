@@ -1,5 +1,6 @@
-//! What every room that writes to a disk needs: files and folders that get their final name only when they are
-//! complete and durable, renaming without replacing, and free space. Knows nothing of what the files hold.
+//! What every room that reads or writes files needs: reading files up to a size, files and folders that get their final
+//! name only when they are complete and durable, renaming without replacing, and free space. Knows nothing of what the
+//! files hold.
 
 mod files;
 mod space;
@@ -8,8 +9,8 @@ mod staged_folder;
 mod testing;
 
 pub use files::{
-    check_writable, rename_durably, rename_noreplace, sync_folder, sync_parent, write_atomically,
-    write_atomically_for_owner, write_new,
+    check_writable, read, read_text, rename_durably, rename_noreplace, sync_folder, sync_parent,
+    write_atomically, write_atomically_for_owner, write_new,
 };
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;

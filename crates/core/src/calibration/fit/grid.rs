@@ -46,7 +46,7 @@ pub enum Rejection {
 
 /// Part of a square's side by which a corner may be off from what its neighbours let expect.
 const FALSE_CORNER: f64 = 0.12;
-/// Part of an outermost row's or column's corners that make it one.
+/// An outermost row or column with fewer corners than this share of the median line is discarded.
 const EDGE_PART: f64 = 0.35;
 /// Part of the board's corners that must be found.
 const LEAST_PART: f64 = 0.6;

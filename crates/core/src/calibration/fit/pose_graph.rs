@@ -25,7 +25,8 @@ pub(super) struct Link {
 /// The board's pose in each camera at each placement, as `poses[camera][placement]`.
 pub(super) type Poses = Vec<Vec<Option<Isometry3<f64>>>>;
 
-/// Joins the poses of single cameras; of the back, by where it is meant to be behind the front.
+/// Collects the board's pose by camera and placement. A view of the back is converted with the nominal offset between
+/// back and front.
 pub(super) fn poses(session: &Session, of_views: &[Option<PlanePose>]) -> Poses {
     let mut poses = vec![vec![None; session.placements.len()]; session.cameras.len()];
     let back_from_front = session.board.front_from_back().inverse();

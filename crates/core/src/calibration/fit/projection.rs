@@ -74,7 +74,7 @@ fn by_moving(by_point: &Matrix2x3<f64>, rotated: Vector3<f64>) -> Matrix2x6<f64>
     by
 }
 
-/// The motion of the whole rig that takes back the most of the cameras' errors.
+/// The rigid motion of the whole rig that absorbs most of the cameras' errors (a gauge freedom).
 struct Motion {
     /// Covariance of the cameras' columns with it: six columns.
     with_cameras: MatrixXx6<f64>,
@@ -105,7 +105,7 @@ impl Motion {
         })
     }
 
-    /// Variance of both coordinates together, in m², once it is taken back.
+    /// Variance of the point across the line of sight, summed over both coordinates, in m², after this motion is removed.
     fn left(&self, sight: &ProjectionDerivatives, covariance: &DMatrix<f64>) -> f64 {
         let start = sight.camera * CAMERA;
         let own = covariance.fixed_view::<CAMERA, CAMERA>(start, start);

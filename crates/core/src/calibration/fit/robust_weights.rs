@@ -6,7 +6,7 @@ use super::outliers::mild_loss;
 
 /// Times that weights and residuals are made to agree.
 const ROUNDS: usize = 3;
-/// Coordinates that a camera's other views count for in each view's own variance.
+/// Weight, in coordinates, of the camera's pooled variance in the estimate of a view's variance.
 const OF_CAMERA: f64 = 40.0;
 /// Smallest and largest deviation of a view over that of all.
 const RANGE: [f64; 2] = [0.1, 10.0];

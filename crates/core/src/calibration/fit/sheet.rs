@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Point2, Point3};
 /// Number of the shape's terms.
 pub(super) const TERMS: usize = BoardShape::TERMS;
 
-/// Variance, in px², of a coordinate that what is believed of lenses and sheet is weighed against, until the residuals
-/// are known.
+/// Assumed variance of a measured coordinate, in px². It scales the priors on lenses and sheet; for the sheet, the
+/// variance of the residuals replaces it.
 pub(super) const PRIOR_VARIANCE: f64 = 0.04;
 
 /// The sheet's state.

@@ -289,8 +289,7 @@ fn agree([[first, a], [last, b]]: [[f64; 2]; 2]) -> bool {
     (first - last).abs() <= AGREE * a.hypot(b)
 }
 
-/// Covariance of the columns before the shape's: that of a fit with the kept terms, and with what the others may be all
-/// the same.
+/// Covariance of cameras and back with the dropped terms fixed at 0, plus the error if those terms are not 0.
 fn told(whole: &DMatrix<f64>, joint: &Estimate, kept: Mask, columns: usize) -> DMatrix<f64> {
     let out: Vec<usize> = (0..TERMS).filter(|&i| !kept[i]).collect();
     let block = whole.view((0, 0), (columns, columns)).into_owned();

@@ -6,7 +6,8 @@ use nalgebra::{Point2, Vector2};
 
 /// Samples to a pixel's side.
 const FINE: usize = 2;
-/// Pixels beyond the window from which a spread brings ink in, and how many deviations of it count.
+/// Margin around the window, in pixels, for ink that blur carries in; and where the blur's kernel is cut off, in
+/// standard deviations.
 const REACH: usize = 8;
 const DEVIATIONS: f64 = 3.5;
 

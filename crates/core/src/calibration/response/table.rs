@@ -1,6 +1,7 @@
 //! Reads tables of measurements: a depth camera's readings of a target at distances that were measured by hand.
 
 use super::ResponseError;
+use crate::storage;
 use std::path::Path;
 
 /// A table, a measurement a distance.
@@ -36,12 +37,7 @@ impl DepthTable {
             path: path.into(),
             cause,
         };
-        let length = std::fs::metadata(path).map_err(failed)?.len();
-        if length > LONGEST {
-            let message = format!("{length} bytes, expected at most {LONGEST}");
-            return Err(failed(std::io::Error::other(message)));
-        }
-        Self::parse(&std::fs::read_to_string(path).map_err(failed)?, path)
+        Self::parse(&storage::read_text(path, LONGEST).map_err(failed)?, path)
     }
 
     fn parse(text: &str, path: &Path) -> Result<Self, ResponseError> {

@@ -183,7 +183,7 @@ fn mean_color(
     (weights > 0.0).then(|| sum / weights)
 }
 
-/// Weights by label in the making; the smallest of too many is dropped.
+/// Sums up the weight of each label. Labels beyond twice [`MOST`] are ignored, whatever their weight.
 #[derive(Default)]
 struct LabelWeights {
     entries: [(u16, f32); 2 * MOST],

@@ -22,7 +22,7 @@ pub(super) struct View<'a> {
     pub rank: u8,
     /// The camera's centre in the rig's frame.
     pub center: Point3<f32>,
-    /// Pixels a metre at one metre.
+    /// Focal length in pixels.
     pub focal_px: f32,
     /// For each vertex its pixel and its depth in metres; NaN where it has none.
     pub projected: Vec<[f32; 3]>,

@@ -24,7 +24,8 @@ pub(super) enum Visibility {
 const HIDDEN_BELOW: f32 = 0.1;
 /// Cosine of the angle to the normal beyond which a vertex is marginal (73°).
 pub(super) const MARGINAL_BELOW: f32 = 0.3;
-/// Share of the margin within which a vertex is hidden: at two pixels it keeps the colour of 3 x 3 clean.
+/// A marginal vertex closer to an edge than this share of the margin is not used. With the default margin of two pixels
+/// its mean over 3 x 3 pixels does not touch the edge.
 const INNER_MARGIN: f32 = 0.75;
 /// Eight directions in which a margin is probed.
 const AROUND: [[f32; 2]; 8] = [
