@@ -123,7 +123,11 @@ impl Trial {
     fn calibrate(&self, captures: &[Capture], more: &[&str]) -> Told {
         let session = self.write(captures, "session.mcap");
         let out = self.path("out.toml");
-        let mut arguments = vec!["calibrate", session.to_str().unwrap(), "--force"];
+        // `--force` would take a refused calibration.
+        for name in ["out.toml", "out.doubtful.toml"] {
+            let _ = std::fs::remove_file(self.path(name));
+        }
+        let mut arguments = vec!["calibrate", session.to_str().unwrap()];
         arguments.extend(["--out", out.to_str().unwrap()]);
         arguments.extend(more);
         run(&arguments)
@@ -243,7 +247,7 @@ fn is(frame: &Frame, camera: &str) -> bool {
 fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     let trial = Trial::new();
     let count = trial.base.len();
-    let last = count - 6;
+    let last = count - 8;
     let name = |index: usize| format!("placement-{index:03}");
 
     let told = trial.calibrate(&trial.base, &[]);
@@ -259,9 +263,9 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     std::fs::rename(trial.path("out.toml"), &sound).unwrap();
 
     for degrees in [0.1, 0.7] {
-        let other = turned("c03", degrees);
-        let moved = format!("camera c03 moved by {degrees:.2}°");
-        let late = trial.starting_at("c03", last, &other);
+        let other = turned("c04", degrees);
+        let moved = format!("camera c04 moved by {degrees:.2}°");
+        let late = trial.starting_at("c04", last, &other);
         let from = format!("--from-placement {}", name(last));
         trial.row(
             &format!("bumped by {degrees}° late"),
@@ -271,11 +275,11 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             &[&moved, &from],
         );
         let early = trial.with(|index, frame| {
-            if index < 4 && is(frame, "c03") {
+            if index < 7 && is(frame, "c04") {
                 frame.picture = other[index].frames[0].picture.clone();
             }
         });
-        let since = format!("this is the rig since {}", name(4));
+        let since = format!("this is the rig since {}", name(7));
         trial.row(
             &format!("bumped by {degrees}° early"),
             &early,
@@ -283,7 +287,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             3,
             &[&moved, &since],
         );
-        let advised = ["--from-placement", &name(4)];
+        let advised = ["--from-placement", &name(7)];
         trial.row("the sound part of it", &early, &advised, 0, &[]);
     }
 
@@ -346,11 +350,11 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     );
 
     let refocused = trial.with(|index, frame| {
-        if is(frame, "c03") && index >= last {
+        if is(frame, "c04") && index >= last {
             frame.picture = zoomed(&frame.picture, 1.005);
         }
     });
-    trial.row("refocused by 0.5 %", &refocused, &[], 3, &["c03"]);
+    trial.row("refocused by 0.5 %", &refocused, &[], 3, &["c04"]);
 
     let few = &trial.base[..3];
     let told = trial.calibrate(few, &[]);
@@ -411,6 +415,7 @@ fn check(session: &Path, against: &Path) -> Told {
 #[test]
 #[ignore = "takes minutes: make calibration-trial"]
 fn no_sound_session_is_doubted() {
+    let mut doubted = Vec::new();
     for seed in 0..20 {
         let (base, board) = captures(|options, boards| {
             options.seed = seed;
@@ -431,6 +436,9 @@ fn no_sound_session_is_doubted() {
             told.code,
             told.summary()
         );
-        assert_eq!(told.code, Some(0), "{}", told.words);
+        if told.code != Some(0) {
+            doubted.push((seed, told.words));
+        }
     }
+    assert!(doubted.is_empty(), "{doubted:#?}");
 }

@@ -113,7 +113,8 @@ impl DepthScene {
             let mut chance = Random::new(&[key[0], 7, camera, frame, y as u64]);
             for (i, x) in columns.clone().enumerate() {
                 let fixed = fixed_pattern(&mut pattern, options.seed, camera, x, y);
-                // Whether a reading fails depends to 70 % on the pixel, the same in every frame, and to 30 % on the frame.
+                // Whether a reading fails depends to 70 % on the pixel, the same in every frame, and to 30 % on the
+                // frame.
                 let luck = pattern.uniform() * 0.7 + chance.uniform() * 0.3;
                 let ideal = self.disparity[(x, y)];
                 let lost = sensor.holes

@@ -6,8 +6,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Points so near to a face's plane touch the table with it, in metres.
 const TOUCHING: f64 = 5e-5;
-/// Safety margin, in radians: the widest angle between neighbouring contact points, as seen from the centre of mass, must
-/// be this much below a half turn.
+/// Safety margin, in radians: the widest angle between neighbouring contact points, as seen from the centre of mass,
+/// must be this much below a half turn.
 const MARGIN: f64 = 0.02;
 
 /// A body's convex hull and centre of mass, from which its resting poses follow.

@@ -105,7 +105,8 @@ impl Motion {
         })
     }
 
-    /// Variance of the point across the line of sight, summed over both coordinates, in m², after this motion is removed.
+    /// Variance of the point across the line of sight, summed over both coordinates, in m², after this motion is
+    /// removed.
     fn left(&self, sight: &ProjectionDerivatives, covariance: &DMatrix<f64>) -> f64 {
         let start = sight.camera * CAMERA;
         let own = covariance.fixed_view::<CAMERA, CAMERA>(start, start);
