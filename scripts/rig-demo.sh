@@ -4,6 +4,7 @@
 # runs in a network namespace of its own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it
 # takes N captures, one after the other, and prints how long each took from the command to the disk; only the first
 # becomes a model, by the replay. UNTIL=captured or UNTIL=done times them up to there; with done all become models.
+# ABOUT=KEY=VALUE is a fact about the session.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -62,7 +63,7 @@ for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "c
 
 "$scand" background --socket scand.sock
 echo captures >&3
-"$scand" session start demo --socket scand.sock
+"$scand" session start demo --about "${ABOUT:-project=demonstration}" --socket scand.sock
 if [ "$presses" -eq 1 ]; then
 	"$scand" trigger --socket scand.sock --subject demo --until done
 else

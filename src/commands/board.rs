@@ -9,6 +9,10 @@ use std::process::ExitCode;
 
 /// Write a calibration board as a PDF to print true to scale, with rulers to check the scale.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand board --kind charuco --out board.pdf
+  scand board --kind charuco --square 25mm --paper a3 -o board.pdf
+  scand board --kind charuco --two-sided --thickness 5mm -o board.pdf")]
 pub struct Args {
     /// Whether the white squares have markers.
     #[arg(long, value_enum)]
@@ -36,10 +40,10 @@ pub struct Args {
     #[arg(long, default_value = "auto")]
     paper: Paper,
     /// The file to write.
-    #[arg(long, value_name = "FILE.pdf")]
+    #[arg(short, long, value_name = "FILE.pdf")]
     out: PathBuf,
     /// Replace an existing file
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
 }
 

@@ -19,7 +19,7 @@ pub(super) struct ComparisonArgs {
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
     /// Replace an existing file
-    #[arg(long, requires = "picture")]
+    #[arg(short, long, requires = "picture")]
     force: bool,
     /// Number of points on each surface.
     #[arg(long, default_value_t = SAMPLES, value_parser = parse_samples)]

@@ -16,6 +16,9 @@ const EXIT_TROUBLE: u8 = 2;
 /// Compare two models of one object if neither is the truth. The exit code is 0 if they are the same within the
 /// tolerance, 1 if they differ, and 2 if they cannot be compared.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand diff before/cup/cup-000 after/cup/cup-000
+  scand diff a.glb b.glb --tolerance-mm 0.1mm")]
 pub struct Args {
     /// The first model: .ply or .glb.
     a: PathBuf,

@@ -13,6 +13,9 @@ use std::process::ExitCode;
 /// Measure how far a model is from the truth. Both must be in the rig's frame, z up (a .glb is y up and is turned
 /// first).
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand evaluate out/cup/cup-000 cup.truth.ply
+  scand evaluate out/cup/cup-000 cup.truth.ply --floor-mm 1mm --picture distances.png")]
 pub struct Args {
     /// The model: .ply or .glb, or the folder of a model.
     model: PathBuf,

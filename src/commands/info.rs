@@ -17,6 +17,11 @@ use std::process::ExitCode;
 
 /// List what a recording has: channels, captures, cameras, calibration, damage
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand info cup.mcap
+  scand info /archive/*.mcap
+  scand info --json cup.mcap
+  scand info cup.mcap --calibration calibration.toml")]
 pub struct Args {
     /// The recordings; if there are several, one line is printed for each
     #[arg(required = true, value_name = "FILE")]

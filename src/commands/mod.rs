@@ -30,6 +30,7 @@ pub mod page;
 #[cfg(not(feature = "page"))]
 pub mod page_absent;
 mod parse;
+pub mod publish;
 pub mod recover;
 pub mod replay;
 #[cfg(feature = "lab")]
@@ -156,6 +157,7 @@ Look and measure:
 
 Hand on:
   export      Write models and captures in the formats of other programs
+  publish     Make a folder for a web server: a gallery, and a page for each object
 
 Keep and repair:
   recover     Complete recordings that were interrupted
@@ -226,6 +228,7 @@ enum Command {
     #[cfg(not(feature = "pedal"))]
     #[command(hide = true)]
     Pedal(live::absent::Args),
+    Publish(Box<publish::Args>),
     Recover(recover::Args),
     Replay(Box<replay::CommandArgs>),
     #[cfg(feature = "live")]
@@ -277,6 +280,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Pedal(args)) => live::pedal::run(args),
         #[cfg(not(feature = "pedal"))]
         Some(Command::Pedal(_)) => live::absent::run("pedal"),
+        Some(Command::Publish(args)) => publish::run(*args),
         Some(Command::Recover(args)) => recover::run(args),
         Some(Command::Replay(args)) => replay::run((*args).into()),
         #[cfg(feature = "live")]
@@ -328,6 +332,72 @@ mod tests {
                 command.get_name()
             );
         }
+    }
+
+    /// Whether a command can only say that this build has not got it.
+    fn is_absent(command: &clap::Command) -> bool {
+        command.is_hide_set() || command.is_disable_help_flag_set()
+    }
+
+    #[test]
+    fn every_command_has_examples_and_the_same_short_flags() {
+        let short = [
+            ("out", 'o'),
+            ("force", 'f'),
+            ("quiet", 'q'),
+            ("config", 'c'),
+            ("jobs", 'j'),
+        ];
+        let cli = super::Cli::command();
+        for command in cli.get_subcommands().filter(|command| !is_absent(command)) {
+            let name = command.get_name();
+            let examples = command
+                .get_after_help()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            assert!(examples.contains("Example"), "{name}");
+            assert!(
+                examples.contains(&format!("scand {name}")),
+                "{name}: {examples}"
+            );
+            for argument in command.get_arguments() {
+                let known = short
+                    .iter()
+                    .find(|(long, _)| argument.get_long() == Some(*long));
+                if let Some((long, letter)) = known {
+                    assert_eq!(argument.get_short(), Some(*letter), "{name} --{long}");
+                }
+            }
+        }
+    }
+
+    /// The words of a line as a shell splits them, as far as examples need it.
+    fn shell_words(line: &str) -> Vec<String> {
+        let parts = line.split('"').enumerate();
+        parts
+            .flat_map(|(number, part)| match number % 2 {
+                0 => part.split_whitespace().map(str::to_owned).collect(),
+                _ => vec![part.to_owned()],
+            })
+            .collect()
+    }
+
+    #[test]
+    fn every_example_is_a_command_line_that_scand_takes() {
+        let cli = super::Cli::command();
+        let helps = cli.get_subcommands().filter(|command| !is_absent(command));
+        let helps = helps.filter_map(|command| Some(command.get_after_help()?.to_string()));
+        let all: Vec<String> = helps.chain([super::HELP.to_owned()]).collect();
+        let mut tried = 0;
+        for line in all.iter().flat_map(|help| help.lines()) {
+            let line = line.trim().trim_start_matches("sudo ");
+            if line.starts_with("scand ") && !line.contains("COMMAND") {
+                let parsed = super::Cli::command().try_get_matches_from(shell_words(line));
+                assert!(parsed.is_ok(), "{line}: {}", parsed.unwrap_err());
+                tried += 1;
+            }
+        }
+        assert!(tried > 40, "{tried}");
     }
 
     #[test]

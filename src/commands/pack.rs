@@ -7,6 +7,7 @@ use std::process::ExitCode;
 /// Compress complete recordings in place (zstd). The messages stay the same; they are compared before the original is
 /// replaced.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  scand pack recordings/*.mcap")]
 pub struct Args {
     /// The recordings to pack.
     #[arg(required = true, value_name = "FILE.mcap")]

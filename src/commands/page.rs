@@ -16,7 +16,7 @@ use std::process::ExitCode;
   scand page revoke --all")]
 pub struct Args {
     /// The page's configuration; without it /etc/scand/page.toml, if that is there
-    #[arg(long, value_name = "FILE.toml", global = true)]
+    #[arg(short, long, value_name = "FILE.toml", global = true)]
     config: Option<PathBuf>,
     #[command(subcommand)]
     what: Option<PageAction>,

@@ -10,6 +10,9 @@ use std::process::ExitCode;
 /// Complete recordings that were interrupted (NAME.mcap.part becomes NAME.mcap). Bytes that cannot be read are kept
 /// in NAME.mcap.tail.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand recover /var/lib/scand/recordings
+  scand recover copy-that-was-cut-off.mcap")]
 pub struct Args {
     /// Interrupted recordings, copies that were cut off (NAME.mcap, of which NAME.recovered.mcap is made), or folders
     /// with interrupted recordings.

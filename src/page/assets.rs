@@ -17,11 +17,18 @@ pub(super) struct Asset {
 // `EMBEDDED`: the name of each file, such as `assets/index-1a2b.js`, and its bytes.
 include!(concat!(env!("OUT_DIR"), "/page_files.rs"));
 
+/// A file that `make ui` made, also one that the page does not serve; `None` if the program was built without it.
+pub fn embedded(name: &str) -> Option<&'static [u8]> {
+    let found = EMBEDDED.iter().find(|(known, _)| *known == name);
+    found.map(|(_, bytes)| *bytes)
+}
+
 /// All files of the page by name; none if the program was built without them.
 pub(super) fn assets() -> BTreeMap<&'static str, Asset> {
-    let assets = EMBEDDED
+    let served = EMBEDDED
         .iter()
-        .map(|(name, bytes)| (*name, asset(name, bytes)));
+        .filter(|(name, _)| !name.starts_with("publish/"));
+    let assets = served.map(|(name, bytes)| (*name, asset(name, bytes)));
     assets.collect()
 }
 

@@ -19,6 +19,7 @@ mod sessions;
 mod summary;
 mod watch;
 
+pub use assets::embedded;
 pub use control::{Answer, Ask, ask};
 pub use parameters::{DEFAULT_CONFIGURATION, Error as ParametersError, Parameters};
 pub use serve::{Error, run};

@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import published
 
 import scand
 
@@ -238,6 +239,8 @@ def main(home):
     with_usd(home, model)
     with_pycolmap(home, capture)
     with_nerfstudio_rules(home, capture, model.vertices[::20].astype(float))
+    # The note's author, and the recording's name, which its captures have too.
+    published.check(home / "site", "https://museum.example/3d/", ["Ann", "cup-000", "cup.mcap"], passed)
 
 
 main(Path(sys.argv[1]))

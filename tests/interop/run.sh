@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
-# `make interop`: from a simulated recording to a model, an archive package, exports and datasets, each checked with other
-# people's readers. They are installed into target/interop, versions and hashes locked. SCAND names the program.
+# `make interop`: from a simulated recording to a model, an archive package, exports, datasets and a published folder, each checked
+# with other people's readers, and then all of it from a press on the simulated rig (press.sh), if the program has cameras. The
+# readers are installed into target/interop, versions and hashes locked. SCAND names the program. INTEROP=all also runs readers
+# that are larger (large.sh).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=tests/interop
@@ -49,5 +51,16 @@ done
 for program in colmap nerfstudio openmvs; do
 	"$scand" export cup.mcap --dataset $program --model out -o $program
 done
+"$scand" publish out --recordings . --address https://museum.example/3d -o site
 "$python" ../../../$here/check.py .
-echo "interop: $(du -sm ../environment | cut -f 1) MB of readers, $SECONDS s"
+cd ../../..
+if "$scand" --version | grep -q aravis; then
+	SCAND=$scand PYTHON=$(realpath -s target/interop/environment/bin/python) $here/press.sh target/interop/press
+elif [ -n "${SCAND_REQUIRE_ALL:-}" ]; then
+	echo "interop: $scand has no cameras, and so no press" >&2
+	exit 1
+else
+	echo "skipped: from a press: $scand has no cameras (build with --features rig)"
+fi
+if [ "${INTEROP:-}" = all ]; then $here/large.sh; fi
+echo "interop: $(du -sm $environment | cut -f 1) MB of readers, $SECONDS s"

@@ -16,6 +16,7 @@ mod golden;
 mod hostile;
 mod notes;
 mod picture_files;
+mod publish;
 mod reconstruction;
 mod recordings;
 mod replay;

@@ -47,29 +47,31 @@ export class Viewer {
 
   /** Loads a model into a canvas; `measured` hears null after the first point and the distance after the second. */
   static async open(canvas: HTMLCanvasElement, address: string, measured: (mm: number | null) => void): Promise<Viewer> {
-    const loaded = await new GLTFLoader().loadAsync(address);
-    const meshes: Mesh[] = [];
-    loaded.scene.traverse((node) => {
-      if (node instanceof Mesh) meshes.push(node as Mesh);
-    });
-    return new Viewer(canvas, meshes, measured);
+    return new Viewer(canvas, await meshesOf(address), measured);
+  }
+
+  /** Shows another level of detail of the same model, from where it is seen now; `show` chooses how. */
+  async load(address: string): Promise<void> {
+    const meshes = await meshesOf(address);
+    for (const mesh of this.meshes) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+    }
+    this.textured.clear();
+    this.meshes = meshes;
+    this.largest = 0;
+    this.takeIn();
+    this.draw();
   }
 
   private constructor(
     private readonly canvas: HTMLCanvasElement,
-    private readonly meshes: Mesh[],
+    private meshes: Mesh[],
     private readonly measured: (mm: number | null) => void,
   ) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    const box = new Box3();
-    for (const mesh of meshes) {
-      this.textured.set(mesh, mesh.material);
-      this.scene.add(mesh);
-      box.expandByObject(mesh);
-      const errors = attribute(mesh.geometry, "_error");
-      for (let n = 0; errors && n < errors.count; n++) this.largest = Math.max(this.largest, errors.getX(n));
-    }
+    const box = this.takeIn();
     this.size = box.getSize(new Vector3()).length();
     this.light();
     this.controls = new OrbitControls(this.camera, canvas);
@@ -87,6 +89,19 @@ export class Viewer {
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
     this.fit();
+  }
+
+  /** Puts the meshes into the scene; returns the box around them. */
+  private takeIn(): Box3 {
+    const box = new Box3();
+    for (const mesh of this.meshes) {
+      this.textured.set(mesh, mesh.material);
+      this.scene.add(mesh);
+      box.expandByObject(mesh);
+      const errors = attribute(mesh.geometry, "_error");
+      for (let n = 0; errors && n < errors.count; n++) this.largest = Math.max(this.largest, errors.getX(n));
+    }
+    return box;
   }
 
   private light(): void {
@@ -229,6 +244,18 @@ export class Viewer {
     for (const mesh of this.meshes) mesh.geometry.dispose();
     this.renderer.dispose();
   }
+}
+
+async function meshesOf(address: string): Promise<Mesh[]> {
+  const loaded = await new GLTFLoader().loadAsync(address);
+  const meshes: Mesh[] = [];
+  loaded.scene.updateMatrixWorld(true);
+  loaded.scene.traverse((node) => {
+    if (node instanceof Mesh) meshes.push(node as Mesh);
+  });
+  // A compressed model's numbers are steps, which its node brings to metres.
+  for (const mesh of meshes) mesh.matrixWorld.decompose(mesh.position, mesh.quaternion, mesh.scale);
+  return meshes;
 }
 
 function attribute(geometry: BufferGeometry, name: string): BufferAttribute | null {

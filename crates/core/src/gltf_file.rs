@@ -49,6 +49,11 @@ impl<'a> GltfFile<'a> {
         &self.glb.json
     }
 
+    /// The binary chunk; empty if there is none.
+    pub fn binary(&self) -> &[u8] {
+        self.glb.bin.as_deref().unwrap_or_default()
+    }
+
     /// All numbers of an accessor of scalars, which are of any type that an index or a value of a model may have.
     pub fn numbers(&self, index: Index<Accessor>) -> Result<Vec<f64>, String> {
         fn gather<T: Into<f64>>(items: impl Iterator<Item = T>) -> Vec<f64> {
@@ -120,8 +125,7 @@ impl<'a> GltfFile<'a> {
         let view = self.root.get(index)?;
         let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
         let end = start.checked_add(usize::try_from(view.byte_length.0).ok()?)?;
-        let binary = self.glb.bin.as_deref().unwrap_or_default();
-        (view.buffer.value() == 0).then_some(binary.get(start..end)?)
+        (view.buffer.value() == 0).then_some(self.binary().get(start..end)?)
     }
 }
 

@@ -31,6 +31,7 @@ pub mod make_model;
 pub mod mesh;
 pub mod notes;
 pub mod output;
+pub mod publish;
 pub mod queue;
 pub mod range;
 pub mod reconstruct;

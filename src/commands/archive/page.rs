@@ -1,5 +1,6 @@
 //! Writes a sheet of paradata as a page to read, without scripts and without external resources.
 
+use crate::publish::escaped;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -51,22 +52,6 @@ fn shown(value: &Value) -> String {
 
 fn words(name: &str) -> String {
     escaped(&name.replace('_', " "))
-}
-
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 #[cfg(test)]

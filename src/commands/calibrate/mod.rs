@@ -29,6 +29,10 @@ use summary::Summary;
 
 /// Calibrate a rig from recordings of a board in many places.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand calibrate session.mcap -o calibration.toml --report calibration.html
+  scand calibrate --check --against calibration.toml today.mcap
+  scand calibrate --from calibration.toml --ros camera_info --kalibr camchain.yaml")]
 pub struct Args {
     /// Recordings in which each trigger is a placement of the board
     #[arg(required_unless_present_any = ["from", "pictures"], value_name = "SESSION.mcap")]
@@ -49,10 +53,10 @@ pub struct Args {
     #[arg(long, value_name = "BOARD")]
     board: Option<Board>,
     /// Write the calibration into this file
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Replace existing files, and write the calibration even if it is refused
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and
     /// the exit code is 3
@@ -98,7 +102,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", requires = "check")]
     against: Option<PathBuf>,
     /// Configuration (TOML); config/calibrate.toml shows the settings of a calibration
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Set one value of the configuration, such as calibration.limits.good_px=0.2; may be given several times
     #[arg(long, value_name = "KEY=VALUE")]
@@ -107,7 +111,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     /// Print only errors
-    #[arg(long)]
+    #[arg(short, long)]
     quiet: bool,
 }
 

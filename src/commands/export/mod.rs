@@ -5,6 +5,8 @@ mod dataset;
 mod model;
 mod words;
 
+pub(super) use model::find as find_models;
+
 use super::wrong_usage;
 use crate::dataset::Kind;
 use crate::export::{Compression, Format};

@@ -17,7 +17,7 @@ const DEPTH: usize = 2;
 ///
 /// # Errors
 /// If something is named that is neither a model nor a folder with one.
-pub(super) fn find(what: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+pub(in crate::commands) fn find(what: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut models = Vec::new();
     for path in what {
         let before = models.len();

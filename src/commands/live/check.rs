@@ -23,6 +23,10 @@ const DAEMON: Duration = Duration::from_secs(10);
 /// Look for problems that can be detected before work begins. Each line is ok or says what to do. If a daemon runs,
 /// it is asked about its cameras; otherwise this command opens them itself.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand check
+  scand check --config rig.toml --json
+  sudo scand check --bundle support.tar.zst")]
 pub struct Args {
     #[command(flatten)]
     source: ConfigArgs,

@@ -27,6 +27,10 @@ struct Connection {
 
 /// Ask the running daemon for a capture and wait until it is on the disk.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand trigger
+  scand trigger --subject 1884.3 --until done
+  scand trigger --subject 1884.3 --placement upside-down")]
 pub struct TriggerArgs {
     #[command(flatten)]
     connection: Connection,
@@ -66,6 +70,9 @@ impl From<Wait> for Until {
 
 /// Print what happens at the rig until interrupted.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand events
+  scand events --json")]
 pub struct EventsArgs {
     #[command(flatten)]
     connection: Connection,
@@ -73,6 +80,7 @@ pub struct EventsArgs {
 
 /// Take background pictures of the empty rig, with which silhouettes are found.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  scand background")]
 pub struct BackgroundArgs {
     #[command(flatten)]
     connection: Connection,
@@ -80,6 +88,10 @@ pub struct BackgroundArgs {
 
 /// Begin a session of captures, record a note about it, or complete it.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand session start amphora --about operator=Ann --about rights=CC0
+  scand session note \"the lamp was changed\"
+  scand session close")]
 pub struct SessionArgs {
     #[command(flatten)]
     connection: Connection,
@@ -137,6 +149,9 @@ pub struct NoteArgs {
 
 /// Show the state of the running daemon, its cameras, disk and captures.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand status
+  scand status --json")]
 pub struct StatusArgs {
     #[command(flatten)]
     connection: Connection,

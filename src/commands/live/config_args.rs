@@ -9,7 +9,12 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ConfigArgs {
     /// The rig's configuration (TOML).
-    #[arg(long, value_name = "FILE", default_value = "/etc/scand/rig.toml")]
+    #[arg(
+        short,
+        long,
+        value_name = "FILE",
+        default_value = "/etc/scand/rig.toml"
+    )]
     pub config: PathBuf,
     /// Set one value of the configuration; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]

@@ -13,6 +13,9 @@ use std::time::{Duration, UNIX_EPOCH};
 /// Ask the daemon for a capture at each press of a foot switch. Meanwhile the switch does not type into other
 /// programs.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand pedal --device /dev/input/by-id/usb-footswitch-event-kbd
+  scand pedal --device /dev/input/event5 --key KEY_B --reject-key KEY_C")]
 pub struct Args {
     /// The foot switch, an input device such as /dev/input/by-id/…-event-kbd.
     #[arg(long, value_name = "PATH")]

@@ -22,6 +22,9 @@ use std::time::Duration;
 /// Run the rig: open its cameras, take a capture at each trigger and write it to the disk. SIGTERM or Ctrl-C finishes
 /// the capture in progress, completes the session and ends the daemon.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand run --config rig.toml
+  scand run --config rig.toml --check")]
 pub struct Args {
     #[command(flatten)]
     source: ConfigArgs,

@@ -18,6 +18,10 @@ use std::process::ExitCode;
 
 /// Render a rig of cameras around a known object into a recording, with the sensors' noise and any faults.
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  scand simulate --shape cup -o cup.mcap --truth cup.ply
+  scand simulate --shape mug --turned c03=2 -o moved.mcap
+  scand simulate --calibration-session -o session.mcap")]
 pub struct Args {
     /// The object; for a calibration session, the object that the rig is built around.
     #[arg(long, value_enum, required_unless_present_any = ["preset", "calibration_session", "serve"])]
@@ -26,13 +30,18 @@ pub struct Args {
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// The recording to write; the file must not exist yet.
-    #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
+    #[arg(
+        short,
+        long,
+        value_name = "FILE.mcap",
+        required_unless_present = "serve"
+    )]
     out: Option<PathBuf>,
     /// Write the object's true surface into this file; for a calibration session, the true calibration.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Replace existing files of the truth; a recording is never replaced.
-    #[arg(long)]
+    #[arg(short, long)]
     force: bool,
     /// The seed of all random numbers.
     #[arg(long)]

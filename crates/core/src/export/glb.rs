@@ -3,7 +3,9 @@
 //! `EXT_meshopt_compression` and `KHR_draco_mesh_compression` need libraries in C++, which the build does without.
 
 use super::read;
+use crate::description::Description;
 use crate::gltf_file::GltfFile;
+use crate::output;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::json::Index;
 use gltf::json::accessor::Accessor;
@@ -37,7 +39,36 @@ pub(super) fn quantize(bytes: &[u8]) -> Result<Vec<u8>, String> {
         views: Vec::new(),
     };
     writer.rewrite()?;
-    Ok(writer.pack())
+    Ok(pack(&writer.json, &writer.binary))
+}
+
+/// A .glb of scand with another description.
+///
+/// # Errors
+/// If the file is not one that scand wrote.
+pub(super) fn describe(bytes: &[u8], about: &Description) -> Result<Vec<u8>, String> {
+    read::parse(bytes)?;
+    let file = GltfFile::parse(bytes)?;
+    let json = serde_json::from_slice(file.json());
+    let mut json = json.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
+    output::glb::describe(&mut json, about);
+    Ok(pack(&json, file.binary()))
+}
+
+/// The container around JSON and binary.
+fn pack(json: &Value, binary: &[u8]) -> Vec<u8> {
+    let mut json = json.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    // It is about the size of the file before, whose size four bytes held.
+    let total = 28 + json.len() + binary.len();
+    let mut bytes = [b"glTF".as_slice(), &2_u32.to_le_bytes()].concat();
+    bytes.extend((total as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", json.as_slice()), (b"BIN\0", binary)] {
+        bytes.extend((chunk.len() as u32).to_le_bytes());
+        bytes.extend(kind);
+        bytes.extend_from_slice(chunk);
+    }
+    bytes
 }
 
 struct Writer<'a> {
@@ -218,21 +249,6 @@ impl Writer<'_> {
         self.binary.resize(self.binary.len().next_multiple_of(4), 0);
         (self.views.len() - 1).into()
     }
-
-    fn pack(self) -> Vec<u8> {
-        let mut json = self.json.to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        // It is smaller than the file before, whose size four bytes held.
-        let total = 28 + json.len() + self.binary.len();
-        let mut bytes = [b"glTF".as_slice(), &2_u32.to_le_bytes()].concat();
-        bytes.extend((total as u32).to_le_bytes());
-        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &self.binary)] {
-            bytes.extend((chunk.len() as u32).to_le_bytes());
-            bytes.extend(kind);
-            bytes.extend_from_slice(chunk);
-        }
-        bytes
-    }
 }
 
 #[cfg(test)]
@@ -283,7 +299,27 @@ mod tests {
     }
 
     #[test]
+    fn another_description_replaces_each_word_of_the_first_and_nothing_else() {
+        let model = painted_ball();
+        let mut first = described("annes-session-7");
+        first.operator = Some("Ann".into());
+        let before = as_glb(&model, &first);
+        let mut second = described("ball");
+        second.operator = None;
+        let after = describe(&before, &second).unwrap();
+        let text = String::from_utf8_lossy(&after);
+        assert!(!text.contains("Ann") && !text.contains("annes-session"));
+        let (read, about) = read::parse(&after).unwrap();
+        assert_eq!(about, second);
+        assert_eq!(read.mesh, read::parse(&before).unwrap().0.mesh);
+        let binary = |bytes: &[u8]| GltfFile::parse(bytes).unwrap().binary().to_vec();
+        assert_eq!(binary(&after), binary(&before));
+        assert!(describe(&after, &first).unwrap().len() <= before.len() + 8);
+    }
+
+    #[test]
     fn other_files_are_refused() {
         assert!(quantize(b"glTF").is_err());
+        assert!(describe(b"glTF", &described("a")).is_err());
     }
 }

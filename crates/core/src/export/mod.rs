@@ -143,6 +143,14 @@ pub fn compress(bytes: &[u8], compression: Compression) -> Result<Vec<u8>, Strin
     }
 }
 
+/// A binary glTF that scand wrote, with another description in it. Nothing else changes.
+///
+/// # Errors
+/// If it is not one that scand wrote.
+pub fn describe(bytes: &[u8], about: &Description) -> Result<Vec<u8>, String> {
+    glb::describe(bytes, about)
+}
+
 /// Places in the atlas, each once, and for each triangle which of them its corners have.
 fn unique_uv(texture: &Texture) -> (Vec<[f32; 2]>, Vec<[u32; 3]>) {
     let (mut seen, mut places) = (HashMap::new(), Vec::new());

@@ -60,6 +60,17 @@ pub fn encode(
     pack(&root, &body.bytes)
 }
 
+/// Puts another description into a .glb that [`encode`] made, given as its JSON: what is known, and the names of its parts.
+pub fn describe(json: &mut Value, about: &Description) {
+    json["asset"]["extras"] = extras(about);
+    json["extensions"][xmp::EXTENSION] = json!({ "packets": [xmp::packet(about)] });
+    for part in ["scenes", "nodes", "meshes"] {
+        for named in json[part].as_array_mut().into_iter().flatten() {
+            named["name"] = about.capture.as_str().into();
+        }
+    }
+}
+
 /// What is known, by name, for programs that read no XMP.
 fn extras(about: &Description) -> Value {
     let known = about.pairs().into_iter();

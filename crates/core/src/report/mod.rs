@@ -16,5 +16,5 @@ pub use measure::{
     ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera,
     ProvenanceMeasures, RegionMeasures, measure,
 };
-pub use preview::{CaptureViews, preview, preview_object, stamp};
+pub use preview::{CaptureViews, picture_of, preview, preview_object, stamp};
 pub use verdict::{Limits, Parameters, Reason, ReasonCode, Verdict, judge};

@@ -10,6 +10,7 @@ mod views;
 mod window;
 
 pub use object::{CaptureViews, preview_object};
+pub use views::picture_of;
 
 use super::coarse::coarse;
 use super::verdict::Verdict;

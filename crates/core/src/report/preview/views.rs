@@ -5,7 +5,7 @@ use super::canvas::{EMPTY, INK, fill, write};
 use super::window::Window;
 use crate::calibration::Camera;
 use crate::image::RgbImage;
-use crate::mesh::{Drawn, Eye, Style, View, bounding_box, vertex_paint};
+use crate::mesh::{Drawn, Eye, Style, View, bounding_box, parallel_view, vertex_paint};
 use crate::reconstruct::silhouette::Silhouette;
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
 use nalgebra::{Point3, center};
@@ -154,6 +154,18 @@ fn scale_bar(panel: &mut RgbImage, pixels_per_metre: f64) {
         INK,
         (120, &format!("{length_mm} mm")),
     );
+}
+
+/// The model in its colours from the side and a little above, without words: a picture for people.
+pub fn picture_of(model: &Model, size: (usize, usize)) -> RgbImage {
+    let [low, high] = bounding_box(&model.mesh.vertices).unwrap_or_default();
+    let radius = 0.5 * nalgebra::distance(&low, &high);
+    let towards_eye = nalgebra::Vector3::new(0.5, -1.0, 0.55).normalize();
+    if model.mesh.triangles.is_empty() {
+        return RgbImage::filled(size.0, size.1, EMPTY);
+    }
+    let view = parallel_view(center(&low, &high), radius, towards_eye, size);
+    in_color(model, &Drawn::closed(&model.mesh, &view, 2))
 }
 
 /// Draws the model in a window, to be painted.

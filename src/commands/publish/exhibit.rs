@@ -1,0 +1,148 @@
+//! Makes an exhibit of a model: what may be public of it, its levels of detail and its pictures.
+
+use crate::capture::CaptureSession;
+use crate::export::{
+    self, Compression, Format, ReadModel, compress, describe, encode, level_of_detail,
+};
+use crate::frame::CaptureId;
+use crate::level::Level;
+use crate::mesh::bounding_box;
+use crate::notes::CaptureNotes;
+use crate::output::encode_jpeg;
+use crate::publish::{Exhibit, Extra, Facts, LevelFile, Picture, exhibit_id, public};
+use crate::reconstruct::Model;
+use crate::recording::Recording;
+use crate::report::picture_of;
+use crate::sync;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Levels of detail after the full one: the name of the file and Voyager's word for its quality.
+const LEVELS: [(&str, &str); 3] = [("medium", "Medium"), ("low", "Low"), ("thumb", "Thumb")];
+/// A level with fewer vertices shows nothing of an object.
+const FEWEST_VERTICES: usize = 500;
+const PICTURE: (usize, usize) = (1200, 900);
+const THUMBNAIL: (usize, usize) = (400, 300);
+const QUALITY: u8 = 88;
+
+/// An exhibit with the files that lie beside its page, by name.
+pub(super) struct Made {
+    pub(super) exhibit: Exhibit,
+    pub(super) files: Vec<(String, Vec<u8>)>,
+}
+
+/// Makes the exhibit of the model in `path`; `None` if the capture was rejected and rejected ones are not wanted.
+///
+/// # Errors
+/// If the model cannot be read or one of its files cannot be made.
+pub(super) fn make(
+    path: &Path,
+    recordings: &Path,
+    with: &BTreeSet<Extra>,
+    rejected: bool,
+) -> anyhow::Result<Option<Made>> {
+    let read = export::read(path)?;
+    let report = report_beside(path);
+    let notes = notes(&read, &report, recordings);
+    if notes.is_rejected() && !rejected {
+        return Ok(None);
+    }
+    let facts = Facts::of(&report, &notes, with);
+    match facts.level {
+        None => eprintln!(
+            "scand: {}: no report.json with a verdict is beside it; the page says that it is unknown",
+            path.display()
+        ),
+        Some(Level::Red) => eprintln!(
+            "scand: {}: the verdict is red; the page says so",
+            path.display()
+        ),
+        _ => {}
+    }
+    let id = exhibit_id(&read.about);
+    let about = public(&read.about, &id, with);
+    let mut files = Vec::new();
+    let bytes = describe(&read.bytes, &about).map_err(anyhow::Error::msg)?;
+    let mut levels = vec![level_file("high", "High", &read.model, &bytes)];
+    files.push((levels[0].name.clone(), bytes));
+    for (number, (name, quality)) in (1..).zip(LEVELS) {
+        if read.model.mesh.vertices.len() >> (2 * number) < FEWEST_VERTICES {
+            break;
+        }
+        let model = level_of_detail(&read.model, number)?;
+        let encoded = encode(&model, &about, Format::Glb, name)?;
+        for file in encoded {
+            let bytes =
+                compress(&file.bytes, Compression::Quantization).map_err(anyhow::Error::msg)?;
+            levels.push(level_file(name, quality, &model, &bytes));
+            files.push((format!("{name}.glb"), bytes));
+        }
+    }
+    let [picture, thumbnail] =
+        [("picture", PICTURE), ("thumbnail", THUMBNAIL)].map(|(name, size)| {
+            let bytes = encode_jpeg(&picture_of(&read.model, size), QUALITY);
+            (format!("{name}.jpg"), size, bytes)
+        });
+    let mut described = |(name, size, bytes): (String, (usize, usize), Result<Vec<u8>, _>)| {
+        let bytes: Vec<u8> = bytes?;
+        let picture = Picture {
+            name: name.clone(),
+            size,
+            bytes: bytes.len(),
+        };
+        files.push((name, bytes));
+        Ok::<_, crate::output::Error>(picture)
+    };
+    let (picture, thumbnail) = (described(picture)?, described(thumbnail)?);
+    let corners = bounding_box(&read.model.mesh.vertices).unwrap_or_default();
+    let bounds = corners.map(|corner| [corner.x, corner.y, corner.z]);
+    let exhibit = Exhibit {
+        id,
+        about,
+        facts,
+        bounds,
+        levels,
+        picture,
+        thumbnail,
+    };
+    Ok(Some(Made { exhibit, files }))
+}
+
+fn level_file(name: &str, quality: &'static str, model: &Model, bytes: &[u8]) -> LevelFile {
+    LevelFile {
+        name: format!("{name}.glb"),
+        quality,
+        triangles: model.mesh.triangles.len(),
+        bytes: bytes.len(),
+    }
+}
+
+/// The report beside a model; null if there is none.
+fn report_beside(path: &Path) -> Value {
+    let bytes = std::fs::read(path.with_file_name("report.json"));
+    let report = bytes
+        .ok()
+        .and_then(|bytes| serde_json::from_slice(&bytes).ok());
+    report.unwrap_or_default()
+}
+
+/// The notes on the model's capture: those of its recording, if that is found, for they may be newer than the report's.
+fn notes(read: &ReadModel, report: &Value, recordings: &Path) -> CaptureNotes {
+    from_recording(read, report, recordings)
+        .or_else(|| serde_json::from_value(report["notes"].clone()).ok())
+        .unwrap_or_default()
+}
+
+fn from_recording(read: &ReadModel, report: &Value, recordings: &Path) -> Option<CaptureNotes> {
+    // Only a name: a report from elsewhere leads to no other folder.
+    let name = Path::new(report["recording"].as_str()?).file_name()?;
+    let path = recordings.join(name);
+    if !path.is_file() {
+        return None;
+    }
+    let recording = Recording::open(&path).ok()?;
+    let session = CaptureSession::of_any(recording, &sync::Parameters::default()).ok()?;
+    let capture = session.capture(&CaptureId::new(&read.about.capture).ok()?)?;
+    Some(capture.notes)
+}

@@ -1,0 +1,81 @@
+"""Checks with larger programs of other people what run.sh made. Usage: check_large.py FOLDER. Prints a line for each check that
+passed, with the reader's version."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+CAPTURE = "cup-000"
+# Of the simulated cup, in metres.
+HEIGHT = 0.095
+
+
+def passed(what):
+    print(f"passed: {what}", flush=True)
+
+
+def near(found, expected, relative, what):
+    assert abs(found / expected - 1) <= relative, f"{what}: {found}, expected {expected}"
+
+
+def with_open3d(home):
+    import open3d
+
+    ply = open3d.io.read_triangle_mesh(str(home / "out/cup" / CAPTURE / "model.ply"))
+    assert ply.is_watertight() and ply.has_vertex_colors() and ply.has_vertex_normals()
+    near(np.ptp(np.asarray(ply.vertices)[:, 2]), HEIGHT, 0.03, "height of .ply")
+    for ending in ("glb", "obj", "stl"):
+        mesh = open3d.io.read_triangle_mesh(str(home / f"export/{CAPTURE}.{ending}"))
+        assert len(mesh.triangles) == len(ply.triangles), ending
+        scale, up = (1000, 2) if ending == "stl" else (1, 1)
+        near(np.ptp(np.asarray(mesh.vertices)[:, up]), HEIGHT * scale, 0.03, f"height of .{ending}")
+        assert ending == "stl" or len(mesh.textures) == 1, ending
+    points = open3d.io.read_point_cloud(str(home / "nerfstudio" / CAPTURE / "points.ply"))
+    assert len(points.points) > 500 and points.has_colors()
+    passed(f"open3d {open3d.__version__}: PLY, GLB, OBJ and STL, and the points of a dataset for nerfstudio")
+
+
+def with_meshlab(home):
+    import pymeshlab
+
+    for name, scale in (("out/cup/" + CAPTURE + "/model.ply", 1), (f"export/{CAPTURE}.stl", 1000), (f"export/{CAPTURE}.3mf", 1000)):
+        meshes = pymeshlab.MeshSet()
+        meshes.load_new_mesh(str(home / name))
+        meshes.apply_filter("meshing_merge_close_vertices", threshold=pymeshlab.PureValue(1e-9 * scale))
+        found = meshes.get_topological_measures()
+        assert found["is_mesh_two_manifold"] and found["number_holes"] == 0, (name, found)
+        near(meshes.current_mesh().bounding_box().dim_z(), HEIGHT * scale, 0.03, f"height of {name}")
+    passed(f"pymeshlab {pymeshlab.__version__ if hasattr(pymeshlab, '__version__') else '2025.7'}: PLY, STL and 3MF are closed and manifold")
+
+
+def with_blender(home):
+    import bpy
+
+    for name in (f"export/{CAPTURE}.glb", f"small/{CAPTURE}.glb", f"site/{published(home)}/medium.glb"):
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        bpy.ops.import_scene.gltf(filepath=str(home / name))
+        (model,) = [thing for thing in bpy.data.objects if thing.type == "MESH"]
+        near(model.dimensions.z, HEIGHT, 0.03, f"height of {name}")
+        attributes = {attribute.name for attribute in model.data.attributes}
+        assert {"_PROVENANCE", "_ERROR", "_SEEN"} <= attributes, (name, attributes)
+        assert len(bpy.data.images) >= 1 and bpy.data.images[0].size[0] > 16, name
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.usd_import(filepath=str(home / f"export/{CAPTURE}.usdz"))
+    (model,) = [thing for thing in bpy.data.objects if thing.type == "MESH"]
+    near(model.dimensions.z, HEIGHT, 0.03, "height of .usdz")
+    passed(f"Blender {bpy.app.version_string}: GLB whole, compressed and published, and USDZ: metres, attributes, texture")
+
+
+def published(home):
+    (folder,) = sorted((home / "site/objects").iterdir())[:1]
+    return folder.relative_to(home / "site")
+
+
+def main(home):
+    with_open3d(home)
+    with_meshlab(home)
+    with_blender(home)
+
+
+main(Path(sys.argv[1]))

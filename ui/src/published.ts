@@ -1,0 +1,124 @@
+// The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of detail, the
+// least detailed first; this script puts the model in the picture's place. A page whose model cannot be shown keeps its picture.
+import type { Mode } from "./viewer";
+import { Viewer } from "./viewer";
+import { en } from "./words/en";
+
+const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
+const FROM = [en.from_hull, en.from_carved, en.from_restored, en.from_bridged, en.from_unseen, en.from_table];
+const SVG = "http://www.w3.org/2000/svg";
+
+function element<K extends keyof HTMLElementTagNameMap>(name: K, text = "", about: Record<string, string> = {}): HTMLElementTagNameMap[K] {
+  const made = document.createElement(name);
+  made.textContent = text;
+  for (const [key, value] of Object.entries(about)) made.setAttribute(key, value);
+  return made;
+}
+
+class Shown {
+  private readonly canvas = element("canvas", "", { tabindex: "0", role: "application", "aria-label": en.viewer_label });
+  private readonly status = element("p", "", { role: "status" });
+  private readonly buttons = element("div", "", { class: "buttons", role: "group", "aria-label": en.view_as });
+  private readonly legend = element("ul", "", { class: "legend" });
+  private viewer: Viewer | null = null;
+  private mode: Mode = "textured";
+
+  constructor(
+    private readonly section: Element,
+    private readonly picture: Element,
+    private readonly levels: { address: string; words: string }[],
+  ) {}
+
+  async start(): Promise<void> {
+    // Two levels load by themselves: one at once, one that looks good. The others wait for a button.
+    const [first, ...further] = this.levels;
+    if (!first) return;
+    this.picture.replaceWith(this.canvas);
+    this.section.append(this.status, this.buttons, this.legend);
+    try {
+      this.viewer = await Viewer.open(this.canvas, first.address, (mm) => this.measured(mm));
+    } catch (error) {
+      this.canvas.replaceWith(this.picture);
+      this.buttons.remove();
+      this.legend.remove();
+      this.status.textContent = en.viewer_failed.replace("{reason}", String(error));
+      return;
+    }
+    this.offer(further);
+    this.choose("textured");
+    this.loaded(first.address);
+    const better = further.at(-2);
+    if (better) await this.load(better.address);
+  }
+
+  private offer(further: { address: string; words: string }[]): void {
+    for (const mode of MODES) {
+      const button = element("button", en[`view_${mode}`], { "data-mode": mode });
+      button.addEventListener("click", () => this.choose(mode));
+      this.buttons.append(button);
+    }
+    const measure = element("button", en.measure, { "data-measure": "" });
+    measure.addEventListener("click", () => {
+      this.viewer?.measure();
+      this.status.textContent = en.measure_first;
+    });
+    this.buttons.append(measure);
+    const all = further.at(-1);
+    if (!all) return;
+    const button = element("button", `Full detail (${all.words})`, { "data-full": "" });
+    button.addEventListener("click", () => {
+      button.disabled = true;
+      void this.load(all.address);
+    });
+    this.buttons.append(button);
+  }
+
+  private async load(address: string): Promise<void> {
+    this.status.textContent = en.viewer_loading;
+    try {
+      await this.viewer?.load(address);
+      this.choose(this.mode);
+      this.loaded(address);
+    } catch (error) {
+      this.status.textContent = en.viewer_failed.replace("{reason}", String(error));
+    }
+  }
+
+  private loaded(address: string): void {
+    this.status.textContent = "";
+    // For whoever waits until the model is there.
+    this.canvas.dataset.loaded = address;
+  }
+
+  private measured(mm: number | null): void {
+    this.status.textContent = mm === null ? en.measure_second : en.measure_result.replace("{mm}", mm.toFixed(1));
+  }
+
+  private choose(mode: Mode): void {
+    this.mode = mode;
+    this.viewer?.show(mode);
+    for (const button of this.buttons.querySelectorAll("[data-mode]")) {
+      button.setAttribute("aria-pressed", String(button.getAttribute("data-mode") === mode));
+    }
+    const words = (value: number) => (mode === "error" ? `${value.toFixed(2)} mm` : (FROM[value] ?? String(value)));
+    const entries = (this.viewer?.scale(mode) ?? []).map(([value, color]) => {
+      const swatch = document.createElementNS(SVG, "svg");
+      swatch.setAttribute("viewBox", "0 0 10 10");
+      swatch.setAttribute("aria-hidden", "true");
+      const rect = document.createElementNS(SVG, "rect");
+      for (const [key, text] of [["width", "10"], ["height", "10"], ["fill", color]]) rect.setAttribute(key, text);
+      swatch.append(rect);
+      const item = element("li");
+      item.append(swatch, ` ${words(value)}`);
+      return item;
+    });
+    this.legend.replaceChildren(...entries);
+  }
+}
+
+for (const section of document.querySelectorAll(".viewer")) {
+  const picture = section.querySelector(".picture");
+  const named = [...section.querySelectorAll("[data-level]")];
+  const levels = named.map((level) => ({ address: level.getAttribute("data-level") ?? "", words: level.textContent ?? "" }));
+  if (picture) void new Shown(section, picture, levels).start();
+}
