@@ -19,7 +19,7 @@ use std::process::ExitCode;
 pub struct Args {
     /// The model: .ply or .glb, or the folder of a model.
     model: PathBuf,
-    /// The truth: .ply or .glb.
+    /// The truth: .ply or .glb, or the folder of a model.
     truth: PathBuf,
     #[command(flatten)]
     comparison: ComparisonArgs,
@@ -41,7 +41,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         ..Parameters::default()
     };
     let model = load(&model_file(&args.model))?;
-    let truth = load(&args.truth)?;
+    let truth = load(&model_file(&args.truth))?;
     let found = evaluate(&model, &truth.mesh, &parameters)?;
     let words = || table::table(&found);
     let draw = || draw(&found, &model.mesh, &truth.mesh);

@@ -380,7 +380,7 @@ impl Info {
         words.section(
             "Volume",
             [match &self.volume {
-                Ok([min, max]) => format!("{min:?} to {max:?} m"),
+                Ok([min, max]) => format!("{min:.4?} to {max:.4?} m"),
                 Err(error) => error.clone(),
             }],
         );

@@ -282,7 +282,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Pedal(_)) => live::absent::run("pedal"),
         Some(Command::Publish(args)) => publish::run(*args),
         Some(Command::Recover(args)) => recover::run(args),
-        Some(Command::Replay(args)) => replay::run((*args).into()),
+        Some(Command::Replay(args)) => replay::run_for_a_person((*args).into()),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
         #[cfg(not(feature = "live"))]
@@ -295,7 +295,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Status(args)) => live::client::status(args),
         Some(Command::Trigger(args)) => live::client::trigger(args),
         Some(Command::Verify(args)) => verify::run(args),
-        None => replay::run(cli.replay),
+        None => replay::run_for_a_person(cli.replay),
     }
 }
 

@@ -67,6 +67,27 @@ def with_blender(home):
     passed(f"Blender {bpy.app.version_string}: GLB whole, compressed and published, and USDZ: metres, attributes, texture")
 
 
+def with_rerun(home):
+    import subprocess
+
+    import rerun
+
+    from scand import Recording
+    from scand.to_rerun import convert
+
+    program = Path(rerun.__file__).parents[1] / "rerun_cli" / "rerun"
+    program = program if program.is_file() else Path(rerun.__file__).parents[2] / "rerun_cli" / "rerun"
+    convert(home / "cup.mcap", home / "cup.rrd", home / "out")
+    done = subprocess.run([program, "rrd", "print", "-vv", home / "cup.rrd"], capture_output=True, text=True, check=True)
+    said = done.stdout + done.stderr
+    for wanted in ("DepthImage:buffer", "DepthImage:meter", "Pinhole:image_from_camera", "Transform3D:translation", "Mesh3D:vertex_positions"):
+        assert wanted in said, wanted
+    for capture in Recording(home / "cup.mcap").captures():
+        for camera in (*(f"color/{id}" for id in capture.colors), *(f"depth/{id}" for id in capture.depths)):
+            assert f"/rig/{camera}" in said, camera
+    passed(f"Rerun {rerun.__version__}: depth as depth, lenses, poses, pictures and a model")
+
+
 def published(home):
     (folder,) = sorted((home / "site/objects").iterdir())[:1]
     return folder.relative_to(home / "site")
@@ -75,6 +96,7 @@ def published(home):
 def main(home):
     with_open3d(home)
     with_meshlab(home)
+    with_rerun(home)
     with_blender(home)
 
 

@@ -10,6 +10,10 @@ fn desk_with_mistakes() -> Desk {
     let whole = std::fs::read(desk.path("ball.mcap")).unwrap();
     std::fs::write(desk.path("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
     std::fs::write(desk.path("picture.mcap"), b"\x89PNG\r\n\x1a\n").unwrap();
+    std::fs::write(desk.path("model.mcap"), "ply\nformat ascii 1.0\n").unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 4;
+    std::fs::write(desk.path("flipped.mcap"), flipped).unwrap();
     std::fs::write(desk.path("camchain.yaml"), "cam0:\n  intrinsics: [1, 2]\n").unwrap();
     std::fs::create_dir(desk.path("empty")).unwrap();
     std::fs::create_dir(desk.path("other")).unwrap();
@@ -40,7 +44,44 @@ fn mistakes_are_answered_with_what_to_do() {
             78,
             &["did you mean \"resolution\"?"],
         ),
-        ("replay ball.mcap --set hull.resolution=abc", 78, &["abc"]),
+        (
+            "replay ball.mcap --set hull.resolution=abc",
+            78,
+            &["\"abc\", expected a number"],
+        ),
+        ("replay ball.mcap --vertices x", 2, &["10000 or 10k"]),
+        (
+            "replay ball.mcap --vertices -5",
+            2,
+            &["a number of 4 or more"],
+        ),
+        (
+            "replay ball.mcap --vertices 1k --set hull.cell_size=4mm -q -o less",
+            0,
+            &[],
+        ),
+        ("--replay -", 1, &["-: No such file"]),
+        (
+            "simulate --shape ball --out ball.mcap",
+            1,
+            &["is there already", "another --out"],
+        ),
+        ("calibrate ball.mcap", 1, &["give --board"]),
+        (
+            "board --kind charuco --paper a4 --square 25mm --out b.pdf",
+            2,
+            &["more than A4 has", "would fit"],
+        ),
+        (
+            "board --kind charuco --square 1in --out inch.pdf",
+            0,
+            &["25.4mm"],
+        ),
+        (
+            "info ball.mcap",
+            0,
+            &["2026-01-01T00:00:05.000Z", "[-0.0340, -0.0340, 0.0000]"],
+        ),
         (
             "replay ball.mcap --set hull.cell_size=1 -o large",
             1,
@@ -71,6 +112,9 @@ fn mistakes_are_answered_with_what_to_do() {
             &["2 captures", "5 cameras"],
         ),
         ("pack cut.mcap", 1, &["cut.mcap"]),
+        ("info flipped.mcap", 3, &["CRC"]),
+        ("pack flipped.mcap", 1, &["CRC", "was left unchanged"]),
+        ("info model.mcap", 1, &["is a PLY model"]),
         ("evaluate . ball.mcap", 1, &[]),
         (
             "archive ball -o package --recordings empty",
@@ -205,5 +249,109 @@ fn what_became_of_a_press_is_in_the_exit_code() {
         let daemon = answering(&desk, answer);
         hold(&desk, "trigger --socket s.sock", code, &[word]);
         daemon.join().unwrap();
+    }
+}
+
+#[test]
+fn settings_that_make_another_model_replace_nothing_unasked() {
+    let desk = Desk::new();
+    let line = "replay ball.mcap -q --capture ball-000 --set hull.resolution";
+    hold(&desk, &format!("{line}=40"), 0, &[]);
+    hold(
+        &desk,
+        &format!("{line}=50"),
+        1,
+        &["other inputs or settings", "--force", "--out"],
+    );
+    hold(&desk, &format!("{line}=50 --out other"), 0, &[]);
+    hold(
+        &desk,
+        "evaluate out/ball/ball-000 other/ball/ball-000",
+        0,
+        &["accuracy"],
+    );
+}
+
+#[test]
+fn a_calibration_with_another_focal_length_is_told_with_the_volume() {
+    let desk = Desk::new();
+    hold(&desk, "info ball.mcap --calibration good.toml", 0, &[]);
+    let text = std::fs::read_to_string(desk.path("good.toml")).unwrap();
+    // As if somebody had written a thousandth of it.
+    let shortened = |line: &str| match line.starts_with("focal_px = ") {
+        true => "focal_px = [1.5, 1.5]".to_owned(),
+        false => line.to_owned(),
+    };
+    let lines: Vec<String> = text.lines().map(shortened).collect();
+    std::fs::write(desk.path("short.toml"), lines.join("\n")).unwrap();
+    let said = hold(
+        &desk,
+        "replay ball.mcap --calibration short.toml",
+        1,
+        &["c00"],
+    );
+    let digits = said
+        .split(|c: char| !c.is_ascii_digit())
+        .map(str::len)
+        .max();
+    assert!(digits < Some(15), "{said}");
+}
+
+#[test]
+fn a_replay_that_a_person_stops_says_how_to_go_on() {
+    let desk = Desk::new();
+    #[rustfmt::skip]
+    desk.done(&[
+        "simulate", "--shape", "ball", "--cameras", "5", "--size", "320x240", "--masks", "--depth-cameras", "0",
+        "--captures", "4", "--out", "many.mcap",
+    ]);
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("scand"))
+        .args(["replay", "many.mcap"])
+        .current_dir(desk.path("."))
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The first model is complete when its folder has its name.
+    while !desk.path("out/many/ball-000").exists() {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it ends after the models"
+        );
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let stopped = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(stopped.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(130), "{said}");
+    assert!(
+        said.contains("stopped: ") && said.contains("run the same command again"),
+        "{said}"
+    );
+    let again = hold(&desk, "replay many.mcap", 0, &["unchanged"]);
+    assert!(again.contains("done"), "{again}");
+}
+
+#[test]
+fn every_line_of_the_readme_that_begins_with_cargo_is_a_command_line() {
+    use clap::Parser;
+    let readme = include_str!("../../README.md");
+    let prefix = "cargo run --release -- ";
+    let lines: Vec<&str> = readme
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix(prefix))
+        .collect();
+    assert!(lines.len() >= 3, "{lines:?}");
+    for line in lines {
+        let words = std::iter::once("scand").chain(line.split(' '));
+        let parsed = scand::commands::Cli::try_parse_from(words.clone());
+        assert!(parsed.is_ok(), "{line}: {}", parsed.unwrap_err());
+        for file in words.filter(|word| word.starts_with("recordings/")) {
+            let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+            assert!(root.join(file).is_file(), "{file}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 
 mod console;
 mod files;
+mod interrupt;
 mod outcome;
 
 use crate::calibration::RigCalibration;
@@ -16,7 +17,7 @@ use crate::recording;
 use crate::{queue, storage, sync};
 use anyhow::Context;
 use console::Console;
-use outcome::{Outcome, exit_code};
+use outcome::{Ending, Outcome, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use std::path::{Path, PathBuf};
@@ -70,8 +71,8 @@ struct Options {
     /// depth everywhere)
     #[arg(long, value_name = "METHOD", value_parser = parse_method)]
     method: Option<Method>,
-    /// Simplify each model to about N vertices
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
+    /// Simplify each model to about N vertices, such as 10000 or 10k
+    #[arg(long, value_name = "N", value_parser = parse_vertices, allow_hyphen_values = true)]
     vertices: Option<u32>,
     /// Use this calibration (TOML) instead of the recorded one
     #[arg(long, value_name = "FILE")]
@@ -99,6 +100,18 @@ struct Options {
     strict: bool,
 }
 
+/// A number of vertices, also in thousands (`10k`).
+fn parse_vertices(text: &str) -> Result<u32, String> {
+    let (digits, factor) = match text.strip_suffix(['k', 'K']) {
+        Some(thousands) => (thousands, 1000),
+        None => (text, 1),
+    };
+    let number = digits.parse().ok().and_then(|n: u32| n.checked_mul(factor));
+    number
+        .filter(|&n| n >= 4)
+        .ok_or_else(|| "expected a number of 4 or more, such as 10000 or 10k".into())
+}
+
 /// A method by the name that the configuration has for it.
 fn parse_method(name: &str) -> Result<Method, serde::de::value::Error> {
     Method::deserialize(name.into_deserializer())
@@ -122,6 +135,15 @@ impl Args {
         let stems = files::stems(&self.replay)?.into_iter();
         Ok(stems.map(|stem| self.options.out.join(stem)).collect())
     }
+}
+
+/// [`run`] for a person at a terminal, who may stop it with Ctrl-C.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_for_a_person(args: Args) -> anyhow::Result<ExitCode> {
+    interrupt::explain();
+    run(args)
 }
 
 /// Reconstructs every capture of the recordings.
@@ -230,6 +252,9 @@ impl Replay<'_> {
         let results = queue::run(self.jobs, wanted.len(), |i| {
             let made = self.maker.make(&session, &wanted[i]);
             let outcome = Outcome::new(&session, &wanted[i], made);
+            if outcome.result != Ending::Failed {
+                interrupt::done();
+            }
             self.console.finished(wanted[i].as_str());
             self.console.outcome(&outcome);
             outcome

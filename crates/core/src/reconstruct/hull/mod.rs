@@ -80,7 +80,7 @@ const SPECK: f64 = 1e-4;
 pub enum Error {
     /// The cones meet nowhere.
     #[error(
-        "the silhouettes meet nowhere within the volume {min:?} to {max:?} m: the object lies outside it, \
+        "the silhouettes meet nowhere within the volume {min:.3?} to {max:.3?} m: the object lies outside it, \
          or a camera's silhouette or pose is wrong{}",
         empty.as_ref().map(|id| format!(" (nothing of the volume is inside camera {id}'s silhouette)"))
             .unwrap_or_default()
