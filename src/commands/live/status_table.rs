@@ -1,6 +1,7 @@
 //! Prints the daemon's status as a table for a terminal. It reads JSON, so that it understands daemons of other
 //! versions.
 
+use crate::words::count;
 use serde_json::Value;
 
 /// The status in lines.
@@ -50,8 +51,8 @@ fn disk(status: &Value) -> String {
         n => format!(", {n} wait for it"),
     };
     format!(
-        "disk       room for {} captures of {:.1} MB{waiting}\n",
-        number(status, "captures_left"),
+        "disk       room for {} of {:.1} MB{waiting}\n",
+        count(number(status, "captures_left") as usize, "capture"),
         number(status, "capture_bytes") as f64 / 1e6,
     )
 }

@@ -8,6 +8,7 @@ use super::{refuse_to_replace, wrong_usage};
 use crate::range::millimetres;
 use crate::recording::Compression;
 use crate::storage::write_atomically;
+use crate::words::count;
 use anyhow::Context;
 use scand_lab::{
     CameraFault, DepthSensor, Encoding, Options, Preset, Response, Shape, Simulation, ply,
@@ -241,9 +242,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         )
     })?;
     outln!(
-        "{}: {} captures",
+        "{}: {}",
         out.display(),
-        simulation.options().captures
+        count(simulation.options().captures, "capture")
     );
     if let Some(truth) = truth {
         write_atomically(&truth, &ply(simulation.truth()))?;

@@ -1,6 +1,6 @@
 //! Rules about the model itself.
 
-use super::{Level, Limits, Parameters, Reason, ReasonCode, percent};
+use super::{Level, Limits, Parameters, Reason, ReasonCode, counted, percent};
 use crate::reconstruct::Provenance;
 use crate::report::Measurements;
 
@@ -30,9 +30,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             .openings_closed
             .level(model.closed_openings as f64);
         let words = format!(
-            "the depth opened the object in {} places where a colour camera sees it; they were \
-            closed again",
-            model.closed_openings
+            "the depth opened the object in {} where a colour camera sees it; the model is closed there again",
+            counted(model.closed_openings, "place")
         );
         into.push(reason(
             level.unwrap_or(Level::Green),
@@ -66,12 +65,15 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         reason(level, ReasonCode::ManyHandles, words)
     }));
     let opened = model.handles_of_depth as f64;
-    into.extend(beyond(&parameters.handles_of_depth, opened).map(|(level, v)| {
-        let words = format!(
-            "the depth opened {v:.0} hole(s) that no silhouette shows: the model may be perforated"
-        );
-        reason(level, ReasonCode::OpenedByDepth, words)
-    }));
+    into.extend(
+        beyond(&parameters.handles_of_depth, opened).map(|(level, v)| {
+            let words = format!(
+                "the depth opened {} that no silhouette shows: the model may be perforated",
+                counted(v as usize, "hole")
+            );
+            reason(level, ReasonCode::OpenedByDepth, words)
+        }),
+    );
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
         let words = format!(
@@ -86,7 +88,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     ] {
         if count > 0 {
             let level = parameters.dropped_pieces.level(count as f64);
-            let words = format!("{count} stray piece(s) {from} were dropped");
+            let were = if count == 1 { "was" } else { "were" };
+            let words = format!("{} {from} {were} dropped", counted(count, "stray piece"));
             into.push(reason(
                 level.unwrap_or(Level::Green),
                 ReasonCode::PiecesDropped,
