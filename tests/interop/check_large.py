@@ -23,14 +23,16 @@ def with_open3d(home):
     import open3d
 
     ply = open3d.io.read_triangle_mesh(str(home / "out/cup" / CAPTURE / "model.ply"))
-    assert ply.is_watertight() and ply.has_vertex_colors() and ply.has_vertex_normals()
+    # Its own is_watertight also looks for triangles that cross, which takes minutes.
+    assert ply.is_edge_manifold(allow_boundary_edges=False) and ply.is_vertex_manifold()
+    assert ply.has_vertex_colors() and ply.has_vertex_normals()
     near(np.ptp(np.asarray(ply.vertices)[:, 2]), HEIGHT, 0.03, "height of .ply")
     for ending in ("glb", "obj", "stl"):
         mesh = open3d.io.read_triangle_mesh(str(home / f"export/{CAPTURE}.{ending}"))
         assert len(mesh.triangles) == len(ply.triangles), ending
         scale, up = (1000, 2) if ending == "stl" else (1, 1)
         near(np.ptp(np.asarray(mesh.vertices)[:, up]), HEIGHT * scale, 0.03, f"height of .{ending}")
-        assert ending == "stl" or len(mesh.textures) == 1, ending
+        assert ending == "stl" or mesh.has_triangle_uvs(), ending
     points = open3d.io.read_point_cloud(str(home / "nerfstudio" / CAPTURE / "points.ply"))
     assert len(points.points) > 500 and points.has_colors()
     passed(f"open3d {open3d.__version__}: PLY, GLB, OBJ and STL, and the points of a dataset for nerfstudio")
@@ -63,7 +65,9 @@ def with_blender(home):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(home / f"export/{CAPTURE}.usdz"))
     (model,) = [thing for thing in bpy.data.objects if thing.type == "MESH"]
-    near(model.dimensions.z, HEIGHT, 0.03, "height of .usdz")
+    # Blender's z is up, to which the object, and not its numbers, is turned.
+    heights = [(model.matrix_world @ vertex.co).z for vertex in model.data.vertices]
+    near(max(heights) - min(heights), HEIGHT, 0.03, "height of .usdz")
     passed(f"Blender {bpy.app.version_string}: GLB whole, compressed and published, and USDZ: metres, attributes, texture")
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Readers that are too large for CI, over what run.sh made: Open3D, MeshLab, Blender, Rerun. `INTEROP=all make interop` runs it. It
-# downloads about 1 GB into target/interop/large; versions are fixed, hashes are not.
+# Readers that are too large for CI, over what run.sh made: Open3D, MeshLab, Blender, Rerun. `INTEROP=all make
+# interop` runs it. It downloads about 1 GB into target/interop/large; versions are fixed, hashes are not.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 environment=target/interop/large

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# From a press on the simulated rig to an archive package, a model, a dataset and a published page, each checked with somebody
-# else's reader. SCAND names a program with cameras (features rig and lab), PYTHON one with the readers; press.sh FOLDER makes
-# the folder. `make interop` runs it.
+# From a press on the simulated rig to an archive package, a model, a dataset and a published page, each checked with
+# somebody else's reader. SCAND names a program with cameras (features rig and lab), PYTHON one with the readers;
+# press.sh FOLDER makes the folder. `make interop` runs it.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd)
 scand=$(realpath "$SCAND")

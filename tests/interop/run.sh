@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# `make interop`: from a simulated recording to a model, an archive package, exports, datasets and a published folder, each checked
-# with other people's readers, and then all of it from a press on the simulated rig (press.sh), if the program has cameras. The
-# readers are installed into target/interop, versions and hashes locked. SCAND names the program. INTEROP=all also runs readers
-# that are larger (large.sh).
+# `make interop`: from a simulated recording to a model, an archive package, exports, datasets and a published folder,
+# each checked with other people's readers, and then all of it from a press on the simulated rig (press.sh), if the
+# program has cameras. The readers are installed into target/interop, versions and hashes locked. SCAND names the
+# program. INTEROP=all also runs readers that are larger (large.sh).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=tests/interop

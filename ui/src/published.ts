@@ -1,5 +1,6 @@
-// The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of detail, the
-// least detailed first; this script puts the model in the picture's place. A page whose model cannot be shown keeps its picture.
+// The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of
+// detail, the least detailed first; this script puts the model in the picture's place. A page whose model cannot be
+// shown keeps its picture.
 import type { Mode } from "./viewer";
 import { Viewer } from "./viewer";
 import { en } from "./words/en";

@@ -1,5 +1,5 @@
-// A folder that `scand publish` made, served by a plain web server: the viewer shows each level of detail, names full of markup
-// are text, and nothing leaves the machine.
+// A folder that `scand publish` made, served by a plain web server: the viewer shows each level of detail, names full
+// of markup are text, and nothing leaves the machine.
 import AxeBuilder from "@axe-core/playwright";
 import { spawnSync } from "node:child_process";
 import { once } from "node:events";

@@ -76,8 +76,14 @@ fn models(status: &Value) -> String {
 }
 
 fn cameras(status: &Value) -> String {
+    let cameras = &status["cameras"];
+    if !cameras.is_object() && !cameras.is_null() {
+        return "cameras    unknown: the daemon's reply lists them in a form that this scand does not know; are both of one \
+                version?\n"
+            .to_owned();
+    }
     let mut text = format!("{:12} {:8} {:>5}  {}\n", "camera", "state", "lost", "");
-    for (id, camera) in status["cameras"].as_object().into_iter().flatten() {
+    for (id, camera) in cameras.as_object().into_iter().flatten() {
         text += &format!(
             "{id:12} {:8} {:>5}  {}\n",
             word(camera, "state"),
@@ -155,6 +161,8 @@ mod tests {
             assert!(status.contains(line), "{line}:\n{status}");
         }
         // A daemon that says nothing of this is no reason to fail.
+        let other = super::status(&serde_json::json!({ "cameras": [{ "id": "c00" }] }));
+        assert!(other.contains("cameras    unknown"), "{other}");
         assert!(super::status(&Value::Null).contains("session    none"));
     }
 }

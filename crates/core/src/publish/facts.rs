@@ -1,5 +1,5 @@
-//! Figures and verdict of a model, from its `report.json`. The file may come from anywhere: what is not as a report has it
-//! counts as unknown, and is not published.
+//! Figures and verdict of a model, from its `report.json`. The file may come from anywhere: what is not as a report
+//! has it counts as unknown, and is not published.
 
 use super::Extra;
 use crate::level::Level;

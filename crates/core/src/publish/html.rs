@@ -1,7 +1,7 @@
 //! Text as HTML.
 
-/// Text with what HTML would take for markup made harmless. Letters that control a terminal or turn the direction of what
-/// follows become U+FFFD.
+/// Text with what HTML would take for markup made harmless. Letters that control a terminal or turn the direction of
+/// what follows become U+FFFD.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for letter in text.chars() {

@@ -1,6 +1,6 @@
-//! Manifests of IIIF's Presentation API 3.0, the stable version when this was written. Version 4, a draft, has a `Scene`
-//! for three dimensions; 3.0 knows the type `Model` and paints it on a canvas, which is what today's viewers of models
-//! read. A second canvas has a picture, for viewers of pictures. `docs/formats.md` has the reasons.
+//! Manifests of IIIF's Presentation API 3.0, the stable version when this was written. Version 4, a draft, has a
+//! `Scene` for three dimensions; 3.0 knows the type `Model` and paints it on a canvas, which is what today's viewers
+//! of models read. A second canvas has a picture, for viewers of pictures. `docs/formats.md` has the reasons.
 
 use super::html::{escaped, without_markup};
 use super::{Exhibit, LevelFile, Picture};
@@ -163,7 +163,8 @@ fn metadata(exhibit: &Exhibit) -> Vec<Value> {
     pairs.into_iter().filter_map(pair).collect()
 }
 
-/// A value, which viewers take for HTML if it begins with `<` and ends with `>`: such a text becomes HTML that shows it.
+/// A value, which viewers take for HTML if it begins with `<` and ends with `>`: such a text becomes HTML that shows
+/// it.
 fn value(text: &str) -> String {
     match text.contains(['<', '>']) {
         true => format!("<span>{}</span>", escaped(text)),

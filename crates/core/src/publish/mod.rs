@@ -1,5 +1,5 @@
-//! What a published folder says: pages, IIIF manifests and Voyager scenes, made from the description of a model and from
-//! its report. What goes public is decided here. No I/O; the command line reads models and writes the folder.
+//! What a published folder says: pages, IIIF manifests and Voyager scenes, made from the description of a model and
+//! from its report. What goes public is decided here. No I/O; the command line reads models and writes the folder.
 
 mod facts;
 mod html;
@@ -121,8 +121,8 @@ impl Exhibit {
     }
 }
 
-/// The name of a model's folder: its number, as far as an address can hold it, and what tells its capture from others. It
-/// depends on the recording alone, so an address stays valid when the folder is made again.
+/// The name of a model's folder: its number, as far as an address can hold it, and what tells its capture from
+/// others. It depends on the recording alone, so an address stays valid when the folder is made again.
 pub fn exhibit_id(about: &Description) -> String {
     let letter = |c: char| match c.to_ascii_lowercase() {
         c if c.is_ascii_alphanumeric() => c,

@@ -1,5 +1,5 @@
-//! The pages of a published folder: a gallery, and a page for each object. No script is written into a page, none comes from
-//! elsewhere, and a page without its viewer still shows a picture and the files.
+//! The pages of a published folder: a gallery, and a page for each object. No script is written into a page, none
+//! comes from elsewhere, and a page without its viewer still shows a picture and the files.
 
 use super::html::escaped;
 use super::{Exhibit, LevelFile};
