@@ -240,7 +240,7 @@ def main(home):
     with_pycolmap(home, capture)
     with_nerfstudio_rules(home, capture, model.vertices[::20].astype(float))
     # The note's author, and the recording's name, which its captures have too.
-    published.check(home / "site", "https://museum.example/3d/", ["Ann", "cup-000", "cup.mcap"], passed)
+    published.check(home / "site", "https://museum.example/3d/", ["Zacharias", "cup-000", "cup.mcap"], passed)
 
 
 main(Path(sys.argv[1]))

@@ -40,7 +40,7 @@ mkdir -p $work
 cd $work
 python=../environment/bin/python
 "$scand" simulate --shape cup --textured --cameras 8 --size 640x480 --encoding jpeg --captures 2 --out cup.mcap
-"$scand" note cup-000 accept --author Ann --recording cup.mcap
+"$scand" note cup-000 accept --author Zacharias --recording cup.mcap
 "$scand" replay cup.mcap -q
 "$scand" archive cup.mcap -o package --date 2026-01-31
 for format in obj stl 3mf usdz glb; do

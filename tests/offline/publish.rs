@@ -21,7 +21,7 @@ fn desk_with_a_hostile_model() -> Desk {
     let about = Description {
         subject: text("number"),
         title: text("title"),
-        operator: text("Ann"),
+        operator: text("Zacharias"),
         project: text("project"),
         rights: text("rights"),
         session: text("session"),
@@ -31,11 +31,11 @@ fn desk_with_a_hostile_model() -> Desk {
     std::fs::write(&model, describe(&found.bytes, &about).unwrap()).unwrap();
     let report = desk.path("out/ball/ball-000/report.json");
     let mut parsed: Value = serde_json::from_slice(&std::fs::read(&report).unwrap()).unwrap();
-    parsed["recording"] = format!("/home/ann/{MARKUP}.mcap").into();
+    parsed["recording"] = format!("/home/zacharias/{MARKUP}.mcap").into();
     parsed["verdict"]["reasons"] =
         json!([{ "level": "amber", "code": "skew", "words": format!("camera 4711 {MARKUP}") }]);
     parsed["notes"] = json!({ "decision": null, "said": [
-        { "time_ns": "1", "kind": "text", "text": format!("Bea {MARKUP}"), "author": "Ann" },
+        { "time_ns": "1", "kind": "text", "text": format!("Beatrix {MARKUP}"), "author": "Zacharias" },
     ] });
     std::fs::write(&report, parsed.to_string()).unwrap();
     desk
@@ -134,7 +134,13 @@ fn a_published_folder_is_whole_and_the_same_again() {
 fn names_notes_and_serial_numbers_stay_out_and_nothing_is_markup() {
     let desk = desk_with_a_hostile_model();
     let hidden = [
-        "Ann", "Bea", "4711", "/home", "project ", "session ", "ball-000",
+        "Zacharias",
+        "Beatrix",
+        "4711",
+        "/home",
+        "project ",
+        "session ",
+        "ball-000",
     ];
     desk.done(&[
         "publish",

@@ -122,6 +122,11 @@ fn mistakes_are_answered_with_what_to_do() {
             &["\"ball\"", "--recordings"],
         ),
         (
+            "archive other -o package",
+            1,
+            &["is a folder", "--recordings", "--models"],
+        ),
+        (
             "trigger --socket none.sock",
             69,
             &["is the daemon running", "systemctl start scand"],

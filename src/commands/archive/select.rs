@@ -26,6 +26,12 @@ pub(super) struct ChosenCapture {
 /// If a word names nothing, or a recording is not complete or cannot be read.
 pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<SelectedCaptures>> {
     let mut chosen: BTreeMap<PathBuf, SelectedCaptures> = BTreeMap::new();
+    if let Some(folder) = words.iter().find(|word| Path::new(word).is_dir()) {
+        anyhow::bail!(
+            "{folder} is a folder: name captures, objects, sessions or the files of recordings; --recordings says where \
+             recordings are, and --models where their models are"
+        );
+    }
     let (files, names): (Vec<&String>, Vec<&String>) =
         words.iter().partition(|word| Path::new(word).is_file());
     for file in files {

@@ -158,9 +158,10 @@ fn refuse_to_replace(args: &Args) -> anyhow::Result<()> {
 
 fn tell(args: &Args, published: usize) {
     outln!(
-        "{}: {}; let a web server serve this folder",
+        "{}: {}; for a web server, or to look at with: python3 -m http.server --directory {}",
         args.out.display(),
-        count(published, "object")
+        count(published, "object"),
+        args.out.display()
     );
     if viewer::script().is_none() {
         eprintln!("scand: {}", viewer::MISSING);
