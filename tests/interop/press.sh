@@ -5,12 +5,12 @@
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd)
 scand=$(realpath "$SCAND")
-work=$1
+work=$(realpath -m "$1")
 rm -rf "$work"
 mkdir -p "$(dirname "$work")"
 # Cameras, daemon, background pictures, a session, a press, its model.
 cd "$root"
-OUT=$(realpath -m "$work") SCAND=$(realpath --relative-to=. "$scand") ABOUT=operator=Zacharias scripts/rig-demo.sh recordings/cup.mcap
+OUT=$(realpath -m --relative-to=. "$work") SCAND=$(realpath --relative-to=. "$scand") ABOUT=operator=Zacharias scripts/rig-demo.sh recordings/cup.mcap
 cd "$work"
 "$scand" note demo-0001 accept --author Zacharias --recording recordings/demo.mcap
 "$scand" archive demo --recordings recordings --models models -o package --date 2026-01-31

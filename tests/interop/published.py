@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import urlparse
 
+LINKS = ["rendering", "thumbnail", "seeAlso", "homepage"]
 QUALITIES = ["High", "Medium", "Low", "Thumb"]
 
 
@@ -60,13 +61,18 @@ def manifests(site, address):
         bodies = [canvas.items[0].items[0].body for canvas in manifest.items]
         assert [body.type for body in bodies] == ["Model", "Image"], bodies
         assert bodies[0].format == "model/gltf-binary"
-        offered = list(manifest.rendering) + list(manifest.thumbnail) + list(manifest.seeAlso) + list(manifest.homepage)
-        for resource in bodies + offered:
+        for resource in bodies + [each for name in LINKS for each in resources(getattr(manifest, name))]:
             in_folder(str(resource.id))
         # What the library writes again is what it read.
         again = json.loads(manifest.json())
         assert again["label"] == json.loads(text)["label"] and len(again["items"]) == 2
     return len(collection.items)
+
+
+def resources(found):
+    """The resources of a property; the library wraps some of them."""
+    found = getattr(found, "root", found)
+    return [getattr(each, "root", each) for each in found]
 
 
 def scenes(site):
