@@ -11,4 +11,6 @@ if [ ! -e $environment/ready ]; then
 	"${pip[@]}" open3d==0.20.0 pymeshlab==2025.7.post1 bpy==4.2.0 rerun-sdk==0.41.0 mcap==1.6.0
 	touch $environment/ready
 fi
-PYTHONPATH=python $environment/bin/python tests/interop/check_large.py target/interop/work
+for reader in open3d meshlab rerun blender; do
+	PYTHONPATH=python $environment/bin/python tests/interop/check_large.py target/interop/work $reader
+done
