@@ -64,7 +64,7 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "simulate --shape ball --out ball.mcap",
             1,
-            &["is there already", "another --out"],
+            &["already exists", "another --out"],
         ),
         ("calibrate ball.mcap", 1, &["give --board"]),
         (
@@ -333,7 +333,7 @@ fn a_replay_that_a_person_stops_says_how_to_go_on() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(130), "{said}");
     assert!(
-        said.contains("stopped: ") && said.contains("run the same command again"),
+        said.contains("stopped after ") && said.contains("run the same command again"),
         "{said}"
     );
     let again = hold(&desk, "replay many.mcap", 0, &["unchanged"]);

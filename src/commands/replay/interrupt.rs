@@ -19,7 +19,7 @@ pub(super) fn done() {
 pub(super) fn explain() {
     let _ = ctrlc::set_handler(|| {
         eprintln!(
-            "\nscand: stopped: {} done, and all of them are kept; run the same command again to go on with the others",
+            "\nscand: stopped after {}; run the same command again to go on with the others",
             count(DONE.load(Ordering::Relaxed), "capture")
         );
         std::process::exit(EXIT_STOPPED);
