@@ -17,7 +17,7 @@ use crate::recording;
 use crate::{queue, storage, sync};
 use anyhow::Context;
 use console::Console;
-use outcome::{Ending, Outcome, exit_code};
+use outcome::{Outcome, ReplayResult, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use std::path::{Path, PathBuf};
@@ -252,7 +252,7 @@ impl Replay<'_> {
         let results = queue::run(self.jobs, wanted.len(), |i| {
             let made = self.maker.make(&session, &wanted[i]);
             let outcome = Outcome::new(&session, &wanted[i], made);
-            if outcome.result != Ending::Failed {
+            if outcome.result != ReplayResult::Failed {
                 interrupt::done();
             }
             self.console.finished(wanted[i].as_str());
