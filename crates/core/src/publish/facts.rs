@@ -100,11 +100,11 @@ mod tests {
     use super::super::testing::HOSTILE;
     use super::*;
     use crate::frame::Timestamp;
-    use crate::notes::{NoteKind, Said};
+    use crate::notes::{CaptureNote, NoteKind};
     use serde_json::json;
 
     fn notes() -> CaptureNotes {
-        CaptureNotes::new(vec![Said {
+        CaptureNotes::new(vec![CaptureNote {
             time_ns: Timestamp(1),
             kind: NoteKind::Text,
             text: "dropped by Bea".into(),
