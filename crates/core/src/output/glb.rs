@@ -60,7 +60,8 @@ pub fn encode(
     pack(&root, &body.bytes)
 }
 
-/// Puts another description into a .glb that [`encode`] made, given as its JSON: what is known, and the names of its parts.
+/// Puts another description into a .glb that [`encode`] made, given as its JSON: what is known, and the names of its
+/// parts.
 pub fn describe(json: &mut Value, about: &Description) {
     json["asset"]["extras"] = extras(about);
     json["extensions"][xmp::EXTENSION] = json!({ "packets": [xmp::packet(about)] });
