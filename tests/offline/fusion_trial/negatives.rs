@@ -1,13 +1,13 @@
 //! What is not one object, or not whole, or hidden: none of it is fused.
 
 use super::{Fused, fuse, session};
-use scand_lab::{CaptureFault, Exchange, Options, Other, Shape};
+use scand_lab::{CaptureFault, Exchange, Options, OtherObject, Shape};
 
 /// What is wrong with the second capture.
 #[derive(Clone, Copy, Debug)]
 enum Wrong {
     /// Something else is there.
-    Exchanged(Other),
+    Exchanged(OtherObject),
     /// A ball of so many millimetres broke out of the rim.
     Chip(f64),
     /// A prop of so many millimetres hides a part.
@@ -17,10 +17,10 @@ enum Wrong {
 }
 
 const TABLE: [Wrong; 7] = [
-    Wrong::Exchanged(Other::Bigger(1.0)),
-    Wrong::Exchanged(Other::Taller(3.0)),
-    Wrong::Exchanged(Other::HandleUp(3.0)),
-    Wrong::Exchanged(Other::Shape(Shape::TwoPits)),
+    Wrong::Exchanged(OtherObject::Bigger(1.0)),
+    Wrong::Exchanged(OtherObject::Taller(3.0)),
+    Wrong::Exchanged(OtherObject::HandleUp(3.0)),
+    Wrong::Exchanged(OtherObject::Shape(Shape::TwoPits)),
     Wrong::Chip(6.0),
     Wrong::Prop(25.0),
     Wrong::LostPiece(8.0),
