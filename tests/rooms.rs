@@ -188,6 +188,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         &[
             "clock",
             "frame",
+            "level",
             "log",
             "make_model",
             "range",

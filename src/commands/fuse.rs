@@ -131,6 +131,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         upright: args.upright.as_deref(),
         given: given.as_deref(),
         not_used: found.left_out.clone(),
+        replaces: false,
     };
     let outcome = maker.make_object(&sources, &request);
     Ok(told(&args, &request, &outcome))

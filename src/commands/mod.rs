@@ -22,6 +22,8 @@ pub mod info;
 pub mod live;
 #[cfg(feature = "live")]
 pub mod make_model;
+#[cfg(feature = "live")]
+pub mod make_object;
 #[cfg(not(feature = "lab"))]
 pub mod no_simulator;
 pub mod pack;
@@ -216,6 +218,9 @@ enum Command {
     #[cfg(feature = "live")]
     #[command(hide = true, name = crate::workers::protocol::COMMAND)]
     MakeModel(Box<make_model::Args>),
+    #[cfg(feature = "live")]
+    #[command(hide = true, name = crate::workers::object_protocol::COMMAND)]
+    MakeObject(Box<make_object::Args>),
     Note(live::client::NoteArgs),
     Pack(pack::Args),
     #[cfg(feature = "page")]
@@ -270,6 +275,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Info(args)) => info::run(args),
         #[cfg(feature = "live")]
         Some(Command::MakeModel(args)) => make_model::run(*args),
+        #[cfg(feature = "live")]
+        Some(Command::MakeObject(args)) => make_object::run(*args),
         Some(Command::Note(args)) => live::client::note(args),
         Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "page")]

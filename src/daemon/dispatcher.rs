@@ -6,7 +6,7 @@ use super::events::Events;
 use super::presses::journal::{self, Journal};
 use super::presses::{Effect, Input, Press, PressKey, Presses, recorded};
 use crate::clock::Clock;
-use crate::frame::{CaptureId, Timestamp};
+use crate::frame::CaptureId;
 use crate::log;
 use crate::trigger::{Event, Reply};
 use crate::workers::{Job, Jobs};
@@ -123,18 +123,24 @@ impl Dispatcher {
                     capture,
                     trigger,
                     source,
-                } => self.enqueue(recording, capture, trigger, &source),
+                    subject,
+                } => {
+                    let job = Job::new(&recording, &capture, trigger.0, &source);
+                    self.enqueue(recording, capture, job, subject.as_deref());
+                }
                 Effect::Forget(press) => drop(self.state.lock().replies.remove(&press)),
             }
         }
         next
     }
 
-    fn enqueue(&self, recording: PathBuf, capture: String, trigger: Timestamp, source: &str) {
+    fn enqueue(&self, recording: PathBuf, capture: String, job: Job, subject: Option<&str>) {
         let Some(jobs) = &self.jobs else {
             return;
         };
-        let job = Job::new(&recording, &capture, trigger.0, source);
+        if let Some(subject) = subject.filter(|subject| !subject.is_empty()) {
+            jobs.objects().captured(job.clone(), subject);
+        }
         if let Err(error) = jobs.enqueue(&job) {
             log::error!("capture {capture}: no model will be made: {error}");
             self.on(Input::JobEnded(Event::JobFailed {

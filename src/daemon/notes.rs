@@ -1,6 +1,7 @@
 //! Carries out notes: a note on a capture of a closed session is written beside its recording, and a note takes effect
 //! when it is on the disk. A reject removes the capture's job from the queue if no worker has begun it; a clear or an
-//! accept puts it back. An existing model stays and is marked with the note.
+//! accept puts it back. An existing model stays and is marked with the note; that of an object is made again without
+//! the capture, or with it.
 
 use super::dispatcher::Dispatcher;
 use super::names;
@@ -88,6 +89,9 @@ impl NoteEffects {
                 NoteKind::Accept | NoteKind::Clear => jobs.offer_again(&capture),
                 NoteKind::Text => {}
             }
+            if said.kind != NoteKind::Text {
+                fuse_again(jobs, &capture);
+            }
             if jobs.is_running(&capture) {
                 self.late
                     .lock()
@@ -126,6 +130,18 @@ impl NoteEffects {
         if let (Some(said), Event::Done { model, .. }) = (said, event) {
             tell(mark_also(model, &said), capture);
         }
+    }
+}
+
+/// Has the model of a capture's object made again, on a thread of its own, because its recording has to be read.
+fn fuse_again(jobs: &Arc<Jobs>, capture: &str) {
+    let (jobs, name) = (jobs.clone(), capture.to_owned());
+    let noted = move || jobs.objects().noted(&name);
+    if let Err(error) = std::thread::Builder::new()
+        .name("object".into())
+        .spawn(noted)
+    {
+        log::error!("capture {capture}: its object's model stays as it is: {error}");
     }
 }
 

@@ -96,6 +96,49 @@ pub enum Event {
         /// Why.
         reason: String,
     },
+    /// It is known how the captures of an object lie against each other, while it still stands there.
+    Registered {
+        /// The object's number.
+        subject: String,
+        /// The newest capture.
+        capture: String,
+        /// How clear the evidence for its pose is; red where it has none.
+        verdict: Level,
+        /// What holds its pose: `silhouettes`, `colours`, `depth`, `nothing` (a turn cannot be known, and the form does
+        /// not depend on it) or `frame` (the others' poses are measured against it); without it where the capture has
+        /// none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        held_by: Option<String>,
+        /// The same, and what a person can do.
+        words: String,
+        /// Captures without a pose, by name and with the reason.
+        #[serde(default)]
+        left_out: Vec<String>,
+        /// Percent of the surface that no camera has faced yet.
+        unseen_percent: u32,
+        /// Which side to show next; without it where nothing is left to show, or the capture has no pose.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        show_next: Option<String>,
+    },
+    /// The model of several captures of an object is made, or cannot be.
+    Fused {
+        /// The object's number.
+        subject: String,
+        /// The newest capture.
+        capture: String,
+        /// How far the model can be trusted; without it where there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        verdict: Option<Level>,
+        /// Why not further, or why there is no model.
+        #[serde(default)]
+        reasons: Vec<String>,
+        /// Captures that the model leaves out, by name and with the reason.
+        #[serde(default)]
+        left_out: Vec<String>,
+        /// The folder of the model; without it where there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        model: Option<PathBuf>,
+    },
     /// A request other than a press, `status` or `events` was carried out; only in a reply.
     Ok {
         /// What was done.

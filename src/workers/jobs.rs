@@ -2,6 +2,7 @@
 //! removed when it is done. Memory holds only the jobs in progress and the number that wait.
 
 use super::job::{ENDING, Job};
+use super::object_jobs::ObjectJobs;
 use crate::log;
 use crate::process::Cancel;
 use crate::recording::{Recording, unfinished_name};
@@ -33,6 +34,7 @@ pub struct Jobs {
     state: Mutex<State>,
     changed: Condvar,
     cancel: Cancel,
+    objects: ObjectJobs,
 }
 
 #[derive(Default)]
@@ -61,6 +63,8 @@ pub struct Backlog {
     pub done: u64,
     /// Jobs that failed since the start.
     pub failed: u64,
+    /// Objects of several captures that wait for their model, or whose model is being made.
+    pub objects: usize,
 }
 
 /// A job that is being done.
@@ -113,6 +117,7 @@ impl Jobs {
             state: Mutex::new(state),
             changed: Condvar::new(),
             cancel,
+            objects: ObjectJobs::open(recordings),
         })
     }
 
@@ -132,14 +137,27 @@ impl Jobs {
         Ok(())
     }
 
+    /// The jobs of objects of which there are several captures.
+    pub fn objects(&self) -> &ObjectJobs {
+        &self.objects
+    }
+
     /// Whether nothing waits and nothing is being done.
     pub fn is_idle(&self) -> bool {
+        self.has_no_captures() && self.objects.is_empty()
+    }
+
+    /// Whether no capture's model waits or is being made.
+    pub(super) fn has_no_captures(&self) -> bool {
         let state = self.state.lock();
         state.waiting == 0 && state.running.is_empty()
     }
 
     /// Whether one of a session's captures waits or is being made into a model.
     pub fn has_of(&self, session: &str) -> bool {
+        if self.objects.has_of(session) {
+            return true;
+        }
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();
         let mut files = files.flatten().map(|file| file.path());
         files.any(|path| {
@@ -163,7 +181,10 @@ impl Jobs {
                 unfinished_name(path)
             };
             let jobs = match Recording::open(&found) {
-                Ok(recording) => Job::of_recording(&recording, path),
+                Ok(recording) => {
+                    self.objects.enqueue_missing(&recording, path);
+                    Job::of_recording(&recording, path)
+                }
                 Err(error) => {
                     log::warning!("{error}; no models will be made from it");
                     continue;
@@ -240,6 +261,7 @@ impl Jobs {
 
     /// What is to be done yet.
     pub fn backlog(&self) -> Backlog {
+        let objects = self.objects.len();
         let state = self.state.lock();
         let running: Vec<Running> = state.running.values().map(running).collect();
         let expected = |each: f64| {
@@ -251,6 +273,7 @@ impl Jobs {
             expected_s: state.seconds.map(expected),
             done: state.done,
             failed: state.failed,
+            objects,
             running,
         }
     }
@@ -385,6 +408,7 @@ impl Jobs {
     pub(super) fn stop(&self) {
         self.state.lock().stopped = true;
         self.changed.notify_all();
+        self.objects.stop();
         self.cancel.cancel();
     }
 }

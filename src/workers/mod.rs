@@ -1,7 +1,9 @@
 //! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk. Confined
-//! worker processes do them one after the other, with the code of `scand --replay`. `make_model` builds the models;
-//! nothing here does.
+//! worker processes do them one after the other, with the code of `scand --replay`. The files `object_*` do the same
+//! for objects of which there are several captures: one thread finds how these lie, another has their model made.
+//! `make_model` builds the models; nothing here does.
 
+pub mod object_protocol;
 mod parameters;
 pub mod protocol;
 
@@ -13,14 +15,21 @@ cfg_if::cfg_if! {
         mod find;
         mod job;
         mod jobs;
+        mod object_find;
+        mod object_jobs;
+        mod object_pool;
         mod outcome;
         mod pool;
+        #[cfg(test)]
+        mod object_tests;
         #[cfg(test)]
         mod tests;
 
         pub use confine::{ConfineError, Limits, confine, part_from};
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, Running};
+        pub use object_jobs::{ObjectJob, ObjectJobs};
+        pub use object_pool::{ObjectNews, ObjectWorkers};
         pub use pool::{Ended, WorkerPlan, Workers};
     }
 }

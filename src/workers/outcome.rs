@@ -29,7 +29,7 @@ pub(super) fn model(
 }
 
 /// Why a worker made no model.
-fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
+pub(super) fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
     let said: Vec<&str> = protocol::complaints(words).collect();
     let said: String = said.join("; ").chars().take(LONGEST_REASON).collect();
     let memory = if said.contains("memory allocation of") {

@@ -24,9 +24,10 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// A job that was interrupted this many times, because the daemon ended, counts as failed.
-const MAX_STARTS: u32 = 3;
+pub(super) const MAX_STARTS: u32 = 3;
 
 /// What the threads work with.
+#[derive(Clone)]
 pub struct WorkerPlan {
     /// How many, how long, and where models go.
     pub parameters: Parameters,

@@ -8,6 +8,7 @@ mod faults;
 #[path = "../gige/network.rs"]
 #[allow(dead_code, reason = "what the camera's own tests want beside")]
 mod network;
+mod objects;
 #[path = "../openni2-sensor/stage.rs"]
 mod stage;
 mod stand;

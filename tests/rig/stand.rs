@@ -198,15 +198,49 @@ impl Stand {
 
     /// Asks for a capture without waiting for anything.
     pub fn begin_press(&self) -> Client {
+        self.begin_press_of(None)
+    }
+
+    /// The same for an object.
+    pub fn begin_press_of(&self, subject: Option<&str>) -> Client {
         let mut client = self.client().unwrap();
         let trigger = Request::Trigger {
             source: "test".into(),
             press_id: None,
-            subject: None,
+            subject: subject.map(str::to_owned),
             placement: None,
             until: Until::Durable,
         };
         client.send(&trigger).unwrap();
+        client
+    }
+
+    /// Asks for a capture of an object until one is durable; its name.
+    pub fn press_of(&self, subject: &str) -> String {
+        loop {
+            let mut client = self.begin_press_of(Some(subject));
+            let last = loop {
+                let reply = client.reply();
+                let reply = reply.unwrap_or_else(|e| panic!("{e}: {}", self.log()));
+                if reply.is_end(Until::Durable) {
+                    break reply;
+                }
+            };
+            match last {
+                Reply::Durable { capture, .. } => return capture,
+                // The thread that took the one before may not have said yet that it is free.
+                Reply::Busy => std::thread::sleep(Duration::from_millis(5)),
+                other => panic!("{other:?}: {}", self.log()),
+            }
+        }
+    }
+
+    /// A connection that hears all events.
+    pub fn listen(&self) -> Client {
+        const LONGEST: Duration = Duration::from_secs(600);
+        let mut client = Client::connect(&self.path().join("scand.sock"), Some(LONGEST)).unwrap();
+        client.send(&Request::Events {}).unwrap();
+        assert_eq!(client.reply().unwrap(), Reply::Listening);
         client
     }
 

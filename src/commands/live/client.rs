@@ -369,6 +369,34 @@ fn words(event: &Event) -> String {
         Event::JobFailed {
             capture, reason, ..
         } => format!("{capture}: its model could not be made: {reason}"),
+        Event::Registered {
+            subject,
+            capture,
+            words,
+            unseen_percent,
+            show_next,
+            ..
+        } => {
+            let next = show_next.as_deref().map_or_else(String::new, |side| {
+                format!(
+                    "; {unseen_percent} % of the surface was faced by no camera: it lies {side}"
+                )
+            });
+            format!("object {subject}: {capture}: {words}{next}")
+        }
+        Event::Fused {
+            subject,
+            verdict: Some(verdict),
+            reasons,
+            model: Some(model),
+            ..
+        } => done_words(&format!("object {subject}"), *verdict, reasons, model),
+        Event::Fused {
+            subject, reasons, ..
+        } => format!(
+            "object {subject}: there is no model: {}",
+            reasons.join("; ")
+        ),
         Event::Ok { words } | Event::Plates { words } => words.clone(),
         Event::Status { status } => status_table::status(status),
         Event::Listening => "listening".into(),

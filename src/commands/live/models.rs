@@ -4,7 +4,9 @@ use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
-use crate::workers::{Ended, Jobs, WorkerPlan, Workers, protocol};
+use crate::workers::{
+    Ended, Jobs, ObjectNews, ObjectWorkers, WorkerPlan, Workers, object_protocol, protocol,
+};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -33,7 +35,7 @@ impl Models {
         interrupted: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
-    ) -> anyhow::Result<Workers> {
+    ) -> anyhow::Result<(Workers, ObjectWorkers)> {
         self.jobs
             .enqueue_missing(interrupted, &config.workers.folder);
         let plan = WorkerPlan {
@@ -45,8 +47,16 @@ impl Models {
             // This very program, also when another version has been installed meanwhile.
             command: vec!["/proc/self/exe".into(), protocol::COMMAND.into()],
         };
+        let for_objects = WorkerPlan {
+            command: vec!["/proc/self/exe".into(), object_protocol::COMMAND.into()],
+            ..plan.clone()
+        };
+        let events = capturing.events().clone();
         let tell = move |ended| capturing.job_ended(event(ended));
-        Ok(Workers::start(&self.jobs, plan, tell)?)
+        let workers = Workers::start(&self.jobs, plan, tell)?;
+        let tell = move |news| events.publish(object_event(news));
+        let objects = ObjectWorkers::start(&self.jobs, for_objects, tell)?;
+        Ok((workers, objects))
     }
 }
 
@@ -69,5 +79,43 @@ fn event(ended: Ended) -> Event {
             recording: Some(recording),
             reason,
         },
+    }
+}
+
+fn object_event(news: ObjectNews) -> Event {
+    match news {
+        ObjectNews::Registered {
+            subject,
+            capture,
+            poses,
+        } => Event::Registered {
+            subject,
+            capture,
+            verdict: poses.verdict,
+            held_by: poses.held_by,
+            words: poses.words,
+            left_out: poses.left_out,
+            unseen_percent: poses.unseen_percent,
+            show_next: poses.show_next,
+        },
+        ObjectNews::Fused {
+            subject,
+            capture,
+            model,
+            left_out,
+        } => {
+            let (verdict, reasons, model) = match model {
+                Ok(model) => (Some(model.verdict), model.reasons, Some(model.folder)),
+                Err(reason) => (None, vec![reason], None),
+            };
+            Event::Fused {
+                subject,
+                capture,
+                verdict,
+                reasons,
+                left_out,
+                model,
+            }
+        }
     }
 }

@@ -213,7 +213,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 /// The settings that models depend on.
-fn settings(config: &Config) -> anyhow::Result<Settings> {
+pub(super) fn settings(config: &Config) -> anyhow::Result<Settings> {
     Ok(Settings {
         reconstruction: config.reconstruction(),
         verdict: config.verdict.clone(),

@@ -98,12 +98,13 @@ pub(super) enum Effect {
     Reply(PressKey, Event),
     /// Tell everybody.
     Publish(Event),
-    /// Enqueue the job of making the capture's model.
+    /// Enqueue the job of making the capture's model, and that of its object.
     Enqueue {
         recording: PathBuf,
         capture: String,
         trigger: Timestamp,
         source: String,
+        subject: Option<String>,
     },
     /// The press is not known any more; nothing follows for it.
     Forget(PressKey),
@@ -343,6 +344,7 @@ impl Presses {
             capture: capture.clone(),
             trigger: tracked.trigger,
             source: tracked.press.source.clone(),
+            subject: tracked.press.subject.clone(),
         };
         self.figures.complete += 1;
         self.note_latency(press, "durable");

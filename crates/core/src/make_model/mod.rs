@@ -15,7 +15,7 @@ pub use failure::{FailedJob, report_failure};
 pub use mark::{mark, mark_also};
 pub use object::{
     FusedCapture, Fusion, Gathered, ObjectOutcome, ObjectRequest, Pose, Registering, Source,
-    Wanted, WorstStretch, gather, read_poses, subject_of,
+    Wanted, WorstStretch, gather, object_folder_name, read_poses, subject_of,
 };
 pub use report_file::{Model, ReportFile};
 

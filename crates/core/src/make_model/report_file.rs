@@ -84,22 +84,23 @@ impl ReportFile {
             model: verdict.map(model),
         })
     }
-}
 
-/// The captures that an object's report leaves out, by name and with the reason; none where it cannot be read.
-pub(super) fn left_out(folder: &Path) -> Vec<String> {
-    let json = text(folder)
-        .ok()
-        .and_then(|text| serde_json::from_str(&text).ok());
-    let json: serde_json::Value = json.unwrap_or_default();
-    let captures = json["fusion"]["captures"]
-        .as_array()
-        .cloned()
-        .unwrap_or_default();
-    let left = captures.iter().filter(|c| c["is_fused"] == false);
-    let of = |c: &serde_json::Value, name: &str| c[name].as_str().unwrap_or_default().to_owned();
-    left.map(|c| format!("{}: {}", of(c, "id"), of(c, "words")))
-        .collect()
+    /// The captures that an object's report leaves out, by name and with the reason; none where it cannot be read.
+    pub fn left_out(folder: &Path) -> Vec<String> {
+        let json = text(folder)
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok());
+        let json: serde_json::Value = json.unwrap_or_default();
+        let captures = json["fusion"]["captures"]
+            .as_array()
+            .cloned()
+            .unwrap_or_default();
+        let left = captures.iter().filter(|c| c["is_fused"] == false);
+        let of =
+            |c: &serde_json::Value, name: &str| c[name].as_str().unwrap_or_default().to_owned();
+        left.map(|c| format!("{}: {}", of(c, "id"), of(c, "words")))
+            .collect()
+    }
 }
 
 #[cfg(test)]

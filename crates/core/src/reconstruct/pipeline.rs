@@ -179,7 +179,13 @@ pub fn reconstruct_from(
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
     begin(Stage::Fairing)?;
-    let faired = faired(&hull, &lattice, &extracted, &parameters.hull);
+    let faired = faired(
+        &hull,
+        &lattice,
+        &extracted,
+        standing.is_of_several(),
+        &parameters.hull,
+    );
     let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
         Some((faired, extracted)) => (&faired.body, extracted),
         None => (&hull, &extracted),
@@ -219,7 +225,11 @@ pub fn reconstruct_from(
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
     let unproved_volume = hull.unproved_volume();
     let (model, painting) = (&restored.model, &parameters.texture);
-    let texture = texture::paint_in_order(model, scene, &masks, &standing.ranks, painting);
+    let order = texture::Order {
+        ranks: &standing.ranks,
+        captures: &standing.captures,
+    };
+    let texture = texture::paint_in_order(model, scene, &masks, &order, painting);
     restored.model.texture = Some(texture);
     Ok(Reconstruction {
         model: restored.model,
@@ -246,11 +256,13 @@ fn begin(stage: Stage, progress: &dyn Progress) -> Result<(), Error> {
     }
 }
 
-/// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be.
+/// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be. `is_fused` says that
+/// the hull is that of several captures.
 fn faired(
     hull: &Hull,
     lattice: &Lattice,
     extracted: &ExtractedSurface,
+    is_fused: bool,
     parameters: &hull::Parameters,
 ) -> Option<(Faired, ExtractedSurface)> {
     match parameters.fairing {
@@ -259,10 +271,20 @@ fn faired(
             let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
             let surface = hull::extract_solid(&faired.body, lattice, parameters)?;
             // A handle or a piece more or less is no rounding of the hull.
-            let alike = handles(&surface.surface.mesh) == handles(&extracted.surface.mesh);
+            let (after, before) = (
+                handles(&surface.surface.mesh),
+                handles(&extracted.surface.mesh),
+            );
+            let alike = after == before || (is_fused && is_simpler(&after, &before));
             alike.then_some((faired, surface))
         }
     }
+}
+
+/// Whether a surface has as many pieces, and no more handles. Contours of several captures err against each other, so
+/// that their hull may have a tunnel at a thin place; fairing fills it where all outlines bear that.
+fn is_simpler(after: &[i64], before: &[i64]) -> bool {
+    after.len() == before.len() && after.iter().zip(before).all(|(a, b)| a <= b)
 }
 
 /// For each piece of a mesh its handles, sorted.

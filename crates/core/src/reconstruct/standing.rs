@@ -22,6 +22,8 @@ pub struct Standing {
     pub depths: Vec<OwnDepth>,
     /// For each colour view, then each depth view, its rank in painting; empty where all are alike.
     pub ranks: Vec<u8>,
+    /// For each colour view, then each depth view, the number of its capture; empty where there is one.
+    pub captures: Vec<u16>,
 }
 
 /// A depth view in its own rig's frame.
@@ -40,6 +42,11 @@ pub struct OwnDepth {
 }
 
 impl Standing {
+    /// Whether the scene is fused of several captures.
+    pub(super) fn is_of_several(&self) -> bool {
+        self.captures.windows(2).any(|pair| pair[0] != pair[1])
+    }
+
     /// A depth view with its table, both in the frame of its own rig.
     pub(super) fn depth_in_its_rig<'a>(
         &'a self,

@@ -39,6 +39,12 @@ pub(super) const PLAIN: f64 = 0.06;
 
 /// Share of depth readings beyond which they contradict a pose.
 pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
+/// Depth tells no turn from another where it objects to fewer of them than this share …
+pub(super) const DEPTH_OBJECTS_TO: f64 = 0.4;
+/// … and to no more in a row than these degrees: what fits after a quarter of a turn is told by more.
+pub(super) const DEPTH_OBJECTS_IN_A_ROW_DEG: f64 = 45.0;
+/// A part of a free turn that depth finds equally good is wide from these degrees on: it claims no turn.
+pub(super) const DEPTH_WIDE_DEG: f64 = 75.0;
 /// Poses that depth finds equally good may differ by this share of the radius and still count as one.
 pub(super) const DEPTH_SPREAD: f64 = 0.12;
 

@@ -53,12 +53,13 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
             ..captures[frame_of].facts.clone()
         },
     };
-    let mut depth_ranks = Vec::new();
+    let (mut depth_ranks, mut depth_captures) = (Vec::new(), Vec::new());
     for (number, capture) in captures.into_iter().enumerate() {
         let Some(place) = places.iter().find(|p| p.capture == number) else {
             continue;
         };
         depth_ranks.extend(capture.scene.depths.iter().map(|_| place.rank));
+        depth_captures.extend(capture.scene.depths.iter().map(|_| number as u16));
         let is_frame = number == frame_of;
         merged.add(capture, place, (!is_frame).then_some(number + 1));
     }
@@ -67,6 +68,7 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
     } = &mut merged;
     debug_assert_eq!(standing.ranks.len(), scene.colors.len());
     standing.ranks.extend(depth_ranks);
+    standing.captures.extend(depth_captures);
     merged
 }
 
@@ -91,6 +93,7 @@ impl Merged {
             let camera = moved(&view.camera, &pose, renamed(&view.camera.id), number);
             self.scene.colors.push(ColorView { camera, ..view });
             self.standing.ranks.push(place.rank);
+            self.standing.captures.push(place.capture as u16);
         }
         for view in scene.depths {
             let id = renamed(&view.camera.camera.id);
@@ -133,7 +136,13 @@ impl Merged {
             }
         }
         into.damage.extend(facts.damage);
-        if into.calibration.is_none() {
+        // A fused model is no better than the worst calibration of its captures.
+        let is_worse = match (&into.calibration, &facts.calibration) {
+            (_, None) => false,
+            (None, Some(_)) => true,
+            (Some(known), Some(other)) => other.level > known.level,
+        };
+        if is_worse {
             into.calibration = facts.calibration;
         }
     }

@@ -10,6 +10,7 @@ mod part;
 
 pub use gather::{Gathered, Source, Wanted, gather};
 pub use given::read_poses;
+pub use name::object_folder_name;
 pub use part::{FusedCapture, Fusion, Pose, WorstStretch};
 
 use super::report_file::{self, ReportFile};
@@ -39,6 +40,8 @@ pub struct ObjectRequest<'a> {
     pub given: Option<&'a [Isometry3<f64>]>,
     /// Captures that do not count, in words.
     pub not_used: Vec<String>,
+    /// Whether a model of other captures of this object may be replaced.
+    pub replaces: bool,
 }
 
 /// What became of an object.
@@ -81,7 +84,7 @@ pub struct Registering {
 impl ModelMaker<'_> {
     /// The folder of an object.
     pub fn object_folder(&self, subject: &str) -> PathBuf {
-        self.folder.join(name::folder_name(subject))
+        self.folder.join(object_folder_name(subject))
     }
 
     /// Makes one model of the captures, which are in the order of their triggers, and writes its folder, or the report
@@ -157,9 +160,13 @@ impl ModelMaker<'_> {
         let timer = StageTimer::new(self.on_stage, first.id);
         let loaded = self.load_all(sources)?;
         let digest = self.object_digest(&loaded, request);
-        if let Some(model) = self.unchanged(&folder, &digest)? {
-            let left_out = report_file::left_out(&folder);
-            return Ok(ObjectOutcome::Unchanged { model, left_out });
+        match self.unchanged(&folder, &digest) {
+            Ok(Some(model)) => {
+                let left_out = ReportFile::left_out(&folder);
+                return Ok(ObjectOutcome::Unchanged { model, left_out });
+            }
+            Err(Error::OtherModel(_)) if request.replaces => {}
+            otherwise => drop(otherwise?),
         }
         timer.begin("registration");
         let Registering { found, fusion } = registering(sources, request, &loaded);
@@ -228,7 +235,14 @@ impl ModelMaker<'_> {
             format!("{id} {} {calibration}", capture::input_digest(&l.scene))
         });
         let inputs: Vec<String> = inputs.collect();
-        let asked = format!("{request:?}");
+        let ObjectRequest {
+            subject,
+            upright,
+            given,
+            not_used,
+            ..
+        } = request;
+        let asked = format!("{subject:?} {upright:?} {given:?} {not_used:?}");
         capture::digest(&inputs.join("\n"), None, &self.settings.text, &asked)
     }
 
@@ -244,7 +258,7 @@ impl ModelMaker<'_> {
         };
         let folder = self.object_folder(request.subject);
         let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
-        if is_model && !self.force {
+        if is_model && !self.force && !request.replaces {
             return Ok(());
         }
         let recording = first.session.recording().path();

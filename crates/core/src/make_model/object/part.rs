@@ -221,16 +221,18 @@ fn words(found: &Registered, known: &[Known]) -> String {
                 s.length_px, s.miss_px
             )
         });
+    // A dent in the middle of a side changes no outline.
+    let unseen = "a change in between that no contour crosses is not seen by outlines";
     match found.verdict {
         Ok(HeldBy::Frame) => "the model has the frame of its rig".to_owned(),
         Ok(HeldBy::Silhouettes) => format!(
-            "its pose is held by the silhouettes alone, to {:.2} degrees",
+            "its pose is held by the silhouettes alone, to {:.2} degrees; {unseen}",
             found.sigma_deg
         ),
         Ok(HeldBy::Colours) => {
             let colours = found.colours.map_or((0.0, 0.0), |c| (c.best, c.next));
             format!(
-                "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn",
+                "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn; {unseen}",
                 colours.0, colours.1
             )
         }

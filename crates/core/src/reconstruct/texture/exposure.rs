@@ -19,6 +19,9 @@ const FEWEST_SAMPLES: usize = 30;
 const USABLE: std::ops::RangeInclusive<f32> = 12.0..=245.0;
 /// Weight, in samples, of the assumption that a gain is 1: decides where nothing else does.
 const PRIOR: f64 = 1.0;
+/// The same, in samples, of the assumption that a camera has the gain of its capture, where there are several: the
+/// light that differs between captures is the same for all cameras of one.
+const PRIOR_OF_CAPTURE: f64 = 500.0;
 /// Gains outside are not exposure; they are held at the limit.
 const LIMITS: [f32; 2] = [0.5, 2.0];
 
@@ -40,7 +43,7 @@ pub(super) fn even_out(surface: &Surface) -> Vec<Gain> {
         .par_iter()
         .filter_map(|&views| compare(surface, views))
         .collect();
-    let channels = [0, 1, 2].map(|channel| solve(&surface.views, &pairs, channel));
+    let channels = [0, 1, 2].map(|channel| of_channel(&surface.views, &pairs, channel));
     (0..count)
         .map(|view| Vector3::from_fn(|channel, _| channels[channel][view]))
         .collect()
@@ -75,27 +78,71 @@ fn mean_at(view: &View, vertex: usize) -> Vector3<f32> {
     view.mean_color(x, y)
 }
 
-/// Least squares over the logarithms of gains: log g_a − log g_b = −log ratio for each pair.
-fn solve(views: &[View], pairs: &[Pair], channel: usize) -> Vec<f32> {
-    let count = views.len();
-    let mut normal = DMatrix::<f64>::identity(count, count) * PRIOR;
-    let mut right = DVector::<f64>::zeros(count);
-    for pair in pairs {
-        let [a, b] = pair.views;
-        let (weight, ratio) = (pair.weight, pair.log_ratio[channel]);
+/// The gain of each view in a channel: first one a capture, then one a camera that differs from it as little as it may.
+fn of_channel(views: &[View], pairs: &[Pair], channel: usize) -> Vec<f32> {
+    let mut captures: Vec<u16> = views.iter().map(|view| view.capture).collect();
+    captures.sort_unstable();
+    captures.dedup();
+    let none = vec![0.0; views.len()];
+    if captures.len() < 2 {
+        return normalised(views, solve(&none, PRIOR, &equations(pairs, channel)));
+    }
+    let capture = |view: usize| captures.partition_point(|&c| c < views[view].capture);
+    let between = equations(pairs, channel).into_iter();
+    let between = between.map(|e| Equation {
+        unknowns: e.unknowns.map(capture),
+        ..e
+    });
+    let between: Vec<Equation> = between.filter(|e| e.unknowns[0] != e.unknowns[1]).collect();
+    let of_captures = solve(&vec![0.0; captures.len()], PRIOR, &between);
+    let expected: Vec<f64> = (0..views.len()).map(|v| of_captures[capture(v)]).collect();
+    normalised(
+        views,
+        solve(&expected, PRIOR_OF_CAPTURE, &equations(pairs, channel)),
+    )
+}
+
+/// The logarithm of one unknown gain over another.
+struct Equation {
+    unknowns: [usize; 2],
+    log_ratio: f64,
+    weight: f64,
+}
+
+fn equations(pairs: &[Pair], channel: usize) -> Vec<Equation> {
+    let equation = |pair: &Pair| Equation {
+        unknowns: pair.views,
+        log_ratio: -pair.log_ratio[channel],
+        weight: pair.weight,
+    };
+    pairs.iter().map(equation).collect()
+}
+
+/// Least squares over the logarithms of gains, each expected with a weight.
+fn solve(expected: &[f64], prior: f64, equations: &[Equation]) -> Vec<f64> {
+    let count = expected.len();
+    let mut normal = DMatrix::<f64>::identity(count, count) * prior;
+    let mut right = DVector::from_iterator(count, expected.iter().map(|e| e * prior));
+    for equation in equations {
+        let [a, b] = equation.unknowns;
+        let (weight, ratio) = (equation.weight, equation.log_ratio);
         normal[(a, a)] += weight;
         normal[(b, b)] += weight;
         normal[(a, b)] -= weight;
         normal[(b, a)] -= weight;
-        right[a] -= weight * ratio;
-        right[b] += weight * ratio;
+        right[a] += weight * ratio;
+        right[b] -= weight * ratio;
     }
-    let Some(cholesky) = normal.cholesky() else {
-        return vec![1.0; count];
-    };
-    let logs = cholesky.solve(&right);
+    match normal.cholesky() {
+        Some(cholesky) => cholesky.solve(&right).iter().copied().collect(),
+        None => vec![0.0; count],
+    }
+}
+
+/// Gains of their logarithms, their mean over the colour cameras 1.
+fn normalised(views: &[View], logs: Vec<f64>) -> Vec<f32> {
     let colors = views.iter().filter(|v| !v.is_depth).count();
-    let anchors = if colors > 0 { colors } else { count };
+    let anchors = if colors > 0 { colors } else { views.len() };
     let mean = logs.iter().take(anchors).map(|l| l.exp()).sum::<f64>() / anchors.max(1) as f64;
     logs.iter()
         .map(|l| ((l.exp() / mean) as f32).clamp(LIMITS[0], LIMITS[1]))

@@ -15,6 +15,9 @@ pub(super) const UNSEEN: u16 = u16::MAX;
 const MARGINAL: f32 = 0.02;
 /// Weight of a depth camera's colour relative to a colour camera's.
 const DEPTH_COLOR: f32 = 0.1;
+/// Cost of a border between views of two captures, in that between two of one: light is fixed to the rig, so that the
+/// shading changes there, and poses err.
+const BETWEEN_CAPTURES: f32 = 2.0;
 /// Sweeps over all triangles at most; labels settle sooner.
 const SWEEPS: usize = 10;
 /// Rounds of merging small regions.
@@ -25,8 +28,13 @@ pub(super) fn choose(surface: &Surface, parameters: &Parameters) -> Vec<u16> {
     let scores = Scores::new(surface);
     let across = &surface.across;
     let mut labels = scores.best();
+    let captures: Vec<u16> = surface.views.iter().map(|view| view.capture).collect();
+    let borders = Borders {
+        smoothness: parameters.smoothness,
+        captures: &captures,
+    };
     for _ in 0..SWEEPS {
-        if !sweep(&mut labels, &scores, across, parameters.smoothness) {
+        if !sweep(&mut labels, &scores, across, &borders) {
             break;
         }
     }
@@ -134,8 +142,31 @@ fn fill_row(surface: &Surface, triangle: usize, row: &mut [f32]) {
     }
 }
 
+/// What borders between views cost.
+struct Borders<'a> {
+    smoothness: f32,
+    /// For each view its capture.
+    captures: &'a [u16],
+}
+
+impl Borders<'_> {
+    /// The cost of a label among those of the triangles around.
+    fn cost(&self, label: u16, around: &[u16; 3]) -> f32 {
+        let capture = |label: u16| self.captures.get(usize::from(label));
+        let others = around.iter().filter(|&&l| l != UNSEEN && l != label);
+        let each = others.map(|&other| {
+            if capture(other) == capture(label) {
+                1.0
+            } else {
+                BETWEEN_CAPTURES
+            }
+        });
+        self.smoothness / 3.0 * each.sum::<f32>()
+    }
+}
+
 /// Gives each triangle the cheapest label among its own and its neighbours'; tells whether anything changed.
-fn sweep(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], smoothness: f32) -> bool {
+fn sweep(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], borders: &Borders) -> bool {
     let mut changed = false;
     for triangle in 0..labels.len() {
         let own = labels[triangle];
@@ -149,10 +180,7 @@ fn sweep(labels: &mut [u16], scores: &Scores, across: &[[u32; 3]], smoothness: f
         if around.iter().all(|&label| label == own) {
             continue;
         }
-        let cost = |label: u16| {
-            let borders = around.iter().filter(|&&l| l != UNSEEN && l != label);
-            scores.cost(triangle, label) + smoothness / 3.0 * borders.count() as f32
-        };
+        let cost = |label: u16| scores.cost(triangle, label) + borders.cost(label, &around);
         let mut best = (cost(own), own);
         for label in around {
             let cost = cost(label);

@@ -92,6 +92,16 @@ struct Surface<'a> {
     sights: Vec<Vec<Visibility>>,
 }
 
+/// What tells views of a scene apart that is fused of several captures: for each colour view, then each depth view.
+/// Empty where all are alike.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Order<'a> {
+    /// A view paints only what no view of a lower rank sees.
+    pub ranks: &'a [u8],
+    /// The number of its capture.
+    pub captures: &'a [u16],
+}
+
 /// Paints `model` from the pictures of `scene`. `silhouettes` are the colour cameras', in their order (128
 /// and up is object), or empty; where there is one, nothing is painted from outside it. A triangle that no
 /// camera sees takes the colours around it and is marked in [`Texture::seen`].
@@ -101,19 +111,18 @@ pub fn paint(
     silhouettes: &[&Mask],
     parameters: &Parameters,
 ) -> Texture {
-    paint_in_order(model, scene, silhouettes, &[], parameters)
+    paint_in_order(model, scene, silhouettes, &Order::default(), parameters)
 }
 
-/// As [`paint`], from views that have a rank, first the colour cameras', then the depth cameras': a view paints only
-/// what no view of a lower rank sees. Without ranks all are alike.
+/// As [`paint`], from views of several captures.
 pub fn paint_in_order(
     model: &Model,
     scene: &Scene,
     silhouettes: &[&Mask],
-    ranks: &[u8],
+    order: &Order,
     parameters: &Parameters,
 ) -> Texture {
-    let surface = Surface::new(&model.mesh, scene, silhouettes, ranks, parameters);
+    let surface = Surface::new(&model.mesh, scene, silhouettes, order, parameters);
     let even = || {
         let gains = exposure::even_out(&surface);
         let samples = exposure::samples(&surface, &gains);
@@ -148,7 +157,7 @@ impl<'a> Surface<'a> {
         mesh: &'a Mesh,
         scene: &'a Scene,
         silhouettes: &[&'a Mask],
-        ranks: &[u8],
+        order: &Order,
         parameters: &Parameters,
     ) -> Self {
         let connect = || {
@@ -158,7 +167,7 @@ impl<'a> Surface<'a> {
             (rings, across, normals)
         };
         let ((rings, across, normals), views) =
-            rayon::join(connect, || view::views(mesh, scene, silhouettes, ranks));
+            rayon::join(connect, || view::views(mesh, scene, silhouettes, order));
         let sights = visibility::sights(mesh, &normals, &views, parameters);
         Self {
             mesh,

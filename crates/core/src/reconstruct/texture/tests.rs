@@ -219,7 +219,13 @@ fn unevenly_exposed(model: &Model, color: impl Fn(Point3<f64>) -> [f64; 3]) -> S
 fn exposures_are_evened_out() {
     let model = sphere();
     let scene = unevenly_exposed(&model, pattern);
-    let surface = Surface::new(&model.mesh, &scene, &[], &[], &Parameters::default());
+    let surface = Surface::new(
+        &model.mesh,
+        &scene,
+        &[],
+        &Order::default(),
+        &Parameters::default(),
+    );
     let gains = exposure::even_out(&surface);
     let samples = exposure::samples(&surface, &gains);
     let mut ratios = Vec::new();

@@ -2,6 +2,7 @@
 //! cameras' own colour look the same from here on.
 
 use super::super::{DepthView, Scene};
+use super::Order;
 use crate::array::{three, two};
 use crate::calibration::DepthCamera;
 use crate::image::{Mask, RgbImage};
@@ -20,6 +21,8 @@ pub(super) struct View<'a> {
     pub is_depth: bool,
     /// Views of a lower rank go before it.
     pub rank: u8,
+    /// The number of its capture.
+    pub capture: u16,
     /// The camera's centre in the rig's frame.
     pub center: Point3<f32>,
     /// Focal length in pixels.
@@ -33,12 +36,16 @@ pub(super) fn views<'a>(
     mesh: &Mesh,
     scene: &'a Scene,
     silhouettes: &[&'a Mask],
-    ranks: &[u8],
+    order: &Order,
 ) -> Vec<View<'a>> {
-    let rank = |i: usize| ranks.get(i).copied().unwrap_or(0);
+    let place = |i: usize| {
+        let rank = order.ranks.get(i).copied().unwrap_or(0);
+        (rank, order.captures.get(i).copied().unwrap_or(0))
+    };
     let colors = scene.colors.iter().enumerate().map(|(i, view)| {
         let camera = &view.camera;
         let projected = mesh.vertices.par_iter();
+        let (rank, capture) = place(i);
         View {
             image: Cow::Borrowed(&view.image),
             silhouette: silhouettes
@@ -46,7 +53,8 @@ pub(super) fn views<'a>(
                 .copied()
                 .filter(|s| s.same_size(&view.image)),
             is_depth: false,
-            rank: rank(i),
+            rank,
+            capture,
             center: camera.center().cast(),
             focal_px: camera.intrinsics.focal_px.min() as f32,
             projected: projected.map(|&p| camera.project_for_raster(p)).collect(),
@@ -56,7 +64,7 @@ pub(super) fn views<'a>(
         .depths
         .iter()
         .enumerate()
-        .filter_map(|(i, view)| depth_view(mesh, view, rank(scene.colors.len() + i)));
+        .filter_map(|(i, view)| depth_view(mesh, view, place(scene.colors.len() + i)));
     colors.chain(depths).filter(|v| has_pixels(v)).collect()
 }
 
@@ -64,7 +72,11 @@ fn has_pixels(view: &View) -> bool {
     view.image.width() > 1 && view.image.height() > 1
 }
 
-fn depth_view<'a>(mesh: &Mesh, view: &'a DepthView, rank: u8) -> Option<View<'a>> {
+fn depth_view<'a>(
+    mesh: &Mesh,
+    view: &'a DepthView,
+    (rank, capture): (u8, u16),
+) -> Option<View<'a>> {
     let camera = &view.camera.camera;
     let vertices = mesh.vertices.par_iter();
     let projected: Vec<_> = vertices.map(|&p| project(&view.camera, p)).collect();
@@ -73,6 +85,7 @@ fn depth_view<'a>(mesh: &Mesh, view: &'a DepthView, rank: u8) -> Option<View<'a>
         silhouette: None,
         is_depth: true,
         rank,
+        capture,
         center: camera.center().cast(),
         focal_px: camera.intrinsics.focal_px.min() as f32,
         projected,

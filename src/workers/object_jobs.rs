@@ -1,0 +1,336 @@
+//! What is to be done for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
+//! is enqueued, replaced by a newer one of the same object, and removed when it is done.
+
+use super::job::Job;
+use super::object_find::{named, session_of};
+use crate::log;
+use crate::recording::{Outcome, Recording, Topic, finished_name};
+use crate::storage::{self, write_atomically};
+use parking_lot::{Condvar, Mutex};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// An object whose captures are to be fused.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectJob {
+    /// The object's number.
+    pub subject: String,
+    /// The newest of its captures. It says in which session the others are.
+    pub newest: Job,
+    /// Whether it was told how the captures lie, or nobody waits for that: then their model is made.
+    #[serde(default)]
+    pub is_registered: bool,
+}
+
+/// The ending of their files' names.
+const ENDING: &str = "object";
+/// How often something is looked for that nobody tells of.
+const LOOK_AGAIN: Duration = Duration::from_millis(300);
+
+/// All objects' jobs.
+pub struct ObjectJobs {
+    folder: PathBuf,
+    recordings: PathBuf,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    /// By the names of their files.
+    entries: BTreeMap<String, Entry>,
+    /// Captures of each object since the start, by session and subject.
+    seen: BTreeMap<(String, String), u32>,
+    generation: u64,
+    is_stopped: bool,
+}
+
+struct Entry {
+    job: ObjectJob,
+    /// Tells it from the one that it replaces, which may still be carried out.
+    generation: u64,
+    is_running: bool,
+}
+
+/// A job that was taken, to be given back or finished.
+pub(super) struct TakenObject {
+    name: String,
+    generation: u64,
+    pub(super) job: ObjectJob,
+}
+
+impl ObjectJob {
+    /// The name of its file: an object of a session has but one.
+    fn file_name(&self) -> String {
+        let session = session_of(&self.newest.capture);
+        let digest = Sha256::digest(format!("{session}\0{}", self.subject));
+        let letters: String = digest.iter().take(12).map(|b| format!("{b:02x}")).collect();
+        format!("{letters}.{ENDING}")
+    }
+
+    /// The objects of a recording with two complete captures or more, rejected or not, each with the newest of them.
+    /// The recording is at `path` when it is complete.
+    fn of_recording(recording: &Recording, path: &Path) -> Vec<Self> {
+        let records = recording.messages(&Topic::Capture).iter();
+        let complete: Vec<String> = records
+            .filter_map(|m| recording.capture_record(m).ok())
+            .filter(|record| record.outcome == Outcome::Complete)
+            .map(|record| record.id)
+            .collect();
+        let triggers = recording.messages(&Topic::Trigger).iter();
+        let mut of_subject: BTreeMap<String, (usize, Self)> = BTreeMap::new();
+        for trigger in triggers.filter_map(|m| recording.trigger(m).ok()) {
+            let Some(subject) = trigger.subject.clone() else {
+                continue;
+            };
+            if !complete.iter().any(|id| id == trigger.id.as_str()) {
+                continue;
+            }
+            let job = Self {
+                subject: subject.clone(),
+                newest: Job::new(path, trigger.id.as_str(), trigger.time.0, &trigger.source),
+                is_registered: false,
+            };
+            let count = of_subject.get(&subject).map_or(0, |(count, _)| *count);
+            of_subject.insert(subject, (count + 1, job));
+        }
+        let several = of_subject.into_values().filter(|(count, _)| *count > 1);
+        several.map(|(_, job)| job).collect()
+    }
+}
+
+impl ObjectJobs {
+    /// Those that an earlier run left, and those that come. The folder need not be there.
+    pub(super) fn open(recordings: &Path) -> Self {
+        let folder = recordings.join("jobs").join("objects");
+        let mut state = State::default();
+        for file in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let path = file.path();
+            let Some(name) = path.file_name().and_then(|n| n.to_str()) else {
+                continue;
+            };
+            if name.starts_with('.') {
+                // What a kill left of a file that was being written.
+                let _ = std::fs::remove_file(&path);
+            } else if path.extension().is_some_and(|e| e == ENDING)
+                && let Some(job) = read(&path)
+            {
+                state.generation += 1;
+                let entry = Entry {
+                    job,
+                    generation: state.generation,
+                    is_running: false,
+                };
+                state.entries.insert(name.to_owned(), entry);
+            }
+        }
+        Self {
+            folder,
+            recordings: recordings.into(),
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Takes in that a capture of a subject is durable. From the second one of a session on, its object is fused.
+    pub fn captured(&self, newest: Job, subject: &str) {
+        let session = session_of(&newest.capture).to_owned();
+        let mut state = self.state.lock();
+        // The counts of one session are enough: a session that is over gets no more captures.
+        state.seen.retain(|(of, _), _| *of == session);
+        let seen = state.seen.entry((session, subject.to_owned())).or_default();
+        *seen += 1;
+        if *seen < 2 {
+            return;
+        }
+        drop(state);
+        self.enqueue(ObjectJob {
+            subject: subject.to_owned(),
+            newest,
+            is_registered: false,
+        });
+    }
+
+    /// Takes in that somebody rejected a capture, or took that back: its object's model is made again, if it has a
+    /// subject of which there are several captures. Reads the recording.
+    pub fn noted(&self, capture: &str) {
+        for path in named(&self.recordings, session_of(capture)) {
+            let Ok(recording) = Recording::open(&path) else {
+                continue;
+            };
+            let triggers = recording.messages(&Topic::Trigger).iter();
+            let mut triggers = triggers.filter_map(|m| recording.trigger(m).ok());
+            let Some(subject) = triggers
+                .find(|t| t.id.as_str() == capture)
+                .and_then(|t| t.subject)
+            else {
+                continue;
+            };
+            let complete = finished_name(&path).unwrap_or(path);
+            let objects = ObjectJob::of_recording(&recording, &complete).into_iter();
+            for job in objects.filter(|job| job.subject == subject) {
+                self.enqueue(ObjectJob {
+                    is_registered: true,
+                    ..job
+                });
+            }
+            return;
+        }
+    }
+
+    /// Enqueues the objects of recordings that the end of an earlier run interrupted: it may have come between a
+    /// capture and its job. A job that is there already stays.
+    pub(super) fn enqueue_missing(&self, recording: &Recording, path: &Path) {
+        for job in ObjectJob::of_recording(recording, path) {
+            let is_known = self.state.lock().entries.contains_key(&job.file_name());
+            if !is_known {
+                self.enqueue(job);
+            }
+        }
+    }
+
+    /// Puts a job into the place of an older one of its object.
+    fn enqueue(&self, job: ObjectJob) {
+        let name = job.file_name();
+        let mut state = self.state.lock();
+        if let Err(error) = self.write(&name, &job) {
+            log::error!(
+                "object {}: its captures will not be fused: {error}",
+                job.subject
+            );
+            return;
+        }
+        state.generation += 1;
+        let entry = Entry {
+            job,
+            generation: state.generation,
+            is_running: false,
+        };
+        state.entries.insert(name, entry);
+        self.changed.notify_all();
+    }
+
+    fn write(&self, name: &str, job: &ObjectJob) -> Result<(), String> {
+        std::fs::create_dir_all(&self.folder).map_err(|e| e.to_string())?;
+        let bytes = serde_json::to_vec(job).map_err(|e| e.to_string())?;
+        write_atomically(&self.folder.join(name), &bytes).map_err(|e| e.to_string())
+    }
+
+    /// How many wait or are carried out.
+    pub fn len(&self) -> usize {
+        self.state.lock().entries.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether one is of a session.
+    pub(super) fn has_of(&self, session: &str) -> bool {
+        let state = self.state.lock();
+        let mut jobs = state.entries.values().map(|entry| &entry.job);
+        jobs.any(|job| session_of(&job.newest.capture) == session)
+    }
+
+    /// The oldest job that is registered or not, as soon as there is one and `may` says that it may begin; `None` after
+    /// the end.
+    pub(super) fn take(&self, is_registered: bool, may: impl Fn() -> bool) -> Option<TakenObject> {
+        let mut state = self.state.lock();
+        while !state.is_stopped {
+            let waiting = state.entries.iter_mut();
+            let waiting =
+                waiting.filter(|(_, e)| !e.is_running && e.job.is_registered == is_registered);
+            let oldest = waiting.min_by_key(|(_, e)| e.job.newest.trigger_ns);
+            match oldest {
+                Some((name, entry)) if may() => {
+                    entry.is_running = true;
+                    return Some(TakenObject {
+                        name: name.clone(),
+                        generation: entry.generation,
+                        job: entry.job.clone(),
+                    });
+                }
+                Some(_) => {
+                    self.changed.wait_for(&mut state, LOOK_AGAIN);
+                }
+                None => self.changed.wait(&mut state),
+            }
+        }
+        None
+    }
+
+    /// Notes on the disk how far a job is, unless a newer one replaced it.
+    pub(super) fn note(&self, taken: &TakenObject) {
+        let mut state = self.state.lock();
+        let entry = state.entries.get_mut(&taken.name);
+        let Some(entry) = entry.filter(|e| e.generation == taken.generation) else {
+            return;
+        };
+        entry.job = taken.job.clone();
+        if let Err(error) = self.write(&taken.name, &taken.job) {
+            log::warning!("object {}: {error}", taken.job.subject);
+        }
+    }
+
+    /// Lets a job wait again.
+    pub(super) fn requeue(&self, taken: &TakenObject) {
+        let mut state = self.state.lock();
+        let entry = state.entries.get_mut(&taken.name);
+        if let Some(entry) = entry.filter(|e| e.generation == taken.generation) {
+            entry.is_running = false;
+        }
+        self.changed.notify_all();
+    }
+
+    /// Removes a job that has come to its end, unless a newer one replaced it.
+    pub(super) fn finish(&self, taken: &TakenObject) {
+        let mut state = self.state.lock();
+        let of = state.entries.get(&taken.name);
+        if of.is_some_and(|e| e.generation == taken.generation) {
+            state.entries.remove(&taken.name);
+            let path = self.folder.join(&taken.name);
+            if let Err(error) = std::fs::remove_file(&path) {
+                log::warning!("{}: {error}", path.display());
+            }
+        }
+    }
+
+    /// Ends [`Self::take`]. The files stay.
+    pub(super) fn stop(&self) {
+        self.state.lock().is_stopped = true;
+        self.changed.notify_all();
+    }
+
+    /// Whether there shall be no more jobs.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.state.lock().is_stopped
+    }
+}
+
+/// Reads a job; a file that is none is set aside.
+fn read(path: &Path) -> Option<ObjectJob> {
+    let bytes = std::fs::read(path).map_err(|e| e.to_string());
+    let parsed = bytes.and_then(|b| {
+        let job: ObjectJob = serde_json::from_slice(&b).map_err(|e| e.to_string())?;
+        let newest = serde_json::to_vec(&job.newest).map_err(|e| e.to_string())?;
+        Job::parse(&newest)?;
+        Ok(job)
+    });
+    match parsed {
+        Ok(job) => Some(job),
+        Err(problem) => {
+            log::error!(
+                "{} is not a job: {problem}; it was set aside",
+                path.display()
+            );
+            if storage::rename_durably(path, &path.with_extension("bad")).is_err() {
+                let _ = std::fs::remove_file(path);
+            }
+            None
+        }
+    }
+}

@@ -1,0 +1,382 @@
+//! The two threads for objects, and the processes that they start: one finds poses beside the models that are being
+//! made, because the object still stands there, and one makes objects' models when no capture's model waits.
+
+use super::jobs::{Error, Jobs};
+use super::object_find::of_session;
+use super::object_jobs::TakenObject;
+use super::object_protocol::{Found, FoundPoses, ObjectModelRequest};
+use super::pool::{MAX_STARTS, WorkerPlan};
+use super::{outcome, protocol};
+use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report_failure};
+use crate::process::{Child, End};
+use crate::recording::finished_name;
+use crate::report::FailedCapture;
+use crate::storage::free_bytes;
+use crate::{frame, log};
+use parking_lot::Mutex;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitStatus};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// By how much a process that finds poses is less nice than one that makes models: somebody stands there and waits.
+const LESS_NICE: u32 = 9;
+
+/// What became of an object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ObjectNews {
+    /// It is known how its captures lie against each other.
+    Registered {
+        /// The object's number.
+        subject: String,
+        /// The newest of its captures.
+        capture: String,
+        /// How they lie.
+        poses: FoundPoses,
+    },
+    /// Its model was made, or cannot be.
+    Fused {
+        /// The object's number.
+        subject: String,
+        /// The newest of its captures.
+        capture: String,
+        /// The model, or why there is none.
+        model: Result<Model, String>,
+        /// Captures that the model leaves out, by name and with the reason.
+        left_out: Vec<String>,
+    },
+}
+
+/// The threads, from outside.
+pub struct ObjectWorkers {
+    jobs: Arc<Jobs>,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+impl ObjectWorkers {
+    /// Starts the threads; the command of `plan` begins a process for objects. `tell` is called for each thing that is
+    /// found, once, or once more after a crash.
+    ///
+    /// # Errors
+    /// If the system has no thread left.
+    pub fn start(
+        jobs: &Arc<Jobs>,
+        plan: WorkerPlan,
+        tell: impl Fn(ObjectNews) + Send + Sync + 'static,
+    ) -> Result<Self, Error> {
+        let path = plan.parameters.folder.clone();
+        let shared = Arc::new(Shared {
+            jobs: jobs.clone(),
+            plan,
+            tell: Box::new(tell),
+        });
+        let workers = Self {
+            jobs: jobs.clone(),
+            threads: Mutex::default(),
+        };
+        for (name, registers) in [("registering", true), ("fusing", false)] {
+            let shared = shared.clone();
+            let thread = std::thread::Builder::new().name(name.into());
+            let thread = thread.spawn(move || shared.run(registers));
+            let thread = thread.map_err(|cause| Error::Io {
+                path: path.clone(),
+                cause,
+            })?;
+            workers.threads.lock().push(thread);
+        }
+        Ok(workers)
+    }
+
+    /// Ends the processes and the threads. What was being done is done after the next start.
+    pub fn stop(&self) {
+        self.jobs.stop();
+        let threads = std::mem::take(&mut *self.threads.lock());
+        for thread in threads {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for ObjectWorkers {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+struct Shared {
+    jobs: Arc<Jobs>,
+    plan: WorkerPlan,
+    tell: Box<dyn Fn(ObjectNews) + Send + Sync>,
+}
+
+/// How a process ended that did its work, or could not.
+struct Ended {
+    status: Option<ExitStatus>,
+    words: String,
+    /// Why it has no status.
+    problem: Option<String>,
+}
+
+impl Shared {
+    fn run(&self, registers: bool) {
+        let objects = self.jobs.objects();
+        let may = || registers || (self.jobs.has_no_captures() && self.has_room());
+        while let Some(mut taken) = objects.take(!registers, may) {
+            let is_done = if registers {
+                self.register(&mut taken)
+            } else {
+                self.fuse(&mut taken)
+            };
+            match is_done {
+                // Rather told twice, after a crash, than never.
+                Some(true) => objects.finish(&taken),
+                Some(false) => {
+                    taken.job.is_registered = true;
+                    taken.job.newest.begun = 0;
+                    objects.note(&taken);
+                    objects.requeue(&taken);
+                }
+                None => objects.requeue(&taken),
+            }
+        }
+    }
+
+    /// Finds poses. Whether nothing more is to be done for the object; `None` if this is to be done again.
+    fn register(&self, taken: &mut TakenObject) -> Option<bool> {
+        let Some(recordings) = of_session(self.jobs.recordings(), &taken.job.newest) else {
+            log::warning!(
+                "object {}: no recording has its captures any more",
+                taken.job.subject
+            );
+            return Some(true);
+        };
+        if taken.job.newest.begun >= MAX_STARTS {
+            return Some(false);
+        }
+        let ended = self.process(taken, &recordings, true)?;
+        let Some(found) = Found::parse(&ended.words) else {
+            let why = ended.why(&self.plan);
+            log::error!("object {}: no poses were found: {why}", taken.job.subject);
+            return Some(false);
+        };
+        if let Some(poses) = found.poses {
+            log::notice!(
+                "object {}: capture {}: {}",
+                taken.job.subject,
+                taken.job.newest.capture,
+                poses.words
+            );
+            (self.tell)(ObjectNews::Registered {
+                subject: taken.job.subject.clone(),
+                capture: taken.job.newest.capture.clone(),
+                poses,
+            });
+        }
+        Some(found.captures < 2 && !found.has_folder)
+    }
+
+    /// Makes the model.
+    fn fuse(&self, taken: &mut TakenObject) -> Option<bool> {
+        let Some(recordings) = of_session(self.jobs.recordings(), &taken.job.newest) else {
+            self.fused(
+                taken,
+                Err("no recording has its captures any more".into()),
+                None,
+            );
+            return Some(true);
+        };
+        if taken.job.newest.begun >= MAX_STARTS {
+            let reason = format!(
+                "it was started {} times, and each time the daemon or the worker ended first",
+                taken.job.newest.begun
+            );
+            self.failed(taken, &recordings, reason, "");
+            return Some(true);
+        }
+        let ended = self.process(taken, &recordings, false)?;
+        let found = Found::parse(&ended.words);
+        if found
+            .as_ref()
+            .is_some_and(|f| f.captures < 2 && !f.has_folder)
+        {
+            return Some(true);
+        }
+        let folder = self.folder(&taken.job.subject, &recordings);
+        match (ended.status, folder) {
+            (Some(status), Some(folder)) if protocol::left_a_model(status.code()) => {
+                let parameters = &self.plan.parameters;
+                let model = outcome::model(&folder, status, &ended.words, parameters);
+                self.fused(taken, model, Some(&folder));
+            }
+            // It has left its own report.
+            (Some(status), Some(folder)) if status.code() == Some(1) && found.is_some() => {
+                self.fused(taken, Err(ended.why(&self.plan)), Some(&folder));
+            }
+            _ => {
+                let words = Found::others(&ended.words);
+                self.failed(taken, &recordings, ended.why(&self.plan), &words);
+            }
+        }
+        Some(true)
+    }
+
+    /// Starts a process and waits for its end; `None` if the job is to be done again.
+    fn process(
+        &self,
+        taken: &mut TakenObject,
+        recordings: &[PathBuf],
+        registers: bool,
+    ) -> Option<Ended> {
+        taken.job.newest.begun += 1;
+        self.jobs.objects().note(taken);
+        let parameters = &self.plan.parameters;
+        let request = ObjectModelRequest {
+            parent: std::process::id(),
+            memory_mb: parameters.memory_mb,
+            nice: parameters
+                .nice
+                .saturating_sub(if registers { LESS_NICE } else { 0 }),
+            recordings,
+            subject: &taken.job.subject,
+            newest: &taken.job.newest.capture,
+            registers,
+            models: &parameters.folder,
+            config: &self.jobs.settings(),
+        };
+        let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
+        command
+            .args(self.plan.command.iter().skip(1))
+            .args(request.arguments());
+        let limit = Duration::from_secs(parameters.time_limit_s.into());
+        let child = Child::start(&mut command);
+        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
+        match waited {
+            Err(error) => Some(Ended {
+                status: None,
+                words: String::new(),
+                problem: Some(format!("the worker cannot be started: {error}")),
+            }),
+            Ok((End::TimedOut, words)) => Some(Ended {
+                status: None,
+                words,
+                problem: Some(format!(
+                    "it did not finish within {} s (workers.time_limit_s)",
+                    limit.as_secs()
+                )),
+            }),
+            Ok((End::Ended(status), words)) if !was_ended(status, recordings) => Some(Ended {
+                status: Some(status),
+                words,
+                problem: None,
+            }),
+            Ok(_) => {
+                let is_renamed = recordings.iter().any(|path| !path.exists());
+                // Otherwise it counts: a job whose process is ended again and again must come to an end.
+                if self.jobs.objects().is_stopped() || is_renamed {
+                    taken.job.newest.begun -= 1;
+                    self.jobs.objects().note(taken);
+                } else {
+                    // Who ends a process may end this one next.
+                    self.jobs.pause(Duration::from_millis(300));
+                }
+                None
+            }
+        }
+    }
+
+    fn has_room(&self) -> bool {
+        let keep_free = self.plan.keep_free.load(Ordering::Relaxed);
+        free_bytes(&self.plan.parameters.folder).is_ok_and(|free| free >= keep_free)
+    }
+
+    /// The object's folder, which is where its earliest capture's recording has its models.
+    fn folder(&self, subject: &str, recordings: &[PathBuf]) -> Option<PathBuf> {
+        let name = object_folder_name(subject);
+        let candidates = recordings.iter().filter_map(|path| {
+            let complete = finished_name(path).unwrap_or_else(|| path.clone());
+            let stem = complete.file_stem()?.to_owned();
+            Some(self.plan.parameters.folder.join(stem).join(&name))
+        });
+        let candidates: Vec<PathBuf> = candidates.collect();
+        let newest = candidates.iter().filter_map(|folder| {
+            let written = std::fs::metadata(folder.join("report.json"))
+                .ok()?
+                .modified()
+                .ok()?;
+            Some((written, folder))
+        });
+        newest.max().map(|(_, folder)| folder.clone())
+    }
+
+    /// Tells of a model whose process could not say itself why there is none, with a report in its place.
+    fn failed(&self, taken: &TakenObject, recordings: &[PathBuf], reason: String, words: &str) {
+        let job = &taken.job.newest;
+        let written = || -> Result<(), String> {
+            let recording = recordings.first().ok_or("it has no recording")?;
+            let complete = finished_name(recording).unwrap_or_else(|| recording.clone());
+            let stem = complete.file_stem().unwrap_or_default();
+            let target = self.plan.parameters.folder.join(stem);
+            let target = target.join(object_folder_name(&taken.job.subject));
+            let id = frame::CaptureId::new(&job.capture).map_err(|e| e.to_string())?;
+            let failed = FailedJob {
+                recording: &complete,
+                method: self.plan.method,
+                capture: FailedCapture {
+                    id: &id,
+                    time_ns: frame::Timestamp(job.trigger_ns),
+                    source: &job.source,
+                },
+            };
+            let words = (!words.is_empty()).then_some(words.as_bytes());
+            report_failure(&target, failed, &reason, words, false).map_err(|e| e.to_string())
+        };
+        if let Err(problem) = written() {
+            let subject = &taken.job.subject;
+            log::error!("object {subject}: cannot write the report of its failure: {problem}");
+        }
+        self.fused(taken, Err(reason), None);
+    }
+
+    fn fused(&self, taken: &TakenObject, model: Result<Model, String>, folder: Option<&Path>) {
+        let subject = &taken.job.subject;
+        match &model {
+            Ok(model) => log::notice!(
+                "object {subject}: {}, {}",
+                model.verdict.name(),
+                model.folder.display()
+            ),
+            Err(reason) => log::warning!("object {subject}: there is no model: {reason}"),
+        }
+        let left_out = folder.map(ReportFile::left_out).unwrap_or_default();
+        (self.tell)(ObjectNews::Fused {
+            subject: subject.clone(),
+            capture: taken.job.newest.capture.clone(),
+            model,
+            left_out,
+        });
+    }
+}
+
+impl Ended {
+    fn why(&self, plan: &WorkerPlan) -> String {
+        match (&self.problem, self.status) {
+            (Some(problem), _) => problem.clone(),
+            (None, Some(status)) => {
+                outcome::reason(status, &Found::others(&self.words), &plan.parameters)
+            }
+            (None, None) => "it ended without a word".to_owned(),
+        }
+    }
+}
+
+/// Whether a process ended because it was asked to, or because a recording got another name before it was opened.
+fn was_ended(status: ExitStatus, recordings: &[PathBuf]) -> bool {
+    const HANGUP_INTERRUPT_TERMINATE: [i32; 3] = [1, 2, 15];
+    let asked = status
+        .signal()
+        .is_some_and(|signal| HANGUP_INTERRUPT_TERMINATE.contains(&signal));
+    asked || (!status.success() && recordings.iter().any(|path| !path.exists()))
+}

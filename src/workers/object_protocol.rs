@@ -1,0 +1,133 @@
+//! The protocol between the daemon and a process that fuses an object's captures: the command with its options, and the
+//! line on standard error by which it tells what it found. `scand make-object` is the other end.
+
+use super::protocol::{MEMORY_MB, NICE, PARENT};
+use crate::level::Level;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// The command that registers an object's captures, or makes their model.
+pub const COMMAND: &str = "make-object";
+/// Its option for finding poses alone.
+pub const REGISTER: &str = "register";
+
+/// What a line on standard error begins with that has a [`Found`].
+const FOUND: &str = "scand: found: ";
+
+/// What a process is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct ObjectModelRequest<'a> {
+    /// Id of the process that asks.
+    pub parent: u32,
+    /// Memory that may be taken, in megabytes.
+    pub memory_mb: u32,
+    /// Nice value, 0 to 19.
+    pub nice: u32,
+    /// The recordings of the session.
+    pub recordings: &'a [PathBuf],
+    /// The object's number.
+    pub subject: &'a str,
+    /// The newest of its captures.
+    pub newest: &'a str,
+    /// Whether poses are to be found alone, and no model made.
+    pub registers: bool,
+    /// Where models go: a folder for each recording.
+    pub models: &'a Path,
+    /// The configuration of the reconstruction, a TOML file.
+    pub config: &'a Path,
+}
+
+impl ObjectModelRequest<'_> {
+    /// The arguments that follow [`COMMAND`].
+    pub fn arguments(&self) -> Vec<OsString> {
+        let option = |name: &str| OsString::from(format!("--{name}"));
+        let with = |name: &str, value: &str| {
+            // In one word, so that a value may begin with a hyphen.
+            OsString::from(format!("--{name}={value}"))
+        };
+        let mut arguments = vec![
+            with(PARENT, &self.parent.to_string()),
+            with(MEMORY_MB, &self.memory_mb.to_string()),
+            with(NICE, &self.nice.to_string()),
+            with("subject", self.subject),
+            with("newest", self.newest),
+            option("out"),
+            self.models.into(),
+            option("config"),
+            self.config.into(),
+        ];
+        for recording in self.recordings {
+            arguments.extend([option("recording"), recording.into()]);
+        }
+        arguments.extend(self.registers.then(|| option(REGISTER)));
+        arguments
+    }
+}
+
+/// What was found of an object's captures.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Found {
+    /// Captures that count: complete ones that nobody rejected.
+    pub captures: usize,
+    /// Whether the object has a folder from before.
+    pub has_folder: bool,
+    /// Of two captures or more, how they lie.
+    pub poses: Option<FoundPoses>,
+}
+
+/// How an object's captures lie against each other.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct FoundPoses {
+    /// How clear the evidence for the newest capture's pose is; red where it has none.
+    pub verdict: Level,
+    /// What holds that pose; `None` where it has none.
+    pub held_by: Option<String>,
+    /// The same in words.
+    pub words: String,
+    /// Captures without a pose, by name and with the reason.
+    pub left_out: Vec<String>,
+    /// Percent of the surface that no camera of any capture with a pose faced.
+    pub unseen_percent: u32,
+    /// Which side to show next; `None` where nothing is left to show.
+    pub show_next: Option<String>,
+}
+
+impl Found {
+    /// Tells the daemon.
+    pub fn tell(&self) {
+        eprintln!("{FOUND}{}", serde_json::to_string(self).unwrap_or_default());
+    }
+
+    /// What a process told with these words.
+    pub fn parse(words: &str) -> Option<Self> {
+        let line = words.lines().rev().find_map(|l| l.strip_prefix(FOUND))?;
+        serde_json::from_str(line).ok()
+    }
+
+    /// What else it said.
+    pub fn others(words: &str) -> String {
+        let others = words.lines().filter(|line| !line.starts_with(FOUND));
+        others.map(|line| format!("{line}\n")).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_found_is_one_line_among_others() {
+        let words = "scand: warning: no Landlock\nscand: found: {\"captures\":1,\"has_folder\":false,\
+                     \"poses\":null}\nscand: it ends\n";
+        let found = Found {
+            captures: 1,
+            has_folder: false,
+            poses: None,
+        };
+        assert_eq!(Found::parse(words), Some(found));
+        let others = Found::others(words);
+        assert_eq!(others, "scand: warning: no Landlock\nscand: it ends\n");
+        assert_eq!(Found::parse("scand: found: {\n"), None);
+        assert_eq!(Found::parse(""), None);
+    }
+}

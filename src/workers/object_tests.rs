@@ -1,0 +1,214 @@
+//! Objects' jobs on the disk and the processes that do them, which are shell scripts here; `tests/rig` has the real
+//! ones.
+
+use super::object_protocol::{Found, FoundPoses};
+use super::*;
+use crate::clock::Clock;
+use crate::level::Level;
+use crate::support::wait::until;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// What every script begins with: `$subject`, `$newest`, `$register` and `$out`, and `found` and `make`.
+const BEGIN: &str = r#"
+while [ $# -gt 0 ]; do
+    case $1 in
+    --subject=*) subject=${1#--subject=} ;;
+    --newest=*) newest=${1#--newest=} ;;
+    --out) out=$2 ;;
+    --register) register=1 ;;
+    esac
+    shift
+done
+poses='{"verdict":"green","held_by":"colours","words":"held","left_out":[],"unseen_percent":9,"show_next":"below"}'
+found() {
+    if [ "$register" ]; then tell=$poses; else tell=null; fi
+    echo "scand: found: {\"captures\":$1,\"has_folder\":false,\"poses\":$tell}" >&2
+}
+make() {
+    mkdir -p "$out/s/$subject.object"
+    echo '{"outcome":"done","verdict":{"level":"amber","reasons":[{"words":"a hand"}]}}' > "$out/s/$subject.object/report.json"
+}
+"#;
+
+/// Recordings, models and a script, in a folder.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new(script: &str) -> Self {
+        let place = Self(tempfile::tempdir().unwrap());
+        std::fs::create_dir(place.recordings()).unwrap();
+        std::fs::write(place.recordings().join("s.mcap"), "").unwrap();
+        let text = format!("{BEGIN}{script}\n");
+        std::fs::write(place.path().join("worker.sh"), text).unwrap();
+        place
+    }
+
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    fn recordings(&self) -> PathBuf {
+        self.path().join("recordings")
+    }
+
+    fn jobs(&self) -> Arc<Jobs> {
+        Arc::new(Jobs::open(&self.recordings()).unwrap())
+    }
+
+    fn captured(&self, jobs: &Jobs, number: u64, subject: &str) {
+        let capture = format!("s-{number:04}");
+        let job = Job::new(&self.recordings().join("s.mcap"), &capture, number, "test");
+        jobs.objects().captured(job, subject);
+    }
+
+    fn start(&self, jobs: &Arc<Jobs>) -> (ObjectWorkers, Heard) {
+        let plan = WorkerPlan {
+            parameters: Parameters {
+                folder: self.path().join("models"),
+                ..Parameters::default()
+            },
+            settings: String::new(),
+            clock: Clock::system(),
+            method: crate::reconstruct::Method::default(),
+            keep_free: Arc::default(),
+            command: vec!["/bin/sh".into(), self.path().join("worker.sh").into()],
+        };
+        std::fs::create_dir_all(&plan.parameters.folder).unwrap();
+        let (tell, heard) = channel();
+        let workers = ObjectWorkers::start(jobs, plan, move |n| drop(tell.send(n))).unwrap();
+        (workers, Heard(heard))
+    }
+
+    /// The files of objects' jobs.
+    fn left(&self) -> usize {
+        let folder = self.recordings().join("jobs/objects");
+        std::fs::read_dir(folder).map_or(0, Iterator::count)
+    }
+}
+
+/// What was told.
+struct Heard(Receiver<ObjectNews>);
+
+impl Heard {
+    fn next(&self) -> ObjectNews {
+        self.0.recv_timeout(Duration::from_secs(60)).unwrap()
+    }
+}
+
+fn capture_of(news: &ObjectNews) -> (&str, bool) {
+    match news {
+        ObjectNews::Registered { capture, .. } => (capture, true),
+        ObjectNews::Fused { capture, .. } => (capture, false),
+    }
+}
+
+#[test]
+fn the_second_capture_of_a_subject_is_registered_and_then_fused() {
+    let place = Place::new("found 2; [ \"$register\" ] || make");
+    let jobs = place.jobs();
+    let (_workers, heard) = place.start(&jobs);
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "18");
+    assert_eq!(place.left(), 0);
+    place.captured(&jobs, 3, "17");
+    let ObjectNews::Registered {
+        subject,
+        capture,
+        poses,
+    } = heard.next()
+    else {
+        panic!("it was fused first");
+    };
+    assert_eq!((subject.as_str(), capture.as_str()), ("17", "s-0003"));
+    let expected = FoundPoses {
+        verdict: Level::Green,
+        held_by: Some("colours".into()),
+        words: "held".into(),
+        left_out: Vec::new(),
+        unseen_percent: 9,
+        show_next: Some("below".into()),
+    };
+    assert_eq!(poses, expected);
+    let ObjectNews::Fused { model, .. } = heard.next() else {
+        panic!("it was registered twice");
+    };
+    let model = model.unwrap();
+    assert_eq!(model.verdict, Level::Amber);
+    assert!(model.folder.ends_with("s/17.object"));
+    until("its job is done", || place.left() == 0 && jobs.is_idle());
+}
+
+#[test]
+fn a_newer_capture_takes_the_place_of_the_job_that_waits() {
+    let place = Place::new("found 3; [ \"$register\" ] || make");
+    let jobs = place.jobs();
+    for number in 1..=3 {
+        place.captured(&jobs, number, "17");
+    }
+    assert_eq!((place.left(), jobs.objects().len()), (1, 1));
+    let (_workers, heard) = place.start(&jobs);
+    let told = [heard.next(), heard.next()];
+    assert_eq!(
+        told.each_ref().map(capture_of),
+        [("s-0003", true), ("s-0003", false)]
+    );
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
+fn a_stop_repeats_what_was_being_done() {
+    let place =
+        Place::new("if [ \"$register\" ]; then found 2; else touch \"$out/begun\"; sleep 600; fi");
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (workers, heard) = place.start(&jobs);
+    assert_eq!(capture_of(&heard.next()), ("s-0002", true));
+    let begun = place.path().join("models/begun");
+    until("the model is being made", || begun.exists());
+    workers.stop();
+    assert_eq!(place.left(), 1);
+    let text = format!("{BEGIN}found 2; make\n");
+    std::fs::write(place.path().join("worker.sh"), text).unwrap();
+    let again = place.jobs();
+    assert!(again.has_of("s") && !again.is_idle());
+    let (_workers, heard) = place.start(&again);
+    // It was registered before.
+    assert_eq!(capture_of(&heard.next()), ("s-0002", false));
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
+fn a_process_that_fails_leaves_a_report_and_ends_the_job() {
+    let place = Place::new("echo 'scand: no light' >&2; exit 70");
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "../17");
+    place.captured(&jobs, 2, "../17");
+    let (_workers, heard) = place.start(&jobs);
+    let ObjectNews::Fused { model, .. } = heard.next() else {
+        panic!("poses were told that nobody found");
+    };
+    assert_eq!(model.unwrap_err(), "no light");
+    let report = place.path().join("models/s/%2E.%2F17.object/report.json");
+    assert!(
+        std::fs::read_to_string(report)
+            .unwrap()
+            .contains("no light")
+    );
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
+fn with_one_capture_left_and_no_model_nothing_is_told() {
+    let place = Place::new("poses=null; found 1");
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (_workers, heard) = place.start(&jobs);
+    until("its job is done", || place.left() == 0);
+    assert!(heard.0.try_recv().is_err());
+    assert_eq!(Found::parse("scand: found: nonsense"), None);
+}
