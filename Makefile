@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test deps check test calibration-trial error-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench deps check test calibration-trial error-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -28,6 +28,10 @@ page-demo: ui ## a simulated rig, the daemon and the operator's page on this mac
 page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated rig (N=3 repeats; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --locked --package scand --features rig,page)
 	cd ui && SCAND=$(or $(SCAND),target/debug/scand) N=$(or $(N),1) npx playwright test
+
+page-bench: ui ## how much later captures are taken because of the page, and what it needs (PRESSES=200, MINUTES=10; SCAND=PROGRAM)
+	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
+	SCAND=$(or $(SCAND),target/release/scand) node ui/bench.mjs
 
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh

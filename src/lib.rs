@@ -20,7 +20,7 @@ pub use scand_core::{
 
 #[cfg(feature = "live")]
 pub mod check;
-#[cfg(feature = "live")]
+#[cfg(any(feature = "live", feature = "page"))]
 pub mod clock;
 pub mod commands;
 pub mod config;
@@ -32,7 +32,7 @@ pub mod log;
 pub mod page;
 #[cfg(feature = "live")]
 pub mod pedal;
-#[cfg(feature = "live")]
+#[cfg(any(feature = "live", feature = "page"))]
 pub mod process;
 #[cfg(feature = "live")]
 pub mod setup;

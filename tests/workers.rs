@@ -9,7 +9,9 @@ mod support;
 use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
-use scand::workers::{Ended, Job, Jobs, Limits, Parameters, WorkerPlan, Workers, confine};
+use scand::workers::{
+    Ended, Job, Jobs, Limits, Parameters, Remake, RemakeWorker, WorkerPlan, Workers, confine,
+};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::os::fd::AsRawFd;
@@ -176,6 +178,41 @@ fn one_that_eats_memory_fails_alone() {
     workers.stop();
     let (_workers, heard) = start(&self::jobs(home.path()), plan(home.path(), |_| ()));
     assert!(next(&heard).model.is_ok());
+}
+
+#[test]
+fn a_model_that_is_made_again_lies_beside_the_first() {
+    let home = tempfile::tempdir().unwrap();
+    let jobs = jobs(home.path());
+    let path = home.path().join("recordings/cup.mcap");
+    std::fs::copy(simulated(), &path).unwrap();
+    let [(capture, trigger_ns), _] = captures();
+    jobs.enqueue(&Job::new(&path, &capture, trigger_ns, "test"))
+        .unwrap();
+    let (remade, heard_remade) = channel();
+    let settings = std::collections::BTreeMap::from([("hull.resolution".into(), 60.into())]);
+    let remake = Remake::new(&capture, &settings).unwrap();
+    // It is asked for first, and made last.
+    jobs.remakes().offer(remake).unwrap();
+    let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
+    let tell = move |news| drop(remade.send(news));
+    let _remaking = RemakeWorker::start(&jobs, plan(home.path(), |_| ()), tell).unwrap();
+    let first = next(&heard).model.unwrap();
+    let before = std::fs::read(first.folder.join("model.glb")).unwrap();
+    let second = heard_remade.recv_timeout(Duration::from_secs(120)).unwrap();
+    assert_eq!(second.capture, capture);
+    let folder = second.model.unwrap().folder;
+    let expected = format!("{capture}.remake-1");
+    assert_eq!(folder, home.path().join("models/cup").join(expected));
+    let again = std::fs::read(folder.join("model.glb")).unwrap();
+    assert!(again.len() > before.len());
+    assert!(before == std::fs::read(first.folder.join("model.glb")).unwrap());
+    let unknown = Remake::new("cup-999", &settings).unwrap();
+    jobs.remakes().offer(unknown).unwrap();
+    let none = heard_remade.recv_timeout(Duration::from_secs(120)).unwrap();
+    assert!(none.model.unwrap_err().contains("no recording in"));
+    assert!(!home.path().join("models/.remake").exists());
+    assert_eq!(jobs.backlog().remakes, 0);
 }
 
 /// This test's own process again, in another part.

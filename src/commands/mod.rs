@@ -24,6 +24,8 @@ pub mod live;
 pub mod make_model;
 #[cfg(feature = "live")]
 pub mod make_object;
+#[cfg(feature = "page")]
+pub mod make_view;
 #[cfg(not(feature = "lab"))]
 pub mod no_simulator;
 pub mod pack;
@@ -221,6 +223,9 @@ enum Command {
     #[cfg(feature = "live")]
     #[command(hide = true, name = crate::workers::object_protocol::COMMAND)]
     MakeObject(Box<make_object::Args>),
+    #[cfg(feature = "page")]
+    #[command(hide = true, name = crate::page::make_view::COMMAND)]
+    MakeView(make_view::Args),
     Note(live::client::NoteArgs),
     Pack(pack::Args),
     #[cfg(feature = "page")]
@@ -277,6 +282,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::MakeModel(args)) => make_model::run(*args),
         #[cfg(feature = "live")]
         Some(Command::MakeObject(args)) => make_object::run(*args),
+        #[cfg(feature = "page")]
+        Some(Command::MakeView(args)) => make_view::run(args),
         Some(Command::Note(args)) => live::client::note(args),
         Some(Command::Pack(args)) => pack::run(args),
         #[cfg(feature = "page")]

@@ -156,14 +156,48 @@ fn folders(models: &Path, capture: &str) -> Vec<PathBuf> {
         )
     };
     let of_session = stems.map(|stem| stem.path()).filter(is_of);
-    let folders = of_session.map(|stem| stem.join(capture));
-    folders
-        .filter(|folder| folder.join("report.json").is_file())
-        .collect()
+    // Beside a model lie those that were made again with other settings.
+    let remade = format!("{capture}.remake-");
+    let is_of_capture = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name == capture || name.starts_with(&remade)
+    };
+    let inside =
+        of_session.flat_map(|stem| std::fs::read_dir(stem).into_iter().flatten().flatten());
+    let mut found: Vec<PathBuf> = inside
+        .map(|entry| entry.path())
+        .filter(|path| is_of_capture(path) && path.join("report.json").is_file())
+        .collect();
+    found.sort();
+    found
 }
 
 fn tell(marked: Result<(), crate::make_model::Error>, capture: &str) {
     if let Err(error) = marked {
         log::error!("capture {capture}: cannot mark its model with the note: {error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_note_is_of_the_first_model_and_of_those_that_were_made_again() {
+        let models = tempfile::tempdir().unwrap();
+        let names = [
+            "a/a-0001",
+            "a/a-0001.remake-1",
+            "a/a-00011",
+            "a/17.object",
+            "b/a-0001",
+        ];
+        for folder in names.map(|name| models.path().join(name)) {
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join("report.json"), "{}").unwrap();
+        }
+        std::fs::create_dir_all(models.path().join("a/a-0001.remake-2")).unwrap();
+        let expected = [names[0], names[1]].map(|name| models.path().join(name));
+        assert_eq!(folders(models.path(), "a-0001"), expected);
     }
 }

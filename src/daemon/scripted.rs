@@ -197,6 +197,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> CapturePlan {
             keep_free_mb: 1,
             ..RecordingParameters::default()
         },
+        calibration: None,
         header: SessionHeader {
             configuration: "# a test".into(),
             ..SessionHeader::default()

@@ -72,6 +72,7 @@ impl Service {
             self.clock.elapsed(self.begin),
             &self.policy,
         );
+        capturing.set_ready(now.ready);
         if now.ready && !self.ready {
             log::notice!("{}", now.words);
             self.notifier.tell("READY=1");

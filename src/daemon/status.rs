@@ -30,6 +30,12 @@ pub struct CameraStatus {
 /// The daemon's status.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Status {
+    /// The daemon's version.
+    pub version: &'static str,
+    /// Whether as many cameras are ready as `service.missing_cameras` wants.
+    pub ready: bool,
+    /// Whether a capture is taken although cameras are missing (`sync.go_on_without_missing`).
+    pub goes_on_without_missing: bool,
     /// Each camera's status by its id.
     pub cameras: BTreeMap<String, CameraStatus>,
     /// The session that is being recorded.
@@ -54,6 +60,8 @@ pub struct Status {
     pub memory: [usize; 2],
     /// Age of the oldest background in hours; `None` if a colour camera has none.
     pub plates_age_h: Option<f64>,
+    /// Age of the calibration's file in hours; `None` if the rig has none.
+    pub calibration_age_h: Option<f64>,
     /// Models in progress and queued; `None` if this daemon makes none.
     pub models: Option<Backlog>,
 }

@@ -125,13 +125,14 @@ impl Daemon {
         &self,
         press_id: &str,
         subject: Option<String>,
+        placement: Option<String>,
     ) -> Result<Reply, Error> {
         let _slot = self.slot().await?;
         let request = Request::Trigger {
             source: "page".into(),
             press_id: Some(press_id.into()),
             subject,
-            placement: None,
+            placement,
             until: Until::Durable,
         };
         let begin = Instant::now();

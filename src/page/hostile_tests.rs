@@ -4,6 +4,8 @@ use super::http::router;
 use super::parameters::Parameters;
 use super::serve::{accept, app};
 use super::sessions::Role;
+use crate::support::dice::Dice;
+use crate::support::torture::times;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::unix::net::UnixListener;
@@ -100,6 +102,7 @@ impl Page {
             socket: root.path().join("scand.sock"),
             models: root.path().join("models"),
             state: root.path().join("state"),
+            cache: root.path().join("cache"),
             ..Parameters::default()
         };
         std::fs::create_dir_all(&parameters.state).unwrap();
@@ -258,7 +261,13 @@ fn nobody_else_presses() {
         ),
         ("text", with("Content-Type", "text/plain"), 415),
     ];
-    for path in ["/api/press", "/api/plates", "/api/session", "/api/note"] {
+    for path in [
+        "/api/press",
+        "/api/plates",
+        "/api/session",
+        "/api/note",
+        "/api/remake",
+    ] {
         for (what, headers, expected) in &cases {
             let answer = page.post(path, headers, PRESS);
             assert_eq!(answer.status, *expected, "{path}, {what}: {}", answer.body);
@@ -315,6 +324,15 @@ fn bodies_that_make_no_sense_are_refused() {
         r#"{"capture":"a-0001","kind":"text","path":"/etc/passwd"}"#,
     ] {
         assert_eq!(page.post("/api/note", &own, body).status, 400, "{body}");
+    }
+    for body in [
+        r#"{"capture":"../../etc","settings":{"hull.resolution":100}}"#,
+        r#"{"capture":"a-0001","settings":{"hull.resolution":[100]}}"#,
+        r#"{"capture":"a-0001","settings":{"hull.resolution":{"a":1}}}"#,
+        r#"{"capture":"a-0001","settings":{},"out":"/tmp"}"#,
+        r#"{"capture":"a-0001"}"#,
+    ] {
+        assert_eq!(page.post("/api/remake", &own, body).status, 400, "{body}");
     }
     let about = r#"{"name":"a","about":{"rig":"another"}}"#;
     assert_eq!(page.post("/api/session", &own, about).status, 400);
@@ -387,6 +405,10 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/models/a/a-0001%00/model.glb",
         "/api/models/a/a-0001/model.ply",
         "/api/models/a/a-0001/secret.txt",
+        "/api/models/a/%2e%2e/view.glb",
+        "/api/models/../../secret.txt/view.glb",
+        "/api/models/a%2fa-0001/x/thumbnail.jpg",
+        "/api/models/a/a-0002/thumbnail.jpg",
         "/api/models/a/a-0001/..%2f..%2f..%2fsecret.txt",
         "/api/models//a-0001/model.glb",
         "/api/recordings/%2e%2e",
@@ -413,6 +435,8 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/recordings",
         "/api/recordings/a",
         "/api/models/a/a-0001/model.glb",
+        "/api/models/a/a-0001/view.glb",
+        "/api/models/a/a-0001/thumbnail.jpg",
     ] {
         assert_eq!(page.get(path, "").status, 401, "{path}");
         assert_eq!(page.get(path, "Cookie: scand=\r\n").status, 401, "{path}");
@@ -424,6 +448,9 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
             .head
             .contains("content-security-policy: default-src 'none'; sandbox")
     );
+    // Where no small form can be made, the file itself is sent.
+    let view = page.get("/api/models/a/a-0001/view.glb", &cookie);
+    assert_eq!((view.status, view.body.len()), (200, 300_000));
     let long = format!("/{}", "a".repeat(2000));
     assert_eq!(page.get(&long, "").status, 414);
     assert_eq!(page.daemon.asked(), 0);
@@ -592,6 +619,70 @@ fn however_many_look_and_press_the_daemon_has_eight_connections() {
     let most = page.daemon.most.load(Ordering::SeqCst);
     assert!((2..=6).contains(&most), "{most}");
     drop(looking);
+}
+
+/// Requests of a session that lacks its token, damaged at random: whatever they become, nothing is asked of the daemon.
+#[test]
+fn damaged_requests_ask_nothing_and_the_page_goes_on() {
+    let page = Page::start();
+    let operator = page.session(Role::Operator);
+    let host = &page.host;
+    let seeds = [
+        format!(
+            "GET /api/state HTTP/1.1\r\nHost: {host}\r\nCookie: scand={operator}\r\nConnection: close\r\n\r\n"
+        ),
+        format!(
+            "POST /api/press HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nContent-Type: application/json\r\n\
+             Cookie: scand={operator}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{PRESS}",
+            PRESS.len()
+        ),
+        format!(
+            "GET /api/models/a/a-0001/model.glb HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n"
+        ),
+    ];
+    let pieces = [
+        "\r\n",
+        "\0",
+        "..",
+        "%2e%2e/",
+        "Host: evil\r\n",
+        "Transfer-Encoding: chunked\r\n",
+        "\u{ff}",
+    ];
+    let mut dice = Dice(7);
+    for n in 0..times(100, 100) {
+        let mut request = seeds[dice.index(seeds.len())].clone().into_bytes();
+        for _ in 0..=dice.below(4) {
+            if request.is_empty() {
+                break;
+            }
+            let place = dice.index(request.len());
+            match dice.below(4) {
+                0 => request[place] = dice.below(256) as u8,
+                1 => drop(request.remove(place)),
+                2 => {
+                    let piece = pieces[dice.index(pieces.len())].as_bytes();
+                    request.splice(place..place, piece.iter().copied());
+                }
+                _ => request.truncate(place.max(1)),
+            }
+        }
+        let mut stream = page.connect();
+        let _ = stream.write_all(&request);
+        // What is cut off does not wait for the rest.
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+        let mut found = Vec::new();
+        let _ = stream.take(400_000).read_to_end(&mut found);
+        let text = String::from_utf8_lossy(&found);
+        assert!(
+            !text.starts_with("HTTP/1.1 500"),
+            "{n}: {:?}",
+            String::from_utf8_lossy(&request)
+        );
+        assert!(!text.contains("the secret"), "{n}");
+    }
+    assert_eq!(page.daemon.asked(), 0);
+    assert_eq!(page.get("/healthz", "").status, 200);
 }
 
 #[test]

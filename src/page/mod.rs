@@ -1,6 +1,6 @@
 //! The operator's page: a process of its own that serves a web page on loopback and is a client of the daemon's socket.
-//! It lists and sends the files of models, and stores sessions. It parses no recording, decodes no picture, opens no
-//! camera, and writes nothing but its own state. design/page.md has the reasons.
+//! It lists and sends the files of models, and stores sessions. It parses no recording, decodes no picture (a confined
+//! process does), opens no camera, and writes nothing but its own state and its cache. design/page.md has the reasons.
 
 mod assets;
 mod control;
@@ -11,12 +11,14 @@ mod http;
 mod metrics;
 mod models;
 mod now;
+mod objects;
 mod origin;
 mod parameters;
 mod secrets;
 mod serve;
 mod sessions;
 mod summary;
+mod views;
 mod watch;
 
 pub use assets::embedded;
@@ -24,3 +26,8 @@ pub use control::{Answer, Ask, ask};
 pub use parameters::{DEFAULT_CONFIGURATION, Error as ParametersError, Parameters};
 pub use serve::{Error, run};
 pub use sessions::Role;
+
+/// What `scand make-view` is asked for.
+pub mod make_view {
+    pub use super::views::{COMMAND, FORM, LARGEST_SOURCE, PARENT, View};
+}

@@ -1,6 +1,7 @@
 //! What holds now at the rig, and the one sign that says it: folded from the daemon's events and status. No I/O, and
 //! every age is of the monotonic clock: this file decides that nothing old is shown as if it were so now.
 
+use super::objects::Objects;
 use crate::level::Level;
 use crate::trigger::Event;
 use serde_json::{Value, json};
@@ -22,6 +23,8 @@ pub(super) enum Sign {
     NotReady,
     /// No further capture fits on the disk.
     DiskFull,
+    /// The next press is taken, without cameras that are away, as the configuration allows.
+    ReadyWithout,
     /// The next press is taken.
     Ready,
     /// Hold still.
@@ -77,6 +80,8 @@ pub(super) struct Seen {
     pub(super) subject: Option<String>,
     pub(super) sign: Sign,
     pub(super) reasons: Vec<String>,
+    /// `accepted` or `rejected`, if people said so.
+    pub(super) decision: Option<&'static str>,
     pub(super) begun: Instant,
     pub(super) changed: Instant,
 }
@@ -88,6 +93,7 @@ pub(super) struct Now {
     status: Option<(Instant, Value)>,
     shown: Option<Shown>,
     captures: VecDeque<Seen>,
+    objects: Objects,
     /// Grows with each change of what the history shows.
     history: u64,
 }
@@ -160,8 +166,9 @@ impl Now {
                 recording.iter().for_each(|file| self.place(capture, file));
                 self.show(capture, Sign::ModelFailed, std::slice::from_ref(reason), at);
             }
+            Event::Note { capture, kind, .. } => self.decide(capture, kind),
             Event::Ending => self.set_status(None, at),
-            _ => {}
+            _ => self.objects.hear(event, at),
         }
         self.history += 1;
     }
@@ -176,6 +183,7 @@ impl Now {
             subject,
             sign: Sign::Capturing,
             reasons: Vec::new(),
+            decision: None,
             begun: at,
             changed: at,
         });
@@ -186,6 +194,19 @@ impl Now {
         let mut captures = self.captures.iter_mut().rev();
         if let Some(seen) = captures.find(|seen| seen.capture == capture) {
             seen.recording = Some(stem.into_owned());
+        }
+    }
+
+    fn decide(&mut self, capture: &str, kind: &str) {
+        let decision = match kind {
+            "accept" => Some("accepted"),
+            "reject" => Some("rejected"),
+            "clear" => None,
+            _ => return,
+        };
+        let mut captures = self.captures.iter_mut().rev();
+        if let Some(seen) = captures.find(|seen| seen.capture == capture) {
+            seen.decision = decision;
         }
     }
 
@@ -232,12 +253,15 @@ impl Now {
             }
         }
         let missing = missing(status);
-        if !missing.is_empty() {
+        let is_enough = status["ready"] == true && status["goes_on_without_missing"] == true;
+        if status["ready"] == false || (!missing.is_empty() && !is_enough) {
             return (Sign::NotReady, String::new(), missing, None);
         }
-        // Before the cameras told their settings there is no size of a capture, and so no number of them.
-        if status["captures_left"] == 0 && status["capture_bytes"].as_u64() > Some(0) {
+        if captures_left(status) == 0 {
             return (Sign::DiskFull, String::new(), Vec::new(), None);
+        }
+        if !missing.is_empty() {
+            return (Sign::ReadyWithout, String::new(), missing, None);
         }
         (Sign::Ready, String::new(), Vec::new(), None)
     }
@@ -249,15 +273,23 @@ impl Now {
         let since = |then: Instant| ms(at.saturating_duration_since(then));
         let last = self.captures.back().map(|seen| {
             json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
-                "sign": seen.sign, "reasons": seen.reasons, "age_ms": since(seen.begun) })
+                "sign": seen.sign, "reasons": seen.reasons, "decision": seen.decision,
+                "age_ms": since(seen.begun) })
         });
         let told = self.status(at).map(|(status, age)| {
-            json!({ "age_ms": ms(age), "session": status["session"], "captures_left": status["captures_left"],
+            json!({ "age_ms": ms(age), "session": status["session"], "captures_left": captures_left(status),
                 "models": status["models"], "plates_age_h": status["plates_age_h"] })
         });
         json!({ "sign": sign, "capture": capture, "reasons": reasons, "age_ms": age.map(ms),
-            "last": last, "daemon": told, "history": self.history })
+            "last": last, "daemon": told, "history": self.history, "remade": self.objects.remade(at),
+            "object": self.captures.back().and_then(|seen| self.objects.of(seen.subject.as_deref()?, at)) })
     }
+}
+
+/// How many captures fit on the disk; null while no camera has told its settings, for then a capture has no size.
+fn captures_left(status: &Value) -> Value {
+    let is_known = status["capture_bytes"].as_u64() > Some(0);
+    is_known.then(|| status["captures_left"].clone()).into()
 }
 
 /// The cameras that are not ready, each with why.
@@ -273,105 +305,5 @@ fn missing(status: &Value) -> Vec<String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn status(state: &str) -> Value {
-        json!({ "cameras": { "c00": { "state": state, "words": "no answer" } },
-            "captures_left": 7, "capture_bytes": 100 })
-    }
-
-    fn heard(now: &mut Now, line: &str, at: Instant) {
-        now.hear(&serde_json::from_str(line).unwrap(), at);
-    }
-
-    fn ready(at: Instant) -> Now {
-        let mut now = Now::default();
-        now.set_listening(true);
-        now.set_status(Some(status("ready")), at);
-        now
-    }
-
-    #[test]
-    fn nothing_old_is_ready() {
-        let begin = Instant::now();
-        let mut now = Now::default();
-        assert_eq!(now.sign(begin).0, Sign::Away);
-        now.set_status(Some(status("ready")), begin);
-        assert_eq!(now.sign(begin).0, Sign::Away, "events do not arrive");
-        now.set_listening(true);
-        assert_eq!(now.sign(begin).0, Sign::Ready);
-        assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
-        now.set_status(Some(status("ready")), begin + FRESH);
-        assert_eq!(now.sign(begin + FRESH).0, Sign::Ready);
-        now.set_listening(false);
-        assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
-    }
-
-    #[test]
-    fn a_press_goes_through_its_signs_and_the_rig_is_ready_again() {
-        let at = Instant::now();
-        let mut now = ready(at);
-        for (line, sign) in [
-            (
-                r#"{"type":"accepted","capture":"a-0001","subject":"7"}"#,
-                Sign::Capturing,
-            ),
-            (
-                r#"{"type":"captured","capture":"a-0001","skew_ns":1}"#,
-                Sign::HandsMayMove,
-            ),
-            (
-                r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
-                Sign::Safe,
-            ),
-            (
-                r#"{"type":"done","capture":"a-0001","recording":"/r/a.mcap","verdict":"amber","reasons":["x"],"model":"/m/a/a-0001"}"#,
-                Sign::Amber,
-            ),
-        ] {
-            heard(&mut now, line, at);
-            assert_eq!(now.sign(at).0, sign);
-        }
-        let snapshot = now.snapshot(at);
-        assert_eq!(snapshot["reasons"][0], "x");
-        assert_eq!(snapshot["last"]["recording"], "a");
-        assert_eq!(snapshot["last"]["subject"], "7");
-        let later = at + Duration::from_secs(30);
-        now.set_status(Some(status("ready")), later);
-        assert_eq!(now.sign(later).0, Sign::Ready);
-        now.set_status(Some(status("away")), later);
-        assert_eq!(now.sign(later).0, Sign::NotReady);
-        assert_eq!(now.sign(later).2, ["c00: no answer"]);
-    }
-
-    #[test]
-    fn an_earlier_model_does_not_hide_a_capture_and_a_lost_daemon_ends_it() {
-        let at = Instant::now();
-        let mut now = ready(at);
-        heard(&mut now, r#"{"type":"accepted","capture":"a-0002"}"#, at);
-        let done = r#"{"type":"done","capture":"a-0001","verdict":"green","model":"/m/a/a-0001"}"#;
-        heard(&mut now, done, at);
-        assert_eq!(now.sign(at).0, Sign::Capturing);
-        now.set_listening(false);
-        now.set_listening(true);
-        assert_eq!(now.sign(at).0, Sign::Ready);
-        heard(&mut now, r#"{"type":"ending"}"#, at);
-        assert_eq!(now.sign(at).0, Sign::Away);
-    }
-
-    #[test]
-    fn a_full_disk_is_said_and_memory_is_bounded() {
-        let at = Instant::now();
-        let mut now = ready(at);
-        let mut full = status("ready");
-        full["captures_left"] = 0.into();
-        now.set_status(Some(full), at);
-        assert_eq!(now.sign(at).0, Sign::DiskFull);
-        for n in 0..3 * MOST_CAPTURES {
-            let line = format!(r#"{{"type":"accepted","capture":"a-{n:04}"}}"#);
-            heard(&mut now, &line, at);
-        }
-        assert_eq!(now.captures().count(), MOST_CAPTURES);
-    }
-}
+#[path = "now_tests.rs"]
+mod tests;

@@ -29,6 +29,8 @@ pub struct Parameters {
     pub models: PathBuf,
     /// The folder of the page's own state, which only its user can read.
     pub state: PathBuf,
+    /// The folder of small forms of models' files, which may be removed at any time.
+    pub cache: PathBuf,
     /// The socket on which `scand page pair` and `revoke` ask.
     pub control: PathBuf,
     /// How long an operator's session lasts, in hours, 1 to 744.
@@ -46,6 +48,7 @@ impl Default for Parameters {
             socket: crate::trigger::SOCKET.into(),
             models: "/var/lib/scand/models".into(),
             state: "/var/lib/scand-page".into(),
+            cache: "/var/cache/scand-page".into(),
             control: "/run/scand-page/control.sock".into(),
             operator_hours: 12,
             viewer_hours: 720,

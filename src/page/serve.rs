@@ -7,13 +7,14 @@ use super::http::{App, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::sessions::{self, Sessions};
+use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
 use axum::Router;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
@@ -92,6 +93,7 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = app.watch.keep_events(&app.daemon) => {}
         () = app.watch.keep_status(&app.daemon) => {}
         () = accept(listener, router(app.clone())) => {}
+        () = prepare(&app) => {}
         () = told_to_end() => {}
     }
     let _ = std::fs::remove_file(&parameters.control);
@@ -113,7 +115,38 @@ pub(super) fn app(parameters: &Parameters) -> Result<Arc<App>, Error> {
         Arc::new(Daemon::new(&parameters.socket)),
         Watch::new(),
         Models::new(&parameters.models),
+        views(&parameters.cache),
     )))
+}
+
+/// The cache of small forms; without one, files are sent as they are.
+fn views(cache: &Path) -> Option<Views> {
+    // Also after an upgrade it is this program, whatever the file is called now.
+    let views = Views::open(cache, Path::new("/proc/self/exe"));
+    views
+        .map_err(|error| log::warning!("cache {}: {error}", cache.display()))
+        .ok()
+}
+
+/// Has small forms of each new model made before somebody asks for them, for ever.
+async fn prepare(app: &App) {
+    let mut changes = app.watch.changes();
+    loop {
+        while let Some([recording, capture]) = app.watch.take_made() {
+            let (models, views) = (app.models.clone(), app.views.clone());
+            let make = move || {
+                let views = views?;
+                for view in [View::Model, View::Thumbnail] {
+                    views.get(&models, &recording, &capture, view);
+                }
+                Some(())
+            };
+            let _ = tokio::task::spawn_blocking(make).await;
+        }
+        if changes.changed().await.is_err() {
+            return std::future::pending().await;
+        }
+    }
 }
 
 async fn told_to_end() {

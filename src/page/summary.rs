@@ -17,6 +17,7 @@ pub(super) struct Summary {
     pub(super) verdict: String,
     pub(super) reasons: Vec<Reason>,
     pub(super) subject: Option<String>,
+    pub(super) placement: Option<String>,
     /// When it was triggered, in seconds since 1970.
     pub(super) time_s: Option<u64>,
     pub(super) decision: Option<String>,
@@ -62,6 +63,8 @@ struct Verdict {
 struct Capture {
     time_ns: Option<String>,
     subject: Option<String>,
+    #[serde(default)]
+    placement: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -106,10 +109,12 @@ fn tell(summary: &mut Summary, report: Report) {
     }
     if let Some(capture) = report.capture {
         summary.subject = capture.subject;
+        summary.placement = capture.placement;
         let seconds = |ns: u64| ns / 1_000_000_000;
         summary.time_s = capture.time_ns.and_then(|ns| ns.parse().ok()).map(seconds);
     }
     summary.subject.iter_mut().for_each(shorten);
+    summary.placement.iter_mut().for_each(shorten);
     if let Some(notes) = report.notes {
         summary.decision = notes.decision;
         summary.notes = notes.said;

@@ -4,9 +4,11 @@
 use super::daemon::{Connection, Daemon, Error};
 use super::metrics::Metrics;
 use super::now::Now;
+use super::objects::folder_of;
 use crate::log;
 use crate::trigger::{Event, Reply, Request};
 use parking_lot::Mutex;
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
@@ -16,10 +18,15 @@ const EVERY: Duration = Duration::from_secs(1);
 /// How long the daemon may take for its status.
 const PATIENCE: Duration = Duration::from_secs(3);
 
+/// Models that wait until somebody takes them.
+const MOST_MADE: usize = 50;
+
 /// What holds now, shared by those who keep it and those who show it.
 pub(super) struct Watch {
     now: Mutex<Now>,
     metrics: Mutex<Metrics>,
+    /// Models that were made, as recording and name, the oldest first.
+    made: Mutex<VecDeque<[String; 2]>>,
     changed: watch::Sender<u64>,
 }
 
@@ -28,6 +35,7 @@ impl Watch {
         Arc::new(Self {
             now: Mutex::default(),
             metrics: Mutex::default(),
+            made: Mutex::default(),
             changed: watch::Sender::new(0),
         })
     }
@@ -47,6 +55,24 @@ impl Watch {
     /// Wakes at each change.
     pub(super) fn changes(&self) -> watch::Receiver<u64> {
         self.changed.subscribe()
+    }
+
+    /// The next model that was made and that nobody took yet.
+    pub(super) fn take_made(&self) -> Option<[String; 2]> {
+        self.made.lock().pop_front()
+    }
+
+    fn note_made(&self, event: &Event) {
+        let folder = match event {
+            Event::Done { model, .. } => Some(model),
+            Event::Fused { model, .. } | Event::Remade { model, .. } => model.as_ref(),
+            _ => None,
+        };
+        if let Some(named) = folder.and_then(|folder| folder_of(folder)) {
+            let mut made = self.made.lock();
+            made.truncate(MOST_MADE - 1);
+            made.push_back(named);
+        }
     }
 
     fn change(&self, change: impl FnOnce(&mut Now)) {
@@ -85,6 +111,7 @@ impl Watch {
             let event = connection.event().await?;
             let at = Instant::now();
             self.metrics.lock().hear(&event, at);
+            self.note_made(&event);
             self.change(|now| now.hear(&event, at));
             if matches!(event, Event::Ending) {
                 return Err(Error::Away(std::io::ErrorKind::ConnectionReset.into()));

@@ -46,10 +46,22 @@ impl Child {
     /// # Errors
     /// If it cannot be started.
     pub fn start(command: &mut Command) -> io::Result<Self> {
+        Self::start_between(command, Stdio::null(), Stdio::null())
+    }
+
+    /// Starts it as [`Self::start`] does, with a standard input and output of its own.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start_between(
+        command: &mut Command,
+        input: impl Into<Stdio>,
+        output: impl Into<Stdio>,
+    ) -> io::Result<Self> {
         inherited::remove_from(command);
         let mut process = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdin(input)
+            .stdout(output)
             .stderr(Stdio::piped())
             .process_group(0)
             .spawn()?;

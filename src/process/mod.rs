@@ -1,13 +1,15 @@
 //! Processes of the operating system: starts a child, reads its output and ends it at its time limit; lowers this
-//! process's own priority. Knows nothing of what a process is for.
+//! process's own priority, and confines it to its own files. Knows nothing of what a process is for.
 
 mod cancel;
 mod child;
+mod confine;
 mod inherited;
 mod priority;
 mod system;
 
 pub use cancel::Cancel;
 pub use child::{Child, End};
+pub use confine::{ConfineError, Limits, confine, part_from};
 pub use priority::{come_last, thread_comes_last};
 pub use system::close_inherited;

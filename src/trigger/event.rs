@@ -139,6 +139,20 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         model: Option<PathBuf>,
     },
+    /// A capture's model was made again with other settings, or cannot be.
+    Remade {
+        /// The capture.
+        capture: String,
+        /// How far the new model can be trusted; without it where there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        verdict: Option<Level>,
+        /// Why not further, or why there is no model.
+        #[serde(default)]
+        reasons: Vec<String>,
+        /// The folder of the new model; without it where there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        model: Option<PathBuf>,
+    },
     /// A request other than a press, `status` or `events` was carried out; only in a reply.
     Ok {
         /// What was done.

@@ -65,6 +65,13 @@ pub enum Request {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         author: Option<String>,
     },
+    /// Make a capture's model again with other settings, beside the first.
+    Remake {
+        /// The capture.
+        capture: String,
+        /// Settings of a list, each within its range, as docs/socket.md has them.
+        settings: BTreeMap<String, serde_json::Value>,
+    },
     /// Complete the session.
     Close {},
 }

@@ -3,6 +3,7 @@
 
 use super::job::{ENDING, Job};
 use super::object_jobs::ObjectJobs;
+use super::remakes::Remakes;
 use crate::log;
 use crate::process::Cancel;
 use crate::recording::{Recording, unfinished_name};
@@ -35,6 +36,7 @@ pub struct Jobs {
     changed: Condvar,
     cancel: Cancel,
     objects: ObjectJobs,
+    remakes: Remakes,
 }
 
 #[derive(Default)]
@@ -65,6 +67,8 @@ pub struct Backlog {
     pub failed: u64,
     /// Objects of several captures that wait for their model, or whose model is being made.
     pub objects: usize,
+    /// Models that are to be made again with other settings, or are being made.
+    pub remakes: usize,
 }
 
 /// A job that is being done.
@@ -118,6 +122,7 @@ impl Jobs {
             changed: Condvar::new(),
             cancel,
             objects: ObjectJobs::open(recordings),
+            remakes: Remakes::default(),
         })
     }
 
@@ -142,7 +147,12 @@ impl Jobs {
         &self.objects
     }
 
-    /// Whether nothing waits and nothing is being done.
+    /// The models that are to be made again.
+    pub fn remakes(&self) -> &Remakes {
+        &self.remakes
+    }
+
+    /// Whether nothing waits and nothing is being done, apart from remakes.
     pub fn is_idle(&self) -> bool {
         self.has_no_captures() && self.objects.is_empty()
     }
@@ -274,6 +284,7 @@ impl Jobs {
             done: state.done,
             failed: state.failed,
             objects,
+            remakes: self.remakes.len(),
             running,
         }
     }
@@ -409,6 +420,7 @@ impl Jobs {
         self.state.lock().stopped = true;
         self.changed.notify_all();
         self.objects.stop();
+        self.remakes.stop();
         self.cancel.cancel();
     }
 }

@@ -1,6 +1,7 @@
 //! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk. Confined
 //! worker processes do them one after the other, with the code of `scand --replay`. The files `object_*` do the same
 //! for objects of which there are several captures: one thread finds how these lie, another has their model made.
+//! `remakes` has a capture's model made again with other settings, when nothing else waits.
 //! `make_model` builds the models; nothing here does.
 
 pub mod object_protocol;
@@ -11,7 +12,6 @@ pub use parameters::Parameters;
 
 cfg_if::cfg_if! {
     if #[cfg(feature = "live")] {
-        mod confine;
         mod find;
         mod job;
         mod jobs;
@@ -20,16 +20,20 @@ cfg_if::cfg_if! {
         mod object_pool;
         mod outcome;
         mod pool;
+        mod remake_pool;
+        mod remakes;
         #[cfg(test)]
         mod object_tests;
         #[cfg(test)]
         mod tests;
 
-        pub use confine::{ConfineError, Limits, confine, part_from};
+        pub use crate::process::{ConfineError, Limits, confine, part_from};
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, Running};
         pub use object_jobs::{ObjectJob, ObjectJobs};
         pub use object_pool::{ObjectNews, ObjectWorkers};
         pub use pool::{Ended, WorkerPlan, Workers};
+        pub use remake_pool::{Remade, RemakeWorker};
+        pub use remakes::{Remake, Remakes};
     }
 }

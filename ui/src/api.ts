@@ -14,6 +14,7 @@ export interface Last {
   subject: string | null;
   sign: string;
   reasons: string[];
+  decision?: string | null;
   age_ms: number;
 }
 
@@ -32,12 +33,47 @@ export interface Now {
   daemon: {
     age_ms: number;
     session: string | null;
-    captures_left: number;
+    captures_left: number | null;
     models: Backlog | null;
     plates_age_h: number | null;
   } | null;
+  object: ObjectTold | null;
+  remade: Remade | null;
   history: number;
 }
+
+/** What the daemon told of an object of which there are several captures. */
+export interface ObjectTold {
+  subject: string;
+  registered: {
+    capture: string;
+    level: Level;
+    words: string;
+    left_out: string[];
+    unseen_percent: number;
+    show_next: string | null;
+    age_ms: number;
+  } | null;
+  fused: {
+    capture: string;
+    level: Level | null;
+    reasons: string[];
+    left_out: string[];
+    folder: [string, string] | null;
+    age_ms: number;
+  } | null;
+}
+
+/** What became of the last model that was to be made again. */
+export interface Remade {
+  capture: string;
+  level: Level | null;
+  reasons: string[];
+  folder: [string, string] | null;
+  age_ms: number;
+}
+
+export type Level = "green" | "amber" | "red";
 
 export interface Reason {
   level: string;
@@ -51,6 +87,7 @@ export interface Summary {
   verdict: "green" | "amber" | "red" | "failed" | "unread";
   reasons: Reason[];
   subject: string | null;
+  placement: string | null;
   time_s: number | null;
   decision: string | null;
   notes: { kind: string; text: string; author: string | null; time_ns: string | null }[];
@@ -165,6 +202,10 @@ export async function note(capture: string, kind: string, text: string, author: 
   return (await post("/api/note", { capture, kind, text, author })) as Answer;
 }
 
-export async function sendPress(press_id: string, subject: string): Promise<Answer> {
-  return (await post("/api/press", { press_id, subject })) as Answer;
+export async function remake(capture: string, settings: Record<string, number | string>): Promise<Answer> {
+  return (await post("/api/remake", { capture, settings })) as Answer;
+}
+
+export async function sendPress(press_id: string, subject: string, placement: string): Promise<Answer> {
+  return (await post("/api/press", { press_id, subject, placement })) as Answer;
 }

@@ -1,10 +1,12 @@
 // One capture: its model, its verdict with the reasons, figures, notes and files.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
+import "./compare";
 import "./do";
 import { Part } from "./element";
-import { date, decision, verdict } from "./history";
+import { date, decision, title, verdict } from "./history";
 import { live } from "./live";
+import "./remake";
 import { type Key, t } from "./words";
 import type { Mode, Viewer } from "./viewer";
 
@@ -18,12 +20,18 @@ interface Model {
   provenance?: { provenance: string; share: number; mean_expected_error: number }[];
 }
 
+/** Whether this is a capture itself, and not a model of several captures or one that was made again. */
+function isCapture(name: string): boolean {
+  return !/\.(object|remake-\d+)$/.test(name);
+}
+
 class CapturePart extends Part {
   static properties = {
     recording: {},
     capture: {},
     operator: { type: Boolean },
     summary: { state: true },
+    others: { state: true },
     model: { state: true },
     mode: { state: true },
     view: { state: true },
@@ -34,6 +42,7 @@ class CapturePart extends Part {
   declare capture: string;
   declare operator: boolean;
   declare summary: api.Summary | null;
+  declare others: api.Summary[];
   declare model: Model;
   declare mode: Mode;
   declare view: string;
@@ -46,6 +55,7 @@ class CapturePart extends Part {
   constructor() {
     super();
     this.summary = null;
+    this.others = [];
     this.model = {};
     this.mode = "textured";
     this.view = "";
@@ -72,6 +82,7 @@ class CapturePart extends Part {
     try {
       const all = await api.captures(this.recording);
       this.summary = all.find((found) => found.capture === this.capture) ?? null;
+      this.others = all.filter((found) => found.capture !== this.capture && found.has_model);
       const report = await api.report(this.recording, this.capture);
       this.model = (report.model ?? {}) as Model;
     } catch (error) {
@@ -84,7 +95,7 @@ class CapturePart extends Part {
     const canvas = this.querySelector("canvas");
     if (this.summary?.has_model && canvas && this.loaded !== name) {
       this.loaded = name;
-      void this.show(canvas, api.file(this.recording, this.capture, "model.glb"));
+      void this.show(canvas, api.file(this.recording, this.capture, "view.glb"));
     }
   }
 
@@ -122,7 +133,7 @@ class CapturePart extends Part {
     const { summary } = this;
     return html`
       <p><a href="#/history/${this.recording}">${t("back")}</a></p>
-      <h1><bdi>${this.capture}</bdi></h1>
+      <h1><bdi>${title(this.capture)}</bdi></h1>
       ${summary ? this.about(summary) : html`<p role="status">${this.view}</p>`}
     `;
   }
@@ -131,7 +142,8 @@ class CapturePart extends Part {
     const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
     const time = summary.time_s === null ? "" : date(summary.time_s);
     return html`
-      <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi> <span class="quiet">${time}</span></p>
+      <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi>
+        ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${time}</span></p>
       <div class="capture-page">
         ${summary.has_model ? this.viewerPart() : nothing}
         <section>
@@ -139,9 +151,14 @@ class CapturePart extends Part {
           ${summary.reasons.length === 0 ? html`<p>${t("no_reasons")}</p>` : this.reasons(summary)}
           <h2>${t("figures")}</h2>
           ${this.figures()}
+          ${summary.has_model && this.others.length > 0
+            ? html`<scand-compare .summary=${summary} .others=${this.others}></scand-compare>`
+            : nothing}
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
-          ${this.operator ? html`<scand-say .capture=${this.capture}></scand-say>` : nothing}
+          ${this.operator && isCapture(this.capture)
+            ? html`<scand-say .capture=${this.capture}></scand-say><scand-remake .capture=${this.capture}></scand-remake>`
+            : nothing}
           <h2>${t("downloads")}</h2>
           <ul class="files">
             ${FILES.filter((name) => summary.has_model || name === "report.json").map((name) => {

@@ -4,7 +4,7 @@ import * as api from "./api";
 import { Part } from "./element";
 import { live } from "./live";
 import { press, resume } from "./press";
-import { t } from "./words";
+import { type Key, t } from "./words";
 
 /** What an answer says, in the page's language. */
 export function told(answer: api.Answer): string {
@@ -27,6 +27,8 @@ export function told(answer: api.Answer): string {
 }
 
 const AUTHOR = "scand-operator";
+/** How an object often lies; any other words do as well. */
+const PLACEMENTS: Key[] = ["placement_upright", "placement_side", "placement_other_side", "placement_upside_down"];
 
 class DoPart extends Part {
   static properties = { message: { state: true }, busy: { state: true }, asking: { state: true } };
@@ -84,14 +86,17 @@ class DoPart extends Part {
     if (this.busy) return;
     // Who presses looks at the sign next.
     scrollTo({ top: 0 });
-    void this.pressed(press(this.value("number")));
+    void this.pressed(press(this.value("number"), this.value("placement")));
   };
 
   private async pressed(answer: Promise<api.Answer>): Promise<void> {
-    await this.during(answer, (error) => {
+    const isTaken = await this.during(answer, (error) => {
       const isUnsure = error instanceof api.Refused && error.code === "network";
       return isUnsure ? t("told_unsure") : null;
     });
+    // The next one may lie otherwise.
+    const placement = this.querySelector<HTMLInputElement>("#placement");
+    if (isTaken && placement) placement.value = "";
     this.number()?.focus({ preventScroll: true });
     this.number()?.select();
   }
@@ -137,9 +142,16 @@ class DoPart extends Part {
     return html`
       <section class="do" aria-label=${t("press")}>
         <form class="number" @submit=${this.entered}>
-          <label for="number">${t("object_number")}</label>
-          <input id="number" autocomplete="off" spellcheck="false" maxlength="100" aria-describedby="number-hint" />
-          <p class="quiet" id="number-hint">${t("object_hint")}</p>
+          <div>
+            <label for="number">${t("object_number")}</label>
+            <input id="number" autocomplete="off" spellcheck="false" maxlength="100" aria-describedby="number-hint" />
+            <p class="quiet" id="number-hint">${t("object_hint")}</p>
+          </div>
+          <div>
+            <label for="placement">${t("placement")}</label>
+            <input id="placement" list="placements" autocomplete="off" maxlength="100" />
+            <datalist id="placements">${PLACEMENTS.map((key) => html`<option value=${t(key)}></option>`)}</datalist>
+          </div>
         </form>
         <button class="press" ?disabled=${this.busy || !isConnected} @click=${this.press}>
           ${this.busy ? t("pressing") : t("press")}
@@ -234,7 +246,7 @@ class SayPart extends Part {
     this.busy = true;
     try {
       const answer = await api.note(this.capture, kind, text, localStorage.getItem(AUTHOR) ?? "");
-      this.message = told(answer);
+      this.message = answer.type === "ok" ? t("told_noted", { capture: this.capture }) : told(answer);
       if (answer.type === "ok" && field) field.value = "";
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);

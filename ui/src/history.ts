@@ -103,7 +103,7 @@ class HistoryPart extends Part {
   }
 
   private card(capture: api.Summary): TemplateResult {
-    const picture = api.file(capture.recording, capture.capture, "preview.png");
+    const picture = api.file(capture.recording, capture.capture, "thumbnail.jpg");
     const words = capture.reasons[0]?.words;
     return html`
       <a class="card capture" href="#/history/${capture.recording}/${capture.capture}">
@@ -111,7 +111,7 @@ class HistoryPart extends Part {
           ? html`<img loading="lazy" decoding="async" src=${picture} alt=${t("preview_of", { capture: capture.capture })} />`
           : nothing}
         <span>${verdict(capture.verdict)} ${decision(capture)}</span>
-        <strong><bdi>${capture.capture}</bdi></strong>
+        <strong><bdi>${title(capture.capture)}</bdi></strong>
         ${capture.subject ? html`<span><bdi>${t("for_object", { subject: capture.subject })}</bdi></span>` : nothing}
         ${capture.time_s !== null ? html`<span class="quiet">${date(capture.time_s)}</span>` : nothing}
         ${words ? html`<span class="quiet">${words}</span>` : nothing}
@@ -120,7 +120,14 @@ class HistoryPart extends Part {
   }
 }
 
-export function decision(capture: api.Summary): TemplateResult | typeof nothing {
+/** What a model is called: a capture by its name, a model of several captures as what it is. */
+export function title(name: string): string {
+  if (name.endsWith(".object")) return t("title_object");
+  const remake = /^(.*)\.remake-(\d+)$/.exec(name);
+  return remake ? t("title_remake", { capture: remake[1], n: remake[2] }) : name;
+}
+
+export function decision(capture: { decision?: string | null }): TemplateResult | typeof nothing {
   const known = ["accepted", "rejected"].includes(capture.decision ?? "");
   return known ? html`<span class="decision">${t(`decision_${capture.decision}` as Key)}</span>` : nothing;
 }

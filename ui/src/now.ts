@@ -1,8 +1,9 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
-import type { Last, Now } from "./api";
+import type { Last, Now, ObjectTold } from "./api";
 import "./do";
 import { Part } from "./element";
+import { decision, verdict } from "./history";
 import { live } from "./live";
 import { sign } from "./signs";
 import { age, type Key, t } from "./words";
@@ -18,6 +19,7 @@ class NowPart extends Part {
     return html`
       ${this.sign(now)}
       <section class="facts" aria-label=${t("state")}>${now ? this.facts(now) : nothing}</section>
+      ${now?.object ? object(now.object) : nothing}
       ${this.operator ? html`<scand-do></scand-do>` : html`<p>${t("viewer")}</p>`}
     `;
   }
@@ -47,7 +49,7 @@ class NowPart extends Part {
     return html`
       <ul>
         <li>${daemon.session ? t("session_open", { name: daemon.session }) : t("session_none")}</li>
-        <li>${t("captures_left", { n: daemon.captures_left })}</li>
+        ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
         ${daemon.models ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
           ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
@@ -64,11 +66,12 @@ class NowPart extends Part {
     const hasModel = ["green", "amber", "red", "model_failed"].includes(last.sign) && last.recording !== null;
     const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
     return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
-      ${t(`sign_${last.sign}` as Key)}, ${age(last.age_ms + live.passed())}`;
+      ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}`;
   }
 }
 
 function hint(name: string, now: Now | null): Key {
+  if (name === "ready" && now?.daemon?.plates_age_h === null) return "sign_ready_no_plates_hint";
   const makesNone = name === "safe" && now?.daemon?.models === null;
   return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
 }
@@ -78,6 +81,41 @@ export function backlog(models: { waiting: number; running: unknown[]; expected_
   const left = open > 0 && models.expected_s !== null ? models.expected_s : null;
   const when = left === null ? "" : `, ${t("models_done_in", { time: age(left * 1000) })}`;
   return t("models_waiting", { n: open }) + when;
+}
+
+/** An object of which there are several captures: how these lie, what to show next, and the model of all of them. */
+function object(told: ObjectTold): TemplateResult {
+  const { registered, fused } = told;
+  const isOld = fused !== null && registered !== null && fused.capture !== registered.capture;
+  return html`
+    <section class="card object" aria-label=${t("object_of", { subject: told.subject })}>
+      <h2><bdi>${t("object_of", { subject: told.subject })}</bdi></h2>
+      ${registered
+        ? html`
+            <p>${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${registered.words}</p>
+            <p>${t("object_unseen", { n: registered.unseen_percent })}</p>
+            <p class="next">
+              ${registered.show_next ? t("object_show_next", { side: registered.show_next }) : t("object_shown")}
+            </p>
+            ${list(registered.left_out)}
+          `
+        : nothing}
+      ${fused ? whole(fused, isOld) : nothing}
+    </section>
+  `;
+}
+
+function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): TemplateResult {
+  const model = fused.folder
+    ? html`<a href="#/history/${fused.folder[0]}/${fused.folder[1]}">${t("object_model")}</a>`
+    : t("object_no_model");
+  return html`
+    <p data-fused>
+      ${fused.level ? verdict(fused.level) : nothing} ${model}
+      ${isOld ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+    </p>
+    ${list(fused.reasons)} ${list(fused.left_out)}
+  `;
 }
 
 function list(texts: string[]): TemplateResult | typeof nothing {

@@ -9,6 +9,7 @@ const PAUSE_MS = 500;
 interface Pending {
   id: string;
   subject: string;
+  placement: string;
   at: number;
 }
 
@@ -20,8 +21,8 @@ function newId(): string {
 }
 
 /** Presses; while one press is under way, a further tap is the same press. */
-export function press(subject: string): Promise<Answer> {
-  const pending = { id: newId(), subject, at: Date.now() };
+export function press(subject: string, placement: string): Promise<Answer> {
+  const pending = { id: newId(), subject, placement, at: Date.now() };
   return running ?? begin(pending);
 }
 
@@ -49,11 +50,11 @@ function begin(pending: Pending): Promise<Answer> {
   return running;
 }
 
-async function send({ id, subject }: Pending): Promise<Answer> {
+async function send({ id, subject, placement }: Pending): Promise<Answer> {
   const begun = performance.now();
   for (;;) {
     try {
-      return await sendPress(id, subject);
+      return await sendPress(id, subject, placement);
     } catch (error) {
       const isOver = performance.now() - begun > AGAIN_MS;
       if (!(error instanceof Refused) || error.code !== "network" || isOver) throw error;

@@ -11,6 +11,7 @@ const forms: Record<string, SVGTemplateResult> = {
   not_ready: svg`<path d="M4 8h4l1.500-2h5L16 8h4v11H4zM3 3l18 18"/>`,
   disk_full: svg`<ellipse cx="12" cy="6" rx="8" ry="3"/><path d="M4 6v12c0 4 16 4 16 0V6M12 11v4M12 18v.01"/>`,
   ready: svg`${circle}<path d="M10 7.500v9l7-4.500z"/>`,
+  ready_without: svg`${circle}<path d="M8 8v8l6-4zM17 8v4.500M17 16v.01"/>`,
   capturing: svg`<path d="M8 21l-4-7 1.500-1 2.500 2V6.500a1.500 1.500 0 0 1 3 0V4.500a1.500 1.500 0 0 1 3 0v2a1.500 1.500 0 0 1 3 0V9a1.500 1.500 0 0 1 3 0v7l-2 5z"/>`,
   hands_may_move: svg`<path d="M2 12h20M6 8l-4 4 4 4M18 8l4 4-4 4"/>`,
   safe: svg`<path d="M12 3v11M8 10l4 4 4-4M4 15v5h16v-5"/>`,

@@ -7,6 +7,7 @@ import { age, type Key, t } from "./words";
 
 const EVERY_MS = 3000;
 const OLD_PLATES_H = 24;
+const OLD_CALIBRATION_H = 90 * 24;
 const FEW_CAPTURES = 20;
 
 interface Camera {
@@ -21,8 +22,11 @@ interface Camera {
 
 interface Status {
   cameras?: Record<string, Camera>;
+  capture_bytes?: number;
   captures_left?: number;
   plates_age_h?: number | null;
+  calibration_age_h?: number | null;
+  version?: string;
   models?: api.Backlog | null;
   session?: string | null;
 }
@@ -70,25 +74,28 @@ class StatePart extends Part {
       <h1>${t("state")}</h1>
       ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
       ${this.status ? this.all(this.status) : nothing}
-      <p class="quiet">${this.me.rig ? `${t("rig")}: ${this.me.rig}. ` : ""}${t("version")}: ${this.me.version}</p>
+      <p class="quiet">${this.me.rig ? `${t("rig")}: ${this.me.rig}. ` : ""}${t("version")}: ${this.me.version}.
+        ${this.status?.version ? `${t("daemon_version")}: ${this.status.version}.` : ""}</p>
     `;
   }
 
   private all(status: Status): TemplateResult {
     const todo = this.todo(status);
     const plates = status.plates_age_h ?? null;
+    const left = room(status);
     return html`
       <section class="card">
         <h2>${t("todo")}</h2>
         ${todo.length === 0 ? html`<p>${t("todo_nothing")}</p>` : html`<ul>${todo.map((text) => html`<li>${text}</li>`)}</ul>`}
       </section>
       <div class="cards">
-        <section class="card"><h2>${t("disk")}</h2><p>${t("captures_left", { n: status.captures_left ?? 0 })}</p></section>
+        <section class="card"><h2>${t("disk")}</h2><p>${left === null ? t("disk_unknown") : t("captures_left", { n: left })}</p></section>
         <section class="card"><h2>${t("models")}</h2><p>${status.models ? backlog(status.models) : t("models_off")}</p></section>
         <section class="card">
           <h2>${t("plates")}</h2>
           <p>${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}</p>
         </section>
+        <section class="card"><h2>${t("calibration")}</h2><p>${calibration(status)}</p></section>
       </div>
       <h2>${t("cameras")}</h2>
       <ul class="cameras">
@@ -110,8 +117,15 @@ class StatePart extends Part {
     const plates = status.plates_age_h ?? null;
     if (plates === null) found.push(t("todo_plates_none"));
     else if (plates > OLD_PLATES_H) found.push(t("todo_plates_old", { age: age(plates * 3_600_000) }));
-    const left = status.captures_left ?? 0;
-    if (left < FEW_CAPTURES) found.push(t("todo_disk", { n: left }));
+    const calibrated = status.calibration_age_h;
+    if (calibrated === null) found.push(t("todo_calibration_none"));
+    else if ((calibrated ?? 0) > OLD_CALIBRATION_H) found.push(t("todo_calibration_old", { age: hours(calibrated) }));
+    const { version } = status;
+    if (version && version !== this.me.version) {
+      found.push(t("todo_versions", { daemon: version, page: this.me.version }));
+    }
+    const left = room(status);
+    if (left !== null && left < FEW_CAPTURES) found.push(t("todo_disk", { n: left }));
     return found;
   }
 
@@ -140,6 +154,22 @@ class StatePart extends Part {
       </li>
     `;
   }
+}
+
+/** How many captures fit on the disk; null while no camera has told its settings, for then a capture has no size. */
+function room(status: Status): number | null {
+  return status.capture_bytes ? (status.captures_left ?? 0) : null;
+}
+
+function hours(found: number | null | undefined): string {
+  return age((found ?? 0) * 3_600_000);
+}
+
+/** How old the calibration is; a daemon of an earlier version does not tell. */
+function calibration(status: Status): string {
+  const found = status.calibration_age_h;
+  if (found === undefined) return t("calibration_unknown");
+  return found === null ? t("calibration_none") : t("calibration_age", { age: hours(found) });
 }
 
 customElements.define("scand-state", StatePart);

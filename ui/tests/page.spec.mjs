@@ -1,6 +1,6 @@
 // The page as people use it, against the real daemon and simulated cameras.
 import AxeBuilder from "@axe-core/playwright";
-import { readFileSync, readdirSync } from "node:fs";
+import { readFileSync, readdirSync, statSync } from "node:fs";
 import { enter, expect, shot, sign, test } from "./fixtures.mjs";
 import { SCAND } from "./rig.mjs";
 
@@ -62,15 +62,18 @@ test("plates, a session, a press with a scanned number, and the model in the vie
   await page.keyboard.press("Enter");
   await expect(page.getByLabel("Number of the object")).toHaveValue("1884.3");
   expect(taken(rig)).toBe(0);
+  await page.getByLabel("How it lies").fill("upside down");
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "capturing", "hands_may_move", "safe", "green", "amber");
   await sign(page, "green", "amber");
   await shot(page, "verdict");
   expect(taken(rig)).toBe(1);
   await expect(page.locator(".facts")).toContainText("object 1884.3");
+  await expect(page.getByLabel("How it lies")).toHaveValue("");
   await page.locator(".facts a").click();
   await expect(page.locator("canvas[data-loaded]")).toBeVisible();
   await expect(page.locator("dl")).toContainText("mm");
+  await expect(page.locator("main")).toContainText("lies upside down");
   for (const mode of ["shaded", "provenance", "error", "textured"]) {
     await page.locator(`[data-mode=${mode}]`).click();
     await expect(page.locator(`[data-mode=${mode}]`)).toHaveAttribute("aria-pressed", "true");
@@ -119,7 +122,8 @@ test("names, numbers and notes full of markup are text", async ({ page, rig, exp
   await sign(page, "green", "amber");
   await page.getByLabel("Why, or a note").fill(MARKUP);
   await page.locator("[data-say=reject]").click();
-  await expect(page.locator(".say .told")).toContainText("Done");
+  await expect(page.locator(".say .told")).toContainText("Noted");
+  await expect(page.locator(".facts .decision")).toHaveText("rejected");
   await page.locator(".facts a").click();
   await expect(page.locator(".decision")).toHaveText("rejected");
   await expect(page.locator("main")).toContainText(MARKUP);
@@ -182,11 +186,95 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await rig.stop("cameras", "SIGKILL");
   await page.getByRole("link", { name: "State" }).click();
   await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
+  await expect(page.locator("main")).toContainText("known when a camera is ready", { timeout: 40_000 });
+  await expect(page.locator("main")).not.toContainText("captures fit on the disk");
+  await expect(page.locator("main")).toContainText(/Calibration\s*\d+ (s|min) old/);
+  await expect(page.locator("main")).toContainText(/Version of the daemon: \d+\.\d+/);
   await shot(page, "state");
   await page.getByRole("link", { name: "Now" }).click();
   await sign(page, "not_ready");
   rig.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap"]);
   await sign(page, "ready");
+  // Where captures are taken without cameras that are away, they are named all the same.
+  await rig.stop("daemon");
+  rig.options.goOn = true;
+  rig.options.skew = [400, 1000];
+  await rig.startDaemon();
+  await sign(page, "ready");
+  await rig.stop("cameras", "SIGKILL");
+  await sign(page, "ready_without");
+  await expect(page.locator(".now .reasons li").first()).toContainText("c00");
+  rig.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap"]);
+  await sign(page, "ready");
+  rig.options.goOn = false;
+});
+
+test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const made = JSON.parse(rig.scand("trigger", "--socket", "scand.sock", "--until", "done", "--json").trim().split("\n").pop());
+  const [recording, capture] = made.model.split("/").slice(-2);
+  const loaded = page.waitForResponse((answer) => answer.url().endsWith("view.glb"));
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const headers = (await loaded).headers();
+  expect(headers["content-encoding"]).toBe("gzip");
+  const whole = statSync(rig.path(`models/${recording}/${capture}/model.glb`)).size;
+  expect(Number(headers["content-length"])).toBeLessThan(whole / 2);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}`);
+  const picture = page.locator(".strip img").last();
+  await picture.scrollIntoViewIfNeeded();
+  await expect.poll(() => picture.evaluate((img) => [img.complete, img.naturalWidth].join())).toMatch(/^true,[1-9]/);
+  const width = await picture.evaluate((img) => img.naturalWidth);
+  expect(width).toBeLessThanOrEqual(480);
+  const views = readdirSync(rig.path("page-cache")).length;
+  expect(views).toBeGreaterThan(1);
+  await page.reload();
+  await expect.poll(() => picture.evaluate((img) => img.complete)).toBe(true);
+  expect(readdirSync(rig.path("page-cache")).length).toBe(views);
+  expect(rig.log("page")).not.toContain("for browsers");
+});
+
+test("a model is made again with other settings, beside the first", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  rig.scand("trigger", "--socket", "scand.sock", "--until", "done");
+  await expect(page.locator(".facts a")).toBeVisible();
+  const name = await page.locator(".facts a").textContent();
+  await page.locator(".facts a").click();
+  await page.getByText("Make it again with other settings").click();
+  await page.getByRole("button", { name: "Make it again", exact: true }).click();
+  await expect(page.locator(".remake .told")).toContainText("at least one setting");
+  await page.getByLabel("Cells along the object").fill("60");
+  await page.getByRole("button", { name: "Make it again", exact: true }).click();
+  await expect(page.locator(".remake .told")).toContainText("is made again");
+  const link = page.locator("[data-remade] a");
+  await expect(link).toHaveText(`${name}.remake-1`, { timeout: 60_000 });
+  await link.click();
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await expect(page.locator("scand-say")).toHaveCount(0);
+  await page.getByLabel("Compare with another model").selectOption(name);
+  await expect(page.locator("[data-compared]")).toContainText("cm³");
+  await expect(page.locator("[data-compared] thead")).toContainText(name);
+  await shot(page, "compared");
+  // What people say of the capture holds for its other models too.
+  rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");
+  await expect(page.locator(".decision")).toHaveText("rejected");
+});
+
+test("of several captures of an object the page tells how they lie, and what to show next", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  for (let n = 0; n < 2; n++) {
+    await page.getByLabel("Number of the object").fill("77");
+    await page.getByRole("button", { name: "Press", exact: true }).click();
+    await expect(page.locator(".do > .told")).toContainText("safe on the disk");
+  }
+  const object = page.locator(".object");
+  await expect(object).toContainText("Object 77", { timeout: 60_000 });
+  await expect(object).toContainText("No camera has seen");
+  await expect(object.locator("[data-fused]")).toBeVisible({ timeout: 60_000 });
+  await shot(page, "several");
 });
 
 test("axe finds nothing serious at three sizes, in light and dark, and nothing is wider than the screen", async ({ page, rig }) => {
@@ -232,6 +320,8 @@ test("the keyboard alone presses, and the page speaks German", async ({ page, ri
   await expect(page.getByRole("button", { name: "Auslösen" })).toBeVisible();
   await expect(page.locator("html")).toHaveAttribute("lang", "de");
   await page.getByLabel("Nummer des Objekts").focus();
+  await page.keyboard.press("Tab");
+  await expect(page.locator("#placement")).toBeFocused();
   await page.keyboard.press("Tab");
   await expect(page.getByRole("button", { name: "Auslösen" })).toBeFocused();
   await page.getByRole("button", { name: "English" }).click();

@@ -132,6 +132,7 @@ name = "loopback"
 calibration = "calibration.toml"
 [sync]
 window_ms = 3000.0
+go_on_without_missing = ${this.options.goOn === true}
 [capture]
 largest_skew_ms = 500.0
 patience_ms = 2000
@@ -144,6 +145,7 @@ resolution = ${resolution}.0
 [workers]
 folder = "models"
 memory_mb = 2000
+count = ${this.options.models === false ? 0 : 1}
 nice = 0
 [socket]
 path = "scand.sock"
@@ -190,11 +192,15 @@ rig = "Demonstration"
 socket = "scand.sock"
 models = "models"
 state = "page-state"
+cache = "page-cache"
 control = "control.sock"
 `,
     );
+    // The log has those of earlier starts too.
+    const starts = () => this.log("page").split("the page is at").length;
+    const before = starts();
     this.run("page", SCAND, ["page", "--config", "page.toml"]);
-    await until("the page", () => this.log("page").includes("the page is at"));
+    await until("the page", () => starts() > before);
   }
 
   /** The link that begins a session. */

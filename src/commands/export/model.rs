@@ -37,6 +37,15 @@ pub(in crate::commands) fn find(what: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>
     Ok(models)
 }
 
+/// Whether a folder has a model that was made again with other settings. It lies beside the first, of the same capture:
+/// who wants it names it.
+fn is_remake(name: &str) -> bool {
+    let number = name
+        .rsplit_once(".remake-")
+        .map_or("", |(_, number)| number);
+    !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit())
+}
+
 fn find_below(folder: &Path, depth: usize, models: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let model = folder.join(MODEL);
     if model.is_file() {
@@ -49,8 +58,9 @@ fn find_below(folder: &Path, depth: usize, models: &mut Vec<PathBuf>) -> std::io
     let mut folders = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
-        let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        if !hidden && entry.file_type()?.is_dir() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if !name.starts_with('.') && !is_remake(&name) && entry.file_type()?.is_dir() {
             folders.push(entry.path());
         }
     }
@@ -138,4 +148,29 @@ fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Res
         count(model.mesh.triangles.len(), "triangle")
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_gives_its_first_models_and_a_name_any() {
+        let root = tempfile::tempdir().unwrap();
+        let folders = [
+            "a/a-0001",
+            "a/a-0001.remake-1",
+            "a/b.remake-x",
+            ".remake/a/a-0002",
+        ];
+        for folder in folders.map(|folder| root.path().join(folder)) {
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join(MODEL), "").unwrap();
+        }
+        let of = |folder: &str| root.path().join(folder).join(MODEL);
+        let found = find(&[root.path().to_owned()]).unwrap();
+        assert_eq!(found, ["a/a-0001", "a/b.remake-x"].map(of));
+        let named = find(&[root.path().join("a/a-0001.remake-1")]).unwrap();
+        assert_eq!(named, [of("a/a-0001.remake-1")]);
+    }
 }

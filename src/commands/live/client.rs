@@ -397,6 +397,15 @@ fn words(event: &Event) -> String {
             "object {subject}: there is no model: {}",
             reasons.join("; ")
         ),
+        Event::Remade {
+            capture,
+            verdict: Some(verdict),
+            reasons,
+            model: Some(model),
+        } => done_words(&format!("{capture}, made again"), *verdict, reasons, model),
+        Event::Remade {
+            capture, reasons, ..
+        } => format!("{capture}: it was not made again: {}", reasons.join("; ")),
         Event::Ok { words } | Event::Plates { words } => words.clone(),
         Event::Status { status } => status_table::status(status),
         Event::Listening => "listening".into(),

@@ -5,7 +5,8 @@ use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
 use crate::workers::{
-    Ended, Jobs, ObjectNews, ObjectWorkers, WorkerPlan, Workers, object_protocol, protocol,
+    Ended, Jobs, ObjectNews, ObjectWorkers, Remade, RemakeWorker, WorkerPlan, Workers,
+    object_protocol, protocol,
 };
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -35,7 +36,7 @@ impl Models {
         interrupted: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
-    ) -> anyhow::Result<(Workers, ObjectWorkers)> {
+    ) -> anyhow::Result<(Workers, ObjectWorkers, RemakeWorker)> {
         self.jobs
             .enqueue_missing(interrupted, &config.workers.folder);
         let plan = WorkerPlan {
@@ -53,10 +54,13 @@ impl Models {
         };
         let events = capturing.events().clone();
         let tell = move |ended| capturing.job_ended(event(ended));
-        let workers = Workers::start(&self.jobs, plan, tell)?;
+        let workers = Workers::start(&self.jobs, plan.clone(), tell)?;
+        let own = events.clone();
+        let tell = move |remade| own.publish(remade_event(remade));
+        let remakes = RemakeWorker::start(&self.jobs, plan, tell)?;
         let tell = move |news| events.publish(object_event(news));
         let objects = ObjectWorkers::start(&self.jobs, for_objects, tell)?;
-        Ok((workers, objects))
+        Ok((workers, objects, remakes))
     }
 }
 
@@ -79,6 +83,19 @@ fn event(ended: Ended) -> Event {
             recording: Some(recording),
             reason,
         },
+    }
+}
+
+fn remade_event(Remade { capture, model }: Remade) -> Event {
+    let (verdict, reasons, model) = match model {
+        Ok(model) => (Some(model.verdict), model.reasons, Some(model.folder)),
+        Err(reason) => (None, vec![reason], None),
+    };
+    Event::Remade {
+        capture,
+        verdict,
+        reasons,
+        model,
     }
 }
 

@@ -67,7 +67,7 @@ fn serve_rig(
         rig_cameras,
         header,
         pool,
-        ..
+        calibration,
     } = prepared;
     // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
     let _ = rustix::thread::clear_ambient_capability_set();
@@ -78,6 +78,7 @@ fn serve_rig(
         sync: config.sync.clone(),
         capture: config.capture.clone(),
         recording: config.recording.clone(),
+        calibration,
         header: header.clone(),
         pool,
         program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),

@@ -13,6 +13,9 @@ pub(super) fn status(status: &Value) -> String {
         Some(hours) => format!("background {hours:.1} h old\n"),
         None => "background none (take it with scand background)\n".into(),
     };
+    if let Some(hours) = status["calibration_age_h"].as_f64() {
+        text += &format!("calibrated {:.0} days ago\n", (hours / 24.0).floor());
+    }
     text += &cameras(status);
     text
 }
@@ -132,6 +135,7 @@ mod tests {
             "session": "amphora", "complete": 3, "failed": 1, "refused": 0,
             "capture_bytes": 54_000_000, "captures_left": 120, "waiting": 1,
             "plates_age_h": 2.25,
+            "calibration_age_h": 75.0,
             "takes_ms": { "durable": { "p50": 800.4, "p99": 1200.0 } },
             "models": { "running": [{}], "waiting": 4, "expected_s": 200.0 },
             "cameras": {
@@ -151,6 +155,7 @@ mod tests {
             "disk       room for 120 captures of 54.0 MB, 1 wait for it",
             "models     1 being made, 4 wait, done in 3 min",
             "background 2.2 h old",
+            "calibrated 3 days ago",
             "c00          ready        2  Acme, serial 7",
             "ExposureTime: asked for 8000, has 7996",
             "temperature 41.5 °C, PTP Slave, 120 ns from its master",

@@ -22,13 +22,14 @@ use crate::recording::{
 };
 use crate::sync;
 use crate::trigger::Event;
-use crate::workers::Jobs;
+use crate::workers::{Jobs, Remake};
 use capture_thread::CaptureThread;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -66,6 +67,8 @@ pub struct CapturePlan {
     pub capture: CaptureParameters,
     /// Where they are kept.
     pub recording: RecordingParameters,
+    /// The calibration's file; `None` of a rig that is not calibrated yet.
+    pub calibration: Option<PathBuf>,
     /// What every recording begins with; settings and backgrounds are added here.
     pub header: SessionHeader,
     /// Where drivers take memory from.
@@ -88,6 +91,8 @@ pub struct Capturing {
     orders: Mutex<Option<Sender<Order>>>,
     dispatcher: Arc<Dispatcher>,
     status: Arc<Mutex<Status>>,
+    /// Whether enough cameras are ready, as systemd is told.
+    ready: AtomicBool,
     models: bool,
     jobs: Option<Arc<Jobs>>,
     note_effects: Arc<NoteEffects>,
@@ -142,6 +147,7 @@ impl Capturing {
             orders: Mutex::new(Some(orders)),
             dispatcher,
             status,
+            ready: AtomicBool::new(false),
             models,
             jobs,
             note_effects,
@@ -212,9 +218,32 @@ impl Capturing {
         self.dispatcher.presses().is_idle() && jobs()
     }
 
+    /// Has a capture's model made again with other settings, when nothing else waits for one; says so in words.
+    ///
+    /// # Errors
+    /// Why it is not: no models are made, a setting is refused, or too many wait.
+    pub(super) fn remake(
+        &self,
+        capture: &str,
+        settings: &BTreeMap<String, serde_json::Value>,
+    ) -> Result<String, String> {
+        let jobs = self.jobs.as_ref().ok_or("this daemon makes no models")?;
+        let before = jobs.remakes().offer(Remake::new(capture, settings)?)?;
+        let words = format!("the model of {capture} is made again when no other waits");
+        Ok(match before {
+            0 => words,
+            n => format!("{words}; {n} are before it"),
+        })
+    }
+
     /// Whether a press may wait for its model.
     pub fn makes_models(&self) -> bool {
         self.models
+    }
+
+    /// Notes whether enough cameras are ready, for those who ask for the status.
+    pub(super) fn set_ready(&self, ready: bool) {
+        self.ready.store(ready, Ordering::Relaxed);
     }
 
     /// What is known now.
@@ -222,6 +251,8 @@ impl Capturing {
         let status = self.status.lock().clone();
         let figures = self.dispatcher.presses().figures();
         Status {
+            version: env!("CARGO_PKG_VERSION"),
+            ready: self.ready.load(Ordering::Relaxed),
             complete: figures.complete,
             failed: figures.failed,
             refused: figures.refused,

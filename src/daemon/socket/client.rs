@@ -112,6 +112,12 @@ impl Client<'_> {
                 Ok(note) => self.ask(|answer| Order::Note(note, answer)).await,
                 Err(reason) => self.refuse(reason).await,
             },
+            Request::Remake { capture, settings } => {
+                match self.shared.capturing.remake(&capture, &settings) {
+                    Ok(words) => self.send(&Reply::Ok { words }).await,
+                    Err(reason) => self.refuse(reason).await,
+                }
+            }
             Request::Close {} => self.ask(Order::Close).await,
         }
     }

@@ -1,5 +1,5 @@
-//! What people do: begin and end their session, press, take plates, begin and close sessions, note. Each becomes one
-//! request to the daemon; none names a path.
+//! What people do: begin and end their session, press, take plates, begin and close sessions, note, have models made
+//! again. Each becomes one request to the daemon; none names a path.
 
 use super::guard::{body, confirmed, cookie, operator, visitor};
 use super::reply::{Refusal, answer, json};
@@ -96,6 +96,8 @@ struct PressBody {
     press_id: String,
     #[serde(default)]
     subject: Option<String>,
+    #[serde(default)]
+    placement: Option<String>,
 }
 
 /// Takes a capture; answered when it is on the disk.
@@ -108,9 +110,13 @@ pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Respon
                 "press_id: expected 8 to 64 letters, digits and hyphens",
             ));
         }
-        let subject = asked.subject.filter(|subject| !subject.trim().is_empty());
-        let subject = subject.map(|subject| line("subject", &subject, LONGEST_NAME));
-        let reply = app.daemon.press(&asked.press_id, subject.transpose()?);
+        let named = |name: &str, text: Option<String>| {
+            let text = text.filter(|text| !text.trim().is_empty());
+            text.map(|text| line(name, &text, LONGEST_NAME)).transpose()
+        };
+        let subject = named("subject", asked.subject)?;
+        let placement = named("placement", asked.placement)?;
+        let reply = app.daemon.press(&asked.press_id, subject, placement);
         told(reply.await)
     };
     answer(pressed.await)
@@ -192,6 +198,33 @@ pub(super) async fn note(State(app): State<Arc<App>>, request: Asked) -> Respons
         ask(&app, request).await
     };
     answer(noted.await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Remake {
+    capture: String,
+    /// The daemon has their list, and refuses what is not in it.
+    settings: BTreeMap<String, Value>,
+}
+
+/// Has a capture's model made again with other settings.
+pub(super) async fn remake(State(app): State<Arc<App>>, request: Asked) -> Response {
+    let asked = async {
+        let (_, asked): (_, Remake) = operator(&app, request).await?;
+        let is_value = |value: &Value| value.is_number() || value.is_string();
+        if !is_name(&asked.capture) || !asked.settings.values().all(is_value) {
+            return Err(Refusal::bad(
+                "a remake wants a capture's name, and numbers or words as settings",
+            ));
+        }
+        let request = Request::Remake {
+            capture: asked.capture,
+            settings: asked.settings,
+        };
+        ask(&app, request).await
+    };
+    answer(asked.await)
 }
 
 /// A text of one line, trimmed.

@@ -5,6 +5,7 @@ use super::guard::visitor;
 use super::reply::{Refusal, answer, json, typed};
 use super::{App, Asked};
 use crate::page::models::ModelFile;
+use crate::page::views::View;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -15,13 +16,16 @@ use serde_json::json;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 /// Bytes that are read at a time.
 const PIECE: usize = 64 << 10;
 /// Pieces that wait for a slow reader.
 const PIECES: usize = 4;
+
+/// How long a request for a small form waits for its turn.
+const WAIT: Duration = Duration::from_secs(20);
 
 /// A file of a model is data: as a page of its own it may run and load nothing.
 const POLICY: &str = "default-src 'none'; sandbox; frame-ancestors 'none'";
@@ -77,7 +81,7 @@ pub(super) async fn captures(
     answer(listed.await)
 }
 
-/// A file of a model.
+/// A file of a model, or a small form of one.
 pub(super) async fn file(
     State(app): State<Arc<App>>,
     Path((recording, capture, name)): Path<(String, String, String)>,
@@ -87,29 +91,87 @@ pub(super) async fn file(
     let (request, _) = request.into_parts();
     let sent = async {
         allowed?;
+        if let Some(view) = View::named(&name) {
+            return small(&app, &recording, &capture, view, &request.headers).await;
+        }
         let kind = ModelFile::named(&name).ok_or_else(no_model)?;
-        let slot = app.downloads.clone().try_acquire_owned();
-        let slot = slot.map_err(|_| {
-            let words = "too many files are being sent: try again";
-            Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
-        })?;
-        let models = app.models.clone();
-        let is_download = request.uri.query() == Some("download");
         let as_name = format!("{capture}.{}", kind.name());
-        let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
-        let (file, size, tag) = opened.ok_or_else(no_model)?;
-        let mut response = if is_known(&request.headers, &tag) {
-            let mut response = Response::new(Body::empty());
-            *response.status_mut() = StatusCode::NOT_MODIFIED;
-            response
-        } else {
-            let gzip = kind.is_compressible() && takes_gzip(&request.headers);
-            send(file, size, kind, gzip, slot)
-        };
-        mark(&mut response, &tag, is_download.then_some(&as_name));
-        Ok(response)
+        let is_download = request.uri.query() == Some("download");
+        let name = is_download.then_some(as_name.as_str());
+        whole(&app, recording, capture, kind, &request.headers, name).await
     };
     answer(sent.await)
+}
+
+/// A file as it is, compressed on its way if that helps.
+async fn whole(
+    app: &App,
+    recording: String,
+    capture: String,
+    kind: ModelFile,
+    headers: &HeaderMap,
+    download: Option<&str>,
+) -> Result<Response, Refusal> {
+    let slot = app.downloads.clone().try_acquire_owned();
+    let slot = slot.map_err(|_| full())?;
+    let models = app.models.clone();
+    let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
+    let (file, size, tag) = opened.ok_or_else(no_model)?;
+    let mut response = if is_known(headers, &tag) {
+        unchanged()
+    } else {
+        let gzip = kind.is_compressible() && takes_gzip(headers);
+        let coding = if gzip { Coding::Gzip } else { Coding::None };
+        send(file, size, kind.media_type(), coding, slot)
+    };
+    mark(&mut response, &tag, download);
+    Ok(response)
+}
+
+/// A small form of a file; where there is none, the file itself.
+async fn small(
+    app: &App,
+    recording: &str,
+    capture: &str,
+    view: View,
+    headers: &HeaderMap,
+) -> Result<Response, Refusal> {
+    let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
+    let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
+    let (models, views) = (app.models.clone(), app.views.clone());
+    let (recording, capture) = (recording.to_owned(), capture.to_owned());
+    let names = (recording.clone(), capture.clone());
+    let is_gzip = view == View::Model;
+    // Where gzip is not taken, the cache has nothing to give.
+    let views = views.filter(|_| !is_gzip || takes_gzip(headers));
+    let made = blocking(move || views?.get(&models, &names.0, &names.1, view)).await?;
+    let Some((file, size, tag)) = made else {
+        drop(slot);
+        return whole(app, recording, capture, view.source(), headers, None).await;
+    };
+    let mut response = if is_known(headers, &tag) {
+        unchanged()
+    } else {
+        let coding = if is_gzip {
+            Coding::IsGzip
+        } else {
+            Coding::None
+        };
+        send(file, size, view.media_type(), coding, slot)
+    };
+    mark(&mut response, &tag, None);
+    Ok(response)
+}
+
+fn unchanged() -> Response {
+    let mut response = Response::new(Body::empty());
+    *response.status_mut() = StatusCode::NOT_MODIFIED;
+    response
+}
+
+fn full() -> Refusal {
+    let words = "too many files are being sent: try again";
+    Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
 }
 
 fn no_model() -> Refusal {
@@ -139,12 +201,23 @@ fn mark(response: &mut Response, tag: &str, download: Option<&str>) {
     }
 }
 
+/// How a file goes over the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Coding {
+    /// As it is.
+    None,
+    /// Compressed on its way.
+    Gzip,
+    /// As it is, and it is compressed already.
+    IsGzip,
+}
+
 /// Sends a file piece by piece; no more of it is in memory than a few pieces.
 fn send(
     file: File,
     size: u64,
-    kind: ModelFile,
-    gzip: bool,
+    media_type: &'static str,
+    coding: Coding,
     slot: tokio::sync::OwnedSemaphorePermit,
 ) -> Response {
     let (sender, receiver) = mpsc::channel(PIECES);
@@ -154,18 +227,19 @@ fn send(
     };
     tokio::task::spawn_blocking(move || {
         // Whoever went away needs no more.
-        let _ = copy(file, size, pieces, gzip);
+        let _ = copy(file, size, pieces, coding == Coding::Gzip);
         drop(slot);
     });
     let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
         receiver.recv().await.map(|piece| (piece, receiver))
     });
-    let mut response = typed(kind.media_type(), Body::from_stream(stream));
+    let mut response = typed(media_type, Body::from_stream(stream));
     let headers = response.headers_mut();
-    if gzip {
+    if coding != Coding::None {
         let gzip = HeaderValue::from_static("gzip");
         headers.insert(header::CONTENT_ENCODING, gzip);
-    } else {
+    }
+    if coding != Coding::Gzip {
         headers.insert(header::CONTENT_LENGTH, size.into());
     }
     response

@@ -12,6 +12,7 @@ use super::daemon::Daemon;
 use super::models::Models;
 use super::origin::Origins;
 use super::sessions::Sessions;
+use super::views::Views;
 use super::watch::Watch;
 use axum::Router;
 use axum::http::{Request, StatusCode};
@@ -28,6 +29,9 @@ pub(super) type Asked = Request<axum::body::Body>;
 /// Files of models that are sent at a time.
 const DOWNLOADS: usize = 12;
 
+/// Small forms of them that are made and sent at a time; others wait.
+const SMALL: usize = 4;
+
 /// What all requests share.
 pub(super) struct App {
     pub(super) origins: Origins,
@@ -36,8 +40,10 @@ pub(super) struct App {
     pub(super) daemon: Arc<Daemon>,
     pub(super) watch: Arc<Watch>,
     pub(super) models: Models,
+    pub(super) views: Option<Arc<Views>>,
     assets: BTreeMap<&'static str, Asset>,
     downloads: Arc<Semaphore>,
+    small: Arc<Semaphore>,
     streams: Arc<stream::Streams>,
 }
 
@@ -49,6 +55,7 @@ impl App {
         daemon: Arc<Daemon>,
         watch: Arc<Watch>,
         models: Models,
+        views: Option<Views>,
     ) -> Self {
         Self {
             origins,
@@ -57,8 +64,10 @@ impl App {
             daemon,
             watch,
             models,
+            views: views.map(Arc::new),
             assets: assets(),
             downloads: Arc::new(Semaphore::new(DOWNLOADS)),
+            small: Arc::new(Semaphore::new(SMALL)),
             streams: Arc::default(),
         }
     }
@@ -80,6 +89,7 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/plates", post(act::plates))
         .route("/api/session", post(act::session))
         .route("/api/note", post(act::note))
+        .route("/api/remake", post(act::remake))
         .route("/api/events", get(stream::events))
         .route("/api/state", get(history::state))
         .route("/api/recordings", get(history::recordings))

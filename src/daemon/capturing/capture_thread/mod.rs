@@ -25,8 +25,15 @@ use crossbeam_channel::{Receiver, select};
 use parking_lot::Mutex;
 use shot::cameras;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// Since how many hours a file has its content.
+fn age_h(path: &Path) -> Option<f64> {
+    let written = path.metadata().and_then(|file| file.modified()).ok()?;
+    Some(written.elapsed().unwrap_or_default().as_secs_f64() / 3600.0)
+}
 
 pub(super) struct CaptureThread {
     rig: Rig,
@@ -220,6 +227,8 @@ impl CaptureThread {
             waiting: self.recorder.waiting(),
             memory: [self.plan.pool.allocated(), self.plan.pool.limit()],
             plates_age_h: self.backgrounds_age_h(),
+            calibration_age_h: self.plan.calibration.as_deref().and_then(age_h),
+            goes_on_without_missing: self.plan.sync.go_on_without_missing,
             ..Status::default()
         };
         *self.shared.lock() = status;

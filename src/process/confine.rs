@@ -1,8 +1,10 @@
-//! Confines a worker process: it may compute, read its recording and write into its output folder. It has no network,
-//! starts no process, sends no signal, and has a memory limit. Landlock guards the files and a seccomp filter the
-//! system calls; if a kernel lacks one of them, this is logged. design/workers.md has the reasons.
+//! Confines a process that reads other people's bytes: it may compute, read the files that it is given and write into
+//! its output folder. It has no network, starts no process, sends no signal, and has a memory limit. Landlock guards
+//! the files and a seccomp filter the system calls; if a kernel lacks one of them, this is logged. design/workers.md
+//! has the reasons.
 
-use crate::process::{close_inherited, come_last};
+use super::priority::come_last;
+use super::system::close_inherited;
 use landlock::{
     ABI, Access, AccessFs, AccessNet, Ruleset, RulesetAttr, RulesetCreatedAttr, RulesetError,
     RulesetStatus, Scope, path_beneath_rules,

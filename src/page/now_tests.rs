@@ -1,0 +1,138 @@
+//! What the sign says, from the daemon's events and status, over a time that the tests choose.
+
+use super::*;
+
+fn status(state: &str) -> Value {
+    json!({ "cameras": { "c00": { "state": state, "words": "no answer" } },
+        "captures_left": 7, "capture_bytes": 100 })
+}
+
+fn heard(now: &mut Now, line: &str, at: Instant) {
+    now.hear(&serde_json::from_str(line).unwrap(), at);
+}
+
+fn ready(at: Instant) -> Now {
+    let mut now = Now::default();
+    now.set_listening(true);
+    now.set_status(Some(status("ready")), at);
+    now
+}
+
+#[test]
+fn nothing_old_is_ready() {
+    let begin = Instant::now();
+    let mut now = Now::default();
+    assert_eq!(now.sign(begin).0, Sign::Away);
+    now.set_status(Some(status("ready")), begin);
+    assert_eq!(now.sign(begin).0, Sign::Away, "events do not arrive");
+    now.set_listening(true);
+    assert_eq!(now.sign(begin).0, Sign::Ready);
+    assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
+    now.set_status(Some(status("ready")), begin + FRESH);
+    assert_eq!(now.sign(begin + FRESH).0, Sign::Ready);
+    now.set_listening(false);
+    assert_eq!(now.sign(begin + FRESH).0, Sign::Away);
+}
+
+#[test]
+fn a_press_goes_through_its_signs_and_the_rig_is_ready_again() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    for (line, sign) in [
+        (
+            r#"{"type":"accepted","capture":"a-0001","subject":"7"}"#,
+            Sign::Capturing,
+        ),
+        (
+            r#"{"type":"captured","capture":"a-0001","skew_ns":1}"#,
+            Sign::HandsMayMove,
+        ),
+        (
+            r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
+            Sign::Safe,
+        ),
+        (
+            r#"{"type":"done","capture":"a-0001","recording":"/r/a.mcap","verdict":"amber","reasons":["x"],"model":"/m/a/a-0001"}"#,
+            Sign::Amber,
+        ),
+    ] {
+        heard(&mut now, line, at);
+        assert_eq!(now.sign(at).0, sign);
+    }
+    let snapshot = now.snapshot(at);
+    assert_eq!(snapshot["reasons"][0], "x");
+    assert_eq!(snapshot["last"]["recording"], "a");
+    assert_eq!(snapshot["last"]["subject"], "7");
+    assert!(snapshot["last"]["decision"].is_null());
+    for (kind, decision) in [
+        ("reject", "rejected".into()),
+        ("clear", serde_json::Value::Null),
+    ] {
+        let line = format!(r#"{{"type":"note","capture":"a-0001","kind":"{kind}"}}"#);
+        heard(&mut now, &line, at);
+        assert_eq!(now.snapshot(at)["last"]["decision"], decision);
+    }
+    let later = at + Duration::from_secs(30);
+    now.set_status(Some(status("ready")), later);
+    assert_eq!(now.sign(later).0, Sign::Ready);
+    now.set_status(Some(status("away")), later);
+    assert_eq!(now.sign(later).0, Sign::NotReady);
+    assert_eq!(now.sign(later).2, ["c00: no answer"]);
+}
+
+#[test]
+fn an_earlier_model_does_not_hide_a_capture_and_a_lost_daemon_ends_it() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0002"}"#, at);
+    let done = r#"{"type":"done","capture":"a-0001","verdict":"green","model":"/m/a/a-0001"}"#;
+    heard(&mut now, done, at);
+    assert_eq!(now.sign(at).0, Sign::Capturing);
+    now.set_listening(false);
+    now.set_listening(true);
+    assert_eq!(now.sign(at).0, Sign::Ready);
+    heard(&mut now, r#"{"type":"ending"}"#, at);
+    assert_eq!(now.sign(at).0, Sign::Away);
+}
+
+#[test]
+fn cameras_that_are_away_are_named_even_where_a_capture_is_taken_without_them() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    let mut told = |ready: bool, goes_on: bool, state: &str| {
+        let mut status = status(state);
+        status["ready"] = ready.into();
+        status["goes_on_without_missing"] = goes_on.into();
+        now.set_status(Some(status), at);
+        now.sign(at)
+    };
+    assert_eq!(told(true, true, "ready").0, Sign::Ready);
+    let without = told(true, true, "away");
+    assert_eq!(without.0, Sign::ReadyWithout);
+    assert_eq!(without.2, ["c00: no answer"]);
+    assert_eq!(told(true, false, "away").0, Sign::NotReady);
+    assert_eq!(told(false, true, "away").0, Sign::NotReady);
+    assert_eq!(told(false, true, "ready").0, Sign::NotReady);
+}
+
+#[test]
+fn a_full_disk_is_said_and_memory_is_bounded() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    let mut full = status("ready");
+    full["captures_left"] = 0.into();
+    now.set_status(Some(full), at);
+    assert_eq!(now.sign(at).0, Sign::DiskFull);
+    assert_eq!(now.snapshot(at)["daemon"]["captures_left"], 0);
+    let mut unknown = status("ready");
+    unknown["captures_left"] = 0.into();
+    unknown["capture_bytes"] = 0.into();
+    now.set_status(Some(unknown), at);
+    assert_eq!(now.sign(at).0, Sign::Ready);
+    assert!(now.snapshot(at)["daemon"]["captures_left"].is_null());
+    for n in 0..3 * MOST_CAPTURES {
+        let line = format!(r#"{{"type":"accepted","capture":"a-{n:04}"}}"#);
+        heard(&mut now, &line, at);
+    }
+    assert_eq!(now.captures().count(), MOST_CAPTURES);
+}

@@ -1,0 +1,175 @@
+//! What the daemon told of models that are not the first of a capture: of objects of which there are several captures,
+//! how these lie against each other, which side to show next, and what became of the model of all of them; and of the
+//! last model that was made again with other settings. No I/O.
+
+use crate::trigger::Event;
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::path::Path;
+use std::time::Instant;
+
+/// Objects that are remembered, the newest ones.
+const MOST_OBJECTS: usize = 50;
+
+/// The objects that events told of.
+#[derive(Default)]
+pub(super) struct Objects {
+    told: VecDeque<Object>,
+    remade: Option<(Instant, Value)>,
+}
+
+struct Object {
+    subject: String,
+    registered: Option<(Instant, Value)>,
+    fused: Option<(Instant, Value)>,
+}
+
+impl Objects {
+    /// Takes in `registered` and `fused`; of other events it has nothing to keep.
+    pub(super) fn hear(&mut self, event: &Event, at: Instant) {
+        match event {
+            Event::Registered {
+                subject,
+                capture,
+                verdict,
+                words,
+                left_out,
+                unseen_percent,
+                show_next,
+                ..
+            } => {
+                let told = json!({ "capture": capture, "level": verdict, "words": words, "left_out": left_out,
+                    "unseen_percent": unseen_percent, "show_next": show_next });
+                self.entry(subject).registered = Some((at, told));
+            }
+            Event::Fused {
+                subject,
+                capture,
+                verdict,
+                reasons,
+                left_out,
+                model,
+            } => {
+                let folder = model.as_deref().and_then(folder_of);
+                let told = json!({ "capture": capture, "level": verdict, "reasons": reasons, "left_out": left_out,
+                    "folder": folder });
+                self.entry(subject).fused = Some((at, told));
+            }
+            Event::Remade {
+                capture,
+                verdict,
+                reasons,
+                model,
+            } => {
+                let folder = model.as_deref().and_then(folder_of);
+                let told = json!({ "capture": capture, "level": verdict, "reasons": reasons, "folder": folder });
+                self.remade = Some((at, told));
+            }
+            _ => {}
+        }
+    }
+
+    /// The last model that was made again, or why it was not.
+    pub(super) fn remade(&self, at: Instant) -> Option<Value> {
+        self.remade.as_ref().map(|told| aged(told, at))
+    }
+
+    /// The object's entry, which becomes the newest.
+    fn entry(&mut self, subject: &str) -> &mut Object {
+        let known = self
+            .told
+            .iter()
+            .position(|object| object.subject == subject);
+        let object = known.and_then(|place| self.told.remove(place));
+        let object = object.unwrap_or_else(|| Object {
+            subject: subject.into(),
+            registered: None,
+            fused: None,
+        });
+        self.told.truncate(MOST_OBJECTS - 1);
+        self.told.push_front(object);
+        &mut self.told[0]
+    }
+
+    /// What is known of an object, with ages in milliseconds: `Level` as text, the model's folder as recording and
+    /// name.
+    pub(super) fn of(&self, subject: &str, at: Instant) -> Option<Value> {
+        let object = self.told.iter().find(|object| object.subject == subject)?;
+        let aged = |told: &Option<(Instant, Value)>| told.as_ref().map(|told| aged(told, at));
+        Some(
+            json!({ "subject": subject, "registered": aged(&object.registered), "fused": aged(&object.fused) }),
+        )
+    }
+}
+
+/// What was told, with its age in milliseconds.
+fn aged((since, value): &(Instant, Value), at: Instant) -> Value {
+    let mut value = value.clone();
+    value["age_ms"] = (at.saturating_duration_since(*since).as_millis() as u64).into();
+    value
+}
+
+/// The recording and the name under which the history has a model; the daemon's paths stay here.
+pub(super) fn folder_of(model: &Path) -> Option<[String; 2]> {
+    let name = |path: &Path| Some(path.file_name()?.to_str()?.to_owned());
+    Some([name(model.parent()?)?, name(model)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn heard(objects: &mut Objects, line: &str, at: Instant) {
+        objects.hear(&serde_json::from_str(line).unwrap(), at);
+    }
+
+    #[test]
+    fn the_newest_of_an_object_is_told_without_paths() {
+        let at = Instant::now();
+        let mut objects = Objects::default();
+        heard(
+            &mut objects,
+            r#"{"type":"registered","subject":"7","capture":"a-0002","verdict":"green","words":"w","left_out":[],
+                "unseen_percent":9,"show_next":"on a side"}"#,
+            at,
+        );
+        let told = objects.of("7", at + Duration::from_secs(2)).unwrap();
+        assert_eq!(told["registered"]["show_next"], "on a side");
+        assert_eq!(told["registered"]["level"], "green");
+        assert_eq!(told["registered"]["age_ms"], 2000);
+        assert!(told["fused"].is_null());
+        let fused = r#"{"type":"fused","subject":"7","capture":"a-0002","verdict":"amber","reasons":["r"],"left_out":[],
+            "model":"/secret/models/a/7.object"}"#;
+        heard(&mut objects, fused, at);
+        let told = objects.of("7", at).unwrap();
+        assert_eq!(told["fused"]["folder"], json!(["a", "7.object"]));
+        assert!(!told.to_string().contains("secret"));
+        let none = r#"{"type":"fused","subject":"7","capture":"a-0003","reasons":["no pose"],"left_out":[]}"#;
+        heard(&mut objects, none, at);
+        let told = objects.of("7", at).unwrap();
+        assert!(told["fused"]["level"].is_null() && told["fused"]["folder"].is_null());
+        assert!(objects.of("8", at).is_none());
+        assert!(objects.remade(at).is_none());
+        let remade = r#"{"type":"remade","capture":"a-0001","verdict":"green","reasons":[],
+            "model":"/secret/models/a/a-0001.remake-1"}"#;
+        heard(&mut objects, remade, at);
+        let told = objects.remade(at).unwrap();
+        assert_eq!(told["folder"], json!(["a", "a-0001.remake-1"]));
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let at = Instant::now();
+        let mut objects = Objects::default();
+        for n in 0..3 * MOST_OBJECTS {
+            let line = format!(
+                r#"{{"type":"fused","subject":"{n}","capture":"a-0003","reasons":[],"left_out":[]}}"#
+            );
+            heard(&mut objects, &line, at);
+        }
+        assert_eq!(objects.told.len(), MOST_OBJECTS);
+        let newest = (3 * MOST_OBJECTS - 1).to_string();
+        assert!(objects.of(&newest, at).is_some() && objects.of("0", at).is_none());
+    }
+}

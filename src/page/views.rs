@@ -1,0 +1,348 @@
+//! Small forms of a model's files for browsers: the model in whole numbers and compressed, and a thumbnail of the
+//! preview. A confined process makes each once (`scand make-view`, which has no file but its input and its output), and
+//! it lies in a cache of a bounded size, which may be removed at any time. This process decodes nothing.
+
+use super::models::{ModelFile, Models};
+use crate::clock::Clock;
+use crate::log;
+use crate::process::{Cancel, Child, End};
+use parking_lot::Mutex;
+use sha2::{Digest, Sha256};
+use std::collections::VecDeque;
+use std::ffi::OsString;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, SystemTime};
+
+/// The command that makes a view of what it reads, and its options.
+pub const COMMAND: &str = "make-view";
+/// The option for the id of the process that started it.
+pub const PARENT: &str = "parent";
+/// The option for the view that is wanted.
+pub const FORM: &str = "form";
+
+/// Largest file of which a view is made, in bytes.
+pub const LARGEST_SOURCE: u64 = 64 << 20;
+/// How long the making may take.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Bytes and files of the cache.
+const MOST_BYTES: u64 = 512 << 20;
+const MOST_FILES: usize = 4000;
+/// Views that could not be made and are not tried again.
+const MOST_FAILED: usize = 1000;
+/// How old the mark of the last use may be.
+const USED: Duration = Duration::from_secs(3600);
+/// Part of each name in the cache: views of other versions of scand are not used.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// A form of a model's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// `model.glb` in whole numbers, compressed with gzip.
+    Model,
+    /// `preview.png` as a small JPEG.
+    Thumbnail,
+}
+
+impl View {
+    /// The view of this name in an address.
+    pub(super) fn named(name: &str) -> Option<Self> {
+        match name {
+            "view.glb" => Some(Self::Model),
+            "thumbnail.jpg" => Some(Self::Thumbnail),
+            _ => None,
+        }
+    }
+
+    /// The view of this name in the arguments of [`COMMAND`].
+    pub fn of_form(form: &str) -> Option<Self> {
+        [Self::Model, Self::Thumbnail]
+            .into_iter()
+            .find(|view| view.form() == form)
+    }
+
+    /// Its name in the arguments of [`COMMAND`].
+    pub fn form(self) -> &'static str {
+        match self {
+            Self::Model => "model",
+            Self::Thumbnail => "thumbnail",
+        }
+    }
+
+    /// What it is made of, which serves as well where it cannot be made.
+    pub(super) fn source(self) -> ModelFile {
+        match self {
+            Self::Model => ModelFile::Glb,
+            Self::Thumbnail => ModelFile::Preview,
+        }
+    }
+
+    pub(super) fn media_type(self) -> &'static str {
+        match self {
+            Self::Model => "model/gltf-binary",
+            Self::Thumbnail => "image/jpeg",
+        }
+    }
+}
+
+/// The views that were made, and how others are made.
+pub(super) struct Views {
+    folder: PathBuf,
+    /// The program that has [`COMMAND`].
+    program: PathBuf,
+    /// Held while a view is made: one at a time, for a press comes first.
+    failed: Mutex<VecDeque<String>>,
+    cancel: Cancel,
+}
+
+impl Views {
+    /// Views in the cache of this folder, which is made if it is not there.
+    ///
+    /// # Errors
+    /// If the folder cannot be made.
+    pub(super) fn open(folder: &Path, program: &Path) -> io::Result<Self> {
+        std::fs::create_dir_all(folder)?;
+        for (path, ..) in files(folder).filter(|(path, ..)| is_part(path)) {
+            let _ = std::fs::remove_file(path);
+        }
+        Ok(Self {
+            folder: folder.into(),
+            program: program.into(),
+            failed: Mutex::default(),
+            cancel: Cancel::new()?,
+        })
+    }
+
+    /// A view of a capture's model, its size in bytes, and a tag that changes with it. It is made if it is not there
+    /// yet, which takes some tenths of a second; none if it cannot be made.
+    pub(super) fn get(
+        &self,
+        models: &Models,
+        recording: &str,
+        capture: &str,
+        view: View,
+    ) -> Option<(File, u64, String)> {
+        let (source, size, tag) = models.open(recording, capture, view.source())?;
+        let text = format!("{VERSION} {recording} {capture} {} {tag}", view.form());
+        let key = format!("{:x}", Sha256::digest(text));
+        let tag = format!("\"{}\"", &key[..32]);
+        let made = self.made(&key).or_else(|| {
+            if size > LARGEST_SOURCE {
+                return None;
+            }
+            let mut failed = self.failed.lock();
+            // Another request may have had it made meanwhile.
+            if let Some(made) = self.made(&key) {
+                return Some(made);
+            }
+            if failed.contains(&key) {
+                return None;
+            }
+            if let Err(words) = self.make(source, &key, view) {
+                log::warning!(
+                    "{recording}/{capture}: no {} for browsers: {words}",
+                    view.form()
+                );
+                failed.truncate(MOST_FAILED - 1);
+                failed.push_front(key.clone());
+                return None;
+            }
+            self.made(&key)
+        });
+        let (file, size) = made?;
+        Some((file, size, tag))
+    }
+
+    fn made(&self, key: &str) -> Option<(File, u64)> {
+        let path = self.folder.join(key);
+        let file = File::open(path).ok()?;
+        let found = file.metadata().ok()?;
+        // The oldest by use is removed first.
+        let used = found.modified().ok()?.elapsed().unwrap_or_default();
+        if used > USED {
+            let _ = file.set_modified(SystemTime::now());
+        }
+        (found.is_file() && found.len() > 0).then_some((file, found.len()))
+    }
+
+    fn make(&self, source: File, key: &str, view: View) -> Result<(), String> {
+        let part = self.folder.join(format!("{key}.part"));
+        let made = self.fill(source, &part, view);
+        let named = made.and_then(|()| {
+            std::fs::rename(&part, self.folder.join(key)).map_err(|error| error.to_string())
+        });
+        if named.is_err() {
+            let _ = std::fs::remove_file(&part);
+        }
+        self.make_room(key);
+        named
+    }
+
+    fn fill(&self, source: File, part: &Path, view: View) -> Result<(), String> {
+        let said = |error: io::Error| error.to_string();
+        let output = File::create(part).map_err(said)?;
+        let mut command = Command::new(&self.program);
+        command.args(arguments(view));
+        let child = Child::start_between(&mut command, source, output).map_err(said)?;
+        let ended = child.wait(PATIENCE, Clock::system(), &self.cancel);
+        match ended.map_err(said)? {
+            (End::Ended(status), _) if status.success() => match part.metadata() {
+                Ok(made) if (1..=LARGEST_SOURCE).contains(&made.len()) => Ok(()),
+                Ok(made) => Err(format!("it made {} bytes", made.len())),
+                Err(error) => Err(said(error)),
+            },
+            (End::Ended(status), words) => {
+                let last = words.lines().last().unwrap_or_default();
+                Err(format!(
+                    "{status}: {}",
+                    last.chars().take(300).collect::<String>()
+                ))
+            }
+            (End::TimedOut | End::Cancelled, _) => Err("it took too long".into()),
+        }
+    }
+
+    /// Removes what was used longest ago, until the rest is within the limits.
+    fn make_room(&self, newest: &str) {
+        let mut all: Vec<_> = files(&self.folder).collect();
+        all.sort_by(|a, b| (b.1, &b.0).cmp(&(a.1, &a.0)));
+        let mut bytes = 0;
+        for (n, (path, _, size)) in all.into_iter().enumerate() {
+            bytes += size;
+            let is_newest = path.file_name().is_some_and(|name| name == newest);
+            if (bytes > MOST_BYTES || n >= MOST_FILES) && !is_newest {
+                let _ = std::fs::remove_file(path);
+            }
+        }
+    }
+}
+
+impl Drop for Views {
+    fn drop(&mut self) {
+        self.cancel.cancel();
+    }
+}
+
+/// What [`COMMAND`] is called with.
+fn arguments(view: View) -> Vec<OsString> {
+    let option = |name: &str| OsString::from(format!("--{name}"));
+    vec![
+        COMMAND.into(),
+        option(PARENT),
+        std::process::id().to_string().into(),
+        option(FORM),
+        view.form().into(),
+    ]
+}
+
+fn is_part(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "part")
+}
+
+/// The files of a folder, when they were changed, and their sizes.
+fn files(folder: &Path) -> impl Iterator<Item = (PathBuf, SystemTime, u64)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| {
+        let found = entry.metadata().ok()?;
+        let changed = found.modified().ok()?;
+        found
+            .is_file()
+            .then(|| (entry.path(), changed, found.len()))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// A cache whose program is a script, and a folder of models with one model.
+    fn stand(script: &str) -> (tempfile::TempDir, Views, Models) {
+        let root = tempfile::tempdir().unwrap();
+        let capture = root.path().join("models/a/a-0001");
+        std::fs::create_dir_all(&capture).unwrap();
+        std::fs::write(capture.join("model.glb"), "glTF").unwrap();
+        let program = root.path().join("program");
+        std::fs::write(
+            &program,
+            format!(
+                "#!/bin/sh\necho . >>{}/count\n{script}\n",
+                root.path().display()
+            ),
+        )
+        .unwrap();
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+        let views = Views::open(&root.path().join("cache"), &program).unwrap();
+        let models = Models::new(&root.path().join("models"));
+        (root, views, models)
+    }
+
+    fn text(found: Option<(File, u64, String)>) -> Option<String> {
+        let (mut file, size, _) = found?;
+        let mut text = String::new();
+        file.read_to_string(&mut text).unwrap();
+        assert_eq!(text.len() as u64, size);
+        Some(text)
+    }
+
+    fn runs(root: &tempfile::TempDir) -> usize {
+        let count = std::fs::read_to_string(root.path().join("count"));
+        count.unwrap_or_default().lines().count()
+    }
+
+    #[test]
+    fn a_view_is_made_once_and_anew_when_the_model_changes() {
+        let (root, views, models) = stand("cat; echo \"$5\"");
+        let get = || views.get(&models, "a", "a-0001", View::Model);
+        assert_eq!(text(get()).unwrap(), "glTFmodel\n");
+        let tag = get().unwrap().2;
+        assert_eq!(runs(&root), 1);
+        std::fs::write(root.path().join("models/a/a-0001/model.glb"), "glTF2").unwrap();
+        assert_eq!(text(get()).unwrap(), "glTF2model\n");
+        assert_ne!(get().unwrap().2, tag);
+        assert_eq!(runs(&root), 2);
+        assert!(views.get(&models, "a", "a-0001", View::Thumbnail).is_none());
+        assert!(views.get(&models, "..", "a-0001", View::Model).is_none());
+        assert_eq!(runs(&root), 2);
+    }
+
+    #[test]
+    fn one_that_cannot_be_made_is_tried_once_and_leaves_nothing() {
+        for script in ["echo half; exit 1", "kill -9 $$", "exit 0"] {
+            let (root, views, models) = stand(script);
+            for _ in 0..3 {
+                let found = views.get(&models, "a", "a-0001", View::Model);
+                assert!(text(found).is_none(), "{script}");
+            }
+            assert_eq!(files(&root.path().join("cache")).count(), 0, "{script}");
+            assert_eq!(runs(&root), 1, "{script}");
+        }
+    }
+
+    #[test]
+    fn the_cache_is_bounded_and_what_was_half_made_goes_at_the_start() {
+        let (root, views, models) = stand("cat");
+        let cache = root.path().join("cache");
+        let sparse = |name: &str, age_s: u64| {
+            let file = File::create(cache.join(name)).unwrap();
+            file.set_len(300 << 20).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(age_s))
+                .unwrap();
+        };
+        sparse("old", 900);
+        sparse("new", 600);
+        sparse("x.part", 0);
+        let views = {
+            drop(views);
+            Views::open(&cache, &root.path().join("program")).unwrap()
+        };
+        assert!(!cache.join("x.part").exists());
+        views.get(&models, "a", "a-0001", View::Model).unwrap();
+        assert!(!cache.join("old").exists());
+        assert!(cache.join("new").exists());
+        assert_eq!(files(&cache).count(), 2);
+    }
+}

@@ -1,0 +1,125 @@
+// A model's figures beside those of another one of the same recording: verdict, size, volume, and expected error.
+import { html, nothing, type TemplateResult } from "lit";
+import * as api from "./api";
+import { Part } from "./element";
+import { verdict } from "./history";
+import { t } from "./words";
+
+interface Model {
+  mesh?: { triangles?: number; volume?: number };
+  bounds?: [number[], number[]];
+  provenance?: { share: number; mean_expected_error: number }[];
+}
+
+type Row = [string, string, string, string];
+
+class ComparePart extends Part {
+  static properties = {
+    summary: { attribute: false },
+    others: { attribute: false },
+    chosen: { state: true },
+    models: { state: true },
+    error: { state: true },
+  };
+  declare summary: api.Summary;
+  declare others: api.Summary[];
+  declare chosen: string;
+  declare models: [Model, Model] | null;
+  declare error: string;
+
+  constructor() {
+    super();
+    this.others = [];
+    this.chosen = "";
+    this.models = null;
+    this.error = "";
+  }
+
+  private readonly choose = async (event: Event) => {
+    this.chosen = (event.target as HTMLSelectElement).value;
+    this.models = null;
+    this.error = "";
+    if (this.chosen === "") return;
+    const { recording, capture } = this.summary;
+    try {
+      const reports = await Promise.all([capture, this.chosen].map((name) => api.report(recording, name)));
+      this.models = reports.map((report) => (report.model ?? {}) as Model) as [Model, Model];
+    } catch (error) {
+      this.error = error instanceof api.Refused ? error.words() : String(error);
+    }
+  };
+
+  render(): TemplateResult {
+    const other = this.others.find(({ capture }) => capture === this.chosen);
+    return html`
+      <p>
+        <label for="compare">${t("compare")}</label>
+        <select id="compare" @change=${this.choose}>
+          <option value="">–</option>
+          ${this.others.map(
+            ({ capture, subject }) => html`<option value=${capture}>${capture}${subject ? ` (${subject})` : ""}</option>`,
+          )}
+        </select>
+      </p>
+      ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
+      ${other && this.models ? this.table(other, this.models) : nothing}
+    `;
+  }
+
+  private table(other: api.Summary, [own, others]: [Model, Model]): TemplateResult {
+    const link = `#/history/${other.recording}/${other.capture}`;
+    return html`<table data-compared>
+      <thead>
+        <tr>
+          <th scope="col">${t("figures")}</th>
+          <th scope="col"><bdi>${this.summary.capture}</bdi></th>
+          <th scope="col"><a href=${link}><bdi>${other.capture}</bdi></a></th>
+          <th scope="col">${t("difference")}</th>
+        </tr>
+      </thead>
+      <tbody>
+        <tr>
+          <th scope="row">${t("verdict")}</th>
+          <td>${verdict(this.summary.verdict)}</td>
+          <td>${verdict(other.verdict)}</td>
+          <td></td>
+        </tr>
+        ${rows(own, others).map(
+          ([name, ...cells]) => html`<tr>
+            <th scope="row">${name}</th>
+            ${cells.map((cell) => html`<td>${cell}</td>`)}
+          </tr>`,
+        )}
+      </tbody>
+    </table>`;
+  }
+}
+
+/** Each figure that both have: its name, both values, and by how much the second is larger. */
+function rows(own: Model, other: Model): Row[] {
+  const found: Row[] = [];
+  const add = (name: string, a: number | undefined, b: number | undefined, digits: number, unit: string) => {
+    if (a === undefined || b === undefined) return;
+    const sign = b > a ? "+" : "";
+    const percent = a === 0 ? "" : ` (${sign}${((100 * (b - a)) / a).toFixed(1)} %)`;
+    found.push([name, `${a.toFixed(digits)} ${unit}`, `${b.toFixed(digits)} ${unit}`, `${sign}${(b - a).toFixed(digits)} ${unit}${percent}`]);
+  };
+  const side = (model: Model, axis: number) => model.bounds && (model.bounds[1][axis] - model.bounds[0][axis]) * 1000;
+  for (const [axis, letter] of ["x", "y", "z"].entries()) {
+    add(`${t("figure_size")} ${letter}`, side(own, axis), side(other, axis), 1, "mm");
+  }
+  const volume = ({ mesh }: Model) => (mesh?.volume === undefined ? undefined : mesh.volume * 1e6);
+  add(t("figure_volume"), volume(own), volume(other), 1, "cm³");
+  add(t("figure_mean_error"), error(own), error(other), 2, "mm");
+  return found;
+}
+
+/** The mean expected error of the whole surface, in mm. */
+function error({ provenance }: Model): number | undefined {
+  const parts = provenance?.filter(({ share }) => share > 0) ?? [];
+  const share = parts.reduce((sum, part) => sum + part.share, 0);
+  if (share === 0) return undefined;
+  return (1000 * parts.reduce((sum, part) => sum + part.share * part.mean_expected_error, 0)) / share;
+}
+
+customElements.define("scand-compare", ComparePart);
