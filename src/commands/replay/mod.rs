@@ -4,6 +4,7 @@
 mod console;
 mod files;
 mod outcome;
+mod shard;
 
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
@@ -19,6 +20,7 @@ use console::Console;
 use outcome::{Outcome, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
+use shard::Shard;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -27,7 +29,8 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:
   scand replay recordings/cup.mcap
   scand replay -o models --jobs 3 /media/usb/sessions
-  scand replay cup.mcap --capture cup-000 --vertices 10000 --set hull.resolution=160")]
+  scand replay cup.mcap --capture cup-000 --vertices 10000 --set hull.resolution=160
+  scand replay sessions --shard 2/8")]
 pub struct CommandArgs {
     /// Recordings to reconstruct, or folders with recordings
     #[arg(required = true, value_name = "FILE|FOLDER")]
@@ -85,6 +88,9 @@ struct Options {
     /// How many captures to reconstruct at the same time
     #[arg(short, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     jobs: u16,
+    /// Reconstruct only the I-th of N parts of all captures, for runs that share the work
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
     /// Replace outputs that were made from other inputs or settings
     #[arg(short, long)]
     force: bool,
@@ -167,6 +173,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             sync: &config.sync,
             only: &args.capture,
             with_rejected: args.rejected,
+            shard: args.shard,
             jobs: usize::from(args.jobs),
             console: &console,
             maker: ModelMaker {
@@ -179,6 +186,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         };
         match replay.recording(path) {
             Ok(mut of_file) => outcomes.append(&mut of_file),
+            Err(error) if args.shard.is_some_and(|shard| !shard.has_recording(stem)) => {
+                console.line(&format!("{error:#}; another part reports it as failed"));
+            }
             Err(error) => {
                 let unreadable = Outcome::unreadable(path, &error);
                 console.outcome(&unreadable);
@@ -187,6 +197,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     console.summary(&outcomes, &args.out);
+    if args.shard.is_some() && outcomes.is_empty() {
+        console.line("this part has no capture");
+        return Ok(ExitCode::SUCCESS);
+    }
     Ok(exit_code(&outcomes, args.strict))
 }
 
@@ -207,6 +221,8 @@ struct Replay<'a> {
     only: &'a [String],
     /// Whether rejected captures are wanted too.
     with_rejected: bool,
+    /// The part of the captures that this run reconstructs.
+    shard: Option<Shard>,
     /// Captures at the same time.
     jobs: usize,
     console: &'a Console,
@@ -217,7 +233,8 @@ impl Replay<'_> {
     /// The outcomes of one recording's captures.
     fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
         let session = CaptureSession::open(path, self.sync)?;
-        let wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        let mut wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        wanted.retain(|id| self.is_in_shard(&session, id));
         // A capture that is asked for by its name is wanted, whatever was said of it.
         let takes_all = self.with_rejected || !self.only.is_empty();
         let is_rejected = |id: &CaptureId| session.notes().on(id.as_str()).is_rejected();
@@ -244,6 +261,11 @@ impl Replay<'_> {
         };
         outcomes.extend(wanted.iter().zip(results).map(outcome));
         Ok(outcomes)
+    }
+
+    fn is_in_shard(&self, session: &CaptureSession, id: &CaptureId) -> bool {
+        let time = session.capture(id).map(|c| c.time).unwrap_or_default();
+        self.shard.is_none_or(|shard| shard.has_capture(id, time))
     }
 
     /// The outcome of a rejected capture: no model is made, and an existing one is marked.
