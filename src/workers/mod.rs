@@ -2,15 +2,18 @@
 //! worker processes do them one after the other, with the code of `scand --replay`. `make_model` builds the models;
 //! nothing here does.
 
+mod address;
 mod parameters;
 pub mod protocol;
 
+pub use address::{BadAddress, FleetAddress};
 pub use parameters::Parameters;
 
 cfg_if::cfg_if! {
     if #[cfg(feature = "live")] {
         mod confine;
         mod find;
+        pub mod handover;
         mod job;
         mod jobs;
         mod outcome;
@@ -19,6 +22,7 @@ cfg_if::cfg_if! {
         mod tests;
 
         pub use confine::{ConfineError, Limits, confine, part_from};
+        pub use find::find;
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, Running};
         pub use pool::{Ended, WorkerPlan, Workers};

@@ -3,6 +3,8 @@
 
 mod console;
 mod files;
+#[cfg(feature = "fleet")]
+mod fleet;
 mod outcome;
 mod shard;
 
@@ -91,6 +93,9 @@ struct Options {
     /// Reconstruct only the I-th of N parts of all captures, for runs that share the work
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
+    #[cfg(feature = "fleet")]
+    #[command(flatten)]
+    fleet: fleet::FleetOptions,
     /// Replace outputs that were made from other inputs or settings
     #[arg(short, long)]
     force: bool,
@@ -120,6 +125,12 @@ impl Args {
         let mut reads: Vec<PathBuf> = self.replay.iter().chain(others).cloned().collect();
         reads.extend(notes);
         reads
+    }
+
+    /// The captures that are asked for by name.
+    #[cfg(feature = "fleet")]
+    pub(super) fn captures(&self) -> &[String] {
+        &self.options.capture
     }
 
     /// The output folders, one for each recording.
@@ -167,6 +178,18 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let console = Console::new(args.quiet, args.json);
     warnings.iter().for_each(|warning| console.line(warning));
     let settings = settings(&config)?;
+    #[cfg(feature = "fleet")]
+    if let Some(address) = &args.fleet.fleet {
+        let recordings: Vec<_> = recordings.into_iter().zip(stems).collect();
+        let by_fleet = fleet::FleetReplay {
+            options: &args,
+            config: &config,
+            settings: &settings,
+            calibration: calibration.as_ref(),
+            console: &console,
+        };
+        return by_fleet.run(address, &recordings);
+    }
     let mut outcomes = Vec::new();
     for (path, stem) in recordings.iter().zip(&stems) {
         let replay = Replay {
@@ -230,8 +253,8 @@ struct Replay<'a> {
 }
 
 impl Replay<'_> {
-    /// The outcomes of one recording's captures.
-    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+    /// A recording with the captures that are wanted, and the outcomes of those that are left out.
+    fn open(&self, path: &Path) -> anyhow::Result<(CaptureSession, Vec<CaptureId>, Vec<Outcome>)> {
         let session = CaptureSession::open(path, self.sync)?;
         let mut wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
         wanted.retain(|id| self.is_in_shard(&session, id));
@@ -243,7 +266,13 @@ impl Replay<'_> {
             .partition(|id| !takes_all && is_rejected(id));
         self.console.file(path, &session, wanted.len());
         let left_out = left_out.iter().map(|id| self.leave_out(&session, id));
-        let mut outcomes: Vec<Outcome> = left_out.collect();
+        let left_out: Vec<Outcome> = left_out.collect();
+        Ok((session, wanted, left_out))
+    }
+
+    /// The outcomes of one recording's captures.
+    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+        let (session, wanted, mut outcomes) = self.open(path)?;
         let results = queue::run(self.jobs, wanted.len(), |i| {
             let made = self.maker.make(&session, &wanted[i]);
             let outcome = Outcome::new(&session, &wanted[i], made);
