@@ -4,9 +4,9 @@ CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
 # The test programs that differ with the features of the rig; `make check` runs the others.
-RIG_TESTS = $(addprefix --test ,digests gige openni2 rig service workers)
+RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench deps check test calibration-trial error-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-simulation fleet-demo deps check test calibration-trial error-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -33,6 +33,20 @@ page-bench: ui ## how much later captures are taken because of the page, and wha
 	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
 	SCAND=$(or $(SCAND),target/release/scand) node ui/bench.mjs
 
+fleet-test: ## make models by workers while workers and servers are killed (N=20 repeats it with other seeds; Debian's nats-server)
+	SCAND_TORTURE=$(or $(N),1) $(CARGO) test --locked --package scand --features fleet --test fleet -- --nocapture --test-threads 2
+
+fleet-bench: ## processor time, bytes and wall time of 100 captures made here and by one and two workers (SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked --features fleet)
+	scripts/fleet-bench.py --scand $(or $(SCAND),target/release/scand)
+
+fleet-simulation: ## how many jobs a second one server passes on, without making models
+	$(CARGO) test --locked --package scand --features fleet --test fleet -- simulation:: --ignored --nocapture
+
+fleet-demo: ## a server, two workers and an archive on this machine (SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked --features fleet)
+	SCAND=$(or $(SCAND),target/release/scand) scripts/fleet-demo.sh
+
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
@@ -42,7 +56,7 @@ check: ## all checks without root or a camera library: format, clippy, documenta
 test: deps check ## the gate: install what the tests need, then `check`, then the long tests, the rig's and the page's
 	scripts/part.sh "tests, long" $(CARGO) test --locked --workspace --quiet -- long::
 	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page --lib --bins $(RIG_TESTS)
+	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page,fleet --lib --bins $(RIG_TESTS)
 	scripts/part.sh "tests, page" scripts/page-test.sh
 
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)

@@ -20,6 +20,31 @@ fn is_checkout() -> bool {
     matches!((top, here), (Some(Ok(top)), Ok(here)) if top == here)
 }
 
+/// Files that the program is made of: with a change in them that is not committed, it has no commit.
+const SOURCES: [&str; 6] = [
+    "src",
+    "crates",
+    "build.rs",
+    "Cargo.toml",
+    "Cargo.lock",
+    "docs/report.schema.json",
+];
+
+/// The commit that the sources are, for programs that have to be the same on many machines; or why they are none.
+fn sources(commit: Option<&str>) -> String {
+    // Each of them may change without a new commit. A build that needs this is made anew then anyway.
+    for path in SOURCES {
+        println!("cargo::rerun-if-changed={path}");
+    }
+    let changes = ["status", "--porcelain", "--untracked-files=all", "--"];
+    let changes: Vec<&str> = changes.into_iter().chain(SOURCES).collect();
+    match commit {
+        None => "unknown".into(),
+        Some(_) if git(&changes).is_some() => "uncommitted".into(),
+        Some(commit) => commit.into(),
+    }
+}
+
 /// Files that change with the commit that is checked out. The log of `HEAD` alone changes with each commit of this work
 /// tree and of no other one; a repository may be told to keep none.
 fn watched() -> Vec<String> {
@@ -101,6 +126,10 @@ fn main() -> std::io::Result<()> {
             .iter()
             .for_each(|path| println!("cargo::rerun-if-changed={path}"));
         commit = git(&["rev-parse", "--short=12", "HEAD"]);
+    }
+    if std::env::var_os("CARGO_FEATURE_FLEET").is_some() {
+        let sources = sources(commit.as_deref());
+        println!("cargo::rustc-env=SCAND_SOURCES={sources}");
     }
     let commit = commit.as_deref().unwrap_or("unknown");
     println!("cargo::rustc-env=SCAND_COMMIT={commit}");

@@ -73,6 +73,7 @@ lint live --all-targets
 lint pedal --lib --bins
 lint openni2 --lib --bins
 lint page --lib --bins
+lint fleet --all-targets
 documented=live
 if has_aravis; then
 	lint aravis --lib --bins
@@ -85,9 +86,9 @@ else
 	skip "clippy, v4l2" "there is no libclang (libclang-dev)"
 fi
 if has_aravis && has_libclang; then
-	lint rig,page --all-targets
-	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig,page --lib --bins -- -D warnings
-	documented=rig,page
+	lint rig,page,fleet --all-targets
+	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig,page,fleet --lib --bins -- -D warnings
+	documented=rig,page,fleet
 else
 	skip "clippy, rig" "it wants aravis and libclang"
 fi

@@ -61,15 +61,18 @@ words=$(inside scand simulate --shape cup --out /tmp/a.mcap 2>&1) || code=$?
 [ "$code" -eq 2 ] && [[ $words == *"no simulator"* ]] || fail "scand simulate: exit code $code, expected 2 and where the simulator is: $words"
 inside scand --replay /tmp/cup.mcap --out /tmp/out --quiet || fail "the replay"
 find "$root/tmp/out" -name model.glb | grep -q . || fail "no model"
-words=$(inside systemd-analyze verify scand.service scand.socket scand-page.service scand-pedal@event0.service 2>&1) || fail "$words"
+words=$(inside systemd-analyze verify scand.service scand.socket scand-page.service scand-fleet.service scand-worker@a.service scand-pedal@event0.service 2>&1) || fail "$words"
 [ -z "$words" ] || fail "$words"
-for unit in scand.service scand-page.service scand-pedal@.service; do
+for unit in scand.service scand-page.service scand-fleet.service scand-worker@.service scand-pedal@.service; do
 	inside systemd-analyze security --offline=true --threshold=20 "/lib/systemd/system/$unit" >/dev/null ||
 		fail "$unit is too open"
 done
 inside getent passwd scand >/dev/null || fail "no user scand"
 inside id -nG scand-page | grep -qw scand || fail "the page's user is not in the group scand"
 [ -z "$(find "$root/etc/systemd/system" -name 'scand-page*')" ] || fail "the page is enabled"
+[ -z "$(find "$root/etc/systemd/system" -name 'scand-fleet*' -o -name 'scand-worker*')" ] || fail "the fleet is enabled"
+inside getent passwd scand-worker >/dev/null || fail "no user scand-worker"
+[[ $(inside scand fleet key /tmp/worker.key) == U* ]] || fail "no key was made"
 mkdir -p "$root/tmp/page"
 printf 'listen = "127.0.0.1:18437"\nstate = "state"\ncontrol = "control"\n' >"$root/tmp/page/page.toml"
 words=$(inside sh -c 'cd /tmp/page; scand page --config page.toml 2>log & page=$!

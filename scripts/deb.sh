@@ -16,7 +16,7 @@ if ! "$tools/bin/cargo-deb" --version 2>/dev/null | grep -qwF "$version"; then
 	CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off "$cargo" install cargo-deb --version "$version" --locked --root "$tools" --target-dir "$tools/build" --quiet
 	rm -rf "$tools/build"
 fi
-features=(--no-default-features --features rig,page)
+features=(--no-default-features --features rig,page,fleet)
 scripts/ui.sh
 "$cargo" build --profile "$profile" --locked --package scand "${features[@]}"
 # Man pages and completions, from the definition of the command line.

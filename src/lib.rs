@@ -26,6 +26,8 @@ pub mod commands;
 pub mod config;
 pub mod daemon;
 pub mod drivers;
+#[cfg(feature = "fleet")]
+pub mod fleet;
 #[cfg(any(feature = "live", feature = "page"))]
 pub mod log;
 #[cfg(feature = "page")]

@@ -39,6 +39,8 @@ need iproute2 nftables util-linux strace e2fsprogs mount libfaketime
 # The service: its units are judged, and its socket handed over, by systemd's own programs. And its package, whose
 # dependencies dpkg's tools find.
 need systemd dpkg-dev
+# The server of a fleet, for tests on ports of their own; its service is not needed.
+need nats-server openssl
 # Spelling: typos comes from PyPI.
 need python3-venv
 

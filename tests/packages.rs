@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Our packages in the program `scand` that is built with these options.
-fn packages(options: &[&str]) -> BTreeSet<String> {
+/// All packages in the program `scand` that is built with these options.
+fn all_packages(options: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--offline", "--locked", "--package", "scand"])
         .args(["--edges", "normal", "--prefix", "none", "--format", "{lib}"])
@@ -17,8 +17,25 @@ fn packages(options: &[&str]) -> BTreeSet<String> {
     let names = String::from_utf8(output.stdout).unwrap();
     // What was listed already comes with a mark behind its name.
     let names = names.lines().filter_map(|line| line.split(' ').next());
-    let ours = names.filter(|name| name.starts_with("scand"));
-    ours.map(str::to_owned).collect()
+    names.map(str::to_owned).collect()
+}
+
+/// Our packages in it.
+fn packages(options: &[&str]) -> BTreeSet<String> {
+    let mut packages = all_packages(options);
+    packages.retain(|name| name.starts_with("scand"));
+    packages
+}
+
+#[test]
+fn only_the_feature_fleet_brings_its_client() {
+    let has_client = |options: &[&str]| {
+        let packages = all_packages(options);
+        ["async_nats", "rustls", "ring", "nkeys"].map(|name| packages.contains(name))
+    };
+    assert_eq!(has_client(&[]), [false; 4]);
+    assert_eq!(has_client(&["--features", "rig,page"]), [false; 4]);
+    assert_eq!(has_client(&["--features", "fleet"]), [true; 4]);
 }
 
 #[test]

@@ -22,6 +22,14 @@ pub struct Args {
     replay: replay::Args,
 }
 
+#[cfg(feature = "fleet")]
+impl Args {
+    /// What is replayed.
+    pub(super) fn replay(&self) -> &replay::Args {
+        &self.replay
+    }
+}
+
 /// Confines this process, and replays.
 ///
 /// # Errors

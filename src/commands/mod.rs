@@ -16,6 +16,12 @@ pub mod demo;
 pub mod diff;
 pub mod evaluate;
 pub mod export;
+#[cfg(feature = "fleet")]
+pub mod fleet;
+#[cfg(not(feature = "fleet"))]
+pub mod fleet_absent;
+#[cfg(feature = "fleet")]
+pub mod fleet_step;
 pub mod fuse;
 pub mod generate;
 pub mod info;
@@ -150,6 +156,10 @@ Run a rig:
   pedal       Turn the keys of a foot switch into presses
   page        Serve the operator's page, and let people in
 
+Use many machines:
+  fleet       Offer a rig's captures to workers, and look at what happens
+  worker      Make models for the rigs of a fleet
+
 Calibrate:
   board       Make a calibration board to print
   calibrate   Calibrate a rig, or check its calibration
@@ -213,6 +223,14 @@ enum Command {
     Evaluate(evaluate::Args),
     Events(live::client::EventsArgs),
     Export(Box<export::Args>),
+    #[cfg(feature = "fleet")]
+    Fleet(Box<fleet::Args>),
+    #[cfg(not(feature = "fleet"))]
+    #[command(hide = true)]
+    Fleet(fleet_absent::Args),
+    #[cfg(feature = "fleet")]
+    #[command(hide = true, name = crate::fleet::step::COMMAND)]
+    FleetStep(Box<fleet_step::Args>),
     Fuse(Box<fuse::Args>),
     #[command(hide = true)]
     Generate(generate::Args),
@@ -254,6 +272,11 @@ enum Command {
     Status(live::client::StatusArgs),
     Trigger(live::client::TriggerArgs),
     Verify(verify::Args),
+    #[cfg(feature = "fleet")]
+    Worker(Box<fleet::worker::Args>),
+    #[cfg(not(feature = "fleet"))]
+    #[command(hide = true)]
+    Worker(fleet_absent::Args),
 }
 
 /// Runs what was asked.
@@ -275,6 +298,12 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Evaluate(args)) => evaluate::run(args),
         Some(Command::Events(args)) => live::client::events(args),
         Some(Command::Export(args)) => export::run(*args),
+        #[cfg(feature = "fleet")]
+        Some(Command::Fleet(args)) => fleet::run(*args),
+        #[cfg(not(feature = "fleet"))]
+        Some(Command::Fleet(_)) => fleet_absent::run("fleet"),
+        #[cfg(feature = "fleet")]
+        Some(Command::FleetStep(args)) => fleet_step::run(*args),
         Some(Command::Fuse(args)) => fuse::run(*args),
         Some(Command::Generate(args)) => generate::run(args),
         Some(Command::Info(args)) => info::run(args),
@@ -309,6 +338,10 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Status(args)) => live::client::status(args),
         Some(Command::Trigger(args)) => live::client::trigger(args),
         Some(Command::Verify(args)) => verify::run(args),
+        #[cfg(feature = "fleet")]
+        Some(Command::Worker(args)) => fleet::worker::run(*args),
+        #[cfg(not(feature = "fleet"))]
+        Some(Command::Worker(_)) => fleet_absent::run("worker"),
         None => replay::run_for_a_person(cli.replay),
     }
 }

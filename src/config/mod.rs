@@ -438,6 +438,7 @@ mod tests {
         let files: Vec<_> = std::fs::read_dir(folder)
             .unwrap()
             .map(|f| f.unwrap().path())
+            .filter(|file| file.extension().is_some_and(|ending| ending == "toml"))
             // The page's is a file of its own, see `page::Parameters`.
             .filter(|file| !file.ends_with("page.toml"))
             .collect();

@@ -90,6 +90,7 @@ impl ConfigSource {
                 "there is no rig.calibration: captures are recorded, for scand calibrate, and no models are made"
             );
             config.workers.count = 0;
+            config.workers.fleet = None;
         }
         let load = |file: &PathBuf| RigCalibration::load(file).map_err(|e| named(e.to_string()));
         let calibration = file.as_ref().map(load).transpose()?;

@@ -9,7 +9,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 /// The recording that has the capture now; `None` where none in the folder has. Where the file is the one that it was,
 /// nothing is opened.
-pub(super) fn find(folder: &Path, job: &Job) -> Option<PathBuf> {
+pub fn find(folder: &Path, job: &Job) -> Option<PathBuf> {
     let complete = folder.join(&job.recording);
     let mut candidates = vec![complete.clone(), unfinished_name(&complete)];
     if let Some(path) = candidates.iter().find(|path| is_same(path, job)) {

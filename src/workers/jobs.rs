@@ -343,6 +343,38 @@ impl Jobs {
         None
     }
 
+    /// The oldest job whose file is as `wanted`, if there is one that nobody does.
+    pub(super) fn take_where(&self, wanted: impl Fn(&Path) -> bool) -> Option<Taken> {
+        // Files are looked at without the lock, because a capture that is enqueued waits for it.
+        let files = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let paths = files.flatten().map(|file| file.path());
+        let mut paths: Vec<PathBuf> = paths.filter(|path| is_job(path)).collect();
+        paths.sort();
+        for path in paths.into_iter().filter(|path| wanted(path)) {
+            let name = path.file_name().and_then(|name| name.to_str())?.to_owned();
+            let mut state = self.state.lock();
+            if state.stopped {
+                return None;
+            }
+            if state.running.contains_key(&name) || !path.exists() {
+                continue;
+            }
+            let Some(job) = self.read(&name) else {
+                continue;
+            };
+            state.waiting = state.waiting.saturating_sub(1);
+            let running = (job.clone(), Instant::now());
+            state.running.insert(name.clone(), running);
+            return Some(Taken { name, job });
+        }
+        None
+    }
+
+    /// A job's file.
+    pub(super) fn file(&self, taken: &Taken) -> PathBuf {
+        self.folder.join(&taken.name)
+    }
+
     /// Reads a job; a file that is not a job is set aside.
     fn read(&self, name: &str) -> Option<Job> {
         let path = self.folder.join(name);

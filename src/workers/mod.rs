@@ -4,15 +4,18 @@
 //! `remakes` has a capture's model made again with other settings, when nothing else waits.
 //! `make_model` builds the models; nothing here does.
 
+mod address;
 pub mod object_protocol;
 mod parameters;
 pub mod protocol;
 
+pub use address::{BadAddress, FleetAddress};
 pub use parameters::Parameters;
 
 cfg_if::cfg_if! {
     if #[cfg(feature = "live")] {
         mod find;
+        pub mod handover;
         mod job;
         mod jobs;
         mod object_find;
@@ -28,6 +31,7 @@ cfg_if::cfg_if! {
         mod tests;
 
         pub use crate::process::{ConfineError, Limits, confine, part_from};
+        pub use find::find;
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, Running};
         pub use object_jobs::{ObjectJob, ObjectJobs};

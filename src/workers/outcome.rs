@@ -28,6 +28,22 @@ pub(super) fn model(
         .ok_or_else(|| reason(status, words, parameters))
 }
 
+/// The model in a folder that was put there from elsewhere.
+///
+/// # Errors
+/// The reason that its report gives, if there is no model.
+pub(super) fn of_folder(folder: &Path) -> Result<Model, String> {
+    let report = ReportFile::read(folder)?;
+    report.model.ok_or_else(|| {
+        let said = std::fs::read(folder.join("report.json")).unwrap_or_default();
+        let said: serde_json::Value = serde_json::from_slice(&said).unwrap_or_default();
+        let reason = said["reason"]
+            .as_str()
+            .unwrap_or("its report gives no reason");
+        reason.chars().take(LONGEST_REASON).collect()
+    })
+}
+
 /// Why a worker made no model.
 pub(super) fn reason(status: ExitStatus, words: &str, parameters: &Parameters) -> String {
     let said: Vec<&str> = protocol::complaints(words).collect();

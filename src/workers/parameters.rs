@@ -1,6 +1,7 @@
 //! The configuration of the workers.
 
-use crate::range::count;
+use super::FleetAddress;
+use crate::range::{count, within};
 use std::path::PathBuf;
 
 /// How models are made of captures as they come. With which settings is what the other sections say.
@@ -21,6 +22,33 @@ pub struct Parameters {
     /// Nice value of the processes, 0 to 19: a higher one leaves more processor time to capturing. Default 19.
     #[serde(deserialize_with = "count::<_, _, 0, 19>")]
     pub nice: u32,
+    /// Where the server of a fleet is, `nats://HOST` or `tls://HOST`, whose workers make the models; the process
+    /// `scand fleet run` offers them. No default: models are made here.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fleet: Option<FleetAddress>,
+    /// Whether a model is made here that no worker of the fleet has begun for `fleet_wait_s`. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub fleet_or_local: bool,
+    /// How long a job waits for a worker of the fleet before it is made here, in seconds, 1 to 86400. Default 60.
+    #[serde(deserialize_with = "count::<_, _, 1, 86_400>")]
+    #[serde(skip_serializing_if = "is_usual_wait")]
+    pub fleet_wait_s: u32,
+    /// The share of the fleet's models that are made here again and compared, 0 to 1. Default 0.
+    #[serde(deserialize_with = "within::<_, _, 0, 1>")]
+    #[serde(skip_serializing_if = "is_none")]
+    pub recheck: f64,
+}
+
+/// How long a job waits unless the configuration says otherwise.
+const USUAL_WAIT: u32 = 60;
+
+// What is not set is not written: a model's digest has the text of all settings in it.
+fn is_usual_wait(seconds: &u32) -> bool {
+    *seconds == USUAL_WAIT
+}
+
+fn is_none(share: &f64) -> bool {
+    *share == 0.0
 }
 
 impl Default for Parameters {
@@ -31,6 +59,10 @@ impl Default for Parameters {
             memory_mb: 4000,
             time_limit_s: 900,
             nice: 19,
+            fleet: None,
+            fleet_or_local: false,
+            fleet_wait_s: USUAL_WAIT,
+            recheck: 0.0,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The threads that take jobs one after the other and start a worker process for each.
 
 use super::find::find;
+use super::handover::{self, Answer};
 use super::jobs::{Error, Jobs, Taken};
 use super::outcome;
 use super::{Job, Parameters, protocol};
@@ -25,6 +26,9 @@ use std::time::Duration;
 
 /// A job that was interrupted this many times, because the daemon ended, counts as failed.
 pub(super) const MAX_STARTS: u32 = 3;
+
+/// How often the files of the fleet are looked for.
+const HANDOVER: Duration = Duration::from_millis(250);
 
 /// What the threads work with.
 #[derive(Clone)]
@@ -89,11 +93,25 @@ impl Workers {
             jobs: jobs.clone(),
             threads: Mutex::default(),
         };
-        for number in 0..count {
+        let has_fleet = shared.plan.parameters.fleet.is_some();
+        let spawn = |name: String, work: fn(&Shared)| -> Result<(), Error> {
             let shared = shared.clone();
-            let thread = std::thread::Builder::new().name(format!("worker {number}"));
-            let thread = thread.spawn(move || shared.run()).map_err(io(&models))?;
+            let thread = std::thread::Builder::new().name(name);
+            let thread = thread.spawn(move || work(&shared)).map_err(io(&models))?;
             workers.threads.lock().push(thread);
+            Ok(())
+        };
+        if has_fleet {
+            spawn("fleet".into(), Shared::finish_answered)?;
+        }
+        // Even a fleet leaves some to be made here.
+        for number in 0..count.max(u32::from(has_fleet)) {
+            let work = if has_fleet {
+                Shared::make_unanswered
+            } else {
+                Shared::run
+            };
+            spawn(format!("worker {number}"), work)?;
         }
         Ok(workers)
     }
@@ -125,30 +143,97 @@ struct Shared {
 
 impl Shared {
     fn run(&self) {
-        while let Some(mut taken) = self.jobs.take() {
-            let Some(ended) = self.carry_out(&mut taken) else {
-                self.jobs.requeue(&taken);
-                continue;
-            };
-            match &ended.model {
-                Ok(model) => log::notice!(
-                    "capture {}: {}, {}",
-                    ended.capture,
-                    model.verdict.name(),
-                    model.folder.display()
-                ),
-                Err(reason) => {
-                    log::error!(
-                        "capture {}: its model could not be made: {reason}",
-                        ended.capture
-                    );
-                }
-            }
-            let done = ended.model.is_ok();
-            // Rather told twice, after a crash, than never.
-            (self.ended)(ended);
-            self.jobs.finish(&taken, done);
+        while let Some(taken) = self.jobs.take() {
+            self.carry_out_or_requeue(taken);
         }
+    }
+
+    /// Ends the jobs that the process of the fleet has an answer to.
+    fn finish_answered(&self) {
+        let is_over = |file: &Path| {
+            let answer = handover::answer_to(file);
+            matches!(answer, Some(Answer::Made | Answer::Failed { .. }))
+        };
+        while !self.jobs.is_stopped() {
+            match self.jobs.take_where(is_over) {
+                Some(taken) => {
+                    let file = self.jobs.file(&taken);
+                    let ended = self.answer_to(&taken.job, handover::answer_to(&file));
+                    self.end(&taken, ended);
+                }
+                None => self.jobs.pause(HANDOVER),
+            }
+        }
+    }
+
+    /// Makes the models that the fleet cannot make, or has not begun for a while.
+    fn make_unanswered(&self) {
+        let Parameters {
+            fleet_or_local,
+            fleet_wait_s,
+            ..
+        } = self.plan.parameters;
+        let wait = Duration::from_secs(fleet_wait_s.into());
+        let is_ours = |file: &Path| match handover::answer_to(file) {
+            Some(Answer::MakeLocally { .. }) => true,
+            Some(_) => false,
+            None => fleet_or_local && handover::is_neglected(file, wait),
+        };
+        while !self.jobs.is_stopped() {
+            match self.jobs.take_where(is_ours) {
+                Some(taken) => self.carry_out_or_requeue(taken),
+                None => self.jobs.pause(HANDOVER),
+            }
+        }
+    }
+
+    /// What the answer of the fleet says of a job.
+    fn answer_to(&self, job: &Job, answer: Option<Answer>) -> Ended {
+        let folder = self.jobs.recordings();
+        let found = find(folder, job).unwrap_or_else(|| folder.join(&job.recording));
+        let complete = recording::finished_name(&found).unwrap_or(found);
+        let model = match answer {
+            Some(Answer::Failed { reason, words }) => {
+                return self.failed(job, &complete, reason, &words);
+            }
+            _ => outcome::of_folder(&self.target(&complete, job)),
+        };
+        Ended {
+            capture: job.capture.clone(),
+            recording: complete,
+            model,
+        }
+    }
+
+    fn carry_out_or_requeue(&self, mut taken: Taken) {
+        match self.carry_out(&mut taken) {
+            Some(ended) => self.end(&taken, ended),
+            None => self.jobs.requeue(&taken),
+        }
+    }
+
+    /// Tells how a job ended, and removes it.
+    fn end(&self, taken: &Taken, ended: Ended) {
+        match &ended.model {
+            Ok(model) => log::notice!(
+                "capture {}: {}, {}",
+                ended.capture,
+                model.verdict.name(),
+                model.folder.display()
+            ),
+            Err(reason) => {
+                log::error!(
+                    "capture {}: its model could not be made: {reason}",
+                    ended.capture
+                );
+            }
+        }
+        let done = ended.model.is_ok();
+        // Rather told twice, after a crash, than never.
+        (self.ended)(ended);
+        let file = self.jobs.file(taken);
+        self.jobs.finish(taken, done);
+        handover::forget(&file);
     }
 
     /// Does a job; `None` if it is to be done again.

@@ -86,6 +86,74 @@ fn a_capture_that_is_named_twice_is_made_once() {
 }
 
 #[test]
+fn parts_that_share_the_work_make_each_capture_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let sessions = folder.path().join("sessions");
+    std::fs::create_dir(&sessions).unwrap();
+    for name in ["a.mcap", "b.mcap"] {
+        let mut simulate = scand();
+        #[rustfmt::skip]
+        simulate.args([
+            "simulate", "--shape", "ball", "--cameras", "4", "--size", "96x72", "--masks", "--depth-cameras", "0",
+            "--captures", "3", "--out",
+        ]);
+        simulate.arg(sessions.join(name)).assert().success();
+    }
+    std::fs::write(sessions.join("c.mcap"), b"no recording").unwrap();
+    let run = |part: &str, out: &Path| {
+        let mut command = scand();
+        command.arg("--replay").arg(&sessions).arg("--out").arg(out);
+        command.args([
+            "--set",
+            "hull.resolution=40",
+            "--quiet",
+            "--json",
+            "--shard",
+            part,
+        ]);
+        let output = command.output().unwrap();
+        let told = String::from_utf8(output.stdout).unwrap();
+        let told = told
+            .lines()
+            .map(|line| serde_json::from_str::<Value>(line).unwrap());
+        let of = |told: Value| (told["recording"].to_string(), told["capture"].to_string());
+        (output.status.code(), told.map(of).collect::<Vec<_>>())
+    };
+    let [whole, parts] = ["whole", "parts"].map(|name| folder.path().join(name));
+    let (code, all) = run("1/1", &whole);
+    assert_eq!((code, all.len()), (Some(3), 7), "{all:?}");
+    let mut together = Vec::new();
+    for part in ["1/3", "2/3", "3/3"] {
+        together.extend(run(part, &parts).1);
+    }
+    together.sort();
+    let mut all = all;
+    all.sort();
+    assert_eq!(together, all, "each once, the unreadable recording too");
+    let models = |out: &Path| {
+        let ids = ["a/ball", "b/ball"]
+            .iter()
+            .flat_map(|of| (0..3).map(move |i| format!("{of}-00{i}")));
+        let of = |id: String| {
+            let files =
+                ["model.glb", "model.ply", "preview.png"].map(|file| out.join(&id).join(file));
+            files.map(|file| std::fs::read(file).unwrap())
+        };
+        ids.map(of).collect::<Vec<_>>()
+    };
+    assert!(models(&whole) == models(&parts));
+    // A part without a capture has done all that there was.
+    let (codes, told): (Vec<_>, Vec<_>) = (1..=40).map(|i| run(&format!("{i}/40"), &parts)).unzip();
+    for (code, told) in codes.iter().zip(&told) {
+        assert_eq!(
+            *code == Some(0),
+            told.iter().all(|(of, _)| !of.contains("c.mcap"))
+        );
+    }
+    assert_eq!(told.concat().len(), 7);
+}
+
+#[test]
 fn a_model_of_a_doubtful_calibration_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

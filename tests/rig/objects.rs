@@ -33,7 +33,7 @@ fn fused_captures(folder: &Path) -> Vec<String> {
 #[test]
 fn two_presses_for_one_object_are_registered_at_once_and_fused() {
     network::alone(
-        "two_presses_for_one_object_are_registered_at_once_and_fused",
+        "objects::two_presses_for_one_object_are_registered_at_once_and_fused",
         || {
             let mut stand = Stand::start(&["workers.count=1", "vertices=4000"]);
             stand.tell("background");

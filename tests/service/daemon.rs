@@ -329,8 +329,10 @@ fn the_units_are_sound_and_closed() {
     let units = [
         "scand.service",
         "scand.socket",
+        "scand-fleet.service",
         "scand-page.service",
         "scand-pedal@.service",
+        "scand-worker@.service",
     ];
     for unit in units {
         let text = std::fs::read_to_string(source.join(unit)).unwrap();
@@ -341,8 +343,10 @@ fn the_units_are_sound_and_closed() {
     assert!(sound && words.is_empty(), "{words}");
     let services = [
         "scand.service",
+        "scand-fleet.service",
         "scand-page.service",
         "scand-pedal@.service",
+        "scand-worker@.service",
     ];
     let (closed, words) = analyze(&["security", "--offline=true", "--threshold=20"], &services);
     assert!(closed, "{words}");

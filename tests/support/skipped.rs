@@ -20,6 +20,8 @@ pub enum Needed {
     InputDevices,
     /// Recordings of other people.
     OtherRecordings,
+    /// The server of a fleet.
+    NatsServer,
 }
 
 impl Needed {
@@ -31,6 +33,7 @@ impl Needed {
             Self::LoopDevice => "run the test as root where /dev/loop-control is, with mkfs.ext4",
             Self::OtherUsers => "run the test as root",
             Self::InputDevices => "run the test where the kernel has /dev/uinput",
+            Self::NatsServer => "run tests/deps.sh, or install nats-server",
             Self::OtherRecordings => "name their folder in SCAND_SHARED_RECORDINGS",
         }
     }
@@ -41,9 +44,11 @@ impl Needed {
         match self {
             Self::InputDevices => Some("`make rig-vm CHAPTERS=pedal` shows the same in a guest"),
             Self::OtherRecordings => Some("these recordings are not part of scand"),
-            Self::GltfValidator | Self::OpencvPictures | Self::LoopDevice | Self::OtherUsers => {
-                None
-            }
+            Self::GltfValidator
+            | Self::OpencvPictures
+            | Self::LoopDevice
+            | Self::NatsServer
+            | Self::OtherUsers => None,
         }
     }
 }

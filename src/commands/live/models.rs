@@ -20,7 +20,7 @@ pub(super) struct Models {
 impl Models {
     /// `None` where the configuration wants no models.
     pub(super) fn prepare(config: &Config) -> anyhow::Result<Option<Self>> {
-        if config.workers.count == 0 {
+        if config.workers.count == 0 && config.workers.fleet.is_none() {
             return Ok(None);
         }
         let jobs = Arc::new(Jobs::open(&config.recording.folder)?);

@@ -3,8 +3,11 @@
 
 mod console;
 mod files;
+#[cfg(feature = "fleet")]
+mod fleet;
 mod interrupt;
 mod outcome;
+mod shard;
 
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
@@ -20,6 +23,7 @@ use console::Console;
 use outcome::{Outcome, ReplayResult, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
+use shard::Shard;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -28,7 +32,8 @@ use std::process::ExitCode;
 #[command(after_help = "Examples:
   scand replay recordings/cup.mcap
   scand replay -o models --jobs 3 /media/usb/sessions
-  scand replay cup.mcap --capture cup-000 --vertices 10000 --set hull.resolution=160")]
+  scand replay cup.mcap --capture cup-000 --vertices 10000 --set hull.resolution=160
+  scand replay sessions --shard 2/8")]
 pub struct CommandArgs {
     /// Recordings to reconstruct, or folders with recordings
     #[arg(required = true, value_name = "FILE|FOLDER")]
@@ -86,6 +91,12 @@ struct Options {
     /// How many captures to reconstruct at the same time
     #[arg(short, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     jobs: u16,
+    /// Reconstruct only the I-th of N parts of all captures, for runs that share the work
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    #[cfg(feature = "fleet")]
+    #[command(flatten)]
+    fleet: fleet::FleetOptions,
     /// Replace outputs that were made from other inputs or settings
     #[arg(short, long)]
     force: bool,
@@ -127,6 +138,12 @@ impl Args {
         let mut reads: Vec<PathBuf> = self.replay.iter().chain(others).cloned().collect();
         reads.extend(notes);
         reads
+    }
+
+    /// The captures that are asked for by name.
+    #[cfg(feature = "fleet")]
+    pub(super) fn captures(&self) -> &[String] {
+        &self.options.capture
     }
 
     /// The output folders, one for each recording.
@@ -183,12 +200,25 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let console = Console::new(args.quiet, args.json);
     warnings.iter().for_each(|warning| console.line(warning));
     let settings = settings(&config)?;
+    #[cfg(feature = "fleet")]
+    if let Some(address) = &args.fleet.fleet {
+        let recordings: Vec<_> = recordings.into_iter().zip(stems).collect();
+        let by_fleet = fleet::FleetReplay {
+            options: &args,
+            config: &config,
+            settings: &settings,
+            calibration: calibration.as_ref(),
+            console: &console,
+        };
+        return by_fleet.run(address, &recordings);
+    }
     let mut outcomes = Vec::new();
     for (path, stem) in recordings.iter().zip(&stems) {
         let replay = Replay {
             sync: &config.sync,
             only: &args.capture,
             with_rejected: args.rejected,
+            shard: args.shard,
             jobs: usize::from(args.jobs),
             console: &console,
             maker: ModelMaker {
@@ -201,6 +231,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         };
         match replay.recording(path) {
             Ok(mut of_file) => outcomes.append(&mut of_file),
+            Err(error) if args.shard.is_some_and(|shard| !shard.has_recording(stem)) => {
+                console.line(&format!("{error:#}; another part reports it as failed"));
+            }
             Err(error) => {
                 let unreadable = Outcome::unreadable(path, &error);
                 console.outcome(&unreadable);
@@ -209,6 +242,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     console.summary(&outcomes, &args.out);
+    if args.shard.is_some() && outcomes.is_empty() {
+        console.line("this part has no capture");
+        return Ok(ExitCode::SUCCESS);
+    }
     Ok(exit_code(&outcomes, args.strict))
 }
 
@@ -229,6 +266,8 @@ struct Replay<'a> {
     only: &'a [String],
     /// Whether rejected captures are wanted too.
     with_rejected: bool,
+    /// The part of the captures that this run reconstructs.
+    shard: Option<Shard>,
     /// Captures at the same time.
     jobs: usize,
     console: &'a Console,
@@ -236,10 +275,11 @@ struct Replay<'a> {
 }
 
 impl Replay<'_> {
-    /// The outcomes of one recording's captures.
-    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+    /// A recording with the captures that are wanted, and the outcomes of those that are left out.
+    fn open(&self, path: &Path) -> anyhow::Result<(CaptureSession, Vec<CaptureId>, Vec<Outcome>)> {
         let session = CaptureSession::open(path, self.sync)?;
-        let wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        let mut wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
+        wanted.retain(|id| self.is_in_shard(&session, id));
         // A capture that is asked for by its name is wanted, whatever was said of it.
         let takes_all = self.with_rejected || !self.only.is_empty();
         let is_rejected = |id: &CaptureId| session.notes().on(id.as_str()).is_rejected();
@@ -248,7 +288,13 @@ impl Replay<'_> {
             .partition(|id| !takes_all && is_rejected(id));
         self.console.file(path, &session, wanted.len());
         let left_out = left_out.iter().map(|id| self.leave_out(&session, id));
-        let mut outcomes: Vec<Outcome> = left_out.collect();
+        let left_out: Vec<Outcome> = left_out.collect();
+        Ok((session, wanted, left_out))
+    }
+
+    /// The outcomes of one recording's captures.
+    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+        let (session, wanted, mut outcomes) = self.open(path)?;
         let results = queue::run(self.jobs, wanted.len(), |i| {
             let made = self.maker.make(&session, &wanted[i]);
             let outcome = Outcome::new(&session, &wanted[i], made);
@@ -269,6 +315,11 @@ impl Replay<'_> {
         };
         outcomes.extend(wanted.iter().zip(results).map(outcome));
         Ok(outcomes)
+    }
+
+    fn is_in_shard(&self, session: &CaptureSession, id: &CaptureId) -> bool {
+        let time = session.capture(id).map(|c| c.time).unwrap_or_default();
+        self.shard.is_none_or(|shard| shard.has_capture(id, time))
     }
 
     /// The outcome of a rejected capture: no model is made, and an existing one is marked.

@@ -83,6 +83,13 @@ pub enum Error {
         /// Bytes that they may take.
         most: u64,
     },
+    /// A capture that cannot be taken out of its recording.
+    #[error("{path}: capture {id} cannot be taken out of the recording: {reason}")]
+    NotExtracted {
+        path: PathBuf,
+        id: CaptureId,
+        reason: String,
+    },
     /// No capture of this name.
     #[error("{path}: has no capture {id}, only {known}")]
     NoSuchCapture {

@@ -221,7 +221,7 @@ impl CaptureSession {
     }
 
     /// The capture of this name, if it can be reconstructed.
-    fn planned(&self, id: &CaptureId) -> Result<&Planned, Error> {
+    pub(super) fn planned(&self, id: &CaptureId) -> Result<&Planned, Error> {
         let path = || self.recording.path().into();
         let named = |p: &&Planned| p.capture.trigger.id == *id;
         let Some(planned) = self.captures.iter().find(named) else {

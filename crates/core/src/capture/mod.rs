@@ -3,6 +3,7 @@
 
 mod digest;
 mod error;
+mod extract;
 mod facts;
 mod load;
 mod picture_files;
@@ -15,6 +16,7 @@ mod rig;
 
 pub use digest::{calibration_digest, digest, input_digest};
 pub use error::Error;
+pub use extract::Extract;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOutCamera, Silhouette};
 pub use load::{CaptureSession, CaptureSummary};
 pub use picture_files::PictureFiles;

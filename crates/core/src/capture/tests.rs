@@ -480,3 +480,45 @@ fn a_broken_picture_costs_its_own_capture() {
     assert!(place.load("a").is_ok());
     assert!(place.error("b").contains("CRC"));
 }
+
+#[test]
+fn a_capture_in_a_recording_of_its_own_is_the_same_scene_and_the_same_facts() {
+    let place = write(|writer, rig| {
+        rig.write_to(writer);
+        let frame = frame(camera_id("c03"), Stream::Color, 110);
+        writer.frame(&frame).unwrap();
+        rig.write_capture(writer, "a", 100, 12);
+        rig.write_capture(writer, "b", 3000, 4);
+        rig.write_capture(writer, "c", 6000, 12);
+    });
+    let session = place.open();
+    let parameters = sync::Parameters::default();
+    let small = |id: &str, name: &str| {
+        let path = place.path.with_file_name(name);
+        let id = CaptureId::new(id).unwrap();
+        let extract = session.extract(&id, &path, "scand test", &parameters);
+        extract.map(|extract| (path, extract.content_sha256))
+    };
+    for id in ["a", "c"] {
+        let (path, content) = small(id, &format!("{id}.mcap")).unwrap();
+        let own = CaptureSession::open(&path, &parameters).unwrap();
+        let id = CaptureId::new(id).unwrap();
+        let (scene, facts) = session.load(&id).unwrap();
+        let (own_scene, own_facts) = own.load(&id).unwrap();
+        assert_eq!(input_digest(&own_scene), input_digest(&scene));
+        assert_eq!(format!("{own_facts:?}"), format!("{facts:?}"));
+        assert_eq!(facts.left_out.len(), 1);
+        let recording = own.recording();
+        assert_eq!((own.captures().len(), recording.is_packed()), (1, true));
+        // The digest is that of what the file holds, whoever computes it, and tells captures apart.
+        assert_eq!(recording.content_sha256().unwrap(), content);
+        let again = small(id.as_str(), &format!("{id}-again.mcap")).unwrap();
+        assert_eq!(again.1, content);
+        assert_ne!(
+            small("a", &format!("{id}-a.mcap")).unwrap().1 == content,
+            id.as_str() != "a"
+        );
+    }
+    let failed = small("b", "b.mcap").unwrap_err().to_string();
+    assert!(failed.contains("capture b failed"), "{failed}");
+}

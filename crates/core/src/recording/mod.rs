@@ -4,6 +4,7 @@
 mod chunk;
 mod container;
 mod error;
+mod extract;
 mod index;
 pub mod interrupted;
 mod json;

@@ -294,6 +294,18 @@ impl Recording {
         }
     }
 
+    /// The schema of a message, as the file has it.
+    pub(super) fn schema_record(&self, message: &MessageRef) -> mcap::Schema<'static> {
+        let channel = self.index.channels.get(&message.channel);
+        let schema = channel.and_then(|c| self.index.schemas.get(&c.schema_id));
+        schema.cloned().unwrap_or_else(|| mcap::Schema {
+            id: 0,
+            name: String::new(),
+            encoding: String::new(),
+            data: Default::default(),
+        })
+    }
+
     fn schema_of(&self, channel: u16) -> &str {
         let id = self.index.channels.get(&channel).map_or(0, |c| c.schema_id);
         self.index.schemas.get(&id).map_or("", |s| &s.name)

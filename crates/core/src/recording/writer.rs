@@ -269,6 +269,22 @@ impl Writer {
         self.write(topic, schema, "protobuf", [&head, data], time)
     }
 
+    /// Writes a message of another recording as it is, with the schema that it has there.
+    pub(super) fn copy(
+        &mut self,
+        topic: &Topic,
+        schema: Schema<'static>,
+        data: &[u8],
+        time: Timestamp,
+    ) -> Result<(), Error> {
+        let encoding = if schema.encoding == "jsonschema" {
+            "json"
+        } else {
+            "protobuf"
+        };
+        self.write(topic, schema, encoding, [data, &[]], time)
+    }
+
     /// Brings everything written so far to the disk: what is a capture by then survives a power cut.
     pub fn sync(&mut self) -> Result<(), Error> {
         self.finish_chunk()?;

@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""Measures what a fleet costs on this machine: processor time, bytes on the wire and wall time for the same captures made
+locally, by one worker and by two, in alternating order. Packing, hashing, checking and committing are counted; the
+server's time is stated apart. Prints a line for each run and then the best run of each way.
+
+    scripts/fleet-bench.py [--captures 100] [--rounds 3] [--size 1280x960] [--scand target/release/scand]
+
+Needs Debian's nats-server. A debug build works as well; its figures are its own.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+
+
+def free_port():
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+def wait(process):
+    """Waits for a process; the processor time of it and of all children that it waited for, in seconds."""
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return usage.ru_utime + usage.ru_stime
+
+
+def stop(process):
+    process.send_signal(signal.SIGTERM)
+    return wait(process)
+
+
+class Bench:
+    def __init__(self, options):
+        self.options = options
+        self.scand = str(Path(options.scand).resolve())
+        self.home = Path(tempfile.mkdtemp(prefix="fleet-bench-", dir=options.folder))
+        self.recording = self.home / "captures.mcap"
+        # A debug build of changes that are not committed has no name that others could have; a release build ignores this.
+        self.environment = {**os.environ, "SCAND_FLEET_TEST_PROGRAM": "bench"}
+        command = ["simulate", "--shape", "cup", "--size", options.size, "--cameras", str(options.cameras)]
+        command += ["--captures", str(options.captures), "--masks", "--depth-frames", "10", "--out", str(self.recording)]
+        subprocess.run([self.scand, *command], check=True, stderr=subprocess.DEVNULL)
+
+    def replay(self, out, *more):
+        command = [self.scand, "--replay", str(self.recording), "--out", str(out), "--json", "--quiet", *more]
+        began = time.monotonic()
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=self.environment)
+        results = [json.loads(line)["result"] for line in process.stdout]
+        processor = wait(process)
+        if process.returncode != 0 or results != ["done"] * self.options.captures:
+            sys.exit(f"fleet-bench: the replay ended with {process.returncode}: {results}")
+        return {"processor_s": processor, "wall_s": time.monotonic() - began}
+
+    def local(self):
+        out = self.home / "local"
+        found = self.replay(out)
+        shutil.rmtree(out)
+        return found
+
+    def fleet(self, workers):
+        port, monitor = free_port(), free_port()
+        store, out = self.home / "store", self.home / "fleet"
+        command = ["nats-server", "--jetstream", "--addr", "127.0.0.1", "--port", str(port), "--http_port", str(monitor)]
+        server = subprocess.Popen([*command, "--store_dir", str(store)], stderr=subprocess.DEVNULL)
+        address = f"nats://127.0.0.1:{port}"
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port)).close()
+                break
+            except OSError:
+                time.sleep(0.05)
+        running = []
+        for number in range(workers):
+            command = [self.scand, "worker", "--fleet", address, "--name", f"w{number}"]
+            command += ["--scratch", str(self.home / "scratch")]
+            running.append(subprocess.Popen(command, env=self.environment, stderr=subprocess.DEVNULL))
+        found = self.replay(out, "--fleet", address, "--name", "bench")
+        found["processor_s"] += sum(stop(worker) for worker in running)
+        with urllib.request.urlopen(f"http://127.0.0.1:{monitor}/varz") as answer:
+            counts = json.load(answer)
+        for name in ["in_bytes", "out_bytes"]:
+            found[f"server_{name}_a_capture"] = counts[name] / self.options.captures
+        found["server_processor_s"] = stop(server)
+        for folder in [store, out]:
+            shutil.rmtree(folder)
+        return found
+
+    def run(self):
+        ways = {"local": self.local, "one worker": lambda: self.fleet(1), "two workers": lambda: self.fleet(2)}
+        best = {}
+        for number in range(self.options.rounds):
+            for name, way in ways.items():
+                found = way()
+                print(f"round {number}, {name}: {words(found)}", flush=True)
+                if name not in best or found["processor_s"] < best[name]["processor_s"]:
+                    best[name] = found
+        local = best["local"]["processor_s"]
+        for name, found in best.items():
+            print(f"best, {name}: {words(found)}; {100 * (found['processor_s'] / local - 1):+.1f} % processor time")
+
+
+def words(found):
+    return ", ".join(f"{name} {value:.2f}" for name, value in found.items())
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Measures what a fleet costs on this machine.")
+    parser.add_argument("--captures", type=int, default=100)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--size", default="1280x960")
+    parser.add_argument("--cameras", type=int, default=6)
+    parser.add_argument("--scand", default="target/release/scand")
+    parser.add_argument("--folder", help="where recordings and models are meanwhile (default: temporary files)")
+    bench = Bench(parser.parse_args())
+    try:
+        bench.run()
+    finally:
+        shutil.rmtree(bench.home)
+
+
+if __name__ == "__main__":
+    main()

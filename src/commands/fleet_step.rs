@@ -1,0 +1,207 @@
+//! `scand fleet-step`, which only the processes of a fleet call: packs one capture, makes its model, or checks a result
+//! and puts it into place, each in a confined process without network.
+
+use crate::capture::CaptureSession;
+use crate::commands::make_model;
+use crate::commands::replay;
+use crate::config::Config;
+use crate::fleet::{Bundle, CommitResult, commit, step, write_bundle};
+use crate::frame::CaptureId;
+use crate::make_model::mark;
+use crate::recording::{Notes, Recording, beside};
+use crate::workers::{Limits, confine, part_from, protocol};
+use anyhow::Context;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// A confined step of a job. Only the processes of a fleet call this.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Step {
+    Pack(PackArgs),
+    Make(Box<make_model::Args>),
+    Commit(CommitArgs),
+}
+
+/// What confines a step.
+#[derive(Debug, clap::Args)]
+struct Confined {
+    /// The process that started this one. When it ends, this one ends too.
+    #[arg(long = protocol::PARENT, value_name = "PID")]
+    parent: u32,
+    /// Largest memory, in megabytes.
+    #[arg(long = protocol::MEMORY_MB, value_name = "N")]
+    memory_mb: u32,
+    /// Niceness, 0 to 19.
+    #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
+    nice: u32,
+}
+
+impl Confined {
+    fn begin(&self, reads: &[PathBuf], writes: &[PathBuf]) -> anyhow::Result<()> {
+        let limits = Limits {
+            memory_mb: self.memory_mb,
+            nice: self.nice,
+        };
+        for missing in confine(limits, reads, writes)? {
+            protocol::warn(&missing);
+        }
+        Ok(())
+    }
+}
+
+/// Writes a capture's own recording into a folder, and what it is.
+#[derive(Debug, clap::Args)]
+struct PackArgs {
+    #[command(flatten)]
+    confined: Confined,
+    /// The recording.
+    #[arg(long)]
+    recording: PathBuf,
+    /// The capture.
+    #[arg(long)]
+    capture: String,
+    /// The configuration of the reconstruction.
+    #[arg(long)]
+    config: PathBuf,
+    /// The file to write, in a folder of its own.
+    #[arg(long)]
+    to: PathBuf,
+}
+
+/// Checks a result and puts it into place.
+#[derive(Debug, clap::Args)]
+struct CommitArgs {
+    #[command(flatten)]
+    confined: Confined,
+    /// The result.
+    #[arg(long)]
+    bundle: PathBuf,
+    /// The folder of the model.
+    #[arg(long)]
+    target: PathBuf,
+    /// The digest of its contents, as its worker named it.
+    #[arg(long)]
+    contents: String,
+    /// The recording of the capture, for people's notes on it.
+    #[arg(long)]
+    recording: PathBuf,
+    /// The file name that the recording has when it is complete.
+    #[arg(long)]
+    name: String,
+    /// The capture.
+    #[arg(long)]
+    capture: String,
+    /// Replace another model.
+    #[arg(long)]
+    replace: bool,
+}
+
+/// Runs a step.
+///
+/// # Errors
+/// If it cannot be confined, or cannot do its work.
+pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    match args.step {
+        Step::Pack(args) => pack(&args),
+        Step::Make(args) => make(*args),
+        Step::Commit(args) => put_into_place(&args),
+    }
+}
+
+fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
+    part_from(args.confined.parent)?;
+    let folder = args.to.parent().context("no folder")?;
+    let reads = [args.recording.clone(), args.config.clone()];
+    args.confined.begin(&reads, &[folder.to_owned()])?;
+    let config = Config::load(Some(&args.config), &[])?;
+    let id = CaptureId::new(&args.capture)?;
+    let session = CaptureSession::open(&args.recording, &config.sync)?;
+    let program = concat!("scand ", env!("CARGO_PKG_VERSION"));
+    let extract = match session.extract(&id, &args.to, program, &config.sync) {
+        Ok(extract) => extract,
+        Err(error) => {
+            eprintln!("scand: {error}");
+            return Ok(ExitCode::from(step::EXIT_REFUSED));
+        }
+    };
+    let bytes = std::fs::read(&args.to)?;
+    let hash = Sha256::digest(&bytes);
+    let packed = step::Packed {
+        content_sha256: extract.content_sha256,
+        bytes: bytes.len() as u64,
+        sha256: hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+    };
+    std::fs::write(folder.join(step::PACKED), serde_json::to_vec(&packed)?)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Makes a model as `scand make-model` does, and bundles its folder, or the report of why there is none.
+fn make(args: make_model::Args) -> anyhow::Result<ExitCode> {
+    let (folder, capture) = args.output()?;
+    let code = make_model::run(args)?;
+    let bundle = Bundle::of_folder(&folder.join(capture))?;
+    if bundle.files.is_empty() {
+        return Ok(code);
+    }
+    write_bundle(&bundle, &folder.join(step::BUNDLE))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn put_into_place(args: &CommitArgs) -> anyhow::Result<ExitCode> {
+    part_from(args.confined.parent)?;
+    let folder = args.target.parent().context("no folder")?.to_owned();
+    std::fs::create_dir_all(&folder)?;
+    let mut reads = vec![args.bundle.clone(), args.recording.clone()];
+    reads.extend(Some(beside(&args.recording)).filter(|path| path.exists()));
+    args.confined.begin(&reads, &[folder])?;
+    let of = (args.name.as_str(), args.capture.as_str());
+    let committed = commit(&args.bundle, &args.target, of, &args.contents, args.replace);
+    let code = match committed.map_err(anyhow::Error::msg)? {
+        CommitResult::Placed => ExitCode::SUCCESS,
+        CommitResult::Equal => ExitCode::from(step::EXIT_EQUAL),
+        CommitResult::Differs => return Ok(ExitCode::from(step::EXIT_DIFFERS)),
+        CommitResult::Refused(why) => {
+            eprintln!("scand: {why}");
+            return Ok(ExitCode::from(step::EXIT_REFUSED));
+        }
+    };
+    note(&args.recording, &args.target, &args.capture);
+    Ok(code)
+}
+
+/// Marks a model with people's notes on its capture, which do not travel.
+fn note(recording: &Path, target: &Path, capture: &str) {
+    if !target.join("preview.png").exists() {
+        return;
+    }
+    let marked = Recording::open(recording)
+        .map_err(|e| e.to_string())
+        .and_then(|recording| {
+            let notes = Notes::of(&recording);
+            mark(target, &notes.on(capture)).map_err(|e| e.to_string())
+        });
+    if let Err(problem) = marked {
+        eprintln!("scand: capture {capture}: cannot mark its model with the notes: {problem}");
+    }
+}
+
+impl make_model::Args {
+    /// The folder of the recording's models, and the one capture.
+    fn output(&self) -> anyhow::Result<(PathBuf, String)> {
+        let replay: &replay::Args = self.replay();
+        let folder = replay
+            .writes()?
+            .into_iter()
+            .next()
+            .context("no recording")?;
+        let capture = replay.captures().first().context("no capture")?;
+        Ok((folder, capture.clone()))
+    }
+}

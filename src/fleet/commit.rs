@@ -1,0 +1,267 @@
+//! Checks a result that came from outside, and puts it into place. Runs in a confined child: whatever the files do to a
+//! parser happens there.
+
+use super::bundle::{Bundle, REPORT, contents_sha256, read_bundle};
+use crate::evaluate::load::load;
+use crate::mesh::{self, Mesh};
+use crate::storage::StagedFolder;
+use serde_json::Value;
+use std::path::Path;
+
+/// The schema of reports, as it is published.
+const SCHEMA: &str = include_str!("../../docs/report.schema.json");
+/// What the folder of a model holds, in the order of a bundle.
+const OF_A_MODEL: [&str; 4] = ["model.glb", "model.ply", "preview.png", REPORT];
+/// Pixels of the largest preview.
+const MAX_PIXELS: usize = 40_000_000;
+
+/// What became of a result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CommitResult {
+    /// It is in place.
+    Placed,
+    /// The same was there.
+    Equal,
+    /// Another one is there, of the same inputs, settings and program: something is broken.
+    Differs,
+    /// It is not what a worker may return; nothing was written.
+    Refused(String),
+}
+
+/// Checks the result at `path` and puts it into the folder `target`. It has to be of the capture `capture` of the
+/// recording named `recording`, and to have the digest of contents that its worker named. An existing model is replaced
+/// only if `replace`.
+///
+/// # Errors
+/// If the folder cannot be written.
+pub fn commit(
+    path: &Path,
+    target: &Path,
+    (recording, capture): (&str, &str),
+    contents: &str,
+    replace: bool,
+) -> Result<CommitResult, String> {
+    let bundle = match read_bundle(path) {
+        Ok(bundle) => bundle,
+        Err(error) => return Ok(CommitResult::Refused(error.to_string())),
+    };
+    let staged = StagedFolder::create(target).map_err(|e| e.to_string())?;
+    for (name, bytes) in &bundle.files {
+        staged.write(name, bytes).map_err(|e| e.to_string())?;
+    }
+    let problem = problem(&bundle, staged.path(), (recording, capture), contents);
+    if let Some(problem) = problem {
+        return Ok(CommitResult::Refused(problem));
+    }
+    let is_model = bundle.files.len() > 1;
+    if target.exists() && !replace {
+        if contents_sha256(target).is_ok_and(|there| there == contents) {
+            return Ok(CommitResult::Equal);
+        }
+        let failed = is_failure(target);
+        match (failed, is_model) {
+            // A model, or newer reasons, in the place of the report of a failure.
+            (true, _) => {}
+            // A model is worth more than the report of a failure; that two runs of one job differ is a defect.
+            (false, _) => return Ok(CommitResult::Differs),
+        }
+    }
+    staged.commit(true).map_err(|e| e.to_string())?;
+    Ok(CommitResult::Placed)
+}
+
+/// What is wrong with the files of a result, which lie in `folder`.
+fn problem(
+    bundle: &Bundle,
+    folder: &Path,
+    (recording, capture): (&str, &str),
+    contents: &str,
+) -> Option<String> {
+    let found = bundle.contents_sha256();
+    if found.as_deref() != Ok(contents) {
+        return Some("its contents are not those that its worker named".into());
+    }
+    let Some(report) = bundle.file(REPORT) else {
+        return Some("it has no report".into());
+    };
+    let report: Value = match serde_json::from_slice(report) {
+        Ok(report) => report,
+        Err(error) => return Some(format!("{REPORT}: {error}")),
+    };
+    if let Some(problem) = against_schema(&report) {
+        return Some(format!("{REPORT}: {problem}"));
+    }
+    if report["capture"]["id"] != capture || report["recording"] != recording {
+        return Some(format!(
+            "{REPORT}: it is of another capture than {capture} of {recording}"
+        ));
+    }
+    let names: Vec<&str> = bundle.files.iter().map(|(name, _)| *name).collect();
+    if report["outcome"] == "failed" {
+        let alone = names == [REPORT];
+        return (!alone).then(|| "the report of a failure comes with a model".into());
+    }
+    if names != OF_A_MODEL {
+        return Some(format!("a model has {OF_A_MODEL:?}, but it has {names:?}"));
+    }
+    let says_open = report["verdict"]["reasons"]
+        .as_array()
+        .is_some_and(|reasons| reasons.iter().any(|r| r["code"] == "not_watertight"));
+    for name in ["model.glb", "model.ply"] {
+        let loaded = match load(&folder.join(name)) {
+            Ok(loaded) => loaded,
+            Err(error) => return Some(error.to_string()),
+        };
+        if let Some(problem) = of_mesh(&loaded.mesh, says_open) {
+            return Some(format!("{name}: {problem}"));
+        }
+    }
+    of_picture(bundle.file("preview.png").unwrap_or_default())
+}
+
+fn against_schema(report: &Value) -> Option<String> {
+    let schema: Value = match serde_json::from_str(SCHEMA) {
+        Ok(schema) => schema,
+        Err(error) => return Some(format!("the schema of reports: {error}")),
+    };
+    match jsonschema::validator_for(&schema) {
+        Ok(validator) if validator.is_valid(report) => None,
+        Ok(_) => Some("it does not have the members that a report has (report.schema.json)".into()),
+        Err(error) => Some(format!("the schema of reports: {error}")),
+    }
+}
+
+fn of_mesh(mesh: &Mesh, says_open: bool) -> Option<String> {
+    if mesh.triangles.is_empty() {
+        return Some("it has no triangles".into());
+    }
+    let closed = mesh::check(mesh).is_watertight();
+    (!closed && !says_open).then(|| "it is not closed, and its report does not say so".into())
+}
+
+fn of_picture(bytes: &[u8]) -> Option<String> {
+    match crate::image::size_of_file("png", bytes) {
+        Ok((width, height)) if width.saturating_mul(height) <= MAX_PIXELS => {
+            let decoded = crate::image::rgb_from_file("png", bytes, (width, height));
+            decoded.err().map(|e| format!("preview.png: {e}"))
+        }
+        Ok((width, height)) => Some(format!("preview.png: {width} x {height} pixels")),
+        Err(error) => Some(format!("preview.png: {error}")),
+    }
+}
+
+/// Whether a folder holds the report of a failure.
+fn is_failure(folder: &Path) -> bool {
+    let report = std::fs::read(folder.join(REPORT)).unwrap_or_default();
+    let report: Option<Value> = serde_json::from_slice(&report).ok();
+    report.is_some_and(|report| report["outcome"] == "failed")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bundle::write_bundle;
+    use super::*;
+    use crate::frame::{CaptureId, Timestamp};
+    use crate::make_model::{FailedJob, report_failure};
+    use crate::reconstruct::Method;
+    use crate::report::FailedCapture;
+
+    struct Place {
+        home: tempfile::TempDir,
+    }
+
+    impl Place {
+        fn new() -> Self {
+            let home = tempfile::tempdir().unwrap();
+            Self { home }
+        }
+
+        fn failure(&self, reason: &str) -> Bundle {
+            let folder = self.home.path().join("made");
+            let job = FailedJob {
+                recording: Path::new("cup.mcap"),
+                method: Method::default(),
+                capture: FailedCapture {
+                    id: &CaptureId::new("a1").unwrap(),
+                    time_ns: Timestamp(1),
+                    source: "test",
+                },
+            };
+            report_failure(&folder, job, reason, None, true).unwrap();
+            Bundle::of_folder(&folder).unwrap()
+        }
+
+        fn commit(&self, bundle: &Bundle, of: (&str, &str), contents: &str) -> CommitResult {
+            let path = self.home.path().join("bundle");
+            write_bundle(bundle, &path).unwrap();
+            let target = self.home.path().join("out/cup/a1");
+            let parts = commit(&path, &target, of, contents, false).unwrap();
+            // Nothing but what is in place is left behind.
+            let left = std::fs::read_dir(self.home.path().join("out/cup")).unwrap();
+            assert!(left.count() <= 1);
+            parts
+        }
+    }
+
+    const OF: (&str, &str) = ("cup.mcap", "a1");
+
+    fn refused(committed: &CommitResult, words: &str) {
+        match committed {
+            CommitResult::Refused(why) => assert!(why.contains(words), "{why}"),
+            other => panic!("{other:?}, expected: {words}"),
+        }
+    }
+
+    #[test]
+    fn a_report_is_placed_once_and_newer_reasons_replace_it() {
+        let place = Place::new();
+        let first = place.failure("no light");
+        let contents = first.contents_sha256().unwrap();
+        assert_eq!(place.commit(&first, OF, &contents), CommitResult::Placed);
+        assert_eq!(place.commit(&first, OF, &contents), CommitResult::Equal);
+        let second = place.failure("no camera");
+        let contents = second.contents_sha256().unwrap();
+        assert_eq!(place.commit(&second, OF, &contents), CommitResult::Placed);
+    }
+
+    #[test]
+    fn a_result_of_another_capture_or_with_other_files_is_refused() {
+        let place = Place::new();
+        let bundle = place.failure("no light");
+        let contents = bundle.contents_sha256().unwrap();
+        refused(
+            &place.commit(&bundle, ("cup.mcap", "a2"), &contents),
+            "another capture",
+        );
+        refused(
+            &place.commit(&bundle, ("b.mcap", "a1"), &contents),
+            "another capture",
+        );
+        refused(
+            &place.commit(&bundle, OF, &"0".repeat(64)),
+            "its worker named",
+        );
+        let with = |files: Vec<(&'static str, Vec<u8>)>| {
+            let bundle = Bundle { files };
+            let contents = bundle.contents_sha256().unwrap();
+            place.commit(&bundle, OF, &contents)
+        };
+        refused(&with(vec![]), "no report");
+        let report = bundle.files[0].1.clone();
+        let model = ("model.ply", b"ply".to_vec());
+        refused(&with(vec![model, (REPORT, report)]), "comes with a model");
+        let poor = br#"{"outcome":"done","capture":{"id":"a1"},"recording":"cup.mcap"}"#;
+        refused(&with(vec![(REPORT, poor.to_vec())]), "report.schema.json");
+    }
+
+    #[test]
+    fn an_open_mesh_is_one_only_where_its_report_says_so() {
+        let mut mesh = mesh::cuboid([-1.0; 3], [1.0; 3]);
+        assert_eq!(of_mesh(&mesh, false), None);
+        mesh.triangles.pop();
+        assert!(of_mesh(&mesh, false).unwrap().contains("not closed"));
+        assert_eq!(of_mesh(&mesh, true), None);
+        mesh.triangles.clear();
+        assert!(of_mesh(&mesh, true).is_some());
+    }
+}

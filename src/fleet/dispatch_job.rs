@@ -1,0 +1,299 @@
+//! The job_state of one job, from a capture in a recording to a result in its folder: packed, offered, waited for, taken in,
+//! and offered again whenever the server has lost it or its worker has failed.
+
+use super::dispatcher::{Dispatcher, JobEvent, JobMessage, JobOutcome, Started, Task};
+use super::job::{JobOffer, JobReport};
+use super::job_state::{JobState, Received, has_model};
+use super::model_origin::ModelOrigin;
+use super::step::Packed;
+use super::store::ServerError;
+use super::subjects::{self, JOBS, RESULTS};
+use super::transfer::{TransferError, pieces};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::mpsc;
+
+/// How many workers may go away for ever while they do one job.
+const MAX_LOST_WORKERS: usize = 10;
+/// A worker that has not been heard of for this long, while the server was there, is lost.
+const LOST_AFTER: Duration = Duration::from_secs(25);
+/// How often the server is asked for what may have been missed.
+const POLL_INTERVAL: Duration = Duration::from_secs(4);
+/// How often in a row a job may be missing on the server before it is offered again.
+const MAX_MISSING: u32 = 2;
+
+impl Dispatcher {
+    /// Brings a job to its end.
+    pub async fn run_job(
+        self: &Arc<Self>,
+        task: &Task,
+        on_event: impl Fn(JobEvent) + Sync,
+    ) -> JobOutcome {
+        JobState::new(self, task, &on_event).run().await
+    }
+}
+
+impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
+    async fn run(mut self) -> JobOutcome {
+        let ended = self.offer_and_wait().await;
+        let _ = std::fs::remove_dir_all(&self.spool);
+        ended
+    }
+
+    async fn offer_and_wait(&mut self) -> JobOutcome {
+        let plan = &self.offers.plan;
+        let calibration = plan.calibration.clone().unwrap_or_default();
+        let program = plan.program.to_string();
+        let parts = [
+            &*self.task.capture,
+            &self.task.settings,
+            &calibration,
+            &program,
+        ];
+        let made_of = ModelOrigin::made_of(&self.task.recording, &parts).unwrap_or_default();
+        let known = ModelOrigin::read(&self.task.target).filter(|_| has_model(&self.task.target));
+        if let Some(known) = known.as_ref().filter(|_| !plan.replace)
+            && known.made_of == made_of
+        {
+            return JobOutcome::Unchanged;
+        }
+        if known.is_none() && has_model(&self.task.target) && !plan.replace {
+            let reason = "a model that did not come from the fleet is there".into();
+            return JobOutcome::MakeLocally { reason };
+        }
+        let packed = match self.pack().await {
+            Ok(packed) => packed,
+            Err(ended) => return ended,
+        };
+        let offer = self.offer(&packed);
+        if let Some(known) = known.filter(|known| known.digest == offer.digest && !plan.replace) {
+            self.note(&ModelOrigin { made_of, ..known });
+            return JobOutcome::Unchanged;
+        }
+        let news = self.offers.subscribe_job(&offer.digest);
+        let ended = self.until_committed(&offer, &made_of, news).await;
+        self.offers.leave(&offer.digest);
+        ended
+    }
+
+    fn offer(&self, packed: &Packed) -> JobOffer {
+        let (plan, task) = (&self.offers.plan, self.task);
+        JobOffer {
+            digest: JobOffer::digest_of(
+                &plan.program,
+                (&task.name, &task.capture),
+                &packed.content_sha256,
+                &task.settings,
+                plan.calibration.as_deref(),
+            ),
+            capture: task.capture.clone(),
+            recording: task.name.clone(),
+            bytes: packed.bytes,
+            sha256: packed.sha256.clone(),
+            pieces: pieces(packed.bytes),
+            settings: task.settings.clone(),
+            calibration: plan.calibration.clone(),
+            memory_mb: plan.memory_mb,
+            time_limit_s: plan.time_limit_s,
+        }
+    }
+
+    /// Lets a child write the capture's own recording.
+    async fn pack(&self) -> Result<Packed, JobOutcome> {
+        let failed = |reason: String| JobOutcome::Failed {
+            reason,
+            words: String::new(),
+        };
+        let _turn = self.offers.children.acquire().await;
+        loop {
+            if self.is_over() {
+                return Err(JobOutcome::Withdrawn);
+            }
+            self.wait_for_space().await;
+            let to = self.packed_path();
+            let folder = self.spool.join("packed");
+            let settings = self.spool.join("settings.toml");
+            let prepared = || {
+                let _ = std::fs::remove_dir_all(&self.spool);
+                std::fs::create_dir_all(&folder)?;
+                std::fs::write(&settings, &self.task.settings)
+            };
+            prepared().map_err(|e| failed(format!("{}: {e}", folder.display())))?;
+            let recording = self.task.recording.clone();
+            let capture = format!("--capture={}", self.task.capture);
+            let child = self.step("pack", move |run| {
+                let options = vec![
+                    ("recording", &*recording),
+                    ("config", &settings),
+                    ("to", &to),
+                ];
+                run(&options, &[&capture])
+            });
+            let ended = child
+                .await
+                .map_err(|e| failed(format!("no child can be started: {e}")))?;
+            match (ended.code, &ended.crash) {
+                (Some(0), _) => return Packed::read(&folder).map_err(failed),
+                _ if ended.cancelled => return Err(JobOutcome::Withdrawn),
+                (_, Some(_)) => return Err(failed(ended.complaint())),
+                _ if self.lacks_space() => self.report_problem(&ended.complaint()),
+                _ => {
+                    return Err(JobOutcome::MakeLocally {
+                        reason: ended.complaint(),
+                    });
+                }
+            }
+        }
+    }
+
+    /// Puts the job on the server; the capture first, so that no worker looks for it in vain.
+    async fn send(&self, offer: &JobOffer) -> Result<(), TransferError> {
+        let fleet = &self.offers.fleet;
+        fleet.make_streams().await?;
+        let piece = |piece| subjects::capture(&fleet.name, &offer.digest, piece);
+        fleet.send_file(&self.packed_path(), piece).await?;
+        let bytes = serde_json::to_vec(offer).unwrap_or_default();
+        fleet.store(self.subject(offer), bytes.into()).await?;
+        (self.on_event)(JobEvent::Offered);
+        Ok(())
+    }
+
+    /// As [`Self::send`], however long that takes; false when nobody wants it any more.
+    async fn send_patiently(&self, offer: &JobOffer) -> bool {
+        while !self.is_over() {
+            match self.send(offer).await {
+                Ok(()) => return true,
+                Err(problem) => {
+                    self.report_problem(&problem.to_string());
+                    self.offers.pause(Duration::from_secs(2)).await;
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether the server has the job, or its result.
+    async fn is_there(&self, offer: &JobOffer) -> Result<bool, ServerError> {
+        let fleet = &self.offers.fleet;
+        // The job first: a worker brings the result before it acknowledges the job.
+        let job = fleet.stored(JOBS, &self.subject(offer)).await?;
+        Ok(job.is_some() || self.result(offer).await?.is_some())
+    }
+
+    async fn result(&self, offer: &JobOffer) -> Result<Option<JobReport>, ServerError> {
+        let fleet = &self.offers.fleet;
+        let subject = subjects::result(&fleet.name, &offer.digest);
+        let stored = fleet.stored(RESULTS, &subject).await?;
+        Ok(stored.and_then(|bytes| JobReport::parse(&bytes).ok()))
+    }
+
+    async fn until_committed(
+        &mut self,
+        offer: &JobOffer,
+        made_of: &str,
+        mut news: mpsc::Receiver<JobMessage>,
+    ) -> JobOutcome {
+        // An earlier run may have offered it.
+        if !self.is_there(offer).await.unwrap_or(false) && !self.send_patiently(offer).await {
+            return self.withdraw(offer).await;
+        }
+        let mut missing = 0;
+        // However much is heard of it meanwhile.
+        let mut next_question = Instant::now() + POLL_INTERVAL;
+        loop {
+            let wait = next_question.saturating_duration_since(Instant::now());
+            let heard = tokio::select! {
+                heard = news.recv() => Some(heard),
+                () = self.offers.pause(wait) => None,
+            };
+            let reported = match heard {
+                Some(Some(JobMessage::Started(started))) => {
+                    self.has_started(started);
+                    None
+                }
+                Some(Some(JobMessage::Reported(reported))) => Some(reported),
+                Some(None) => return JobOutcome::Withdrawn,
+                None => {
+                    next_question = Instant::now() + POLL_INTERVAL;
+                    if let Some(ended) = self.over_or_lost(offer).await {
+                        return ended;
+                    }
+                    match self.is_there(offer).await {
+                        Ok(true) => missing = 0,
+                        Ok(false) => missing += 1,
+                        Err(problem) if !self.is_stream_gone(&problem) => {}
+                        Err(_) => missing += 1,
+                    }
+                    self.result(offer).await.ok().flatten()
+                }
+            };
+            let again = match reported {
+                Some(reported) => match self.take(offer, made_of, &reported).await {
+                    Received::Done(ended) => return ended,
+                    Received::Again => true,
+                    Received::Nothing => false,
+                },
+                None => missing >= MAX_MISSING,
+            };
+            if again {
+                missing = 0;
+                if !self.send_patiently(offer).await {
+                    return self.withdraw(offer).await;
+                }
+            }
+        }
+    }
+
+    /// Whether the server is there and its streams are not.
+    fn is_stream_gone(&self, problem: &ServerError) -> bool {
+        self.offers.fleet.is_connected() && problem.cause.contains("no responders")
+    }
+
+    async fn over_or_lost(&mut self, offer: &JobOffer) -> Option<JobOutcome> {
+        if self.is_over() {
+            return Some(self.withdraw(offer).await);
+        }
+        let lost = self.lost(&offer.digest);
+        if lost < MAX_LOST_WORKERS {
+            return None;
+        }
+        self.offers.fleet.erase(self.subject(offer)).await;
+        self.erase_capture(offer).await;
+        let reason = format!(
+            "{lost} workers went away for ever while they did it: it may end the machines that do it, and is not offered \
+             any more"
+        );
+        let words = String::new();
+        Some(JobOutcome::Failed { reason, words })
+    }
+
+    fn has_started(&mut self, started: Started) {
+        self.started.insert(started.instance, Instant::now());
+        (self.on_event)(JobEvent::Started(&started.worker));
+    }
+
+    /// Workers that have started this job and were not heard of since, although the server was there all the time.
+    fn lost(&mut self, digest: &str) -> usize {
+        let fleet = &self.offers.fleet;
+        let connections = fleet.connections();
+        if connections != self.connections || !fleet.is_connected() {
+            // The server's going away counts for nobody.
+            self.connections = connections;
+            self.started
+                .values_mut()
+                .for_each(|heard| *heard = Instant::now());
+        }
+        let offers = self.offers;
+        // Who was heard of since without this job has given it back.
+        self.started.retain(|instance, started| {
+            let heard = offers.last_heard(instance, digest);
+            heard.is_none_or(|(at, does_it)| does_it || at <= *started)
+        });
+        let is_lost = |(instance, started): &(&String, &Instant)| {
+            let heard = offers.last_heard(instance, digest);
+            let last = heard.map_or(**started, |(at, _)| at.max(**started));
+            last.elapsed() > LOST_AFTER
+        };
+        self.started.iter().filter(is_lost).count()
+    }
+}

@@ -1,0 +1,146 @@
+//! A job on its way: what is known of it, and what each part of its job_state does: child processes, the spool, and what is
+//! taken off the server.
+
+use super::dispatcher::{Dispatcher, JobEvent, JobOutcome, Task};
+use super::job::JobOffer;
+use super::memory_class::MemoryClass;
+use super::model_origin::ModelOrigin;
+use super::step;
+use super::subjects;
+use crate::storage::free_bytes;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+use tokio::task::spawn_blocking;
+
+/// Bytes that stay free on the models' disk.
+const KEEP_FREE: u64 = 200_000_000;
+
+/// A job on its way.
+pub(super) struct JobState<'a, T> {
+    pub(super) offers: &'a Arc<Dispatcher>,
+    pub(super) task: &'a Task,
+    pub(super) on_event: &'a T,
+    pub(super) spool: PathBuf,
+    pub(super) crashes: u32,
+    /// The attempts whose crashes were counted; the server may tell of one twice.
+    pub(super) counted: BTreeSet<String>,
+    /// The runs of workers that have started it, and when they, or the server, were last heard of.
+    pub(super) started: BTreeMap<String, Instant>,
+    pub(super) connections: u64,
+}
+
+/// How one result was taken in.
+pub(super) enum Received {
+    Done(JobOutcome),
+    /// The job is to be offered again.
+    Again,
+    /// It was taken in before.
+    Nothing,
+}
+
+impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
+    pub(super) fn new(offers: &'a Arc<Dispatcher>, task: &'a Task, on_event: &'a T) -> Self {
+        let number = offers.next.fetch_add(1, Ordering::Relaxed);
+        Self {
+            spool: offers.plan.spool.join(number.to_string()),
+            offers,
+            task,
+            on_event,
+            crashes: 0,
+            counted: BTreeSet::new(),
+            started: BTreeMap::new(),
+            connections: offers.fleet.connections(),
+        }
+    }
+
+    pub(super) fn packed_path(&self) -> PathBuf {
+        self.spool.join("packed").join(&self.task.name)
+    }
+
+    /// Runs a confined step in a thread of its own.
+    pub(super) async fn step(
+        &self,
+        step: &'static str,
+        call: impl FnOnce(
+            &dyn Fn(&step::Options, &[&str]) -> std::io::Result<step::StepEnd>,
+        ) -> std::io::Result<step::StepEnd>
+        + Send
+        + 'static,
+    ) -> std::io::Result<step::StepEnd> {
+        let plan = &self.offers.plan;
+        let limits = step::Limits {
+            memory_mb: plan.memory_mb,
+            nice: plan.nice,
+            time: Duration::from_secs(plan.time_limit_s.into()),
+            threads: 0,
+        };
+        let cancel = self.offers.cancel.clone();
+        let child = spawn_blocking(move || {
+            call(&|options, words| step::run(step, limits, options, words, &cancel))
+        });
+        child.await.map_err(std::io::Error::other)?
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        let lasts = self.task.lasts.as_ref();
+        self.offers.is_stopped() || lasts.is_some_and(|file| !file.exists())
+    }
+
+    pub(super) fn report_problem(&self, words: &str) {
+        (self.on_event)(JobEvent::Problem(words));
+    }
+
+    pub(super) fn lacks_space(&self) -> bool {
+        free_bytes(&self.offers.plan.spool).is_ok_and(|free| free < KEEP_FREE)
+    }
+
+    pub(super) async fn wait_for_space(&self) {
+        while self.lacks_space() && !self.is_over() {
+            let folder = self.offers.plan.spool.display();
+            self.report_problem(&format!(
+                "{folder} has less than {} MB left",
+                KEEP_FREE / 1_000_000
+            ));
+            self.offers.pause(Duration::from_secs(5)).await;
+        }
+    }
+
+    pub(super) async fn erase_capture(&self, offer: &JobOffer) {
+        let fleet = &self.offers.fleet;
+        let piece = |piece| subjects::capture(&fleet.name, &offer.digest, piece);
+        fleet.erase_file(offer.pieces, piece).await;
+    }
+
+    pub(super) fn note(&self, origin: &ModelOrigin) {
+        if let Err(error) = origin.write(&self.task.target) {
+            self.report_problem(&error.to_string());
+        }
+    }
+
+    /// Takes a job off the server that nobody wants any more; not when this process ends alone.
+    pub(super) async fn withdraw(&self, offer: &JobOffer) -> JobOutcome {
+        if !self.offers.is_stopped() {
+            self.offers.fleet.erase(self.subject(offer)).await;
+            self.erase_capture(offer).await;
+        }
+        JobOutcome::Withdrawn
+    }
+
+    pub(super) fn subject(&self, offer: &JobOffer) -> String {
+        let needs = MemoryClass::of(offer.memory_mb);
+        subjects::job(
+            &self.offers.plan.program,
+            needs,
+            &self.offers.fleet.name,
+            &offer.digest,
+        )
+    }
+}
+
+/// Whether a folder holds a model, and not the report of a failure.
+pub(super) fn has_model(target: &Path) -> bool {
+    target.join("model.glb").exists()
+}

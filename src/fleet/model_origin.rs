@@ -1,0 +1,89 @@
+//! What is known of a model that came from elsewhere, beside its folder: which job it is the result of, who made it, and
+//! from which state of which recording. It saves a second run from reading the recording again.
+
+use crate::storage::{self, write_atomically};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// What is known of one model.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModelOrigin {
+    /// The job's digest.
+    pub digest: String,
+    /// The digest of the result's contents.
+    pub contents_sha256: String,
+    /// The worker that made it.
+    pub worker: String,
+    /// What the job was made of, as far as it is seen without opening the recording.
+    pub made_of: String,
+}
+
+impl ModelOrigin {
+    /// Where it is, for a model's folder.
+    pub fn path(target: &Path) -> PathBuf {
+        let name = target.file_name().unwrap_or_default().to_string_lossy();
+        target.with_file_name(format!(".{name}.fleet"))
+    }
+
+    /// What is known of the model in a folder.
+    pub fn read(target: &Path) -> Option<Self> {
+        let bytes = std::fs::read(Self::path(target)).ok()?;
+        serde_json::from_slice(&bytes).ok()
+    }
+
+    /// Notes what is known.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, target: &Path) -> Result<(), storage::Error> {
+        let bytes = serde_json::to_vec(self).unwrap_or_default();
+        write_atomically(&Self::path(target), &bytes)
+    }
+
+    /// What a job is made of: the recording's file as it is now, the capture, the settings and the program. `None` where
+    /// there is no such file.
+    pub fn made_of(recording: &Path, parts: &[&str]) -> Option<String> {
+        let file = std::fs::metadata(recording).ok()?;
+        let seen = format!("{} {} {}", file.len(), file.mtime(), file.mtime_nsec());
+        let mut hash = Sha256::new();
+        for part in [seen.as_str()].iter().chain(parts) {
+            hash.update((part.len() as u64).to_le_bytes());
+            hash.update(part);
+        }
+        Some(super::job::hexadecimal(&hash.finalize()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_noted_is_read_and_a_changed_recording_is_another_one() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("a1");
+        assert_eq!(ModelOrigin::read(&target), None);
+        let recording = home.path().join("a.mcap");
+        std::fs::write(&recording, b"one").unwrap();
+        let made_of = ModelOrigin::made_of(&recording, &["a1", "settings"]).unwrap();
+        assert_ne!(
+            ModelOrigin::made_of(&recording, &["a1", "other"]).unwrap(),
+            made_of
+        );
+        std::fs::write(&recording, b"other").unwrap();
+        assert_ne!(
+            ModelOrigin::made_of(&recording, &["a1", "settings"]).unwrap(),
+            made_of
+        );
+        let origin = ModelOrigin {
+            digest: "d".into(),
+            contents_sha256: "c".into(),
+            worker: "w".into(),
+            made_of,
+        };
+        origin.write(&target).unwrap();
+        assert_eq!(ModelOrigin::read(&target), Some(origin));
+    }
+}

@@ -1,0 +1,311 @@
+//! Takes a result in: fetches it, lets a child check it and put it into place, and makes a share of the models again to
+//! compare them.
+
+use super::bundle::stated_contents;
+use super::dispatcher::{JobEvent, JobOutcome};
+use super::job::{JobOffer, JobReport};
+use super::job_state::{JobState, Received, has_model};
+use super::model_origin::ModelOrigin;
+use super::step::{BUNDLE, EXIT_DIFFERS, EXIT_EQUAL, EXIT_REFUSED};
+use super::subjects::{self, RESULTS};
+use super::transfer::TransferError;
+use crate::log;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How often a job may crash its child, or come back with a result that is refused.
+const MAX_CRASHES: u32 = 3;
+
+impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
+    pub(super) async fn take(
+        &mut self,
+        offer: &JobOffer,
+        made_of: &str,
+        reported: &JobReport,
+    ) -> Received {
+        let fleet = &self.offers.fleet;
+        let (worker, instance) = reported.sender();
+        self.started.remove(instance);
+        let subject = subjects::result(&fleet.name, &offer.digest);
+        if self.offers.is_distrusted(worker) {
+            fleet.erase(subject).await;
+            return Received::Again;
+        }
+        match reported {
+            JobReport::Crashed {
+                reason,
+                words,
+                attempt,
+                ..
+            } => {
+                if !self.counted.insert(format!("{instance} {attempt}")) {
+                    return Received::Nothing;
+                }
+                fleet.erase(subject).await;
+                self.crashed(offer, format!("worker {worker}: {reason}"), words)
+                    .await
+            }
+            JobReport::Result {
+                bytes,
+                sha256,
+                pieces,
+                contents_sha256,
+                ..
+            } => {
+                let part = |piece| subjects::part(&fleet.name, &offer.digest, instance, piece);
+                let bundle = self.spool.join(BUNDLE);
+                loop {
+                    let what = (*bytes, sha256.as_str());
+                    match fleet.fetch_file(RESULTS, part, what, &bundle).await {
+                        Ok(()) => break,
+                        Err(TransferError::Gone | TransferError::Differs) => {
+                            fleet.erase(subject).await;
+                            self.report_problem("the server has lost a part of its result");
+                            return Received::Again;
+                        }
+                        Err(problem) => self.report_problem(&problem.to_string()),
+                    }
+                    if self.is_over() {
+                        return Received::Done(self.withdraw(offer).await);
+                    }
+                    self.offers.pause(Duration::from_secs(2)).await;
+                }
+                let taken = self
+                    .commit(offer, made_of, (worker, contents_sha256), &bundle)
+                    .await;
+                if !matches!(taken, Received::Done(JobOutcome::Withdrawn)) {
+                    fleet.erase_file(*pieces, part).await;
+                    fleet.erase(subject).await;
+                }
+                if matches!(
+                    taken,
+                    Received::Done(JobOutcome::Made | JobOutcome::Failed { .. })
+                ) {
+                    self.erase_capture(offer).await;
+                }
+                taken
+            }
+        }
+    }
+
+    /// A job whose child crashed, or whose result was refused.
+    async fn crashed(&mut self, offer: &JobOffer, reason: String, words: &str) -> Received {
+        self.crashes += 1;
+        if self.crashes < MAX_CRASHES {
+            self.report_problem(&format!("{reason}; it is offered again"));
+            return Received::Again;
+        }
+        self.erase_capture(offer).await;
+        let reason = format!("it failed {MAX_CRASHES} times, at last on {reason}");
+        let words = words.to_owned();
+        Received::Done(JobOutcome::Failed { reason, words })
+    }
+
+    /// Lets a child check a result and put it into place.
+    async fn commit(
+        &mut self,
+        offer: &JobOffer,
+        made_of: &str,
+        (worker, contents): (&str, &str),
+        bundle: &Path,
+    ) -> Received {
+        let _turn = self.offers.children.acquire().await;
+        loop {
+            self.wait_for_space().await;
+            let task = self.task.clone();
+            let bundle = bundle.to_owned();
+            let replace = self.offers.plan.replace;
+            let words = [
+                format!("--contents={contents}"),
+                format!("--name={}", task.name),
+                format!("--capture={}", task.capture),
+            ];
+            let child = self.step("commit", move |run| {
+                let options = vec![
+                    ("bundle", &*bundle),
+                    ("target", &task.target),
+                    ("recording", &task.recording),
+                ];
+                let mut words: Vec<&str> = words.iter().map(String::as_str).collect();
+                words.extend(replace.then_some("--replace"));
+                run(&options, &words)
+            });
+            let ended = match child.await {
+                Ok(ended) => ended,
+                Err(error) => {
+                    self.report_problem(&format!("no child can be started: {error}"));
+                    self.offers.pause(Duration::from_secs(5)).await;
+                    continue;
+                }
+            };
+            let code = ended.code.and_then(|code| u8::try_from(code).ok());
+            return match code {
+                Some(0 | EXIT_EQUAL) => self.is_in_place(offer, made_of, worker, contents).await,
+                Some(EXIT_DIFFERS) => self.differs(offer, worker, contents).await,
+                Some(EXIT_REFUSED) => {
+                    let reason = format!(
+                        "worker {worker}: its result was refused: {}",
+                        ended.complaint()
+                    );
+                    log::error!("capture {}: {reason}", self.task.capture);
+                    self.crashed(offer, reason, &ended.words).await
+                }
+                _ if ended.cancelled || self.is_over() => Received::Done(JobOutcome::Withdrawn),
+                _ if self.lacks_space() => {
+                    self.report_problem(&ended.complaint());
+                    continue;
+                }
+                _ => {
+                    let reason = format!(
+                        "its result could not be put into place: {}",
+                        ended.complaint()
+                    );
+                    self.crashed(offer, reason, &ended.words).await
+                }
+            };
+        }
+    }
+
+    async fn is_in_place(
+        &self,
+        offer: &JobOffer,
+        made_of: &str,
+        worker: &str,
+        contents: &str,
+    ) -> Received {
+        self.offers.note_committed(&offer.digest, contents);
+        if has_model(&self.task.target) {
+            self.note(&ModelOrigin {
+                digest: offer.digest.clone(),
+                contents_sha256: contents.to_owned(),
+                worker: worker.to_owned(),
+                made_of: made_of.to_owned(),
+            });
+        }
+        if self.is_to_be_rechecked(&offer.digest)
+            && let Some(other) = self.recheck(contents).await
+        {
+            return Received::Done(self.is_wrong(worker, &other).await);
+        }
+        Received::Done(JobOutcome::Made)
+    }
+
+    /// Another model of the same job is in place.
+    async fn differs(&self, offer: &JobOffer, worker: &str, contents: &str) -> Received {
+        let known =
+            ModelOrigin::read(&self.task.target).filter(|known| known.digest == offer.digest);
+        let there = known.map(|known| known.contents_sha256);
+        // People's notes on the picture of a model are no difference.
+        if there.as_deref() == Some(contents) {
+            self.offers.note_committed(&offer.digest, contents);
+            return Received::Done(JobOutcome::Made);
+        }
+        self.offers.add_defect();
+        let reason = format!(
+            "worker {worker} made another model than the one in {}, which stays: it was made by another program or of \
+             other settings, or one of the machines is broken",
+            self.task.target.display()
+        );
+        log::error!("capture {}: {reason}", self.task.capture);
+        let words = String::new();
+        Received::Done(JobOutcome::Failed { reason, words })
+    }
+
+    /// Whether this job is of the share that is made again; its digest decides.
+    fn is_to_be_rechecked(&self, digest: &str) -> bool {
+        let share = self.offers.plan.recheck;
+        let first = digest
+            .get(..8)
+            .and_then(|d| u32::from_str_radix(d, 16).ok());
+        let place = f64::from(first.unwrap_or_default()) / f64::from(u32::MAX);
+        place < share || share >= 1.0
+    }
+
+    /// Makes the model here; what it is if it is another one.
+    async fn recheck(&self, contents: &str) -> Option<String> {
+        let (recording, spool) = (self.packed_path(), self.spool.clone());
+        let out = spool.join("again");
+        let stem = recording.file_stem().unwrap_or_default().to_owned();
+        let bundle = out.join(stem).join(BUNDLE);
+        let capture = format!("--capture={}", self.task.capture);
+        let calibration = self.offers.plan.calibration.clone();
+        let child = self.step("make", move |run| {
+            let settings = spool.join("settings.toml");
+            let other = spool.join("calibration.toml");
+            let mut options = vec![
+                ("replay", &*recording),
+                ("out", &out),
+                ("config", &settings),
+            ];
+            if let Some(text) = calibration {
+                std::fs::write(&other, text)?;
+                options.push(("calibration", &other));
+            }
+            run(&options, &[&capture, "--quiet"])
+        });
+        match child.await {
+            Ok(ended) if bundle.exists() && ended.crash.is_none() => {
+                let found = stated_contents(&bundle).ok();
+                found.filter(|found| found != contents)
+            }
+            // That it cannot be made here says nothing of the worker.
+            Ok(ended) => {
+                self.report_problem(&format!("it was not made again: {}", ended.complaint()));
+                None
+            }
+            Err(error) => {
+                self.report_problem(&format!("it was not made again: {error}"));
+                None
+            }
+        }
+    }
+
+    /// A worker's model is not the one that is made here: the worker is stopped, and what it made is marked.
+    async fn is_wrong(&self, worker: &str, other: &str) -> JobOutcome {
+        self.offers.add_defect();
+        self.offers.distrust(worker);
+        let capture = &self.task.capture;
+        let fleet = &self.offers.fleet;
+        let words = format!("rig {}, capture {capture}", fleet.name);
+        let _ = fleet
+            .client
+            .publish(subjects::stop(worker), words.into())
+            .await;
+        let models = self.task.target.parent().and_then(Path::parent);
+        let marked = models.map_or(0, |models| mark_all(models, worker));
+        let reason = format!(
+            "worker {worker} made another model than this machine does ({other}): nothing is taken from it any more, and \
+             {marked} models of it are marked with {MARK}"
+        );
+        log::error!("capture {capture}: {reason}");
+        JobOutcome::Failed {
+            reason,
+            words: String::new(),
+        }
+    }
+}
+
+/// The file that says in a model's folder that its worker made another model wrong.
+const MARK: &str = "distrusted.txt";
+
+/// Marks all models below a folder that a worker made; how many.
+fn mark_all(models: &Path, worker: &str) -> usize {
+    let folders = |path: &Path| {
+        let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+        paths.retain(|path| path.is_dir());
+        paths.sort();
+        paths
+    };
+    let targets = folders(models).into_iter().flat_map(|of| folders(&of));
+    let made =
+        targets.filter(|target| ModelOrigin::read(target).is_some_and(|l| l.worker == worker));
+    let mark = |target: &PathBuf| {
+        let words = format!(
+            "The worker {worker} made this model. Another model of it was made again here and came out differently.\nMake \
+             this one again before you rely on it: scand --replay RECORDING --force\n"
+        );
+        std::fs::write(target.join(MARK), words).is_ok()
+    };
+    made.filter(mark).count()
+}

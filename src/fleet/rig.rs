@@ -1,0 +1,207 @@
+//! The rig's side of a fleet while it captures: takes jobs from the folder of jobs, offers them, and says there what
+//! became of them. The daemon writes the jobs and ends them; it has no connection.
+
+use super::connection::FleetClient;
+use super::dispatcher::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Task};
+use super::job::clean;
+use super::program::Program;
+use super::subjects;
+use crate::log;
+use crate::recording::finished_name;
+use crate::workers::handover::{self, Answer, OfferedJob};
+use crate::workers::{Parameters, find};
+use bytes::Bytes;
+use futures_util::StreamExt;
+use parking_lot::Mutex;
+use std::collections::{BTreeMap, BTreeSet};
+use std::future::Future;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::task::JoinSet;
+
+/// How often the folder of jobs is looked at.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
+/// How often it is said in the folder that a worker still does a job.
+const REPEAT_INTERVAL: Duration = Duration::from_secs(5);
+/// Jobs that are offered at the same time; others stay on the disk.
+const MAX_IN_FLIGHT: usize = 32;
+
+/// What a rig offers, and where.
+#[derive(Clone, Debug)]
+pub struct RigPlan {
+    /// What is to make the models.
+    pub program: Program,
+    /// The folder of recordings, with that of jobs in it.
+    pub recordings: PathBuf,
+    /// Limits of a job, the folder of models and the share that is made again.
+    pub parameters: Parameters,
+}
+
+/// Dispatcher a rig's jobs until `stop` is ready.
+///
+/// # Errors
+/// If a folder cannot be used.
+pub async fn serve_rig(
+    fleet: FleetClient,
+    plan: RigPlan,
+    stop: impl Future<Output = ()>,
+) -> std::io::Result<()> {
+    let offers = Dispatcher::new(
+        fleet.clone(),
+        DispatcherPlan {
+            program: plan.program.clone(),
+            calibration: None,
+            memory_mb: plan.parameters.memory_mb,
+            time_limit_s: plan.parameters.time_limit_s,
+            nice: plan.parameters.nice,
+            spool: plan.parameters.folder.join(".fleet-spool"),
+            recheck: plan.parameters.recheck,
+            replace: false,
+        },
+    )?;
+    let listening = tokio::spawn(offers.clone().listen());
+    let retries = tokio::spawn(hear_retries(fleet, plan.recordings.clone()));
+    let mut rig = Live {
+        offers: offers.clone(),
+        plan,
+        running: BTreeSet::new(),
+        jobs: JoinSet::new(),
+    };
+    tokio::pin!(stop);
+    loop {
+        rig.look();
+        tokio::select! {
+            () = &mut stop => break,
+            () = tokio::time::sleep(POLL_INTERVAL) => {}
+            Some(ended) = rig.jobs.join_next() => {
+                if let Ok(file) = ended {
+                    rig.running.remove(&file);
+                }
+            }
+        }
+    }
+    listening.abort();
+    retries.abort();
+    offers.stop();
+    let all = async { while rig.jobs.join_next().await.is_some() {} };
+    let _ = tokio::time::timeout(Duration::from_secs(10), all).await;
+    Ok(())
+}
+
+struct Live {
+    offers: Arc<Dispatcher>,
+    plan: RigPlan,
+    /// Files of jobs that are on their way.
+    running: BTreeSet<PathBuf>,
+    /// Each ends with the file of its job.
+    jobs: JoinSet<PathBuf>,
+}
+
+impl Live {
+    /// Begins the jobs that are new.
+    fn look(&mut self) {
+        let offered = match handover::offered(&self.plan.recordings) {
+            Ok(offered) => offered,
+            // The daemon makes the folder when it starts.
+            Err(_) => return,
+        };
+        for handed in offered {
+            if self.running.len() >= MAX_IN_FLIGHT {
+                return;
+            }
+            if self.running.insert(handed.file.clone()) {
+                let (offers, plan) = (self.offers.clone(), self.plan.clone());
+                self.jobs.spawn(async move {
+                    run_job(&offers, &plan, &handed).await;
+                    handed.file
+                });
+            }
+        }
+    }
+}
+
+async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) {
+    let capture = &handed.job.capture;
+    let settings = std::fs::read_to_string(handover::settings(&plan.recordings));
+    let found = find(&plan.recordings, &handed.job);
+    let (Some(recording), Ok(settings)) = (found, settings) else {
+        let reason = "its recording, or the settings, cannot be found".into();
+        return say(&handed.file, &Answer::MakeLocally { reason });
+    };
+    let complete = finished_name(&recording).unwrap_or_else(|| recording.clone());
+    let name = complete.file_name().unwrap_or_default().to_string_lossy();
+    let stem = complete.file_stem().unwrap_or_default();
+    let task = Task {
+        target: plan.parameters.folder.join(stem).join(capture),
+        name: name.into_owned(),
+        recording,
+        capture: capture.clone(),
+        settings,
+        lasts: Some(handed.file.clone()),
+    };
+    let said: Mutex<Option<Instant>> = Mutex::default();
+    let problems: Mutex<BTreeMap<String, ()>> = Mutex::default();
+    let on_event = |event: JobEvent| match event {
+        JobEvent::Offered => log::info!("capture {capture}: offered to the fleet"),
+        JobEvent::Started(worker) => {
+            let mut said = said.lock();
+            if said.is_none() {
+                log::info!("capture {capture}: started by worker {worker}");
+            }
+            if said.is_none_or(|said| said.elapsed() >= REPEAT_INTERVAL) {
+                *said = Some(Instant::now());
+                if let Err(error) = handover::report_started(&handed.file, worker) {
+                    log::warning!("{error}");
+                }
+            }
+        }
+        JobEvent::Problem(words) => {
+            if problems.lock().insert(words.to_owned(), ()).is_none() {
+                log::warning!("capture {capture}: {words}");
+            }
+        }
+    };
+    match offers.run_job(&task, on_event).await {
+        JobOutcome::Made | JobOutcome::Unchanged => say(&handed.file, &Answer::Made),
+        JobOutcome::Failed { reason, words } => {
+            offers.tell_failure(&task, &reason).await;
+            say(&handed.file, &Answer::Failed { reason, words });
+        }
+        JobOutcome::MakeLocally { reason } => {
+            log::info!("capture {capture}: its model is made here: {reason}");
+            say(&handed.file, &Answer::MakeLocally { reason });
+        }
+        JobOutcome::Withdrawn => {}
+    }
+}
+
+fn say(file: &Path, answer: &Answer) {
+    if !file.exists() {
+        // The daemon has ended it meanwhile.
+        return;
+    }
+    if let Err(error) = handover::answer(file, answer) {
+        log::error!("{error}; the job is offered again");
+    }
+}
+
+/// Puts failed jobs back into the queue when a person wants it.
+async fn hear_retries(fleet: FleetClient, recordings: PathBuf) {
+    let subject = subjects::retry(&fleet.name);
+    let Ok(mut heard) = fleet.client.subscribe(subject).await else {
+        return;
+    };
+    while let Some(message) = heard.next().await {
+        let wanted = clean(&String::from_utf8_lossy(&message.payload), 200);
+        let capture = Some(wanted.as_str()).filter(|wanted| !wanted.is_empty());
+        let answer = match handover::retry(&recordings, capture) {
+            Ok(count) => count.to_string(),
+            Err(error) => error.to_string(),
+        };
+        log::notice!("failed jobs that are offered again: {answer}");
+        if let Some(reply) = message.reply {
+            let _ = fleet.client.publish(reply, Bytes::from(answer)).await;
+        }
+    }
+}

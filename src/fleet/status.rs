@@ -1,0 +1,238 @@
+//! What a fleet is doing, for people and programs: jobs that wait and run, workers, and failures with their reasons. It
+//! only looks, except that it passes on a person's wish to have failed jobs offered again.
+
+use super::connection::FleetClient;
+use super::dispatcher::{Dispatcher, Task};
+use super::job::{Heartbeat, clean};
+use super::store::ServerError;
+use super::subjects::{self, FAILURES, JOBS};
+use bytes::Bytes;
+use futures_util::StreamExt;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// A worker says that it lives every three seconds.
+const LISTEN_TIME: Duration = Duration::from_secs(4);
+/// Failures that are listed at most.
+const MAX_FAILURES: usize = 1000;
+
+/// What a fleet is doing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Status {
+    /// Jobs that nobody does yet, by what they need.
+    pub waiting: Vec<Waiting>,
+    /// The workers that are there, with what they do.
+    pub workers: Vec<Heartbeat>,
+    /// Jobs that failed.
+    pub failed: Vec<Failed>,
+}
+
+/// Jobs of one rig that wait for the same kind of worker.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Waiting {
+    /// The rig.
+    pub rig: String,
+    /// The program that has to make them, as subjects name it.
+    pub program: String,
+    /// The class of memory, `m4` for up to 4 GB.
+    pub needs: String,
+    /// How many.
+    pub jobs: usize,
+    /// Whether a worker is there that can do them.
+    pub has_worker: bool,
+}
+
+/// A job that failed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failed {
+    /// The rig.
+    pub rig: String,
+    /// The capture.
+    pub capture: String,
+    /// The recording.
+    pub recording: String,
+    /// Why.
+    pub reason: String,
+    /// When, in seconds since 1970.
+    pub time_s: u64,
+}
+
+impl Dispatcher {
+    /// Tells people on other machines that a job failed.
+    pub async fn tell_failure(&self, task: &Task, reason: &str) {
+        let rig = self.fleet.name.clone();
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let failed = Failed {
+            capture: task.capture.clone(),
+            recording: task.name.clone(),
+            reason: clean(reason, 1000),
+            time_s: now.unwrap_or_default().as_secs(),
+            rig: rig.clone(),
+        };
+        let bytes = serde_json::to_vec(&failed).unwrap_or_default();
+        let digest = super::job::digest_of_text(&format!("{} {}", task.name, task.capture));
+        let subject = subjects::failure(&rig, &digest);
+        let _ = self.fleet.store(subject, bytes.into()).await;
+    }
+}
+
+/// Asks what a fleet is doing; takes four seconds.
+///
+/// # Errors
+/// If the server does not answer.
+pub async fn status(fleet: &FleetClient) -> Result<Status, String> {
+    // The connection is made in the background.
+    for _ in 0..50 {
+        if fleet.is_connected() {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    if !fleet.is_connected() {
+        return Err("the server does not answer".into());
+    }
+    let mut heard = fleet
+        .client
+        .subscribe("scand.worker.*")
+        .await
+        .map_err(|e| e.to_string())?;
+    let mut workers: BTreeMap<(String, String), Heartbeat> = BTreeMap::new();
+    let until = tokio::time::Instant::now() + LISTEN_TIME;
+    while let Ok(Some(message)) = tokio::time::timeout_at(until, heard.next()).await {
+        if let Ok(said) = Heartbeat::parse(&message.payload) {
+            workers.insert((said.worker.clone(), said.instance.clone()), said);
+        }
+    }
+    let workers: Vec<Heartbeat> = workers.into_values().collect();
+    let jobs = subjects(fleet, JOBS, "scand.job.>").await?;
+    let failures = subjects(fleet, FAILURES, "scand.failure.>").await?;
+    let mut failed = Vec::new();
+    for subject in failures.iter().take(MAX_FAILURES) {
+        let stored = fleet.stored(FAILURES, subject).await;
+        let stored = stored.map_err(|e| e.to_string())?;
+        let parsed = stored.and_then(|bytes| serde_json::from_slice::<Failed>(&bytes).ok());
+        failed.extend(parsed.map(|failed| Failed {
+            rig: clean(&failed.rig, 60),
+            capture: clean(&failed.capture, 200),
+            recording: clean(&failed.recording, 200),
+            reason: clean(&failed.reason, 1000),
+            ..failed
+        }));
+    }
+    failed.sort_by(|a, b| (a.time_s, &a.capture).cmp(&(b.time_s, &b.capture)));
+    Ok(Status {
+        waiting: waiting(&jobs, &workers),
+        workers,
+        failed,
+    })
+}
+
+fn waiting(jobs: &[String], workers: &[Heartbeat]) -> Vec<Waiting> {
+    let runs = |digest: &str| {
+        let mut jobs = workers.iter().flat_map(|worker| &worker.jobs);
+        jobs.any(|job| job.digest == digest)
+    };
+    let has_worker = |program: &str| {
+        let mut programs = workers
+            .iter()
+            .map(|worker| worker.program.replace('.', "_"));
+        programs.any(|known| known == program)
+    };
+    let mut waiting: BTreeMap<(&str, &str, &str), usize> = BTreeMap::new();
+    for subject in jobs {
+        if let Some((program, needs, rig, digest)) = subjects::parts_of_job(subject)
+            && !runs(digest)
+        {
+            *waiting.entry((rig, program, needs)).or_default() += 1;
+        }
+    }
+    let of = |((rig, program, needs), jobs): ((&str, &str, &str), usize)| Waiting {
+        rig: rig.into(),
+        program: program.into(),
+        needs: needs.into(),
+        jobs,
+        has_worker: has_worker(program),
+    };
+    waiting.into_iter().map(of).collect()
+}
+
+/// The subjects that have a message in a stream; none if the stream is not there yet.
+async fn subjects(fleet: &FleetClient, stream: &str, filter: &str) -> Result<Vec<String>, String> {
+    let asked = serde_json::json!({"subjects_filter": filter}).to_string();
+    let answer = fleet
+        .client
+        .request(format!("$JS.API.STREAM.INFO.{stream}"), asked.into())
+        .await
+        .map_err(|e| ServerError::because("answer")(&e).to_string())?;
+    let answer: Value = serde_json::from_slice(&answer.payload).map_err(|e| e.to_string())?;
+    const NO_SUCH_STREAM: u64 = 404;
+    match answer["error"]["code"].as_u64() {
+        Some(NO_SUCH_STREAM) => Ok(Vec::new()),
+        Some(_) => Err(format!(
+            "the server refuses: {}",
+            answer["error"]["description"]
+        )),
+        None => {
+            let subjects = answer["state"]["subjects"].as_object();
+            Ok(subjects
+                .into_iter()
+                .flatten()
+                .map(|(subject, _)| subject.clone())
+                .collect())
+        }
+    }
+}
+
+/// Asks a rig to offer failed jobs again: that of a capture, or all. Returns the rig's answer: how many.
+///
+/// # Errors
+/// If the rig does not answer.
+pub async fn retry(
+    fleet: &FleetClient,
+    rig: &str,
+    capture: Option<&str>,
+) -> Result<String, String> {
+    let rig = subjects::token(rig).map_err(|e| e.to_string())?;
+    let wanted = Bytes::from(capture.unwrap_or_default().to_owned());
+    let answer = fleet.client.request(subjects::retry(&rig), wanted).await;
+    let answer = answer.map_err(|e| format!("rig {rig} does not answer: {e}"))?;
+    Ok(clean(&String::from_utf8_lossy(&answer.payload), 200))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fleet::HeartbeatJob;
+
+    #[test]
+    fn jobs_that_run_do_not_wait_and_jobs_without_a_worker_are_told() {
+        let digest = |c: char| c.to_string().repeat(64);
+        let job = |program: &str, c: char| format!("scand.job.{program}.m4.hall.{}", digest(c));
+        let worker = Heartbeat {
+            worker: "w".into(),
+            instance: "i".into(),
+            program: "0.1.0-x-y".into(),
+            jobs: vec![HeartbeatJob {
+                rig: "hall".into(),
+                digest: digest('a'),
+                capture: "cup".into(),
+                seconds: 1.0,
+            }],
+            results: 0,
+            crashed: 0,
+        };
+        let jobs = [
+            job("0_1_0-x-y", 'a'),
+            job("0_1_0-x-y", 'b'),
+            job("old", 'c'),
+        ];
+        let waiting = waiting(&jobs, &[worker]);
+        let told: Vec<_> = waiting
+            .iter()
+            .map(|w| (&*w.program, w.jobs, w.has_worker))
+            .collect();
+        assert_eq!(told, [("0_1_0-x-y", 1, true), ("old", 1, false)]);
+    }
+}

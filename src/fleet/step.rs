@@ -1,0 +1,145 @@
+//! The confined steps of a job, each a child process: the arguments with which it is started, how it ends, and the lines
+//! in which it says what it made. `scand fleet-step` is the other end. The child inherits neither the connection nor the
+//! credentials.
+
+use crate::clock::Clock;
+use crate::process::{Cancel, Child, End};
+use crate::workers::protocol::{self, MEMORY_MB, NICE, PARENT};
+use serde::{Deserialize, Serialize};
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+/// The command of all steps.
+pub const COMMAND: &str = "fleet-step";
+/// Exit code of a commit where the same result was in place.
+pub const EXIT_EQUAL: u8 = 10;
+/// Exit code of a commit where another result was in place.
+pub const EXIT_DIFFERS: u8 = 11;
+/// Exit code of a commit that refused the result, and of a step that refused its recording.
+pub const EXIT_REFUSED: u8 = 12;
+/// What a capture's own recording is called beside its result.
+pub const PACKED: &str = "packed.json";
+/// What a result is called beside the folder of its model.
+pub const BUNDLE: &str = "result.bundle";
+
+/// What a child may take.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Memory in megabytes.
+    pub memory_mb: u32,
+    /// Nice value, 0 to 19.
+    pub nice: u32,
+    /// Time.
+    pub time: Duration,
+    /// Threads; 0 for as many as there are processors.
+    pub threads: usize,
+}
+
+/// What packing a capture says of it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Packed {
+    /// SHA-256 over what the recording holds.
+    pub content_sha256: String,
+    /// Length of the file in bytes.
+    pub bytes: u64,
+    /// SHA-256 of the file.
+    pub sha256: String,
+}
+
+impl Packed {
+    /// What the child said, in its folder.
+    ///
+    /// # Errors
+    /// If it said nothing that makes sense.
+    pub fn read(folder: &Path) -> Result<Self, String> {
+        let path = folder.join(PACKED);
+        let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+        serde_json::from_slice(&bytes).map_err(|e| format!("{}: {e}", path.display()))
+    }
+}
+
+/// How a step ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StepEnd {
+    /// Its exit code; none if it was killed.
+    pub code: Option<i32>,
+    /// Why it has none: it crashed, took too long or was cancelled.
+    pub crash: Option<String>,
+    /// Nobody wants its work any more.
+    pub cancelled: bool,
+    /// The last of what it said.
+    pub words: String,
+}
+
+impl StepEnd {
+    /// What it complained of, in one line.
+    pub fn complaint(&self) -> String {
+        let said: Vec<&str> = protocol::complaints(&self.words).collect();
+        let said = said.join("; ");
+        match &self.crash {
+            Some(crash) if said.is_empty() => crash.clone(),
+            Some(crash) => format!("{crash}: {said}"),
+            None => said,
+        }
+    }
+}
+
+/// Options that a step has, with their values.
+pub(super) type Options<'a> = Vec<(&'static str, &'a Path)>;
+
+/// Runs a step to its end, which comes with its time limit at the latest. Blocks; the child ends with this thread.
+///
+/// # Errors
+/// If it cannot be started.
+pub(super) fn run(
+    step: &str,
+    limits: Limits,
+    options: &Options,
+    words: &[&str],
+    cancel: &Cancel,
+) -> std::io::Result<StepEnd> {
+    // This very program, also when another version has been installed meanwhile.
+    let mut command = Command::new("/proc/self/exe");
+    let option = |name: &str| OsString::from(format!("--{name}"));
+    command.arg(COMMAND).arg(step);
+    let numbers = [
+        (PARENT, std::process::id()),
+        (MEMORY_MB, limits.memory_mb),
+        (NICE, limits.nice),
+    ];
+    for (name, number) in numbers {
+        command.arg(option(name)).arg(number.to_string());
+    }
+    for (name, path) in options {
+        command.arg(option(name)).arg(path);
+    }
+    command.args(words);
+    if limits.threads > 0 {
+        command.env("RAYON_NUM_THREADS", limits.threads.to_string());
+    }
+    // Where systemd keeps this process's credentials, which are not the child's.
+    command.env_remove("CREDENTIALS_DIRECTORY");
+    let (end, words) = Child::start(&mut command)?.wait(limits.time, Clock::system(), cancel)?;
+    let mut ended = StepEnd {
+        code: None,
+        crash: None,
+        cancelled: false,
+        words,
+    };
+    match end {
+        End::Ended(status) => {
+            use std::os::unix::process::ExitStatusExt;
+            ended.code = status.code();
+            let signal = status.signal();
+            ended.crash = signal.map(|signal| format!("it was killed by signal {signal}"));
+        }
+        End::TimedOut => {
+            let limit = limits.time.as_secs();
+            ended.crash = Some(format!("it did not finish within {limit} s"));
+        }
+        End::Cancelled => ended.cancelled = true,
+    }
+    Ok(ended)
+}

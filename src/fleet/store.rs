@@ -1,0 +1,115 @@
+//! The streams on the server: their limits, how they come to be, and single messages in them by subject. A message that
+//! is not needed any more is overwritten by an empty one, which permissions by subject allow where deleting would need
+//! more.
+
+use super::connection::FleetClient;
+use super::subjects::{CAPTURES, FAILURES, JOBS, RESULTS};
+use async_nats::StatusCode;
+use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy};
+use bytes::Bytes;
+use std::time::Duration;
+
+const DAY: Duration = Duration::from_secs(86_400);
+const MEGABYTE: i64 = 1_000_000;
+
+/// Why the server did not do what it was asked. Whoever gets it waits and asks again.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("the server does not {doing}: {cause}")]
+pub(super) struct ServerError {
+    pub(super) doing: &'static str,
+    pub(super) cause: String,
+}
+
+impl ServerError {
+    pub(super) fn because(
+        doing: &'static str,
+    ) -> impl FnOnce(&dyn std::fmt::Display) -> Self + Copy {
+        move |cause| Self {
+            doing,
+            cause: cause.to_string(),
+        }
+    }
+}
+
+/// Each stream keeps one message a subject: the last.
+fn stream(name: &str, subjects: &[&str], megabytes: i64, age: Duration) -> Config {
+    Config {
+        name: name.into(),
+        subjects: subjects.iter().map(|s| (*s).to_owned()).collect(),
+        max_messages_per_subject: 1,
+        max_bytes: megabytes * MEGABYTE,
+        max_age: age,
+        // A full server refuses what is new, and the rig keeps it, rather than throwing away what somebody waits for.
+        discard: DiscardPolicy::New,
+        allow_direct: true,
+        duplicate_window: Duration::from_secs(120),
+        ..Config::default()
+    }
+}
+
+fn streams() -> [Config; 4] {
+    [
+        Config {
+            retention: RetentionPolicy::WorkQueue,
+            ..stream(JOBS, &["scand.job.>"], 200, 14 * DAY)
+        },
+        stream(CAPTURES, &["scand.capture.>"], 4000, 14 * DAY),
+        stream(RESULTS, &["scand.result.>", "scand.part.>"], 2000, 14 * DAY),
+        stream(FAILURES, &["scand.failure.>"], 50, 60 * DAY),
+    ]
+}
+
+impl FleetClient {
+    /// What is sent while the server is away would wait in memory, and arrive once more for each time it was tried.
+    fn is_there(&self) -> Result<(), ServerError> {
+        if self.is_connected() {
+            Ok(())
+        } else {
+            Err(ServerError::because("answer")(&"it is away"))
+        }
+    }
+
+    /// Makes the streams that are not there.
+    pub(super) async fn make_streams(&self) -> Result<(), ServerError> {
+        self.is_there()?;
+        for config in streams() {
+            let made = self.context.get_or_create_stream(config).await;
+            made.map_err(|e| ServerError::because("keep streams")(&e))?;
+        }
+        Ok(())
+    }
+
+    /// Stores a message; it is on the server when this returns.
+    pub(super) async fn store(&self, subject: String, bytes: Bytes) -> Result<(), ServerError> {
+        self.is_there()?;
+        let failed = ServerError::because("store");
+        let stored = self.context.publish(subject, bytes).await;
+        let stored = stored.map_err(|e| failed(&e))?;
+        stored.await.map(drop).map_err(|e| failed(&e))
+    }
+
+    /// The last message of a subject; `None` if there is none, or an empty one in its place.
+    pub(super) async fn stored(
+        &self,
+        stream: &str,
+        subject: &str,
+    ) -> Result<Option<Bytes>, ServerError> {
+        self.is_there()?;
+        let asked = format!("$JS.API.DIRECT.GET.{stream}.{subject}");
+        let answer = self.client.request(asked, Bytes::new()).await;
+        let answer = answer.map_err(|e| ServerError::because("answer")(&e))?;
+        match answer.status {
+            None | Some(StatusCode::OK) => Ok(Some(answer.payload).filter(|p| !p.is_empty())),
+            Some(StatusCode::NOT_FOUND) => Ok(None),
+            Some(status) => Err(ServerError::because("answer")(&status)),
+        }
+    }
+
+    /// Overwrites a message by an empty one. Nobody waits for it: what it leaves behind ends by its age.
+    pub(super) async fn erase(&self, subject: String) {
+        if self.is_there().is_err() {
+            return;
+        }
+        let _ = self.client.publish(subject, Bytes::new()).await;
+    }
+}

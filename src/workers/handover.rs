@@ -1,0 +1,199 @@
+//! How jobs of a rig are offered_jobs to the process of the fleet and back, by files beside them in the folder of jobs: the
+//! process that has the connection says when a worker has begun a job, and what became of it; the daemon ends the job.
+//! Neither waits for the other, and each may be started again at any time.
+
+use super::job::{ENDING, Job};
+use crate::storage::{self, write_atomically};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// What became of a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Answer {
+    /// Its folder has a model, or the report of why there is none.
+    Made,
+    /// There is no result.
+    Failed {
+        /// Why.
+        reason: String,
+        /// The last of what a child said.
+        words: String,
+    },
+    /// The rig has to make the model.
+    MakeLocally {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// The ending of the file that says what became of a job.
+const ANSWER: &str = "answer";
+/// The ending of the file that says that a worker has begun a job, and which.
+const STARTED: &str = "started";
+/// The folder of jobs that failed, within that of jobs.
+const FAILED: &str = "failed";
+
+/// A job that is to be offered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OfferedJob {
+    /// Its file, which is there until the job has ended.
+    pub file: PathBuf,
+    /// The job.
+    pub job: Job,
+}
+
+/// The folder of the jobs of the recordings in a folder.
+pub fn folder(recordings: &Path) -> PathBuf {
+    recordings.join("jobs")
+}
+
+/// Where the settings of these jobs are.
+pub fn settings(recordings: &Path) -> PathBuf {
+    folder(recordings).join("settings.toml")
+}
+
+/// The jobs that have no answer, the oldest first. What was said of jobs that are over is removed.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn offered(recordings: &Path) -> std::io::Result<Vec<OfferedJob>> {
+    let mut offered_jobs = Vec::new();
+    for entry in std::fs::read_dir(folder(recordings))? {
+        let file = entry?.path();
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with('.') {
+            continue;
+        }
+        let ending = file.extension().and_then(|ending| ending.to_str());
+        match ending {
+            Some(ANSWER | STARTED) if !file.with_extension(ENDING).exists() => {
+                let _ = std::fs::remove_file(&file);
+            }
+            Some(ENDING) if !file.with_extension(ANSWER).exists() => {
+                let job = std::fs::read(&file).ok();
+                let job = job.and_then(|bytes| Job::parse(&bytes).ok());
+                offered_jobs.extend(job.map(|job| OfferedJob { file, job }));
+            }
+            _ => {}
+        }
+    }
+    offered_jobs.sort_by(|a, b| a.file.cmp(&b.file));
+    Ok(offered_jobs)
+}
+
+/// Says that a worker has begun a job, or still does it.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn report_started(file: &Path, worker: &str) -> Result<(), storage::Error> {
+    write_atomically(&file.with_extension(STARTED), worker.as_bytes())
+}
+
+/// Says what became of a job. One that failed is kept for [`retry`].
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn answer(file: &Path, answer: &Answer) -> Result<(), storage::Error> {
+    if let (Answer::Failed { .. }, Some(kept)) = (answer, kept(file))
+        && let Some(folder) = kept.parent()
+        && std::fs::create_dir_all(folder).is_ok()
+    {
+        let _ = std::fs::copy(file, &kept);
+    }
+    let bytes = serde_json::to_vec(answer).unwrap_or_default();
+    write_atomically(&file.with_extension(ANSWER), &bytes)
+}
+
+/// Where a job is kept that failed.
+fn kept(file: &Path) -> Option<PathBuf> {
+    Some(file.parent()?.join(FAILED).join(file.file_name()?))
+}
+
+/// Puts failed jobs back into the queue: that of `capture`, or all; how many.
+///
+/// # Errors
+/// If the file system refuses.
+pub fn retry(recordings: &Path, capture: Option<&str>) -> std::io::Result<usize> {
+    let folder = folder(recordings);
+    let Ok(entries) = std::fs::read_dir(folder.join(FAILED)) else {
+        return Ok(0);
+    };
+    let mut count = 0;
+    for entry in entries {
+        let kept = entry?.path();
+        let job = Job::parse(&std::fs::read(&kept)?).ok();
+        let is_wanted = |job: &Job| capture.is_none_or(|wanted| wanted == job.capture);
+        let queued = kept.file_name().map(|name| folder.join(name));
+        if let (true, Some(queued)) = (job.as_ref().is_some_and(is_wanted), queued) {
+            let _ = std::fs::remove_file(queued.with_extension(ANSWER));
+            let renamed = storage::rename_durably(&kept, &queued);
+            renamed.map_err(std::io::Error::other)?;
+            count += 1;
+        }
+    }
+    Ok(count)
+}
+
+/// What became of a job, if that is known.
+pub(super) fn answer_to(file: &Path) -> Option<Answer> {
+    let bytes = std::fs::read(file.with_extension(ANSWER)).ok()?;
+    serde_json::from_slice(&bytes).ok()
+}
+
+/// Whether no worker has begun, or gone on with, a job for this long.
+pub(super) fn is_neglected(file: &Path, wait: Duration) -> bool {
+    let said = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified());
+    let last = said(&file.with_extension(STARTED)).or_else(|_| said(file));
+    last.is_ok_and(|last| last.elapsed().is_ok_and(|silent| silent >= wait))
+}
+
+/// Forgets what was said of a job.
+pub(super) fn forget(file: &Path) {
+    for ending in [ANSWER, STARTED] {
+        let _ = std::fs::remove_file(file.with_extension(ending));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_job_is_offered_until_it_is_answered_and_again_when_it_is_retried() {
+        let home = tempfile::tempdir().unwrap();
+        let jobs = super::super::Jobs::open(home.path()).unwrap();
+        let job = |capture: &str, ns| Job::new(&home.path().join("a.mcap"), capture, ns, "test");
+        jobs.enqueue(&job("a-2", 2)).unwrap();
+        jobs.enqueue(&job("a-1", 1)).unwrap();
+        let captures = || -> Vec<String> {
+            let offered = offered(home.path()).unwrap().into_iter();
+            offered
+                .map(|offered_jobs| offered_jobs.job.capture)
+                .collect()
+        };
+        assert_eq!(captures(), ["a-1", "a-2"]);
+        let file = offered(home.path()).unwrap()[0].file.clone();
+        assert!(is_neglected(&file, Duration::ZERO));
+        assert!(!is_neglected(&file, Duration::from_secs(60)));
+        report_started(&file, "w").unwrap();
+        let failed = Answer::Failed {
+            reason: "no light".into(),
+            words: String::new(),
+        };
+        answer(&file, &failed).unwrap();
+        assert_eq!(
+            (captures(), answer_to(&file)),
+            (vec!["a-2".into()], Some(failed))
+        );
+        // The daemon ends it; what was said of it goes, and the job is kept.
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(captures(), ["a-2"]);
+        assert_eq!(answer_to(&file), None);
+        assert_eq!(retry(home.path(), Some("a-9")).unwrap(), 0);
+        assert_eq!(retry(home.path(), Some("a-1")).unwrap(), 1);
+        assert_eq!(captures(), ["a-1", "a-2"]);
+        assert_eq!(retry(home.path(), None).unwrap(), 0);
+    }
+}

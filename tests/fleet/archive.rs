@@ -1,0 +1,212 @@
+//! An archive made again by workers: the same bytes as here, what is there is left alone, and what cannot be made ends as
+//! failed, with its reason.
+
+use crate::test_bench::{TestBench, finished, made_here, models, program, said, simulated, told};
+use rustix::process::Signal;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+fn results(told: &[serde_json::Value]) -> Vec<&str> {
+    told.iter()
+        .map(|outcome| outcome["result"].as_str().unwrap())
+        .collect()
+}
+
+#[test]
+fn the_same_bytes_come_from_one_two_and_four_workers_and_are_not_made_again() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let here = made_here(&bench, &recording);
+    assert_eq!(here.len(), 6);
+    for count in [1, 2, 4] {
+        let names: Vec<String> = (0..count).map(|i| format!("w{count}-{i}")).collect();
+        let _workers: Vec<_> = names
+            .iter()
+            .map(|name| bench.worker(name, &["--jobs", "2"]))
+            .collect();
+        let out = format!("out-{count}");
+        let output = bench.by_fleet(&recording, &out, &[]).output().unwrap();
+        assert!(output.status.success(), "{}", said(&output));
+        assert_eq!(results(&told(&output)), ["done"; 6]);
+        assert!(
+            said(&output).contains("6 done, 0 unchanged, 0 failed, 0 to go"),
+            "{}",
+            said(&output)
+        );
+        assert!(models(&bench.path(&out)) == here, "{count} workers");
+    }
+    // Without any worker: nothing is left to be made.
+    let output = bench.by_fleet(&recording, "out-2", &[]).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(results(&told(&output)), ["unchanged"; 6]);
+    // What was made here is recognised, too.
+    let output = bench.by_fleet(&recording, "here", &[]).output().unwrap();
+    assert_eq!(
+        results(&told(&output)),
+        ["unchanged"; 6],
+        "{}",
+        said(&output)
+    );
+    // Nothing of it stays on the server.
+    let status = program()
+        .args(["fleet", "status", "--json", "--fleet", &bench.address()])
+        .output()
+        .unwrap();
+    let status: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
+    assert_eq!(status["waiting"], serde_json::json!([]));
+    assert_eq!(status["failed"], serde_json::json!([]));
+}
+
+#[test]
+fn a_run_that_was_stopped_goes_on_where_it_was() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(12);
+    let _worker = bench.worker("w", &[]);
+    let started = bench
+        .by_fleet(&recording, "out", &["--quiet"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let origins = || {
+        let files = std::fs::read_dir(bench.path("out/fleet-12"))
+            .into_iter()
+            .flatten();
+        files
+            .filter(|f| {
+                f.as_ref()
+                    .unwrap()
+                    .path()
+                    .extension()
+                    .is_some_and(|e| e == "fleet")
+            })
+            .count()
+    };
+    crate::support::wait::until("some are made", || origins() >= 3);
+    let id = rustix::process::Pid::from_child(&started);
+    rustix::process::kill_process(id, Signal::TERM).unwrap();
+    let stopped = finished(started);
+    assert_eq!(stopped.status.code(), Some(3), "{}", said(&stopped));
+    assert!(
+        said(&stopped).contains("left: run it again"),
+        "{}",
+        said(&stopped)
+    );
+    let before = told(&stopped).len();
+    assert!((3..12).contains(&before), "{before}");
+    let output = bench
+        .by_fleet(&recording, "out", &["--quiet"])
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let told = told(&output);
+    let unchanged = results(&told).iter().filter(|r| **r == "unchanged").count();
+    assert!(
+        unchanged >= before && unchanged < 12,
+        "{unchanged} of {before}"
+    );
+    assert!(models(&bench.path("out")) == made_here(&bench, &recording));
+}
+
+#[test]
+fn a_job_whose_child_dies_each_time_ends_as_failed_with_a_report() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let worker = bench.worker("w", &[]);
+    // Fine enough that its child can be caught at it.
+    let arguments = ["--capture", "ball-000", "--set", "hull.resolution=900"];
+    let replay = bench
+        .by_fleet(&recording, "out", &arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut replay = replay.unwrap();
+    while replay.try_wait().unwrap().is_none() {
+        kill_children_that_make_models(worker.0.id());
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let output = finished(replay);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let told = told(&output);
+    assert_eq!(results(&told), ["failed"]);
+    let reason = told[0]["reasons"][0].as_str().unwrap();
+    assert!(
+        reason.contains("failed 3 times") && reason.contains("worker w"),
+        "{reason}"
+    );
+    let report = std::fs::read(bench.path("out/fleet-6/ball-000/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    assert_eq!(report["outcome"], "failed");
+    assert_eq!(report["reason"], reason);
+    let status = program()
+        .args(["fleet", "status", "--fleet", &bench.address()])
+        .output()
+        .unwrap();
+    let status = String::from_utf8_lossy(&status.stdout).into_owned();
+    assert!(
+        status.contains("0 waiting, 0 running, 1 failed; 1 worker"),
+        "{status}"
+    );
+    assert!(
+        status.contains("failed: ball-000 of archive (fleet-6.mcap)"),
+        "{status}"
+    );
+}
+
+/// Kills the children of a worker that make models.
+fn kill_children_that_make_models(worker: u32) {
+    for entry in std::fs::read_dir("/proc").unwrap().flatten() {
+        let read =
+            |name: &str| std::fs::read_to_string(entry.path().join(name)).unwrap_or_default();
+        let is_child = read("status").contains(&format!("\nPPid:\t{worker}\n"));
+        let makes = read("cmdline").contains("\0fleet-step\0make\0");
+        if let (true, true, Ok(id)) = (is_child, makes, entry.file_name().to_string_lossy().parse())
+        {
+            let id = rustix::process::Pid::from_raw(id).unwrap();
+            let _ = rustix::process::kill_process(id, Signal::KILL);
+        }
+    }
+}
+
+#[test]
+fn only_the_same_program_takes_a_job_and_an_unknown_one_takes_part_in_nothing() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let mut other = program();
+    other.env("SCAND_FLEET_TEST_PROGRAM", "other");
+    other.args(["worker", "--fleet", &bench.address(), "--name", "other"]);
+    other.arg("--scratch").arg(bench.path("scratch"));
+    let _other = crate::test_bench::Process(bench.logged(other, "other").spawn().unwrap());
+    let mut replay = bench.by_fleet(&recording, "out", &["--capture", "ball-000", "--quiet"]);
+    let mut replay = crate::test_bench::Process(replay.stdout(Stdio::null()).spawn().unwrap());
+    let end = Instant::now() + Duration::from_secs(30);
+    loop {
+        let status = program()
+            .args(["fleet", "status", "--json", "--fleet", &bench.address()])
+            .output()
+            .unwrap();
+        let status: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
+        if status["waiting"][0]["jobs"] == 1 {
+            assert_eq!(status["waiting"][0]["has_worker"], false, "{status:#}");
+            assert_eq!(status["workers"][0]["worker"], "other");
+            break;
+        }
+        assert!(Instant::now() < end, "{status:#}");
+    }
+    assert!(replay.0.try_wait().unwrap().is_none());
+    let _worker = bench.worker("w", &[]);
+    assert!(replay.wait().success());
+    assert!(
+        !bench.log("other").contains("capture"),
+        "{}",
+        bench.log("other")
+    );
+}

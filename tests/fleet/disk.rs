@@ -1,0 +1,77 @@
+//! Disks that are full, at a worker and where the models go: it is said, and nothing is lost.
+
+use crate::support::skipped::{Needed, skip};
+use crate::support::wait::until;
+use crate::test_bench::{TestBench, finished, made_here, models, said, simulated};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// A file system of its own size, which is gone after the test.
+struct SmallDisk(PathBuf);
+
+impl SmallDisk {
+    /// `None` where this user may not mount.
+    fn mount(path: &Path, size: &str) -> Option<Self> {
+        std::fs::create_dir(path).unwrap();
+        let options = format!("size={size}");
+        let mut command = Command::new("mount");
+        command.args(["-t", "tmpfs", "-o", &options, "tmpfs"]);
+        let output = command.arg(path).output().unwrap();
+        if output.status.success() {
+            return Some(Self(path.to_owned()));
+        }
+        skip(
+            Needed::OtherUsers,
+            format!("mount: {}", said(&output).trim()),
+        );
+        None
+    }
+
+    fn resize(&self, size: &str) {
+        let options = format!("remount,size={size}");
+        let mut command = Command::new("mount");
+        let status = command.args(["-o", &options]).arg(&self.0).status();
+        assert!(status.unwrap().success());
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let mut command = Command::new("umount");
+        let _ = command.arg("--lazy").arg(&self.0).status();
+    }
+}
+
+#[test]
+fn full_disks_are_named_and_jobs_wait_for_space_or_go_to_other_workers() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let Some(out) = SmallDisk::mount(&bench.path("out"), "50m") else {
+        return;
+    };
+    let Some(_scratch) = SmallDisk::mount(&bench.path("full"), "50m") else {
+        return;
+    };
+    let recording = simulated(6);
+    let here = made_here(&bench, &recording);
+    let full = bench.path("full");
+    let _full = bench.worker_in("full", &full, &[]);
+    let replay = bench
+        .by_fleet(&recording, "out", &[])
+        .stdout(Stdio::piped())
+        .stderr(std::fs::File::create(bench.path("replay.log")).unwrap())
+        .spawn()
+        .unwrap();
+    until("both say that there is no space", || {
+        let (worker, replay) = (bench.log("full"), bench.log("replay"));
+        worker.contains("MB left, and jobs wait") && replay.contains("has less than 200 MB left")
+    });
+    assert!(!bench.log("full").contains("started"));
+    out.resize("500m");
+    let _worker = bench.worker("w", &[]);
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", bench.log("replay"));
+    assert!(models(&bench.path("out")) == here);
+    assert!(!bench.log("full").contains("started"));
+}

@@ -1,0 +1,312 @@
+//! A rig that captures while others make its models: the daemon's queue, and the process of the fleet beside it.
+
+use crate::support::wait::until;
+use crate::test_bench::{Process, TestBench, models, program, said, simulated};
+use scand::config::Config;
+use scand::workers::handover::{self, Answer};
+use scand::workers::{Ended, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// The daemon's part of a rig: its queue and its workers, as `scand run` starts them.
+struct Rig {
+    jobs: Arc<Jobs>,
+    _workers: Workers,
+    heard: Receiver<Ended>,
+}
+
+fn settings() -> String {
+    let config = Config::load(None, &["hull.resolution=24".to_owned()]).unwrap();
+    config.replay_toml().unwrap()
+}
+
+fn rig(bench: &TestBench, change: impl FnOnce(&mut Parameters)) -> Rig {
+    let recordings = bench.path("recordings");
+    let jobs = Arc::new(Jobs::open(&recordings).unwrap());
+    let address: FleetAddress = bench.address().parse().unwrap();
+    let mut parameters = Parameters {
+        folder: bench.path("models"),
+        fleet: Some(address),
+        ..Parameters::default()
+    };
+    change(&mut parameters);
+    let plan = WorkerPlan {
+        parameters,
+        settings: settings(),
+        clock: scand::clock::Clock::system(),
+        method: Default::default(),
+        keep_free: Arc::default(),
+        command: vec![env!("CARGO_BIN_EXE_scand").into(), "make-model".into()],
+    };
+    let (ended, heard) = channel();
+    let workers = Workers::start(&jobs, plan, move |e| drop(ended.send(e))).unwrap();
+    Rig {
+        jobs,
+        _workers: workers,
+        heard,
+    }
+}
+
+/// The process that has the connection.
+fn fleet_process(bench: &TestBench, more: &str) -> Process {
+    let file = bench.path("rig.toml");
+    let [recordings, models] = ["recordings", "models"].map(|name| bench.path(name));
+    let text = format!(
+        "[recording]\nfolder = {recordings:?}\n[workers]\nfolder = {models:?}\nfleet = \"{}\"\n{more}\n",
+        bench.address()
+    );
+    std::fs::write(&file, text).unwrap();
+    let mut command = program();
+    command
+        .args(["fleet", "run", "--name", "hall", "--config"])
+        .arg(&file);
+    Process(bench.logged(command, "fleet").spawn().unwrap())
+}
+
+/// Puts a recording among the rig's, and its captures into the queue.
+fn capture(bench: &TestBench, rig: &Rig) -> PathBuf {
+    let path = bench.path("recordings/cup.mcap");
+    std::fs::copy(simulated(6), &path).unwrap();
+    let recording = scand::recording::Recording::open(&path).unwrap();
+    for message in recording.messages(&scand::recording::Topic::Trigger) {
+        let trigger = recording.trigger(message).unwrap();
+        let job = Job::new(&path, trigger.id.as_str(), trigger.time.0, &trigger.source);
+        rig.jobs.enqueue(&job).unwrap();
+    }
+    path
+}
+
+fn next(rig: &Rig, bench: &TestBench) -> Ended {
+    let heard = rig.heard.recv_timeout(Duration::from_secs(100));
+    heard.unwrap_or_else(|_| panic!("{}", bench.log("fleet")))
+}
+
+fn is_idle(bench: &TestBench, rig: &Rig) -> bool {
+    let files = std::fs::read_dir(bench.path("recordings/jobs")).unwrap();
+    let names = files.map(|file| file.unwrap().file_name().into_string().unwrap());
+    let left = names.filter(|name| !["settings.toml", "failed"].contains(&name.as_str()));
+    left.count() == 0 && rig.jobs.is_idle()
+}
+
+#[test]
+fn captures_of_a_rig_come_back_as_models_and_are_told_as_done() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let rig = rig(&bench, |_| ());
+    let path = capture(&bench, &rig);
+    let _fleet = fleet_process(&bench, "recheck = 1.0");
+    let _workers = ["w0", "w1"].map(|name| bench.worker(name, &[]));
+    for _ in 0..6 {
+        let ended = next(&rig, &bench);
+        let model = ended.model.unwrap();
+        assert_eq!(ended.recording, path);
+        assert_eq!(model.folder, bench.path("models/cup").join(&ended.capture));
+    }
+    until("nothing is left of the jobs", || is_idle(&bench, &rig));
+    let here = bench.replay(&path, "here", &["--quiet"]).output().unwrap();
+    assert!(here.status.success(), "{}", said(&here));
+    assert!(models(&bench.path("models")) == models(&bench.path("here")));
+    assert!(
+        !bench.log("fleet").contains("another model"),
+        "{}",
+        bench.log("fleet")
+    );
+}
+
+#[test]
+fn without_a_worker_or_a_server_models_are_made_here_if_that_is_wanted() {
+    let Some(bench) = TestBench::without_server("") else {
+        return;
+    };
+    let rig = rig(&bench, |parameters| {
+        parameters.fleet_or_local = true;
+        parameters.fleet_wait_s = 2;
+    });
+    capture(&bench, &rig);
+    let _fleet = fleet_process(&bench, "fleet_or_local = true");
+    for _ in 0..6 {
+        next(&rig, &bench).model.unwrap();
+    }
+    until("nothing is left of the jobs", || is_idle(&bench, &rig));
+}
+
+#[test]
+fn a_rig_that_is_ended_and_started_again_loses_no_job_and_a_failed_one_is_retried() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let first = rig(&bench, |_| ());
+    capture(&bench, &first);
+    // One of them has failed, as the process of the fleet says it.
+    let one = handover::offered(&bench.path("recordings"))
+        .unwrap()
+        .remove(2);
+    let failed = Answer::Failed {
+        reason: "no worker could do it".into(),
+        words: "words".into(),
+    };
+    handover::answer(&one.file, &failed).unwrap();
+    let ended = next(&first, &bench);
+    assert_eq!(ended.capture, one.job.capture);
+    assert_eq!(ended.model, Err("no worker could do it".into()));
+    let report = bench
+        .path("models/cup")
+        .join(&ended.capture)
+        .join("report.json");
+    assert!(
+        std::fs::read_to_string(report)
+            .unwrap()
+            .contains("no worker could do it")
+    );
+    drop(first);
+    let again = rig(&bench, |_| ());
+    let mut fleet = fleet_process(&bench, "");
+    let _worker = bench.worker("w", &[]);
+    let mut made = std::collections::BTreeSet::new();
+    until("the others are made", || {
+        while let Ok(ended) = again.heard.try_recv() {
+            if ended.model.is_ok() {
+                made.insert(ended.capture);
+            }
+        }
+        is_idle(&bench, &again)
+    });
+    let failed = bench.path("recordings/jobs/failed");
+    let count = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().count();
+    let before = count(&failed);
+    assert!(
+        before >= 1 && made.len() + before == 6,
+        "{made:?}, {before}"
+    );
+    let retried = program()
+        .args([
+            "fleet",
+            "retry",
+            "--rig",
+            "hall",
+            "--fleet",
+            &bench.address(),
+        ])
+        .output()
+        .unwrap();
+    assert!(retried.status.success(), "{}", said(&retried));
+    let words = String::from_utf8_lossy(&retried.stdout).into_owned();
+    assert!(
+        words.contains(&format!("{before} offered again")),
+        "{words}"
+    );
+    for _ in 0..before {
+        made.insert({
+            let ended = next(&again, &bench);
+            ended.model.unwrap();
+            ended.capture
+        });
+    }
+    assert_eq!(made.len(), 6);
+    assert_eq!(count(&failed), 0);
+    fleet.kill();
+}
+
+#[test]
+fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let rig = rig(&bench, |_| ());
+    // A rig that says to have other settings than it rechecks with is not to be had; so the worker itself is wrong: it
+    // answers with the model of a rig that reads coarser settings.
+    let path = capture(&bench, &rig);
+    let coarse = bench
+        .replay(&path, "coarse", &["--set", "hull.resolution=20", "--quiet"])
+        .output()
+        .unwrap();
+    assert!(coarse.status.success(), "{}", said(&coarse));
+    let _fleet = fleet_process(&bench, "recheck = 1.0");
+    let address = bench.address();
+    let models = bench.path("coarse/cup");
+    let bundle = bench.path("bundle");
+    let wrong = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .unwrap();
+        runtime.block_on(answer_with(&address, &models, &bundle))
+    });
+    let ended = next(&rig, &bench);
+    let reason = ended.model.unwrap_err();
+    assert!(
+        reason.contains("made another model than this machine does"),
+        "{reason}"
+    );
+    assert_eq!(
+        wrong.join().unwrap(),
+        "rig hall, capture ".to_owned() + &ended.capture
+    );
+    let mark = bench
+        .path("models/cup")
+        .join(&ended.capture)
+        .join("distrusted.txt");
+    assert!(std::fs::read_to_string(mark).unwrap().contains("wrong"));
+}
+
+/// Plays a worker that answers one offer with a model of other settings; what it is told then.
+async fn answer_with(address: &str, models: &Path, bundle: &Path) -> String {
+    use futures_util::StreamExt;
+    use sha2::{Digest, Sha256};
+    let client = async_nats::connect(address).await.unwrap();
+    let context = async_nats::jetstream::new(client.clone());
+    let mut stop = client.subscribe("scand.stop.wrong").await.unwrap();
+    let found = loop {
+        let asked = r#"{"last_by_subj":"scand.job.>"}"#;
+        let found = client
+            .request("$JS.API.STREAM.MSG.GET.SCAND_JOBS", asked.into())
+            .await;
+        let found = found.map(|found| found.payload).unwrap_or_default();
+        let found: serde_json::Value = serde_json::from_slice(&found).unwrap_or_default();
+        match found["message"]["subject"].as_str() {
+            Some(subject) => break subject.to_owned(),
+            None => tokio::time::sleep(Duration::from_millis(100)).await,
+        }
+    };
+    let digest = found.rsplit('.').next().unwrap();
+    let asked = format!("$JS.API.DIRECT.GET.SCAND_JOBS.{found}");
+    let offer = client.request(asked, "".into()).await.unwrap();
+    let offer: serde_json::Value = serde_json::from_slice(&offer.payload).unwrap();
+    let made =
+        scand::fleet::Bundle::of_folder(&models.join(offer["capture"].as_str().unwrap())).unwrap();
+    scand::fleet::write_bundle(&made, bundle).unwrap();
+    let bytes = std::fs::read(bundle).unwrap();
+    let pieces: Vec<&[u8]> = bytes.chunks(512 << 10).collect();
+    for (number, piece) in pieces.iter().enumerate() {
+        let subject = format!("scand.part.hall.{digest}.i.{number}");
+        context
+            .publish(subject, piece.to_vec().into())
+            .await
+            .unwrap()
+            .await
+            .unwrap();
+    }
+    let hash: String = Sha256::digest(&bytes)
+        .iter()
+        .map(|b| format!("{b:02x}"))
+        .collect();
+    let said = serde_json::json!({
+        "outcome": "result", "worker": "wrong", "instance": "i", "bytes": bytes.len(), "sha256": hash,
+        "pieces": pieces.len(), "contents_sha256": made.contents_sha256().unwrap(),
+    });
+    let result = format!("scand.result.hall.{digest}");
+    context
+        .publish(result, said.to_string().into())
+        .await
+        .unwrap()
+        .await
+        .unwrap();
+    let told = tokio::time::timeout(Duration::from_secs(60), stop.next())
+        .await
+        .unwrap()
+        .unwrap();
+    String::from_utf8(told.payload.to_vec()).unwrap()
+}

@@ -1,0 +1,15 @@
+//! Models made by other processes through a NATS server of the test's own: the same bytes as here, whatever is killed,
+//! stopped or lost meanwhile; what each role is denied at the server; and that nothing secret is where it must not be.
+
+#![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod archive;
+mod disk;
+mod faults;
+mod live;
+mod roles;
+mod simulation;
+mod test_bench;
