@@ -218,14 +218,27 @@ fn read(path: &Path, defaults: &Table) -> Result<Table, Error> {
     let text = storage::read_text(path, LONGEST_FILE).map_err(failed)?;
     let text = lengths::as_numbers(&text, defaults);
     // Read as the configuration first: only then do messages have line numbers.
-    toml::from_str::<Config>(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
+    toml::from_str::<Config>(&text).map_err(|e| parse(shown(&e, &text)))?;
     if let Some((field, at)) = nan::first(&text) {
         let line = 1 + text[..at].matches('\n').count();
         return Err(parse(format!(
             "line {line}: {field} is nan, expected a number"
         )));
     }
-    toml::from_str(&text).map_err(|e| parse(e.to_string()))
+    toml::from_str(&text).map_err(|e| parse(shown(&e, &text)))
+}
+
+/// What a parser says. It quotes the wrong line, except one with an address that may hold a password: logs and support
+/// bundles keep what is said.
+fn shown(error: &toml::de::Error, text: &str) -> String {
+    let quoting = error.to_string();
+    let may_hold_secret = |line: &str| line.contains("://") && line.contains('@');
+    if !quoting.lines().any(may_hold_secret) {
+        return quoting.trim_end().into();
+    }
+    let before = error.span().and_then(|span| text.get(..span.start));
+    let line = 1 + before.unwrap_or_default().matches('\n').count();
+    format!("line {line}: {}", error.message())
 }
 
 /// Sets `a.b=value`; a value that is not TOML is taken as a string.
@@ -555,5 +568,17 @@ mod tests {
             assert!(words.contains(named), "{words}");
         }
         assert!(settings(&["calibration.limits.god_px=0.2"]).is_err());
+    }
+
+    #[test]
+    fn no_message_quotes_an_address_that_may_hold_a_password() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("rig.toml");
+        for address in ["\"nats://me:hidden@host\"", "\"nats://me:hidden@host"] {
+            std::fs::write(&file, format!("[workers]\nfleet = {address}\n")).unwrap();
+            let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
+            assert!(message.contains("line 2"), "{message}");
+            assert!(!message.contains("hidden"), "{message}");
+        }
     }
 }

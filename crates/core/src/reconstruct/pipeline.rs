@@ -12,7 +12,7 @@ use super::uncertainty::{self, FairedHull};
 use super::{Model, Progress, Scene, Stage, Standing};
 use crate::image::Mask;
 use crate::mesh::{
-    Component, Mesh, Simplified, SimplifyError, components, simplify, vertex_normals,
+    Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
 };
 use rayon::prelude::*;
 
@@ -276,7 +276,8 @@ fn faired(
                 handles(&extracted.surface.mesh),
             );
             let alike = after == before || (is_fused && is_simpler(&after, &before));
-            alike.then_some((faired, surface))
+            let closed = check(&surface.surface.mesh).is_watertight();
+            (alike && closed).then_some((faired, surface))
         }
     }
 }

@@ -5,7 +5,6 @@ use super::curved::{Curved, weights};
 use super::nearest::Nearest;
 use super::shape::Shape;
 use super::sides::Sides;
-use crate::calibration::Volume;
 use crate::mesh::closest_on_triangle;
 use crate::reconstruct::hull;
 use crate::reconstruct::surface::{Constraint, Lattice, Side, Solid, UndecidedConstraints};
@@ -27,7 +26,7 @@ pub struct Body {
     sides: Option<Sides>,
     on_sides: Vec<Option<[u32; 3]>>,
     lattice: Lattice,
-    floor: f64,
+    bounds: hull::Bounds,
     nearest: Nearest,
     columns: Columns,
     /// The distance at each of the corners of `nearest`, in [`SURELY`] a cell.
@@ -35,12 +34,12 @@ pub struct Body {
 }
 
 impl Body {
-    /// The solid that the surface of `shape` and its flat sides bound, to be extracted on `lattice`.
+    /// The solid that the surface of `shape`, its flat sides and `bounds` bound, to be extracted on `lattice`.
     pub(super) fn new(
         shape: &Shape,
         sides: Option<Sides>,
         lattice: Lattice,
-        volume: Volume,
+        bounds: hull::Bounds,
     ) -> Self {
         let curved = Curved::new(shape);
         let triangles = curved.triangles.iter();
@@ -58,7 +57,7 @@ impl Body {
             sides,
             on_sides,
             lattice,
-            floor: volume.min.z,
+            bounds,
             nearest,
             columns,
             values: Vec::new(),
@@ -115,9 +114,9 @@ impl Body {
         Some(self.sides.as_ref()?.inside(sides, p))
     }
 
-    /// A distance as a value, no more than the table allows.
+    /// A distance as a value, no more than table and volume allow.
     fn bounded(&self, p: Point3<f64>, inside: f64) -> f32 {
-        let inside = inside.min(p.z - self.floor);
+        let inside = inside.min(self.bounds.nearest(p).0);
         (inside * SURELY / self.lattice.cell_size).clamp(-SURELY, SURELY) as f32
     }
 
@@ -209,8 +208,12 @@ impl Solid for Body {
             return (Vector3::z(), 0);
         };
         let t = triangle as usize;
-        if self.on_table[t] || p.z - self.floor < inside {
+        if self.on_table[t] {
             return (-Vector3::z(), hull::FLOOR);
+        }
+        let (distance, outward) = self.bounds.nearest(p);
+        if distance < inside {
+            return (outward.cast(), hull::FLOOR);
         }
         if let Some((_, normal)) = self.on_sides(triangle, p) {
             return (normal.cast(), 0);

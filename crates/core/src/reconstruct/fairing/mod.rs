@@ -152,7 +152,7 @@ pub fn fair(
     let (mut shape, start) = last?;
     shape.direct();
     let facts = accept::keep_hull(&mut shape, &start, &contours)?;
-    let body = Body::new(&shape, sides, *lattice, hull.volume());
+    let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
     Some(Faired { body, facts })
 }
 

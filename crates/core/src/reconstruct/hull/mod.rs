@@ -10,7 +10,7 @@ mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
-pub use solid::{FLOOR, Hull, Plane};
+pub use solid::{Bounds, FLOOR, Hull, Plane};
 pub use viewing::Exit;
 
 use super::surface::{self, Constraint, Lattice, SampledSolid, Solid, Surface};

@@ -31,11 +31,54 @@ impl Plane {
     }
 }
 
+/// What bounds a hull besides its cones.
+#[derive(Clone, Debug)]
+pub struct Bounds {
+    volume: Volume,
+    planes: Vec<Plane>,
+}
+
+impl Bounds {
+    /// How far a point is within the nearest face or plane, in metres, with that one's outward unit normal.
+    pub fn nearest(&self, p: Point3<f64>) -> (f64, Vector3<f64>) {
+        let (distance, face) = self.nearest_face(p);
+        (distance, self.normal(face))
+    }
+
+    /// The outward unit normal of a face or plane.
+    fn normal(&self, face: usize) -> Vector3<f64> {
+        match face.checked_sub(6).and_then(|i| self.planes.get(i)) {
+            Some(plane) => -plane.normal,
+            None => {
+                let side = if face.is_multiple_of(2) { -1.0 } else { 1.0 };
+                Vector3::ith(face / 2 % 3, side)
+            }
+        }
+    }
+
+    /// Distance to the nearest face of the volume, or to a plane, positive within, and its number: planes come after
+    /// the six faces.
+    fn nearest_face(&self, p: Point3<f64>) -> (f64, usize) {
+        let (below, above) = (p - self.volume.min, self.volume.max - p);
+        let distances = [below.x, above.x, below.y, above.y, below.z, above.z];
+        let face = (0..6)
+            .min_by(|&a, &b| distances[a].total_cmp(&distances[b]))
+            .unwrap_or(0);
+        let mut nearest = (distances[face], face);
+        for (number, plane) in self.planes.iter().enumerate() {
+            let distance = plane.distance(p);
+            if distance < nearest.0 {
+                nearest = (distance, 6 + number);
+            }
+        }
+        nearest
+    }
+}
+
 /// The visual hull.
 pub struct Hull<'a> {
     cones: Vec<Cone<'a>>,
-    volume: Volume,
-    planes: Vec<Plane>,
+    bounds: Bounds,
     least_views: usize,
     /// Turns metres beyond the volume's faces into the units of a silhouette.
     values_per_metre: f64,
@@ -49,8 +92,10 @@ impl<'a> Hull<'a> {
         let values_per_metre = 300.0 * f64::from(SURELY) / (volume.max - volume.min).norm();
         Self {
             cones,
-            volume,
-            planes: Vec::new(),
+            bounds: Bounds {
+                volume,
+                planes: Vec::new(),
+            },
             least_views,
             values_per_metre,
         }
@@ -59,13 +104,18 @@ impl<'a> Hull<'a> {
     /// Bounded by planes as well.
     #[must_use]
     pub fn within(mut self, planes: &[Plane]) -> Self {
-        self.planes = planes.to_vec();
+        self.bounds.planes = planes.to_vec();
         self
+    }
+
+    /// What bounds it besides its cones.
+    pub fn bounds(&self) -> &Bounds {
+        &self.bounds
     }
 
     /// The box that bounds it.
     pub fn volume(&self) -> Volume {
-        self.volume
+        self.bounds.volume
     }
 
     /// Its cones.
@@ -86,7 +136,7 @@ impl<'a> Hull<'a> {
     /// How far the hull reaches from a point within it along a unit vector, in metres: to a third of it at worst, for
     /// each step doubles the way, and at least `least`.
     pub fn reach(&self, p: Point3<f64>, along: Vector3<f64>, least: f64) -> f64 {
-        let most = (self.volume.max - self.volume.min).norm();
+        let most = (self.bounds.volume.max - self.bounds.volume.min).norm();
         let mut way = least.max(1e-6);
         while way < most && self.value(p + along * way, UndecidedConstraints::MAX) > 0.0 {
             way *= 2.0;
@@ -101,10 +151,10 @@ impl<'a> Hull<'a> {
         if self.cones.iter().all(|cone| cone.unknown().is_none()) {
             return None;
         }
-        let cell = (self.volume.max - self.volume.min) / f64::from(SIDE);
+        let cell = (self.bounds.volume.max - self.bounds.volume.min) / f64::from(SIDE);
         let unproved = |i: u32| {
             let at = Vector3::new(i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE));
-            let p = self.volume.min + at.map(|i| f64::from(i) + 0.5).component_mul(&cell);
+            let p = self.bounds.volume.min + at.map(|i| f64::from(i) + 0.5).component_mul(&cell);
             let objects = |cone: &Cone| cone.value(p).is_some_and(|v| v < 0.0);
             let framing = self.cones.iter().filter(|cone| cone.frames(p));
             !self.is_seen_enough(p)
@@ -119,11 +169,11 @@ impl<'a> Hull<'a> {
 
     /// A camera for which all of the volume is outside its silhouette.
     pub(super) fn blind_camera(&self) -> Option<&CameraId> {
-        let cell = (self.volume.max - self.volume.min) / 32.0;
+        let cell = (self.bounds.volume.max - self.bounds.volume.min) / 32.0;
         let half = 0.5 * cell.max();
         let centers = (0..32 * 32 * 32).map(|i: u32| {
             let at = Vector3::new(i % 32, i / 32 % 32, i / 1024).map(|i| f64::from(i) + 0.5);
-            self.volume.min + at.component_mul(&cell)
+            self.bounds.volume.min + at.component_mul(&cell)
         });
         let blind = |cone: &&Cone| {
             centers
@@ -153,27 +203,9 @@ impl<'a> Hull<'a> {
             .filter(move |(i, _)| undecided & Self::bit(*i) != 0)
     }
 
-    /// Distance to the nearest face of the volume, or to a plane, positive within, and its number: planes come after
-    /// the six faces.
-    fn nearest_face(&self, p: Point3<f64>) -> (f64, usize) {
-        let (below, above) = (p - self.volume.min, self.volume.max - p);
-        let distances = [below.x, above.x, below.y, above.y, below.z, above.z];
-        let face = (0..6)
-            .min_by(|&a, &b| distances[a].total_cmp(&distances[b]))
-            .unwrap_or(0);
-        let mut nearest = (distances[face], face);
-        for (number, plane) in self.planes.iter().enumerate() {
-            let distance = plane.distance(p);
-            if distance < nearest.0 {
-                nearest = (distance, 6 + number);
-            }
-        }
-        nearest
-    }
-
     /// The value of the volume's bounds alone, and the face.
     fn bounds_value(&self, p: Point3<f64>) -> (f32, usize) {
-        let (distance, face) = self.nearest_face(p);
+        let (distance, face) = self.bounds.nearest_face(p);
         (
             (distance * self.values_per_metre).clamp(-f64::from(SURELY), f64::from(SURELY)) as f32,
             face,
@@ -226,14 +258,15 @@ impl Solid for Hull<'_> {
         }
         if undecided & BOUNDS != 0 {
             let reach = |p: Point3<f64>, q: Point3<f64>| (p - q).min();
-            let beyond = reach(center, self.volume.min).min(reach(self.volume.max, center));
+            let beyond =
+                reach(center, self.bounds.volume.min).min(reach(self.bounds.volume.max, center));
             // A cube reaches farther towards a slanted plane than towards a face.
-            let planes = self.planes.iter().map(|plane| {
+            let planes = self.bounds.planes.iter().map(|plane| {
                 let reach = half * plane.normal.abs().sum();
                 plane.distance(center) + half - reach
             });
             let surely = planes.fold(beyond, f64::min);
-            let planes = self.planes.iter().map(|plane| {
+            let planes = self.bounds.planes.iter().map(|plane| {
                 let reach = half * plane.normal.abs().sum();
                 plane.distance(center) + reach - half
             });
@@ -294,18 +327,10 @@ impl Solid for Hull<'_> {
         {
             return (normal.cast(), i as Constraint);
         }
-        if let Some(plane) = face.checked_sub(6).and_then(|i| self.planes.get(i)) {
-            return (-plane.normal.cast(), FLOOR);
-        }
-        let mut normal = Vector3::zeros();
-        normal[face / 2] = if face % 2 == 0 { -1.0 } else { 1.0 };
-        (
-            normal,
-            if face == 4 {
-                FLOOR
-            } else {
-                WALLS + face as Constraint
-            },
-        )
+        let constraint = match face {
+            0 | 1 | 2 | 3 | 5 => WALLS + face as Constraint,
+            _ => FLOOR,
+        };
+        (self.bounds.normal(face).cast(), constraint)
     }
 }
