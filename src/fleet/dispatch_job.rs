@@ -1,5 +1,5 @@
-//! The job_state of one job, from a capture in a recording to a result in its folder: packed, offered, waited for, taken in,
-//! and offered again whenever the server has lost it or its worker has failed.
+//! What happens to one job, from a capture in a recording to a result in its folder: packed, offered, waited for, taken
+//! in, and offered again whenever the server has lost it or its worker has failed.
 
 use super::dispatcher::{Dispatcher, JobEvent, JobMessage, JobOutcome, Started, Task};
 use super::job::{JobOffer, JobReport};

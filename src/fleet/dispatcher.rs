@@ -1,5 +1,5 @@
 //! The side that offers jobs, a rig or the replay of an archive: what its jobs share. It hears what workers say, hands
-//! it to the job that it is about, and compares results that come once more. `task` is the job_state of one job.
+//! it to the job that it is about, and compares results that come once more. `dispatch_job` brings one job to its end.
 
 use super::connection::FleetClient;
 use super::job::{Heartbeat, JobReport};

@@ -1,5 +1,5 @@
-//! How a worker does one job: fetches the capture, lets a confined child make the model, and sends the result, however long
-//! the server is away meanwhile.
+//! How a worker does one job: fetches the capture, lets a confined child make the model, and sends the result, however
+//! long the server is away meanwhile.
 
 use super::bundle::stated_contents;
 use super::job::{HeartbeatJob, JobOffer, JobReport, hexadecimal};

@@ -1,4 +1,4 @@
-//! A job on its way: what is known of it, and what each part of its job_state does: child processes, the spool, and what is
+//! A job on its way: what is known of it, and what each step of it shares: child processes, the spool, and what is
 //! taken off the server.
 
 use super::dispatcher::{Dispatcher, JobEvent, JobOutcome, Task};

@@ -1,7 +1,7 @@
 //! What a job needs of a worker beside its program.
 
-/// What a job needs of a worker: memory, in classes. A subject names the class, and a worker subscribes to those that it
-/// has the memory for.
+/// What a job needs of a worker: memory, in classes. A subject names the class, and a worker subscribes to those that
+/// it has the memory for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MemoryClass {
     gigabytes: u32,

@@ -1,5 +1,5 @@
-//! What is known of a model that came from elsewhere, beside its folder: which job it is the result of, who made it, and
-//! from which state of which recording. It saves a second run from reading the recording again.
+//! What is known of a model that came from elsewhere, beside its folder: which job it is the result of, who made it,
+//! and from which state of which recording. It saves a second run from reading the recording again.
 
 use crate::storage::{self, write_atomically};
 use serde::{Deserialize, Serialize};
@@ -42,8 +42,8 @@ impl ModelOrigin {
         write_atomically(&Self::path(target), &bytes)
     }
 
-    /// What a job is made of: the recording's file as it is now, the capture, the settings and the program. `None` where
-    /// there is no such file.
+    /// What a job is made of: the recording's file as it is now, the capture, the settings and the program. `None`
+    /// where there is no such file.
     pub fn made_of(recording: &Path, parts: &[&str]) -> Option<String> {
         let file = std::fs::metadata(recording).ok()?;
         let seen = format!("{} {} {}", file.len(), file.mtime(), file.mtime_nsec());

@@ -1,6 +1,6 @@
-//! The confined steps of a job, each a child process: the arguments with which it is started, how it ends, and the lines
-//! in which it says what it made. `scand fleet-step` is the other end. The child inherits neither the connection nor the
-//! credentials.
+//! The confined steps of a job, each a child process: the arguments with which it is started, how it ends, and the
+//! lines in which it says what it made. `scand fleet-step` is the other end. The child inherits neither the connection
+//! nor the credentials.
 
 use crate::clock::Clock;
 use crate::process::{Cancel, Child, End};

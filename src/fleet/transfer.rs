@@ -1,5 +1,5 @@
-//! Files on the server, in pieces that a message can hold: each piece a subject of its own, so that permissions hold for
-//! each, and a piece that was lost can be sent again.
+//! Files on the server, in pieces that a message can hold: each piece a subject of its own, so that permissions hold
+//! for each, and a piece that was lost can be sent again.
 
 use super::connection::FleetClient;
 use super::job::{PIECE, hexadecimal};

@@ -1,5 +1,5 @@
-//! A worker: takes jobs that its program and its memory can do, lets a confined child do each, and sends the results. It
-//! says that it lives every few seconds; when it does not, the server gives its jobs to another.
+//! A worker: takes jobs that its program and its memory can do, lets a confined child do each, and sends the results.
+//! It says that it lives every few seconds; when it does not, the server gives its jobs to another.
 
 use super::connection::FleetClient;
 use super::job::{Heartbeat, HeartbeatJob};

@@ -1,4 +1,4 @@
-//! How jobs of a rig are offered_jobs to the process of the fleet and back, by files beside them in the folder of jobs: the
+//! How jobs of a rig are handed to the process of the fleet and back, by files beside them in the folder of jobs: the
 //! process that has the connection says when a worker has begun a job, and what became of it; the daemon ends the job.
 //! Neither waits for the other, and each may be started again at any time.
 

@@ -1,5 +1,5 @@
-//! An archive made again by workers: the same bytes as here, what is there is left alone, and what cannot be made ends as
-//! failed, with its reason.
+//! An archive made again by workers: the same bytes as here, what is there is left alone, and what cannot be made ends
+//! as failed, with its reason.
 
 use crate::test_bench::{TestBench, finished, made_here, models, program, said, simulated, told};
 use rustix::process::Signal;

@@ -1,5 +1,5 @@
-//! How many jobs one server passes on: rigs and workers that send and fetch everything that a job needs and make no models.
-//! It measures and judges nothing, so it runs only when it is asked for (`make fleet-simulation`).
+//! How many jobs one server passes on: rigs and workers that send and fetch everything that a job needs and make no
+//! models. It measures and judges nothing, so it runs only when it is asked for (`make fleet-simulation`).
 
 use crate::test_bench::{TestBench, simulated};
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};

@@ -1,5 +1,5 @@
-//! `scand fleet`: offers a rig's captures to workers on other machines, tells what a fleet does, and makes keys. Also what
-//! its commands share: the arguments that name the server, and the runtime.
+//! `scand fleet`: offers a rig's captures to workers on other machines, tells what a fleet does, and makes keys. Also
+//! what its commands share: the arguments that name the server, and the runtime.
 
 pub mod worker;
 

@@ -1,5 +1,5 @@
-//! A replay by the workers of a fleet: lists the captures, offers those that are wanted, takes their models in, and shows
-//! how far it is. What cannot travel is made here, one capture at a time.
+//! A replay by the workers of a fleet: lists the captures, offers those that are wanted, takes their models in, and
+//! shows how far it is. What cannot travel is made here, one capture at a time.
 
 use super::console::Console;
 use super::outcome::{Outcome, ReplayResult};
