@@ -34,7 +34,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// The solid that the surface of `shape`, its flat sides and `bounds` bound, to be extracted on `lattice`.
+    /// The solid that the surface of `shape`, its flat sides and the tables in `bounds` bound, to be extracted on `lattice`.
     pub(super) fn new(
         shape: &Shape,
         sides: Option<Sides>,
@@ -114,9 +114,9 @@ impl Body {
         Some(self.sides.as_ref()?.inside(sides, p))
     }
 
-    /// A distance as a value, no more than table and volume allow.
+    /// A distance as a value, no more than the tables allow.
     fn bounded(&self, p: Point3<f64>, inside: f64) -> f32 {
-        let inside = inside.min(self.bounds.nearest(p).0);
+        let inside = inside.min(self.bounds.nearest_table(p).0);
         (inside * SURELY / self.lattice.cell_size).clamp(-SURELY, SURELY) as f32
     }
 
@@ -211,9 +211,9 @@ impl Solid for Body {
         if self.on_table[t] {
             return (-Vector3::z(), hull::FLOOR);
         }
-        let (distance, outward) = self.bounds.nearest(p);
+        let (distance, downward) = self.bounds.nearest_table(p);
         if distance < inside {
-            return (outward.cast(), hull::FLOOR);
+            return (downward.cast(), hull::FLOOR);
         }
         if let Some((_, normal)) = self.on_sides(triangle, p) {
             return (normal.cast(), 0);

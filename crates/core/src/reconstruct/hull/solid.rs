@@ -39,10 +39,18 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// How far a point is within the nearest face or plane, in metres, with that one's outward unit normal.
-    pub fn nearest(&self, p: Point3<f64>) -> (f64, Vector3<f64>) {
-        let (distance, face) = self.nearest_face(p);
-        (distance, self.normal(face))
+    /// How far a point is above the nearest table, in metres, with that table's downward unit normal: the volume's lower
+    /// face, or a plane.
+    pub fn nearest_table(&self, p: Point3<f64>) -> (f64, Vector3<f64>) {
+        let planes = self.planes.iter();
+        let planes = planes.map(|plane| (plane.distance(p), -plane.normal));
+        let floor = (p.z - self.volume.min.z, -Vector3::z());
+        planes.fold(
+            floor,
+            |nearest, table| {
+                if table.0 < nearest.0 { table } else { nearest }
+            },
+        )
     }
 
     /// The outward unit normal of a face or plane.
