@@ -34,7 +34,8 @@ pub struct Body {
 }
 
 impl Body {
-    /// The solid that the surface of `shape`, its flat sides and the tables in `bounds` bound, to be extracted on `lattice`.
+    /// The solid that the surface of `shape`, its flat sides and the tables in `bounds` bound, to be extracted on
+    /// `lattice`.
     pub(super) fn new(
         shape: &Shape,
         sides: Option<Sides>,

@@ -39,18 +39,17 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// How far a point is above the nearest table, in metres, with that table's downward unit normal: the volume's lower
-    /// face, or a plane.
+    /// How far a point is above the nearest table, in metres, with that table's downward unit normal: the volume's
+    /// lower face, or a plane.
     pub fn nearest_table(&self, p: Point3<f64>) -> (f64, Vector3<f64>) {
-        let planes = self.planes.iter();
-        let planes = planes.map(|plane| (plane.distance(p), -plane.normal));
-        let floor = (p.z - self.volume.min.z, -Vector3::z());
-        planes.fold(
-            floor,
-            |nearest, table| {
-                if table.0 < nearest.0 { table } else { nearest }
-            },
-        )
+        let mut nearest = (p.z - self.volume.min.z, -Vector3::z());
+        for plane in &self.planes {
+            let distance = plane.distance(p);
+            if distance < nearest.0 {
+                nearest = (distance, -plane.normal);
+            }
+        }
+        nearest
     }
 
     /// The outward unit normal of a face or plane.
