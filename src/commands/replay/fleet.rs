@@ -242,7 +242,8 @@ impl FleetReplay<'_> {
             if let JobEvent::Problem(words) = event
                 && progress.is_new(words)
             {
-                self.console.line(&format!("{}: {words}", wanted.id));
+                // Also where only errors are wanted: a run that waits for a server or a disk would say nothing.
+                eprintln!("scand: {}: {words}", wanted.id);
             }
         };
         match offers.run_job(&task, on_event).await {
