@@ -39,6 +39,9 @@ const OBJECTS: [Object; 10] = [
     plain(Shape::Goblet),
 ];
 
+/// How far a pose may move a model's form, in millimetres, in pictures of 1280 pixels.
+const FORM_LIMIT_MM: f64 = 0.25;
+
 /// What is said of the second capture, and what is true.
 struct Said {
     /// `green`, `amber`, or `refused`.
@@ -51,13 +54,13 @@ struct Said {
 impl Said {
     /// Whether a wrong pose is stated with confidence: a turn by more than 1 degree or a form by more than 0.25 mm.
     fn is_confidently_wrong(&self) -> bool {
-        let wrong = |e: &PoseError| e.form_mm > 0.25 || e.turned_deg > 1.0;
+        let wrong = |e: &PoseError| e.form_mm > FORM_LIMIT_MM || e.turned_deg > 1.0;
         self.level == "green" && self.error.as_ref().is_some_and(wrong)
     }
 
-    /// Whether a model was made that the pose spoils, whatever was said of it.
-    fn spoils_the_form(&self) -> bool {
-        self.level != "refused" && self.error.is_some_and(|e| e.form_mm > 0.25)
+    /// Whether a model was made whose form the pose spoils by more than this, whatever was said of it.
+    fn spoils_the_form(&self, limit_mm: f64) -> bool {
+        self.level != "refused" && self.error.is_some_and(|e| e.form_mm > limit_mm)
     }
 }
 
@@ -141,7 +144,7 @@ pub(super) fn trial(count: u64) -> Vec<String> {
                 println!("{:28} {why}", "");
             }
             sums[k % 2].add(&said);
-            if said.is_confidently_wrong() || said.spoils_the_form() {
+            if said.is_confidently_wrong() || said.spoils_the_form(FORM_LIMIT_MM) {
                 wrong.push(name);
             }
         }
@@ -152,7 +155,8 @@ pub(super) fn trial(count: u64) -> Vec<String> {
     wrong
 }
 
-/// Small sessions: one that form holds, one that colours alone hold, and one that nothing holds.
+/// Small sessions: one that form holds, one that depth alone may hold, one that colours hold, and one that nothing
+/// holds.
 #[test]
 fn no_pose_is_stated_that_is_wrong() {
     for (object, words, seed) in [
@@ -166,18 +170,28 @@ fn no_pose_is_stated_that_is_wrong() {
         let told = line(&format!("{:?} {words}", object.shape), &said);
         println!("{told}");
         assert!(!said.is_confidently_wrong(), "{told}\n{}", fused.words);
-        assert!(!said.spoils_the_form(), "{told}\n{}", fused.words);
+        // A pixel of these pictures is twice as large as one of the trial's.
+        assert!(
+            !said.spoils_the_form(2.0 * FORM_LIMIT_MM),
+            "{told}\n{}",
+            fused.words
+        );
         let model = fused.report.as_ref().map(|report| &report["model"]);
         let is_solid = model.is_none_or(|model| model["watertight"] != false);
         assert!(is_solid, "{told}\n{}", fused.words);
-        // In such small pictures, noise may leave a pose that form holds amber.
-        let is_held_by_form = !matches!(object.shape, Shape::Cup);
+        // In such small pictures, noise may leave a pose that form holds amber. Two pits in a box are told apart by
+        // depth alone, and it may not be enough.
+        let is_held_by_form = matches!(object.shape, Shape::Mug);
         assert!(
             !is_held_by_form || said.level != "refused",
             "{told}\n{}",
             fused.words
         );
-        let is_held = is_held_by_form || object.has_pattern;
-        assert!(is_held || said.level != "green", "{told}\n{}", fused.words);
+        let is_held_by_nothing = matches!(object.shape, Shape::Cup) && !object.has_pattern;
+        assert!(
+            !is_held_by_nothing || said.level != "green",
+            "{told}\n{}",
+            fused.words
+        );
     }
 }
