@@ -12,6 +12,8 @@ use rayon::prelude::*;
 const GUTTER: usize = 2;
 /// Texels of a triangle's side, at most.
 const LONGEST: f64 = 2048.0;
+/// A texel's length where no camera saw anything, in metres.
+const LONGEST_TEXEL: f64 = 0.01;
 
 /// The texture of `mesh` from that of `old`, with texels `coarser` times as long. Its colours of vertices are empty.
 pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> Texture {
@@ -20,7 +22,7 @@ pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> 
         old,
         texture,
     };
-    let texel = texel_length(old, texture) * coarser;
+    let texel = texture.texel_size(old).unwrap_or(LONGEST_TEXEL).max(1e-6) * coarser;
     let patches: Vec<Patch> = (0..mesh.triangles.len())
         .map(|t| Patch::new(three(|i| mesh.corners(t)[i].cast()), texel))
         .collect();
@@ -57,19 +59,6 @@ pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> 
         vertex_colors: Vec::new(),
         atlas,
     }
-}
-
-/// How long a texel is on the surface, in metres: the root of the area that one covers on average.
-fn texel_length(mesh: &Mesh, texture: &Texture) -> f64 {
-    let texels = (texture.atlas.width() * texture.atlas.height()) as f64;
-    let (mut area, mut covered) = (0.0, 0.0);
-    for (t, uv) in texture.corner_uv.iter().enumerate() {
-        let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
-        area += (b - a).cross(&(c - a)).norm();
-        let [a, b, c] = uv.map(|[u, v]| Vector3::new(f64::from(u), f64::from(v), 0.0));
-        covered += (b - a).cross(&(c - a)).norm() * texels;
-    }
-    (area / covered.max(1.0)).sqrt().max(1e-6)
 }
 
 /// A triangle and its rectangle of texels.

@@ -7,6 +7,7 @@ mod decode_tests;
 mod demosaic;
 mod grid;
 mod pack;
+mod pack_shapes;
 mod rect;
 pub mod srgb;
 mod text;
@@ -18,6 +19,7 @@ pub use decode::{
 pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;
 pub use pack::pack;
+pub use pack_shapes::{CellShape, pack_shapes};
 pub use rect::PixelRect;
 pub use text::{draw_text, text_size};
 

@@ -2,7 +2,7 @@
 
 use crate::image::RgbImage;
 use crate::mesh::Mesh;
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// Where a vertex comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
@@ -60,6 +60,34 @@ pub struct Texture {
     pub corner_uv: Vec<[[f32; 2]; 3]>,
     /// For each vertex its colour.
     pub vertex_colors: Vec<[u8; 3]>,
-    /// For each triangle whether a camera saw it; colour of the others is spread from their neighbours.
+    /// For each triangle whether a camera saw it; the others are grey, or have the colours around them.
     pub seen: Vec<bool>,
+}
+
+impl Texture {
+    /// How long a texel is on the surface of `mesh`, in metres: the root of the area that one covers on average, where
+    /// cameras saw. `None` where none did.
+    pub fn texel_size(&self, mesh: &Mesh) -> Option<f64> {
+        let (mut area, mut texels) = (0.0, 0.0);
+        for triangle in (0..self.corner_uv.len()).filter(|&t| self.seen[t]) {
+            let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
+            area += 0.5 * (b - a).cross(&(c - a)).norm();
+            texels += self.texels(triangle);
+        }
+        (texels > 0.0).then(|| (area / texels).sqrt())
+    }
+
+    /// Share of the atlas that triangles cover.
+    pub fn used(&self) -> f64 {
+        let texels: f64 = (0..self.corner_uv.len()).map(|t| self.texels(t)).sum();
+        texels / (self.atlas.width() * self.atlas.height()) as f64
+    }
+
+    /// Texels that a triangle covers.
+    fn texels(&self, triangle: usize) -> f64 {
+        let size = [self.atlas.width(), self.atlas.height()].map(|side| side as f64);
+        let [a, b, c] = self.corner_uv[triangle]
+            .map(|uv| Vector2::new(f64::from(uv[0]) * size[0], f64::from(uv[1]) * size[1]));
+        0.5 * (b - a).perp(&(c - a)).abs()
+    }
 }

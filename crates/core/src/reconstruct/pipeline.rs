@@ -105,8 +105,8 @@ pub struct Reconstruction {
     pub model: Model,
     /// The plain hull that it was made from.
     pub hull: Mesh,
-    /// How the hull was faired; `None` where it was not, or nothing of it could be.
-    pub fairing: Option<fairing::Facts>,
+    /// How the hull was faired, or why nothing of it could be; `None` where that was not asked for.
+    pub fairing: Option<Result<fairing::Facts, fairing::Refusal>>,
     /// Edge of a cell of the surfaces, in metres.
     pub cell_size: f64,
     /// A silhouette for each colour view of the scene.
@@ -187,8 +187,8 @@ pub fn reconstruct_from(
         &parameters.hull,
     );
     let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
-        Some((faired, extracted)) => (&faired.body, extracted),
-        None => (&hull, &extracted),
+        Some(Ok((faired, extracted))) => (&faired.body, extracted),
+        _ => (&hull, &extracted),
     };
 
     begin(Stage::Depth)?;
@@ -206,10 +206,13 @@ pub fn reconstruct_from(
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
-    let faired_hull = faired.as_ref().map(|(faired, _)| FairedHull {
-        plain: &extracted.surface.mesh,
-        body: &faired.body,
-    });
+    let faired_hull = match &faired {
+        Some(Ok((faired, _))) => Some(FairedHull {
+            plain: &extracted.surface.mesh,
+            body: &faired.body,
+        }),
+        _ => None,
+    };
     uncertainty::state(
         &mut restored.model,
         &hull,
@@ -242,7 +245,7 @@ pub fn reconstruct_from(
             .saturating_sub(extracted.dropped_pieces),
         unproved_volume,
         closed_openings: restored.closed_openings,
-        fairing: faired.as_ref().map(|(faired, _)| faired.facts),
+        fairing: faired.map(|faired| faired.map(|(faired, _)| faired.facts)),
         hull: extracted.surface.mesh,
     })
 }
@@ -256,30 +259,43 @@ fn begin(stage: Stage, progress: &dyn Progress) -> Result<(), Error> {
     }
 }
 
-/// The hull faired, with its surface; `None` where that is not asked for, or nothing of it can be. `is_fused` says that
-/// the hull is that of several captures.
+/// The hull faired, with its surface, or why it is not; `None` where that is not asked for. `is_fused` says that the
+/// hull is that of several captures.
 fn faired(
     hull: &Hull,
     lattice: &Lattice,
     extracted: &ExtractedSurface,
     is_fused: bool,
     parameters: &hull::Parameters,
-) -> Option<(Faired, ExtractedSurface)> {
+) -> Option<Result<(Faired, ExtractedSurface), fairing::Refusal>> {
     match parameters.fairing {
         Fairing::None => None,
-        Fairing::Touch => {
-            let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
-            let surface = hull::extract_solid(&faired.body, lattice, parameters)?;
-            // A handle or a piece more or less is no rounding of the hull.
-            let (after, before) = (
-                handles(&surface.surface.mesh),
-                handles(&extracted.surface.mesh),
-            );
-            let alike = after == before || (is_fused && is_simpler(&after, &before));
-            let closed = check(&surface.surface.mesh).is_watertight();
-            (alike && closed).then_some((faired, surface))
-        }
+        Fairing::Touch => Some(faired_by_touch(
+            hull, lattice, extracted, is_fused, parameters,
+        )),
     }
+}
+
+fn faired_by_touch(
+    hull: &Hull,
+    lattice: &Lattice,
+    extracted: &ExtractedSurface,
+    is_fused: bool,
+    parameters: &hull::Parameters,
+) -> Result<(Faired, ExtractedSurface), fairing::Refusal> {
+    use fairing::Refusal::{Open, OtherHandles, TooThin};
+    let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
+    let surface = hull::extract_solid(&faired.body, lattice, parameters).ok_or(TooThin)?;
+    // A handle or a piece more or less is no rounding of the hull.
+    let after = handles(&surface.surface.mesh);
+    let before = handles(&extracted.surface.mesh);
+    if after != before && !(is_fused && is_simpler(&after, &before)) {
+        return Err(OtherHandles { before, after });
+    }
+    if !check(&surface.surface.mesh).is_watertight() {
+        return Err(Open);
+    }
+    Ok((faired, surface))
 }
 
 /// Whether a surface has as many pieces, and no more handles. Contours of several captures err against each other, so

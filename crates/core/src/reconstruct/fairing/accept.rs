@@ -1,10 +1,10 @@
 //! Keeps the hull where the faired surface's outlines do not agree with the contours: where they are farther from
 //! them than the hull's own outlines are, or where too little of a thin part would be left.
 
-use super::Facts;
 use super::contour::{Contour, REACH_PX};
 use super::rounds::rims;
 use super::shape::{Role, Shape};
+use super::{Facts, Refusal};
 use crate::mesh::{Bvh, Mesh};
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ const PASSAGE: usize = 6;
 /// Share of a part's thickness that it may lose on one side.
 const THICKNESS: f64 = 1.0 / 3.0;
 /// Share of the surface that has to stay the hull from which on all of it does.
-const TOO_MUCH: f64 = 0.7;
+pub(super) const TOO_MUCH: f64 = 0.7;
 
 /// A piece of contour: how far outlines are from it in pixels, and the vertices that answer for it.
 struct Piece {
@@ -30,26 +30,30 @@ struct Piece {
     vertices: [u32; 2],
 }
 
-/// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; `None`
-/// where all of it has to stay the hull.
+/// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; refuses where
+/// most of it has to stay the hull.
 pub(super) fn keep_hull(
     shape: &mut Shape,
     before: &[Point3<f64>],
     contours: &[Contour],
-) -> Option<Facts> {
+) -> Result<Facts, Refusal> {
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
     let pieces: Vec<Piece> = of_contours.into_iter().flatten().collect();
-    let mut bad = disagreeing(shape, &pieces);
-    for (v, thin) in too_thin(shape, before).into_iter().enumerate() {
-        bad[v] |= thin;
-    }
+    let (disagreeing, thin) = (disagreeing(shape, &pieces), too_thin(shape, before));
+    let either: Vec<bool> = disagreeing.iter().zip(&thin).map(|(d, t)| d | t).collect();
     let areas = shape.areas();
     let area: f64 = areas.iter().sum();
-    let keep = passage(shape, &bad);
-    let kept = (0..shape.len()).map(|v| keep[v] * areas[v]).sum::<f64>() / area;
+    let keep = passage(shape, &either);
+    let share =
+        |of: &dyn Fn(usize) -> f64| (0..shape.len()).map(|v| of(v) * areas[v]).sum::<f64>() / area;
+    let kept = share(&|v| keep[v]);
     if kept.is_nan() || kept > TOO_MUCH {
-        return None;
+        return Err(Refusal::TooMuchKept {
+            kept,
+            disagreeing: share(&|v| f64::from(disagreeing[v])),
+            thin: share(&|v| f64::from(thin[v])),
+        });
     }
     for v in 0..shape.len() {
         let way = shape.positions[v] - before[v];
@@ -60,7 +64,7 @@ pub(super) fn keep_hull(
     }
     let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
     let (rms, p99) = statistics(&pieces);
-    Some(Facts {
+    Ok(Facts {
         contour_rms_px: rms,
         contour_p99_px: p99,
         kept,

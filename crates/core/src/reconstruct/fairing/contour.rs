@@ -3,6 +3,7 @@
 
 use crate::calibration::Camera;
 use crate::image::{Grid, PixelRect};
+use crate::reconstruct::hull::Cone;
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 
 /// The value of a silhouette's contour.
@@ -37,6 +38,11 @@ pub(super) struct Offset {
 }
 
 impl<'a> Contour<'a> {
+    /// The contour that a cone was made of.
+    pub(super) fn of(cone: &'a Cone<'_>) -> Self {
+        Self::new(cone.camera(), cone.level(), cone.unknown())
+    }
+
     /// The contour of a level set of the size of the camera's pictures, but where `unknown` is 128 or more.
     pub(super) fn new(camera: &'a Camera, level: &Grid<u8>, unknown: Option<&'a Grid<u8>>) -> Self {
         let is_unknown = |x: usize, y: usize| unknown.is_some_and(|grid| grid[(x, y)] >= 128);

@@ -1,7 +1,7 @@
 //! Fairs the hull: finds the surface of least bending whose outlines lie on the contours. Between views the hull stands
 //! out from the object; at edges that silhouettes show it does not. This room uses no depth and carves nothing.
 //!
-//! - `contour` measures distances to a silhouette's contour;
+//! - `contour` measures distances to a silhouette's contour, `reduced` makes silhouettes of larger pixels;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
 //! - `sides` finds flat sides between such edges: `corners` are the points that span them, `flat` the parts of their
 //!   hull;
@@ -19,6 +19,7 @@ mod corners;
 mod curved;
 mod flat;
 mod nearest;
+mod reduced;
 mod rounds;
 mod shape;
 mod sides;
@@ -32,6 +33,7 @@ use super::surface::Lattice;
 use crate::mesh::{self, Mesh};
 use contour::Contour;
 use rayon::prelude::*;
+use reduced::Reduced;
 use rounds::Round;
 use shape::Shape;
 use sides::Sides;
@@ -89,29 +91,86 @@ pub struct Facts {
     pub area: f64,
 }
 
-/// Fairs a hull whose surface on `lattice` is `extracted`; `None` where nothing of it may be faired.
+/// Why all of a hull stays as it is.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// The object has too few pixels.
+    #[error(
+        "the object's radius is {radius_px:.0} pixels; over fewer than {SMALLEST_RADIUS_PX} the noise of the contours bends \
+         as much as the object"
+    )]
+    TooSmall {
+        /// The object's radius in its nearest picture, in pixels.
+        radius_px: f64,
+    },
+    /// On the coarser cells of the fairing there is no closed surface.
+    #[error("the hull is thinner than the cells on which it is faired")]
+    TooThin,
+    /// Too much would have to stay the hull.
+    #[error(
+        "{:.0} % of the surface would have to stay the hull, at most {:.0} % may: on {:.0} % the outlines would be farther \
+         from the contours, on {:.0} % a part would lose too much of its thickness; the rest lies between",
+        100.0 * kept, 100.0 * accept::TOO_MUCH, 100.0 * disagreeing, 100.0 * thin
+    )]
+    TooMuchKept {
+        /// Share of the surface that would stay the hull.
+        kept: f64,
+        /// Share of it whose outlines would be farther from the contours than the hull's.
+        disagreeing: f64,
+        /// Share of it that would lose too much of its thickness.
+        thin: f64,
+    },
+    /// The faired surface has other pieces or handles.
+    #[error(
+        "the faired surface has other pieces or handles than the hull ({after:?}, not {before:?} handles of its pieces)"
+    )]
+    OtherHandles {
+        /// Handles of the hull's pieces.
+        before: Vec<i64>,
+        /// Handles of the faired surface's pieces.
+        after: Vec<i64>,
+    },
+    /// The faired surface has a border.
+    #[error("the faired surface is not closed")]
+    Open,
+}
+
+/// Fairs a hull whose surface on `lattice` is `extracted`.
+///
+/// # Errors
+/// Why nothing of it may be faired.
 pub fn fair(
     hull: &Hull,
     lattice: &Lattice,
     extracted: &Mesh,
     parameters: &hull::Parameters,
-) -> Option<Faired> {
-    let contours: Vec<Contour> = hull
-        .cones()
-        .par_iter()
-        .map(|cone| Contour::new(cone.camera(), cone.level(), cone.unknown()))
-        .collect();
-    let [low, high] = mesh::bounding_box(&extracted.vertices)?;
+) -> Result<Faired, Refusal> {
+    let [low, high] = mesh::bounding_box(&extracted.vertices).ok_or(Refusal::TooThin)?;
     let middle = nalgebra::center(&low.cast(), &high.cast());
-    let pixel = hull.pixel_footprint(middle);
+    let footprint = hull.pixel_footprint(middle);
+    let times = reduced::times(lattice.cell_size, footprint);
+    let pixel = footprint * times as f64;
+    let cones = hull.cones();
+    let reduced: Vec<Reduced> = if times > 1 {
+        let reduce = |cone| Reduced::new(cone, times);
+        cones.par_iter().filter_map(reduce).collect()
+    } else {
+        Vec::new()
+    };
+    let contours: Vec<Contour> = if times > 1 {
+        reduced.par_iter().map(Reduced::contour).collect()
+    } else {
+        cones.par_iter().map(Contour::of).collect()
+    };
     let radius = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt();
     if radius < SMALLEST_RADIUS_PX * pixel {
-        return None;
+        let radius_px = radius / pixel;
+        return Err(Refusal::TooSmall { radius_px });
     }
     let mut shapes = Vec::new();
     for level in &LEVELS {
         let coarser = coarser(lattice, level.cells);
-        let found = hull::extract(hull, &coarser, parameters).ok()?;
+        let found = hull::extract(hull, &coarser, parameters).map_err(|_| Refusal::TooThin)?;
         let floor = hull.volume().min.z;
         let mut shape = Shape::new(&found.surface.mesh, floor, 0.25 * coarser.cell_size);
         certain::mark(&mut shape, &contours, pixel);
@@ -149,11 +208,11 @@ pub fn fair(
         coarse = Some(transfer::MovedMesh::new(&shape, &start));
         last = Some((shape, start));
     }
-    let (mut shape, start) = last?;
+    let (mut shape, start) = last.ok_or(Refusal::TooThin)?;
     shape.direct();
     let facts = accept::keep_hull(&mut shape, &start, &contours)?;
     let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
-    Some(Faired { body, facts })
+    Ok(Faired { body, facts })
 }
 
 /// The lattice with cells so many times as long.

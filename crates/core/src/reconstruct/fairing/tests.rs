@@ -89,7 +89,10 @@ fn volume() -> Volume {
 }
 
 /// The plain hull's mesh, and the faired one's with its facts.
-fn faired(cameras: &[Camera], levels: &[Grid<u8>]) -> (Mesh, Option<(Facts, ExtractedSurface)>) {
+fn faired(
+    cameras: &[Camera],
+    levels: &[Grid<u8>],
+) -> (Mesh, Result<(Facts, ExtractedSurface), Refusal>) {
     let pairs = cameras.iter().zip(levels);
     let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
     let parameters = hull::Parameters {
@@ -175,7 +178,11 @@ fn contours_that_contradict_each_other_leave_the_hull() {
 fn an_object_of_few_pixels_keeps_its_hull() {
     let cameras = ring(7, 320);
     let levels: Vec<_> = cameras.iter().map(|c| ball(c, 0.025)).collect();
-    assert!(faired(&cameras, &levels).1.is_none());
+    let refusal = faired(&cameras, &levels).1.map(|_| ());
+    assert!(
+        matches!(refusal, Err(Refusal::TooSmall { radius_px }) if radius_px < 50.0),
+        "{refusal:?}"
+    );
 }
 
 #[test]

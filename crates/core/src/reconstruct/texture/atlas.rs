@@ -3,7 +3,7 @@
 use super::blend::{Blend, Share};
 use super::charts::{Chart, Layout, Plane};
 use super::exposure::Gain;
-use super::{Surface, to_bytes};
+use super::{Surface, to_bytes, unseen};
 use crate::array::{three, two};
 use crate::image::{Grid, RgbImage};
 use nalgebra::Vector3;
@@ -52,11 +52,11 @@ impl Paint<'_> {
     }
 
     /// The charts' pictures; the largest are begun first, so that no thread is left alone with one.
-    fn tiles(&self, layout: &Layout, background: [u8; 3]) -> Vec<RgbImage> {
+    fn tiles(&self, layout: &Layout, background: [u8; 3]) -> Vec<Tile> {
         let charts = &layout.charts;
         let mut order: Vec<usize> = (0..charts.len()).collect();
         order.sort_by_key(|&i| Reverse(charts[i].size[0] * charts[i].size[1]));
-        let paint = |&i: &usize| (i, self.tile(layout, &charts[i], background).colors);
+        let paint = |&i: &usize| (i, self.tile(layout, &charts[i], background));
         let mut tiles: Vec<_> = order.par_iter().with_max_len(1).map(paint).collect();
         tiles.sort_by_key(|(i, _)| *i);
         tiles.into_iter().map(|(_, tile)| tile).collect()
@@ -73,6 +73,7 @@ impl Paint<'_> {
                     self.gather(vertices, view, &mut sources);
                     self.fill_seen(&mut tile, (layout, chart), &corners, &sources);
                 }
+                Plane::Nowhere => tile.fill(&corners, |_, _| unseen::NEUTRAL),
                 Plane::Axis(_) => {
                     let colors = three(|i| self.vertex_colors[vertices[i] as usize]);
                     tile.fill(&corners, |_, shares| interpolate(&colors, shares));
@@ -203,17 +204,28 @@ fn interpolate(corners: &[Vector3<f32>; 3], shares: [f32; 3]) -> Vector3<f32> {
 /// Rows of the atlas that are put together at once.
 const BAND: usize = 64;
 
-/// Copies what of a tile lies in a band of rows, which starts at row `first` of an atlas of some width.
+/// Copies what is painted of a tile in a band of rows, which starts at row `first` of an atlas of some width. The
+/// rectangles of two tiles may overlap, and a tile's rectangle may reach beyond the atlas.
 fn copy_rows(
-    tile: &RgbImage,
+    tile: &Tile,
     [left, top]: [usize; 2],
     band: &mut [[u8; 3]],
     (first, width): (usize, usize),
 ) {
-    let end = (top + tile.height()).min(first + band.len() / width);
+    let end = (top + tile.colors.height()).min(first + band.len() / width);
     for y in top.max(first)..end {
-        let start = (y - first) * width + left;
-        band[start..start + tile.width()].copy_from_slice(tile.row(y - top));
+        let start = (y - first) * width;
+        let texels = &mut band[start + left.min(width)..start + width];
+        let painted = tile
+            .colors
+            .row(y - top)
+            .iter()
+            .zip(tile.distance.row(y - top));
+        for (texel, (color, &distance)) in texels.iter_mut().zip(painted) {
+            if distance != EMPTY {
+                *texel = *color;
+            }
+        }
     }
 }
 

@@ -1,12 +1,15 @@
 //! The atlas' layout. Each connected region of one camera is a chart whose texture coordinates are its projection
-//! into that camera's picture, so nothing needs unwrapping. What no camera sees is projected along an axis,
-//! coarsely.
+//! into that camera's picture, so nothing needs unwrapping. What no camera sees shares one neutral place, or is
+//! projected along an axis, coarsely. Charts are packed by their outlines, so that small ones lie in the bays of
+//! others.
 
 use super::labels::{UNSEEN, regions};
-use super::{Parameters, Surface};
+use super::outline::Outline;
+use super::{Parameters, Surface, Unseen};
 use crate::array::two;
-use crate::image::pack;
+use crate::image::{CellShape, pack_shapes};
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// The plane that a chart is projected onto.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +18,8 @@ pub(super) enum Plane {
     View(usize),
     /// The plane across an axis, 0 to 2 for x to z.
     Axis(usize),
+    /// No plane: all is at one place.
+    Nowhere,
 }
 
 /// A region that is contiguous on the surface and in the atlas.
@@ -25,7 +30,7 @@ pub(super) struct Chart {
     low: [f32; 2],
     /// Width and height in texels, gutters included.
     pub size: [usize; 2],
-    /// Its top left texel in the atlas.
+    /// Its top left texel in the atlas. Charts whose rectangles overlap have no painted texel in common.
     pub place: [usize; 2],
 }
 
@@ -46,13 +51,17 @@ pub(super) struct Layout {
 const LONGEST_AXIS_CHART: f32 = 512.0;
 /// Attempts to fit the atlas into its limit, each at 0.85 of the last one's scale.
 const ATTEMPTS: i32 = 40;
+/// Cells of an atlas' side for packing, about; more cells lie denser and take longer.
+const CELLS: f64 = 700.0;
+/// Widths of the atlas that are tried, in the side of a square that all cells of the charts would fill.
+const WIDTHS: [f64; 5] = [1.0, 1.04, 1.08, 1.13, 1.2];
 
 impl Layout {
     /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller.
     pub(super) fn new(surface: &Surface, labels: &[u16], parameters: &Parameters) -> Self {
         let largest = parameters.largest_side;
         let mut layout = Self {
-            charts: charts(surface, labels),
+            charts: charts(surface, labels, parameters.unseen),
             scale: 1.0,
             gutter: parameters.gutter_px,
             size: [1, 1],
@@ -65,7 +74,7 @@ impl Layout {
                 layout.gutter = layout.gutter.min(1);
             }
             layout.measure(surface);
-            if layout.place(largest) {
+            if layout.place(surface, largest) {
                 return layout;
             }
         }
@@ -93,35 +102,57 @@ impl Layout {
         }
     }
 
-    /// Packs the charts into the smallest of a few shapes; false if none fits.
-    fn place(&mut self, largest: usize) -> bool {
-        let sizes: Vec<_> = self.charts.iter().map(|c| c.size).collect();
-        let widest = sizes.iter().map(|s| s[0]).max().unwrap_or(1);
-        let area: f64 = sizes.iter().map(|s| s[0] as f64 * s[1] as f64).sum();
-        let shapes: &[f64] = if sizes.len() < 1000 {
-            &[1.0, 1.1, 1.25, 1.4, 1.6, 2.0]
-        } else {
-            &[1.1]
-        };
-        let mut best: Option<(usize, [usize; 2], Vec<[usize; 2]>)> = None;
-        for shape in shapes {
-            let width = ((area.sqrt() * shape) as usize).max(widest).min(largest);
-            let Some((places, height)) = pack(&sizes, width.max(1)) else {
-                continue;
-            };
-            let cost = width * height;
-            if height <= largest && best.as_ref().is_none_or(|b| cost < b.0) {
-                best = Some((cost, [width.max(1), height.max(1)], places));
-            }
+    /// Packs the charts into the smallest atlas of a few widths; false if none fits.
+    fn place(&mut self, surface: &Surface, largest: usize) -> bool {
+        let texels: f64 = self
+            .charts
+            .iter()
+            .map(|c| c.size[0] as f64 * c.size[1] as f64)
+            .sum();
+        let side = largest as f64;
+        if self
+            .charts
+            .iter()
+            .any(|c| c.size[0].max(c.size[1]) > largest)
+            || texels > 16.0 * side * side
+        {
+            return false;
         }
-        let Some((_, size, places)) = best else {
+        let cell = ((texels.sqrt() / CELLS) as usize).clamp(2, 32).min(largest);
+        let charts = self.charts.par_iter();
+        let shapes: Vec<CellShape> = charts
+            .map(|chart| self.outline(surface, chart, cell))
+            .collect();
+        let widest = shapes.iter().map(CellShape::width).max().unwrap_or(1);
+        let cells: usize = shapes.iter().map(CellShape::area).sum();
+        let packed = |factor: &f64| {
+            let width = (((cells as f64).sqrt() * factor) as usize)
+                .max(widest)
+                .max(1);
+            let width = width.min(largest / cell).max(1);
+            let (places, height) = pack_shapes(&shapes, width, largest / cell)?;
+            Some((width * height, [width, height.max(1)], places))
+        };
+        let found: Vec<_> = WIDTHS.par_iter().map(packed).collect();
+        let Some((_, size, places)) = found.into_iter().flatten().min_by_key(|found| found.0)
+        else {
             return false;
         };
-        self.size = size;
+        self.size = size.map(|side| side * cell);
         for (chart, place) in self.charts.iter_mut().zip(places) {
-            chart.place = place;
+            chart.place = place.map(|side| side * cell);
         }
         true
+    }
+
+    /// The cells that a chart needs.
+    fn outline(&self, surface: &Surface, chart: &Chart, cell: usize) -> CellShape {
+        let mut outline = Outline::new(chart.size, cell, self.gutter);
+        for &triangle in &chart.triangles {
+            let corners = surface.mesh.triangles[triangle as usize];
+            outline.add(corners.map(|v| self.in_chart(surface, chart, v)));
+        }
+        outline.into_shape()
     }
 
     /// A vertex in a plane, in texels from the plane's origin.
@@ -136,6 +167,7 @@ impl Layout {
                 let p = surface.mesh.vertices[vertex];
                 two(|i| p[(axis + 1 + i) % 3] / self.axis_texel)
             }
+            Plane::Nowhere => [0.0; 2],
         };
         two(|i| if p[i].is_finite() { p[i] } else { 0.0 })
     }
@@ -167,32 +199,40 @@ impl Layout {
     }
 }
 
-/// Connected regions of one label; unseen regions are split by the axis that they face.
-fn charts(surface: &Surface, labels: &[u16]) -> Vec<Chart> {
+/// Connected regions of one label; unseen regions are one chart, or are split by the axis that they face.
+fn charts(surface: &Surface, labels: &[u16], unseen: Unseen) -> Vec<Chart> {
     let views = surface.views.len() as u16;
     let faced = |(triangle, &label): (usize, &u16)| match label {
-        UNSEEN => views + facing_axis(surface, triangle),
+        UNSEEN if unseen == Unseen::Continued => views + facing_axis(surface, triangle),
         label => label,
     };
-    let labels: Vec<u16> = labels.iter().enumerate().map(faced).collect();
-    let chart = |triangles: Vec<u32>| {
-        let label = labels[triangles[0] as usize];
-        let plane = match label.checked_sub(views) {
+    let faced: Vec<u16> = labels.iter().enumerate().map(faced).collect();
+    let plane = |triangles: &[u32]| match faced[triangles[0] as usize] {
+        UNSEEN => Plane::Nowhere,
+        label => match label.checked_sub(views) {
             Some(axis) => Plane::Axis(usize::from(axis) / 2),
             None => Plane::View(label.into()),
-        };
-        Chart {
-            plane,
-            triangles,
-            low: [0.0; 2],
-            size: [0; 2],
-            place: [0; 2],
-        }
+        },
     };
-    regions(&labels, &surface.across)
+    let regions = regions(&faced, &surface.across).into_iter();
+    let regions = regions.map(|triangles| (plane(&triangles), triangles));
+    let (nowhere, mut charts): (Vec<_>, Vec<_>) =
+        regions.partition(|(plane, _)| *plane == Plane::Nowhere);
+    let nowhere: Vec<u32> = nowhere
         .into_iter()
-        .map(chart)
-        .collect()
+        .flat_map(|(_, triangles)| triangles)
+        .collect();
+    if !nowhere.is_empty() {
+        charts.push((Plane::Nowhere, nowhere));
+    }
+    let chart = |(plane, triangles)| Chart {
+        plane,
+        triangles,
+        low: [0.0; 2],
+        size: [0; 2],
+        place: [0; 2],
+    };
+    charts.into_iter().map(chart).collect()
 }
 
 /// The axis that a triangle's smoothed normal is closest to, twice, plus 1 if it points backwards.

@@ -6,6 +6,7 @@ mod blend;
 mod charts;
 mod exposure;
 mod labels;
+mod outline;
 mod rings;
 mod unseen;
 mod view;
@@ -21,6 +22,17 @@ use nalgebra::Vector3;
 use rings::Rings;
 use view::View;
 use visibility::Visibility;
+
+/// The colour of what no camera saw.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Unseen {
+    /// Grey, so that nobody takes it for something observed.
+    #[default]
+    Neutral,
+    /// The colours around it, continued.
+    Continued,
+}
 
 /// How a model is painted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -59,9 +71,12 @@ pub struct Parameters {
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub level_rings: usize,
     /// Texels by which charts are extended beyond their edge, so that smaller mip levels do not bleed.
-    /// Default 4, range 0 to 64.
+    /// Default 2, range 0 to 64.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub gutter_px: usize,
+    /// The colour of what no camera saw: `neutral` (grey) or `continued` (from the colours around it).
+    /// Default neutral.
+    pub unseen: Unseen,
 }
 
 impl Default for Parameters {
@@ -74,7 +89,8 @@ impl Default for Parameters {
             smallest_chart_faces: 150,
             feather_rings: 4,
             level_rings: 8,
-            gutter_px: 4,
+            gutter_px: 2,
+            unseen: Unseen::Neutral,
         }
     }
 }
@@ -104,7 +120,7 @@ pub struct Order<'a> {
 
 /// Paints `model` from the pictures of `scene`. `silhouettes` are the colour cameras', in their order (128
 /// and up is object), or empty; where there is one, nothing is painted from outside it. A triangle that no
-/// camera sees takes the colours around it and is marked in [`Texture::seen`].
+/// camera sees is grey, or takes the colours around it, and is marked in [`Texture::seen`].
 pub fn paint(
     model: &Model,
     scene: &Scene,
@@ -131,7 +147,7 @@ pub fn paint_in_order(
     let ((gains, samples), labels) = rayon::join(even, || labels::choose(&surface, parameters));
     let blend = || {
         let blend = blend::Blend::new(&surface, &labels, &samples, parameters);
-        let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples);
+        let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples, parameters.unseen);
         (blend, vertex_colors)
     };
     let lay_out = || charts::Layout::new(&surface, &labels, parameters);

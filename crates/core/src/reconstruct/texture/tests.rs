@@ -350,7 +350,11 @@ fn what_is_hidden_does_not_take_the_color_of_what_hides_it() {
     let (model, color) = wall_and_plate();
     let front = vec![camera([0.6, 0.0, 0.0], 400, 900.0)];
     let scene = rendered(front, &model.mesh, &color);
-    let texture = paint(&model, &scene, &[], &Parameters::default());
+    let parameters = Parameters {
+        unseen: Unseen::Continued,
+        ..Parameters::default()
+    };
+    let texture = paint(&model, &scene, &[], &parameters);
     let mut hidden = 0;
     for (t, &seen) in texture.seen.iter().enumerate() {
         let corners = model.mesh.corners(t);
@@ -487,6 +491,50 @@ fn the_atlas_stays_within_its_limit() {
             assert!(error < 6.0, "{error}");
         }
     }
+}
+
+/// A ball that cameras see only from above, painted.
+fn half_seen(unseen: Unseen) -> (Model, Texture) {
+    let model = sphere();
+    let mut cameras = ring(5, 480, 1500.0);
+    cameras.truncate(2);
+    let scene = rendered(cameras, &model.mesh, pattern);
+    let parameters = Parameters {
+        unseen,
+        ..Parameters::default()
+    };
+    let texture = paint(&model, &scene, &[], &parameters);
+    (model, texture)
+}
+
+#[test]
+fn what_nobody_saw_is_grey_unless_colors_are_continued() {
+    let colors = |unseen| {
+        let (_, texture) = half_seen(unseen);
+        let dark = (0..texture.seen.len()).filter(|&t| !texture.seen[t]);
+        let colors: Vec<_> = dark.map(|t| look_up(&texture, t, [1.0 / 3.0; 3])).collect();
+        assert!(colors.len() > 100, "{}", colors.len());
+        colors
+    };
+    assert!(
+        colors(Unseen::Neutral)
+            .iter()
+            .all(|c| (c - Vector3::repeat(128.0)).norm() < 1e-9)
+    );
+    let grey = |c: &&Vector3<f64>| (*c - Vector3::repeat(128.0)).norm() < 3.0;
+    let continued = colors(Unseen::Continued);
+    assert!(continued.iter().filter(grey).count() * 2 < continued.len());
+}
+
+#[test]
+fn charts_fill_the_atlas() {
+    let (model, texture) = half_seen(Unseen::Neutral);
+    assert!(error_in_triangles(&model, &texture, pattern) < 4.0);
+    // Gutters take their share of so small an atlas.
+    assert!(texture.used() > 0.55, "{}", texture.used());
+    let all = texture.texel_size(&model.mesh).unwrap();
+    // A pixel at half a metre.
+    assert!((0.5..3.0).contains(&(all / (0.5 / 1500.0))), "{all}");
 }
 
 #[test]

@@ -1,12 +1,12 @@
-//! Colours of vertices, and how they spread to where no camera looks: ring by ring from what is seen, then smoothed
+//! Colours of vertices. Where no camera looks they are grey, or spread from what is seen: ring by ring, then smoothed
 //! until they span the gap like a membrane.
 
-use super::Surface;
 use super::blend::Blend;
+use super::{Surface, Unseen};
 use nalgebra::Vector3;
 
-/// Colour of a surface when nothing at all is seen.
-const GREY: f32 = 128.0;
+/// Colour of what nobody saw.
+pub(super) const NEUTRAL: Vector3<f32> = Vector3::new(128.0, 128.0, 128.0);
 /// Smoothing passes over unseen vertices.
 const PASSES: usize = 30;
 
@@ -15,6 +15,7 @@ pub(super) fn vertex_colors(
     surface: &Surface,
     blend: &Blend,
     samples: &[Vec<Vector3<f32>>],
+    unseen: Unseen,
 ) -> Vec<Vector3<f32>> {
     let count = surface.mesh.vertices.len();
     let mut colors = Vec::with_capacity(count);
@@ -30,9 +31,16 @@ pub(super) fn vertex_colors(
             color += (sample + share.known_offset()) * share.weight;
         }
         known.push(blend.of(v).next().is_some());
-        colors.push(color.map(|c| c.clamp(0.0, 255.0)));
+        let is_grey = !known[v] && unseen == Unseen::Neutral;
+        colors.push(if is_grey {
+            NEUTRAL
+        } else {
+            color.map(|c| c.clamp(0.0, 255.0))
+        });
     }
-    spread(surface, &mut colors, &mut known);
+    if unseen == Unseen::Continued {
+        spread(surface, &mut colors, &mut known);
+    }
     colors
 }
 
@@ -78,7 +86,7 @@ fn spread(surface: &Surface, colors: &mut [Vector3<f32>], known: &mut [bool]) {
 fn mean_of_known(colors: &[Vector3<f32>], known: &[bool]) -> Vector3<f32> {
     let count = known.iter().filter(|&&k| k).count();
     if count == 0 {
-        return Vector3::repeat(GREY);
+        return NEUTRAL;
     }
     let sum: Vector3<f32> = colors
         .iter()

@@ -19,6 +19,9 @@ pub struct ModelMeasures {
     pub provenance: Vec<ProvenanceMeasures>,
     /// Share of its triangles that a camera saw; `None` without texture.
     pub textured: Option<f64>,
+    /// Its picture; `None` without texture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub atlas: Option<AtlasMeasures>,
     /// Stray pieces dropped from the hull.
     pub dropped_hull_pieces: usize,
     /// Pieces that carving cut off, dropped.
@@ -28,12 +31,27 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
+    /// Why the hull was not faired; `None` where it was, or where nobody asked for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fairing_refused: Option<String>,
     /// Cubic metres that no silhouette excludes, but that too few cameras see past what they ignore, so that they are
     /// not in the model; `None` where nothing is ignored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unproved_volume: Option<f64>,
     /// Handles of the model that the plain hull has not: what the depth alone opened.
     pub handles_of_depth: u64,
+}
+
+/// A model's picture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct AtlasMeasures {
+    /// Width and height in texels.
+    pub size: [usize; 2],
+    /// Share of its texels that triangles cover.
+    pub used: f64,
+    /// How long a texel is on the surface on average where cameras saw it, in metres; `None` where none did.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texel_size: Option<f64>,
 }
 
 /// Vertices of one provenance.
@@ -62,10 +80,19 @@ impl ModelMeasures {
                 let seen = texture.seen.iter().filter(|&&s| s).count();
                 seen as f64 / texture.seen.len().max(1) as f64
             }),
+            atlas: model.texture.as_ref().map(|texture| AtlasMeasures {
+                size: [texture.atlas.width(), texture.atlas.height()],
+                used: texture.used(),
+                texel_size: texture.texel_size(&model.mesh),
+            }),
             dropped_hull_pieces: made.dropped_hull_pieces,
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
-            fairing: made.fairing,
+            fairing: made.fairing.as_ref().and_then(|f| f.as_ref().ok().copied()),
+            fairing_refused: made
+                .fairing
+                .as_ref()
+                .and_then(|f| f.as_ref().err().map(ToString::to_string)),
             unproved_volume: made.unproved_volume,
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }

@@ -1,0 +1,222 @@
+//! Packs shapes made of square cells into a strip of given width: the highest first, each as low as it goes and there
+//! as far left, into bays that others leave. Slower than packing rectangles, and denser where shapes are not
+//! rectangles.
+
+use std::ops::Range;
+
+/// A shape: for each row of cells the runs of those that it takes, from the left.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CellShape {
+    rows: Vec<Vec<Range<usize>>>,
+}
+
+impl CellShape {
+    /// A shape of rows, each a list of runs in any order, which may overlap.
+    pub fn new(mut rows: Vec<Vec<Range<usize>>>) -> Self {
+        for row in &mut rows {
+            row.retain(|run| !run.is_empty());
+            row.sort_by_key(|run| run.start);
+            row.dedup_by(|later, run| {
+                let touches = later.start <= run.end;
+                if touches {
+                    run.end = run.end.max(later.end);
+                }
+                touches
+            });
+        }
+        Self { rows }
+    }
+
+    /// How many cells it takes.
+    pub fn area(&self) -> usize {
+        self.rows.iter().flatten().map(Range::len).sum()
+    }
+
+    /// Cells from the left to where its rightmost run ends.
+    pub fn width(&self) -> usize {
+        self.rows
+            .iter()
+            .flatten()
+            .map(|run| run.end)
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Its rows.
+    pub fn height(&self) -> usize {
+        self.rows.len()
+    }
+}
+
+/// Where the top left cell of each shape lies (column, row) in a strip of `width` cells, and how many rows the strip
+/// gets; `None` if a shape is wider than the strip, or the strip would be higher than `highest`. The result depends on
+/// the arguments alone.
+pub fn pack_shapes(
+    shapes: &[CellShape],
+    width: usize,
+    highest: usize,
+) -> Option<(Vec<[usize; 2]>, usize)> {
+    let mut order: Vec<usize> = (0..shapes.len()).collect();
+    let size = |i: &usize| (shapes[*i].height(), shapes[*i].area());
+    order.sort_by(|a, b| size(b).cmp(&size(a)).then(a.cmp(b)));
+    let mut strip = Strip::new(width);
+    let mut places = vec![[0; 2]; shapes.len()];
+    for index in order {
+        places[index] = strip.place(&shapes[index], highest)?;
+    }
+    Some((places, strip.height()))
+}
+
+/// Bits of a word.
+const BITS: usize = u64::BITS as usize;
+
+/// The cells that are taken, a bit each.
+struct Strip {
+    width: usize,
+    /// Words of a row.
+    words: usize,
+    taken: Vec<Vec<u64>>,
+    /// The first row that is not full.
+    first: usize,
+}
+
+impl Strip {
+    fn new(width: usize) -> Self {
+        Self {
+            width,
+            words: width.div_ceil(BITS),
+            taken: Vec::new(),
+            first: 0,
+        }
+    }
+
+    fn height(&self) -> usize {
+        self.taken.len()
+    }
+
+    fn place(&mut self, shape: &CellShape, highest: usize) -> Option<[usize; 2]> {
+        let columns = (self.width + 1).checked_sub(shape.width().max(1))?;
+        let last = highest.checked_sub(shape.height())?;
+        let top = (self.first..=last.max(self.first))
+            .find_map(|row| Some([self.leftmost(shape, row, columns)?, row]))?;
+        (top[1] <= last).then(|| self.take(shape, top))?;
+        Some(top)
+    }
+
+    /// The leftmost of the first `columns` columns in which a shape fits at a row.
+    fn leftmost(&self, shape: &CellShape, row: usize, columns: usize) -> Option<usize> {
+        let mut blocked = vec![0; self.words];
+        blocked.iter_mut().enumerate().for_each(|(i, word)| {
+            let open = columns.saturating_sub(i * BITS).min(BITS);
+            *word = if open == BITS { 0 } else { u64::MAX << open };
+        });
+        let below = self.taken.get(row..).unwrap_or_default();
+        for (taken, runs) in below.iter().zip(&shape.rows) {
+            for run in runs {
+                block(&mut blocked, taken, run);
+            }
+            if blocked.iter().all(|&word| word == u64::MAX) {
+                return None;
+            }
+        }
+        let word = blocked.iter().position(|&word| word != u64::MAX)?;
+        Some(word * BITS + blocked[word].trailing_ones() as usize)
+    }
+
+    fn take(&mut self, shape: &CellShape, [left, top]: [usize; 2]) {
+        let rows = self.height().max(top + shape.height());
+        self.taken.resize(rows, vec![0; self.words]);
+        for (taken, runs) in self.taken[top..].iter_mut().zip(&shape.rows) {
+            for column in runs.iter().flat_map(|run| run.start + left..run.end + left) {
+                taken[column / BITS] |= 1 << (column % BITS);
+            }
+        }
+        let (width, full) = (self.width, |row: &[u64]| {
+            row.iter().map(|w| w.count_ones() as usize).sum::<usize>()
+        });
+        while self
+            .taken
+            .get(self.first)
+            .is_some_and(|row| full(row) == width)
+        {
+            self.first += 1;
+        }
+    }
+}
+
+/// Marks the columns from which a run would meet a cell that is taken.
+fn block(blocked: &mut [u64], taken: &[u64], run: &Range<usize>) {
+    let mut any = shifted(taken, run.start);
+    // Each step doubles how many columns to the right a bit answers for.
+    let mut covered = 1;
+    while covered < run.len() {
+        let step = covered.min(run.len() - covered);
+        let more = shifted(&any, step);
+        any.iter_mut().zip(more).for_each(|(a, b)| *a |= b);
+        covered += step;
+    }
+    blocked.iter_mut().zip(any).for_each(|(b, a)| *b |= a);
+}
+
+/// A row moved so many columns to the left.
+fn shifted(row: &[u64], by: usize) -> Vec<u64> {
+    let (words, bits) = (by / BITS, by % BITS);
+    let word = |i: usize| row.get(i).copied().unwrap_or(0);
+    let at = |i: usize| match bits {
+        0 => word(i + words),
+        _ => word(i + words) >> bits | word(i + words + 1) << (BITS - bits),
+    };
+    (0..row.len()).map(at).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::HashSet;
+
+    fn cells(shape: &CellShape, [left, top]: [usize; 2]) -> Vec<[usize; 2]> {
+        let rows = shape.rows.iter().enumerate();
+        let of_row = |(y, runs): (usize, &Vec<Range<usize>>)| {
+            let columns: Vec<usize> = runs.iter().cloned().flatten().collect();
+            columns.into_iter().map(move |x| [x + left, y + top])
+        };
+        rows.flat_map(of_row).collect()
+    }
+
+    fn rows() -> impl Strategy<Value = Vec<Vec<Range<usize>>>> {
+        let run = (0..60_usize, 0..60_usize).prop_map(|(a, b)| a.min(b)..a.max(b));
+        prop::collection::vec(prop::collection::vec(run, 0..4), 1..12)
+    }
+
+    proptest! {
+        #[test]
+        fn shapes_lie_in_the_strip_and_apart(shapes in prop::collection::vec(rows(), 1..40), width in 60..200_usize) {
+            let shapes: Vec<_> = shapes.into_iter().map(CellShape::new).collect();
+            let (places, height) = pack_shapes(&shapes, width, usize::MAX).unwrap();
+            let mut taken = HashSet::new();
+            for cell in shapes.iter().zip(places).flat_map(|(s, place)| cells(s, place)) {
+                prop_assert!(cell[0] < width && cell[1] < height, "{cell:?}");
+                prop_assert!(taken.insert(cell), "{cell:?} is taken twice");
+            }
+        }
+    }
+
+    #[test]
+    fn a_shape_lies_in_the_bay_of_another() {
+        let bay = CellShape::new(vec![vec![0..10], vec![0..2, 8..10], vec![0..10]]);
+        let bar = CellShape::new(vec![vec![0..6]]);
+        let (places, height) = pack_shapes(&[bar, bay], 10, 3).unwrap();
+        assert_eq!((places, height), (vec![[2, 1], [0, 0]], 3));
+    }
+
+    #[test]
+    fn what_is_too_wide_or_too_high_does_not_fit() {
+        let square = CellShape::new(vec![vec![0..3]; 3]);
+        let shapes = [square.clone(), square];
+        assert_eq!(pack_shapes(&shapes, 2, 9), None);
+        assert_eq!(pack_shapes(&shapes, 3, 5), None);
+        assert_eq!(pack_shapes(&shapes, 3, 6), Some((vec![[0, 0], [0, 3]], 6)));
+        assert_eq!(pack_shapes(&[], 2, 0), Some((vec![], 0)));
+    }
+}
