@@ -10,7 +10,8 @@ use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
 use scand::workers::{
-    Ended, Job, Jobs, Limits, Parameters, Remake, RemakeWorker, WorkerPlan, Workers, confine,
+    Ended, Job, Jobs, Limits, Parameters, Remake, WorkerPlan, Workers, confine, start_models,
+    start_remakes,
 };
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -89,7 +90,7 @@ fn jobs(folder: &Path) -> Arc<Jobs> {
 
 fn start(jobs: &Arc<Jobs>, plan: WorkerPlan) -> (Workers, Receiver<Ended>) {
     let (ended, heard) = channel();
-    let workers = Workers::start(jobs, plan, move |e| drop(ended.send(e)));
+    let workers = start_models(jobs, plan, move |e| drop(ended.send(e)));
     (workers.unwrap(), heard)
 }
 
@@ -196,7 +197,7 @@ fn a_model_that_is_made_again_lies_beside_the_first() {
     jobs.remakes().offer(remake).unwrap();
     let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
     let tell = move |news| drop(remade.send(news));
-    let _remaking = RemakeWorker::start(&jobs, plan(home.path(), |_| ()), tell).unwrap();
+    let _remaking = start_remakes(&jobs, plan(home.path(), |_| ()), tell).unwrap();
     let first = next(&heard).model.unwrap();
     let before = std::fs::read(first.folder.join("model.glb")).unwrap();
     let second = heard_remade.recv_timeout(Duration::from_secs(120)).unwrap();

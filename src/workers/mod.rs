@@ -25,6 +25,7 @@ cfg_if::cfg_if! {
         mod pool;
         mod remake_pool;
         mod remakes;
+        mod threads;
         #[cfg(test)]
         mod object_tests;
         #[cfg(test)]
@@ -35,9 +36,10 @@ cfg_if::cfg_if! {
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, Running};
         pub use object_jobs::{ObjectJob, ObjectJobs};
-        pub use object_pool::{ObjectNews, ObjectWorkers};
-        pub use pool::{Ended, WorkerPlan, Workers};
-        pub use remake_pool::{Remade, RemakeWorker};
+        pub use object_pool::{ObjectNews, start_objects};
+        pub use pool::{Ended, WorkerPlan, start_models};
+        pub use remake_pool::{Remade, start_remakes};
         pub use remakes::{Remake, Remakes};
+        pub use threads::Workers;
     }
 }

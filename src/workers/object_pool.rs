@@ -6,6 +6,7 @@ use super::object_find::of_session;
 use super::object_jobs::TakenObject;
 use super::object_protocol::{Found, FoundPoses, ObjectModelRequest};
 use super::pool::{MAX_STARTS, WorkerPlan};
+use super::threads::Workers;
 use super::{outcome, protocol};
 use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report_failure};
 use crate::process::{Child, End};
@@ -13,13 +14,11 @@ use crate::recording::finished_name;
 use crate::report::FailedCapture;
 use crate::storage::free_bytes;
 use crate::{frame, log};
-use parking_lot::Mutex;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// By how much a process that finds poses is less nice than one that makes models: somebody stands there and waits.
@@ -50,60 +49,27 @@ pub enum ObjectNews {
     },
 }
 
-/// The threads, from outside.
-pub struct ObjectWorkers {
-    jobs: Arc<Jobs>,
-    threads: Mutex<Vec<JoinHandle<()>>>,
-}
-
-impl ObjectWorkers {
-    /// Starts the threads; the command of `plan` begins a process for objects. `tell` is called for each thing that is
-    /// found, once, or once more after a crash.
-    ///
-    /// # Errors
-    /// If the system has no thread left.
-    pub fn start(
-        jobs: &Arc<Jobs>,
-        plan: WorkerPlan,
-        tell: impl Fn(ObjectNews) + Send + Sync + 'static,
-    ) -> Result<Self, Error> {
-        let path = plan.parameters.folder.clone();
-        let shared = Arc::new(Shared {
-            jobs: jobs.clone(),
-            plan,
-            tell: Box::new(tell),
-        });
-        let workers = Self {
-            jobs: jobs.clone(),
-            threads: Mutex::default(),
-        };
-        for (name, registers) in [("registering", true), ("fusing", false)] {
-            let shared = shared.clone();
-            let thread = std::thread::Builder::new().name(name.into());
-            let thread = thread.spawn(move || shared.run(registers));
-            let thread = thread.map_err(|cause| Error::Io {
-                path: path.clone(),
-                cause,
-            })?;
-            workers.threads.lock().push(thread);
-        }
-        Ok(workers)
+/// Starts the threads for objects; the command of `plan` begins a process for objects. `tell` is called for each thing
+/// that is found, once, or once more after a crash.
+///
+/// # Errors
+/// If the system has no thread left.
+pub fn start_objects(
+    jobs: &Arc<Jobs>,
+    plan: WorkerPlan,
+    tell: impl Fn(ObjectNews) + Send + Sync + 'static,
+) -> Result<Workers, Error> {
+    let workers = Workers::new(jobs, plan.parameters.folder.clone());
+    let shared = Arc::new(Shared {
+        jobs: jobs.clone(),
+        plan,
+        tell: Box::new(tell),
+    });
+    for (name, registers) in [("registering", true), ("fusing", false)] {
+        let shared = shared.clone();
+        workers.spawn(name.into(), move || shared.run(registers))?;
     }
-
-    /// Ends the processes and the threads. What was being done is done after the next start.
-    pub fn stop(&self) {
-        self.jobs.stop();
-        let threads = std::mem::take(&mut *self.threads.lock());
-        for thread in threads {
-            let _ = thread.join();
-        }
-    }
-}
-
-impl Drop for ObjectWorkers {
-    fn drop(&mut self) {
-        self.stop();
-    }
+    Ok(workers)
 }
 
 struct Shared {

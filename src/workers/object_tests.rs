@@ -64,7 +64,7 @@ impl Place {
         jobs.objects().captured(job, subject);
     }
 
-    fn start(&self, jobs: &Arc<Jobs>) -> (ObjectWorkers, Heard) {
+    fn start(&self, jobs: &Arc<Jobs>) -> (Workers, Heard) {
         let plan = WorkerPlan {
             parameters: Parameters {
                 folder: self.path().join("models"),
@@ -78,7 +78,7 @@ impl Place {
         };
         std::fs::create_dir_all(&plan.parameters.folder).unwrap();
         let (tell, heard) = channel();
-        let workers = ObjectWorkers::start(jobs, plan, move |n| drop(tell.send(n))).unwrap();
+        let workers = start_objects(jobs, plan, move |n| drop(tell.send(n))).unwrap();
         (workers, Heard(heard))
     }
 

@@ -4,6 +4,7 @@ use super::find::find;
 use super::handover::{self, Answer};
 use super::jobs::{Error, Jobs, Taken};
 use super::outcome;
+use super::threads::Workers;
 use super::{Job, Parameters, protocol};
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp};
@@ -21,7 +22,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// A job that was interrupted this many times, because the daemon ended, counts as failed.
@@ -58,78 +58,49 @@ pub struct Ended {
     pub model: Result<Model, String>,
 }
 
-/// The threads, from outside.
-pub struct Workers {
-    jobs: Arc<Jobs>,
-    threads: Mutex<Vec<JoinHandle<()>>>,
-}
-
-impl Workers {
-    /// Starts the threads. `ended` is called for each job that ends, once, or once more after a crash.
-    ///
-    /// # Errors
-    /// If the folders cannot be made, or the system has no thread left.
-    pub fn start(
-        jobs: &Arc<Jobs>,
-        plan: WorkerPlan,
-        ended: impl Fn(Ended) + Send + Sync + 'static,
-    ) -> Result<Self, Error> {
-        let io = |path: &Path| {
-            let path = path.to_owned();
-            move |cause| Error::Io { path, cause }
-        };
-        let models = plan.parameters.folder.clone();
-        std::fs::create_dir_all(&models).map_err(io(&models))?;
-        jobs.set_settings(&plan.settings)?;
-        let count = plan.parameters.count;
-        let shared = Arc::new(Shared {
-            jobs: jobs.clone(),
-            plan,
-            told: Mutex::default(),
-            ended: Box::new(ended),
-        });
-        jobs.set_workers(count as usize);
-        let workers = Self {
-            jobs: jobs.clone(),
-            threads: Mutex::default(),
-        };
-        let has_fleet = shared.plan.parameters.fleet.is_some();
-        let spawn = |name: String, work: fn(&Shared)| -> Result<(), Error> {
-            let shared = shared.clone();
-            let thread = std::thread::Builder::new().name(name);
-            let thread = thread.spawn(move || work(&shared)).map_err(io(&models))?;
-            workers.threads.lock().push(thread);
-            Ok(())
-        };
-        if has_fleet {
-            spawn("fleet".into(), Shared::finish_answered)?;
-        }
-        // Even a fleet leaves some to be made here.
-        for number in 0..count.max(u32::from(has_fleet)) {
-            let work = if has_fleet {
-                Shared::make_unanswered
-            } else {
-                Shared::run
-            };
-            spawn(format!("worker {number}"), work)?;
-        }
-        Ok(workers)
+/// Starts the threads that make models of captures. `ended` is called for each job that ends, once, or once more after a
+/// crash.
+///
+/// # Errors
+/// If the folders cannot be made, or the system has no thread left.
+pub fn start_models(
+    jobs: &Arc<Jobs>,
+    plan: WorkerPlan,
+    ended: impl Fn(Ended) + Send + Sync + 'static,
+) -> Result<Workers, Error> {
+    let models = plan.parameters.folder.clone();
+    std::fs::create_dir_all(&models).map_err(|cause| Error::Io {
+        path: models.clone(),
+        cause,
+    })?;
+    jobs.set_settings(&plan.settings)?;
+    let count = plan.parameters.count;
+    let has_fleet = plan.parameters.fleet.is_some();
+    let shared = Arc::new(Shared {
+        jobs: jobs.clone(),
+        plan,
+        told: Mutex::default(),
+        ended: Box::new(ended),
+    });
+    jobs.set_workers(count as usize);
+    let workers = Workers::new(jobs, models);
+    let spawn = |name: String, work: fn(&Shared)| {
+        let shared = shared.clone();
+        workers.spawn(name, move || work(&shared))
+    };
+    if has_fleet {
+        spawn("fleet".into(), Shared::finish_answered)?;
     }
-
-    /// Ends the processes and the threads. What was being done is done after the next start.
-    pub fn stop(&self) {
-        self.jobs.stop();
-        let threads = std::mem::take(&mut *self.threads.lock());
-        for thread in threads {
-            let _ = thread.join();
-        }
+    // Even a fleet leaves some to be made here.
+    for number in 0..count.max(u32::from(has_fleet)) {
+        let work = if has_fleet {
+            Shared::make_unanswered
+        } else {
+            Shared::run
+        };
+        spawn(format!("worker {number}"), work)?;
     }
-}
-
-impl Drop for Workers {
-    fn drop(&mut self) {
-        self.stop();
-    }
+    Ok(workers)
 }
 
 /// What all threads share.

@@ -5,6 +5,7 @@ use super::jobs::{Error, Jobs};
 use super::object_find::{named, session_of};
 use super::pool::WorkerPlan;
 use super::remakes::Remake;
+use super::threads::Workers;
 use super::{outcome, protocol};
 use crate::log;
 use crate::make_model::Model;
@@ -15,7 +16,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Remakes of one capture.
@@ -34,43 +34,22 @@ pub struct Remade {
     pub model: Result<Model, String>,
 }
 
-/// The thread, from outside.
-pub struct RemakeWorker {
-    jobs: Arc<Jobs>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl RemakeWorker {
-    /// Starts the thread; `tell` is called for each remake that ends.
-    ///
-    /// # Errors
-    /// If the system has no thread left.
-    pub fn start(
-        jobs: &Arc<Jobs>,
-        plan: WorkerPlan,
-        tell: impl Fn(Remade) + Send + 'static,
-    ) -> Result<Self, Error> {
-        let path = plan.parameters.folder.clone();
-        let making = Making {
-            jobs: jobs.clone(),
-            plan,
-        };
-        let thread = std::thread::Builder::new().name("remaking".into());
-        let thread = thread.spawn(move || making.run(tell));
-        Ok(Self {
-            jobs: jobs.clone(),
-            thread: Some(thread.map_err(|cause| Error::Io { path, cause })?),
-        })
-    }
-}
-
-impl Drop for RemakeWorker {
-    fn drop(&mut self) {
-        self.jobs.stop();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
+/// Starts the thread that makes models again; `tell` is called for each remake that ends.
+///
+/// # Errors
+/// If the system has no thread left.
+pub fn start_remakes(
+    jobs: &Arc<Jobs>,
+    plan: WorkerPlan,
+    tell: impl Fn(Remade) + Send + 'static,
+) -> Result<Workers, Error> {
+    let workers = Workers::new(jobs, plan.parameters.folder.clone());
+    let making = Making {
+        jobs: jobs.clone(),
+        plan,
+    };
+    workers.spawn("remaking".into(), move || making.run(tell))?;
+    Ok(workers)
 }
 
 struct Making {

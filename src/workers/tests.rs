@@ -109,7 +109,7 @@ impl Place {
         };
         change(&mut plan);
         let (ended, heard) = channel();
-        let workers = Workers::start(jobs, plan, move |e| drop(ended.send(e))).unwrap();
+        let workers = start_models(jobs, plan, move |e| drop(ended.send(e))).unwrap();
         (workers, Heard(heard))
     }
 

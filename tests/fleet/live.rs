@@ -4,7 +4,9 @@ use crate::support::wait::until;
 use crate::test_bench::{Process, TestBench, models, program, said, simulated};
 use scand::config::Config;
 use scand::workers::handover::{self, Answer};
-use scand::workers::{Ended, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers};
+use scand::workers::{
+    Ended, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
+};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -41,7 +43,7 @@ fn rig(bench: &TestBench, change: impl FnOnce(&mut Parameters)) -> Rig {
         command: vec![env!("CARGO_BIN_EXE_scand").into(), "make-model".into()],
     };
     let (ended, heard) = channel();
-    let workers = Workers::start(&jobs, plan, move |e| drop(ended.send(e))).unwrap();
+    let workers = start_models(&jobs, plan, move |e| drop(ended.send(e))).unwrap();
     Rig {
         jobs,
         _workers: workers,

@@ -5,8 +5,8 @@ use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
 use crate::workers::{
-    Ended, Jobs, ObjectNews, ObjectWorkers, Remade, RemakeWorker, WorkerPlan, Workers,
-    object_protocol, protocol,
+    Ended, Jobs, ObjectNews, Remade, WorkerPlan, Workers, object_protocol, protocol, start_models,
+    start_objects, start_remakes,
 };
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -36,7 +36,7 @@ impl Models {
         interrupted: &[PathBuf],
         keep_free: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
-    ) -> anyhow::Result<(Workers, ObjectWorkers, RemakeWorker)> {
+    ) -> anyhow::Result<[Workers; 3]> {
         self.jobs
             .enqueue_missing(interrupted, &config.workers.folder);
         let plan = WorkerPlan {
@@ -54,13 +54,13 @@ impl Models {
         };
         let events = capturing.events().clone();
         let tell = move |ended| capturing.job_ended(event(ended));
-        let workers = Workers::start(&self.jobs, plan.clone(), tell)?;
+        let workers = start_models(&self.jobs, plan.clone(), tell)?;
         let own = events.clone();
         let tell = move |remade| own.publish(remade_event(remade));
-        let remakes = RemakeWorker::start(&self.jobs, plan, tell)?;
+        let remakes = start_remakes(&self.jobs, plan, tell)?;
         let tell = move |news| events.publish(object_event(news));
-        let objects = ObjectWorkers::start(&self.jobs, for_objects, tell)?;
-        Ok((workers, objects, remakes))
+        let objects = start_objects(&self.jobs, for_objects, tell)?;
+        Ok([workers, objects, remakes])
     }
 }
 
