@@ -8,6 +8,7 @@ macro_rules! outln {
     };
 }
 
+pub mod absent;
 pub mod archive;
 pub mod board;
 pub mod calibrate;
@@ -18,8 +19,6 @@ pub mod evaluate;
 pub mod export;
 #[cfg(feature = "fleet")]
 pub mod fleet;
-#[cfg(not(feature = "fleet"))]
-pub mod fleet_absent;
 #[cfg(feature = "fleet")]
 pub mod fleet_step;
 pub mod fuse;
@@ -32,13 +31,9 @@ pub mod make_model;
 pub mod make_object;
 #[cfg(feature = "page")]
 pub mod make_view;
-#[cfg(not(feature = "lab"))]
-pub mod no_simulator;
 pub mod pack;
 #[cfg(feature = "page")]
 pub mod page;
-#[cfg(not(feature = "page"))]
-pub mod page_absent;
 mod parse;
 pub mod publish;
 pub mod recover;
@@ -217,7 +212,7 @@ enum Command {
     Check(live::check::Args),
     #[cfg(not(feature = "live"))]
     #[command(hide = true)]
-    Check(live::absent::Args),
+    Check(absent::Args),
     Demo(demo::Args),
     Diff(diff::Args),
     Evaluate(evaluate::Args),
@@ -227,7 +222,7 @@ enum Command {
     Fleet(Box<fleet::Args>),
     #[cfg(not(feature = "fleet"))]
     #[command(hide = true)]
-    Fleet(fleet_absent::Args),
+    Fleet(absent::Args),
     #[cfg(feature = "fleet")]
     #[command(hide = true, name = crate::fleet::step::COMMAND)]
     FleetStep(Box<fleet_step::Args>),
@@ -250,12 +245,12 @@ enum Command {
     Page(page::Args),
     #[cfg(not(feature = "page"))]
     #[command(hide = true)]
-    Page(page_absent::Args),
+    Page(absent::Args),
     #[cfg(feature = "pedal")]
     Pedal(live::pedal::Args),
     #[cfg(not(feature = "pedal"))]
     #[command(hide = true)]
-    Pedal(live::absent::Args),
+    Pedal(absent::Args),
     Publish(Box<publish::Args>),
     Recover(recover::Args),
     Replay(Box<replay::CommandArgs>),
@@ -263,12 +258,14 @@ enum Command {
     Run(live::run::Args),
     #[cfg(not(feature = "live"))]
     #[command(hide = true)]
-    Run(live::absent::Args),
+    Run(absent::Args),
     Session(live::client::SessionArgs),
     #[cfg(feature = "lab")]
     Simulate(Box<simulate::Args>),
     #[cfg(not(feature = "lab"))]
-    Simulate(no_simulator::Args),
+    /// Render a rig of cameras around a known object into a recording. This build has no simulator; a build from the
+    /// source has it.
+    Simulate(absent::Args),
     Status(live::client::StatusArgs),
     Trigger(live::client::TriggerArgs),
     Verify(verify::Args),
@@ -276,7 +273,7 @@ enum Command {
     Worker(Box<fleet::worker::Args>),
     #[cfg(not(feature = "fleet"))]
     #[command(hide = true)]
-    Worker(fleet_absent::Args),
+    Worker(absent::Args),
 }
 
 /// Runs what was asked.
@@ -292,7 +289,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         #[cfg(feature = "live")]
         Some(Command::Check(args)) => live::check::run(args),
         #[cfg(not(feature = "live"))]
-        Some(Command::Check(_)) => live::absent::run("check"),
+        Some(Command::Check(_)) => absent::without_cameras("check"),
         Some(Command::Demo(args)) => demo::run(args),
         Some(Command::Diff(args)) => diff::run(args),
         Some(Command::Evaluate(args)) => evaluate::run(args),
@@ -301,7 +298,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         #[cfg(feature = "fleet")]
         Some(Command::Fleet(args)) => fleet::run(*args),
         #[cfg(not(feature = "fleet"))]
-        Some(Command::Fleet(_)) => fleet_absent::run("fleet"),
+        Some(Command::Fleet(_)) => absent::without_fleet("fleet"),
         #[cfg(feature = "fleet")]
         Some(Command::FleetStep(args)) => fleet_step::run(*args),
         Some(Command::Fuse(args)) => fuse::run(*args),
@@ -318,30 +315,30 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         #[cfg(feature = "page")]
         Some(Command::Page(args)) => page::run(args),
         #[cfg(not(feature = "page"))]
-        Some(Command::Page(_)) => page_absent::run(),
+        Some(Command::Page(_)) => absent::without_page(),
         #[cfg(feature = "pedal")]
         Some(Command::Pedal(args)) => live::pedal::run(args),
         #[cfg(not(feature = "pedal"))]
-        Some(Command::Pedal(_)) => live::absent::run("pedal"),
+        Some(Command::Pedal(_)) => absent::without_cameras("pedal"),
         Some(Command::Publish(args)) => publish::run(*args),
         Some(Command::Recover(args)) => recover::run(args),
         Some(Command::Replay(args)) => replay::run_for_a_person((*args).into()),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
         #[cfg(not(feature = "live"))]
-        Some(Command::Run(_)) => live::absent::run("run"),
+        Some(Command::Run(_)) => absent::without_cameras("run"),
         Some(Command::Session(args)) => live::client::session(args),
         #[cfg(feature = "lab")]
         Some(Command::Simulate(args)) => simulate::run(*args),
         #[cfg(not(feature = "lab"))]
-        Some(Command::Simulate(_)) => no_simulator::run(),
+        Some(Command::Simulate(_)) => absent::without_simulator(),
         Some(Command::Status(args)) => live::client::status(args),
         Some(Command::Trigger(args)) => live::client::trigger(args),
         Some(Command::Verify(args)) => verify::run(args),
         #[cfg(feature = "fleet")]
         Some(Command::Worker(args)) => fleet::worker::run(*args),
         #[cfg(not(feature = "fleet"))]
-        Some(Command::Worker(_)) => fleet_absent::run("worker"),
+        Some(Command::Worker(_)) => absent::without_fleet("worker"),
         None => replay::run_for_a_person(cli.replay),
     }
 }

@@ -1,44 +1,11 @@
 //! Tests packages for archives: what `scand archive` puts into one, and what `scand verify` says about it.
 
-use super::desk::Desk;
+use super::desk::{Desk, files};
 use serde_json::Value;
-use std::collections::BTreeMap;
-use std::path::Path;
-
-/// A desk with the model of its recording's first capture.
-fn desk_with_a_model() -> Desk {
-    let desk = Desk::new();
-    #[rustfmt::skip]
-    desk.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
-    desk
-}
-
-/// All files below a folder.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(next) = folders.pop() {
-        for entry in std::fs::read_dir(next).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path
-                    .strip_prefix(folder)
-                    .unwrap()
-                    .to_str()
-                    .unwrap()
-                    .to_owned();
-                found.insert(name, std::fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
-}
 
 #[test]
 fn a_package_holds_all_that_is_known_and_is_the_same_again() {
-    let desk = desk_with_a_model();
+    let desk = Desk::with_a_model();
     desk.done(&[
         "note",
         "ball-000",
@@ -94,7 +61,7 @@ fn a_package_holds_all_that_is_known_and_is_the_same_again() {
 
 #[test]
 fn captures_and_sessions_are_found_by_their_names() {
-    let desk = desk_with_a_model();
+    let desk = Desk::with_a_model();
     desk.done(&["archive", "ball-000", "-o", "capture"]);
     let capture = files(&desk.path("capture"));
     assert!(capture.contains_key("data/paradata/ball/ball-000.json"));
@@ -112,7 +79,7 @@ fn captures_and_sessions_are_found_by_their_names() {
 
 #[test]
 fn a_rejected_model_stays_out_unless_its_capture_is_named() {
-    let desk = desk_with_a_model();
+    let desk = Desk::with_a_model();
     desk.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
     let told = desk.done(&["archive", "ball", "-o", "session"]);
     assert!(
@@ -126,7 +93,7 @@ fn a_rejected_model_stays_out_unless_its_capture_is_named() {
 
 #[test]
 fn a_package_that_is_not_whole_is_told_so() {
-    let desk = desk_with_a_model();
+    let desk = Desk::with_a_model();
     desk.done(&["archive", "ball-000", "-o", "bag"]);
     std::fs::write(desk.path("bag/data/extra"), "").unwrap();
     std::fs::remove_file(desk.path("bag/data/README.txt")).unwrap();

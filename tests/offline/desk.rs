@@ -1,7 +1,8 @@
 //! A folder in which a person works with the command line: a small recording lies in it, and commands run there.
 
 use assert_cmd::Command;
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::Output;
 
 pub struct Desk(tempfile::TempDir);
@@ -15,6 +16,14 @@ impl Desk {
             "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
             "--captures", "2", "--out", "ball.mcap",
         ]);
+        desk
+    }
+
+    /// A desk with the model of its recording's first capture.
+    pub fn with_a_model() -> Self {
+        let desk = Self::new();
+        #[rustfmt::skip]
+        desk.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
         desk
     }
 
@@ -44,4 +53,22 @@ pub fn said(output: &Output) -> String {
     [&output.stdout, &output.stderr]
         .map(|bytes| String::from_utf8_lossy(bytes))
         .concat()
+}
+
+/// All files below a folder, by their paths in it.
+pub fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder).unwrap().to_str().unwrap();
+                found.insert(name.to_owned(), std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
 }

@@ -1,10 +1,9 @@
 //! `scand publish`: what is in the folder, what stays out of it, and that no text of a recording becomes markup.
 
-use super::desk::{Desk, said};
+use super::desk::{Desk, files, said};
 use scand::description::Description;
 use scand::export::{describe, read};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Texts as a recording from elsewhere may have them.
@@ -12,9 +11,7 @@ const MARKUP: &str = "\"><img src=x onerror=alert(1)><script>alert(2)</script>";
 
 /// A desk with a model whose description has every name, each with markup in it.
 fn desk_with_a_hostile_model() -> Desk {
-    let desk = Desk::new();
-    #[rustfmt::skip]
-    desk.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
+    let desk = Desk::with_a_model();
     let model = desk.path("out/ball/ball-000/model.glb");
     let found = read(&model).unwrap();
     let text = |name: &str| Some(format!("{name} {MARKUP}"));
@@ -39,29 +36,6 @@ fn desk_with_a_hostile_model() -> Desk {
     ] });
     std::fs::write(&report, parsed.to_string()).unwrap();
     desk
-}
-
-/// All files below a folder, by their paths.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(next) = folders.pop() {
-        for entry in std::fs::read_dir(next).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                let name = path
-                    .strip_prefix(folder)
-                    .unwrap()
-                    .to_str()
-                    .unwrap()
-                    .to_owned();
-                found.insert(name, std::fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
 }
 
 /// The values of `src` and `href` in a page.

@@ -1,7 +1,5 @@
 //! Commands that concern a live rig: the daemon itself, and its clients.
 
-#[cfg(not(feature = "pedal"))]
-pub mod absent;
 #[cfg(feature = "live")]
 pub mod check;
 pub mod client;

@@ -74,23 +74,10 @@ impl Shape {
     /// The object's surface, in metres, of triangles with edges of about `spacing` metres.
     pub fn mesh(self, spacing: f64) -> Mesh {
         let spacing = spacing.max(1e-4);
-        let revolved = |profile: Profile| revolve::revolve(&profile, spacing);
-        match self {
-            Self::Cup => revolved(profiles::cup()),
-            Self::Bowl => revolved(profiles::bowl()),
-            Self::Vase => revolved(profiles::vase()),
-            Self::Goblet => revolved(profiles::goblet()),
-            Self::Plate => revolved(profiles::plate()),
-            Self::Torus => revolved(profiles::torus()),
-            Self::Egg => revolved(profiles::egg()),
-            Self::Ball => revolved(profiles::ball()),
-            Self::Box => blocks::turned_box([0.080, 0.055, 0.040], 20.0, spacing),
-            Self::FruitBowl => meshed(&bodies::fruit_bowl(), spacing),
-            Self::Mug => meshed(&bodies::mug(0.0), spacing),
-            Self::Ashtray => meshed(&bodies::ashtray(), spacing),
-            Self::TwoPits => meshed(&bodies::two_pits(), spacing),
-            Self::Prism => prism::prism(spacing),
-            Self::Relief => meshed(&bodies::relief(), spacing),
+        match self.form() {
+            Form::Turned(profile) => revolve::revolve(&profile, spacing),
+            Form::Edged(mesh) => mesh(spacing),
+            Form::Solid(body) => meshed(&body, spacing),
         }
     }
 
@@ -118,23 +105,31 @@ impl Shape {
 
     /// The object by its signed distance.
     fn body(self) -> bodies::Body {
-        let revolved = |profile: Profile| bodies::revolution(&profile);
+        match self.form() {
+            Form::Turned(profile) => bodies::revolution(&profile),
+            Form::Edged(mesh) => convex(&mesh(0.01)),
+            Form::Solid(body) => body,
+        }
+    }
+
+    fn form(self) -> Form {
+        use Form::{Edged, Solid, Turned};
         match self {
-            Self::Cup => revolved(profiles::cup()),
-            Self::Bowl => revolved(profiles::bowl()),
-            Self::Vase => revolved(profiles::vase()),
-            Self::Goblet => revolved(profiles::goblet()),
-            Self::Plate => revolved(profiles::plate()),
-            Self::Torus => revolved(profiles::torus()),
-            Self::Egg => revolved(profiles::egg()),
-            Self::Ball => revolved(profiles::ball()),
-            Self::Box => convex(&self.mesh(0.01)),
-            Self::Prism => convex(&self.mesh(0.01)),
-            Self::FruitBowl => bodies::fruit_bowl(),
-            Self::Mug => bodies::mug(0.0),
-            Self::Ashtray => bodies::ashtray(),
-            Self::TwoPits => bodies::two_pits(),
-            Self::Relief => bodies::relief(),
+            Self::Cup => Turned(profiles::cup()),
+            Self::Bowl => Turned(profiles::bowl()),
+            Self::Vase => Turned(profiles::vase()),
+            Self::Goblet => Turned(profiles::goblet()),
+            Self::Plate => Turned(profiles::plate()),
+            Self::Torus => Turned(profiles::torus()),
+            Self::Egg => Turned(profiles::egg()),
+            Self::Ball => Turned(profiles::ball()),
+            Self::Box => Edged(|spacing| blocks::turned_box([0.080, 0.055, 0.040], 20.0, spacing)),
+            Self::Prism => Edged(prism::prism),
+            Self::FruitBowl => Solid(bodies::fruit_bowl()),
+            Self::Mug => Solid(bodies::mug(0.0)),
+            Self::Ashtray => Solid(bodies::ashtray()),
+            Self::TwoPits => Solid(bodies::two_pits()),
+            Self::Relief => Solid(bodies::relief()),
         }
     }
 
@@ -145,6 +140,16 @@ impl Shape {
             _ => 0,
         }
     }
+}
+
+/// What a shape is made from.
+enum Form {
+    /// Its outline turns around the z axis.
+    Turned(Profile),
+    /// It is convex and has sharp edges: its mesh, for triangles with edges of so many metres.
+    Edged(fn(f64) -> Mesh),
+    /// Its signed distance.
+    Solid(bodies::Body),
 }
 
 /// Edge of the cells in which an implicit body is meshed, over that of the triangles that come of it.

@@ -20,10 +20,6 @@ pub(super) fn vertex_colors(
     let count = surface.mesh.vertices.len();
     let mut colors = Vec::with_capacity(count);
     let mut known = Vec::with_capacity(count);
-    #[expect(
-        clippy::needless_range_loop,
-        reason = "v is a vertex and not an index of samples"
-    )]
     for v in 0..count {
         let mut color = Vector3::zeros();
         for share in blend.of(v) {
