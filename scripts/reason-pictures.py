@@ -1,20 +1,23 @@
 #!/usr/bin/env python3
-"""Makes docs/reasons: a picture of what reasons of a verdict look like on the preview, from simulated captures with one fault
-each. Every capture must really have the reason. Run it with Pillow installed, such as with make interop's Python:
-target/interop/environment/bin/python scripts/reason-pictures.py [PROGRAM]"""
+"""Makes docs/reasons: a picture of what each amber or red reason of a verdict looks like on the preview, from simulated
+captures with one fault each. Every capture must really have the reason. Run it with Pillow installed, such as with make
+interop's Python: target/interop/environment/bin/python scripts/reason-pictures.py [PROGRAM [CODE...]]"""
 
 import json
+import struct
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageChops
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "target/release/scand").resolve()
+WANTED = sys.argv[2:]
 HULL = ["--depth-cameras", "0"]
-# Reason, part of the sheet, what is simulated, what is asked of the reconstruction.
+DOUBT = "2 of 8 cameras saw the board fewer than 10 times"
+# Reason, part of the sheet, what is simulated, what is asked of the reconstruction or, in one word, done besides.
 CASES = [
     ("camera_displaced", "outlines", ["--shape", "mug", *HULL, "--turned", "c02=2"], []),
     ("calibration_foreign", "outlines", ["--shape", "mug", *HULL], "foreign"),
@@ -22,6 +25,31 @@ CASES = [
     ("frame_cut", "outlines", ["--shape", "cup", *HULL, "--cut-off", "c03=0.3"], []),
     ("silhouette_uncovered", "outlines", ["--shape", "cup", *HULL, "--blurred", "c04=5"], []),
     ("overexposed", "outlines", ["--shape", "cup", *HULL, "--overexposed", "c01=3"], []),
+    ("underexposed", "views", ["--shape", "cup", *HULL, "--masks", "--overexposed", "c00=-14", "--read-noise", "0"], []),
+    ("blurred", "views", ["--shape", "cup", *HULL, "--blurred", "c00=12"], []),
+    ("backdrop_changed", "outlines", ["--shape", "cup", *HULL, "--overexposed", "c01=-4"], []),
+    ("told_by_outline", "outlines", ["--shape", "ball", *HULL, "--encoding", "mono", "--exposure-drift", "0.1"], []),
+    # No simulated background is old.
+    ("background_old", "head", ["--shape", "bowl"], ["--set", "verdict.background_age_h.amber=0"]),
+    ("skew", "head", ["--shape", "mug", "--late", "c03=40"], []),
+    ("calibration_doubtful", "head", ["--shape", "bowl", "--doubtful-calibration", DOUBT], []),
+    ("camera_left_out", "head", ["--shape", "bowl", "--missing", "c03"], []),
+    ("warning", "head", ["--shape", "bowl"], "misspelt"),
+    ("damage", "head", ["--shape", "bowl", "--captures", "2"], "cut"),
+    ("depth_not_used", "above", ["--shape", "bowl"], ["--method", "hull"]),
+    # Nearly all of this plate is restored; only the rim of a larger one would be so small a share.
+    ("region_large", "depth", ["--shape", "plate"], ["--set", "verdict.region_share.amber=0.9"]),
+    ("depth_biased", "depth", ["--shape", "bowl", "--depth-bias-mm", "30"], []),
+    ("holes_bridged", "above", ["--shape", "cup"], []),
+    ("carving_undone", "depth", ["--shape", "bowl", "--misregistration-px", "16"], []),
+    # Simulated captures have fewer stray pieces than the limit.
+    ("pieces_dropped", "head", ["--shape", "mug", *HULL, "--turned", "c02=5"], ["--set", "verdict.dropped_pieces.amber=0"]),
+    ("several_components", "views", ["--shape", "goblet", *HULL, "--lost-piece", "0=25"], []),
+    ("opened_by_depth", "above", ["--shape", "bowl", "--misregistration-px", "16"], []),
+    ("unpainted", "head", ["--shape", "cup", *HULL, "--cameras", "3"], []),
+    ("pose_doubtful", "head", ["--shape", "two-pits", "--poses", "upright,turn:90"], "fuse"),
+    ("turn_unknown", "head", ["--shape", "bowl", "--poses", "upright,flip"], "fuse"),
+    ("capture_left_out", "head", ["--shape", "mug", "--poses", "upright,flip,side", "--exchanged", "2=bigger:8"], "fuse"),
     ("no_depth_camera", "views", ["--shape", "bowl", *HULL], []),
     ("no_depth", "depth", ["--shape", "bowl", "--no-depth"], []),
     ("region_unread", "depth", ["--shape", "cup"], []),
@@ -29,10 +57,15 @@ CASES = [
     ("many_handles", "views", ["--shape", "mug", "--turned", "c02=2"], []),
 ]
 
-# The sheet (`report::preview`): widths and heights in pixels.
-MARGIN, GAP, LINE, PANEL = 18, 8, 24, (307, 286)
+# The sheet (`report::preview`): widths and heights in pixels, then panels in a row and cameras with photographs.
+MARGIN, GAP, LINE, TITLE, PANEL = 18, 8, 24, 56, (307, 286)
+PANELS, VIEWS = 6, 4
 CAMERAS = 8
 WIDTH = 960
+# Room for the object's size on the right of the title.
+SIZE_WORDS = 500
+# Bytes of a picture.
+LARGEST = 40_000
 
 
 def scand(home, *arguments):
@@ -40,63 +73,128 @@ def scand(home, *arguments):
     assert done.returncode in (0, 3), f"scand {arguments}: {done.stderr}"
 
 
-def calibration(home, kind):
-    """The recording's calibration with a mistake in it."""
+def part(sheet, name, found):
+    """A part of the sheet, found from its lower edge; of an object's sheet, from that of the part above the captures."""
+    width, height = sheet.size
+    row = PANEL[1] + LINE + GAP
+    if captures := len(found.get("fusion", {}).get("captures", ())):
+        height -= LINE + 2 * row * -(-(1 + captures) // PANELS) + MARGIN
+    cameras = len(found["color_cameras"])
+    in_row = min(max(cameras, PANELS), 2 * PANELS)
+    outline = (width - 2 * MARGIN - (in_row - 1) * GAP) // in_row
+    outlines = height - MARGIN - -(-cameras // in_row) * (min(outline, 200) + LINE)
+    depth = outlines - LINE - len(found["depth_cameras"]) * row
+    views = depth - LINE - GAP - -(-min(cameras, VIEWS) // 2) * row
+    left, right = MARGIN, width - MARGIN
+    half = left + 3 * PANEL[0] + 2 * GAP
+    shown = sheet.crop(
+        {
+            "head": (0, 0, right, views),
+            "outlines": (left, outlines, right, height - MARGIN - LINE),
+            "depth": (left, depth, right, depth + PANEL[1] + LINE),
+            "views": (left, views, half, views + PANEL[1] + LINE),
+            "above": (left, views + row, half, views + row + PANEL[1] + LINE),
+        }[name]
+    )
+    return written(shown) if name == "head" else shown
+
+
+def written(head):
+    """The head as far as its sentences go, without the object's size on the right."""
+    below = TITLE + MARGIN
+    paper = Image.new("RGB", head.size, head.getpixel((0, 0)))
+    head.paste(paper.crop((0, 0, SIZE_WORDS, below)), (head.width - SIZE_WORDS, 0))
+    words = ImageChops.difference(head, paper).crop((0, below, head.width, head.height)).getbbox()
+    return head.crop((0, 0, max(words[2] + MARGIN, WIDTH), below + words[3] + MARGIN))
+
+
+def cut(home):
+    """Loses the end of the recording, as a copy does that was broken off."""
+    recording = home / "a.mcap"
+    whole = recording.read_bytes()
+    recording.write_bytes(whole[: len(whole) * 7 // 10])
+    return []
+
+
+def misspelt(home):
+    """Names a calibration's topic wrongly, and leaves out the checksums that would show it."""
+    recording = home / "a.mcap"
+    data = bytearray(recording.read_bytes().replace(b"/color/c05/calibration", b"/color/c05/kalibration"))
+    # The checksums of chunks, of the data and of the summary, by their records' opcodes.
+    checksums, at = {0x06: 24, 0x0F: 0, 0x02: 16}, 8
+    while at < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        if opcode in checksums:
+            struct.pack_into("<I", data, at + 9 + checksums[opcode], 0)
+        at += 9 + length
+    recording.write_bytes(data)
+    return []
+
+
+def foreign(home):
+    """The calibration of another rig of the same kind: each camera looks a little beside the object."""
+    scand(home, "simulate", "--shape", "mug", *HULL, "--cameras", str(CAMERAS), "--size", "480x360", "--seed", "77", "--out", "b.mcap")
+    scand(home, "info", "b.mcap", "--calibration", "wrong.toml")
+    return ["--calibration", "wrong.toml"]
+
+
+def exchanged(home):
+    """The recording's calibration with two cameras at each other's place."""
     scand(home, "info", "a.mcap", "--calibration", "a.toml")
     text = (home / "a.toml").read_text()
-    if kind == "exchanged":
-        for old, new in (("[cameras.c00]", "[cameras.x]"), ("[cameras.c01]", "[cameras.c00]"), ("[cameras.x]", "[cameras.c01]")):
-            text = text.replace(old, new)
-    else:
-        # Another rig of the same kind: each camera looks a little beside the object.
-        scand(home, "simulate", "--shape", "mug", *HULL, "--cameras", str(CAMERAS), "--size", "480x360", "--seed", "77", "--out", "b.mcap")
-        scand(home, "info", "b.mcap", "--calibration", "b.toml")
-        text = (home / "b.toml").read_text()
+    for old, new in (("[cameras.c00]", "[cameras.x]"), ("[cameras.c01]", "[cameras.c00]"), ("[cameras.x]", "[cameras.c01]")):
+        text = text.replace(old, new)
     (home / "wrong.toml").write_text(text)
     return ["--calibration", "wrong.toml"]
 
 
-def part(sheet, name, depths):
-    """A part of the sheet, found from its lower edge."""
-    width, height = sheet.size
-    outline = (width - 2 * MARGIN - (CAMERAS - 1) * GAP) // CAMERAS
-    outlines = height - MARGIN - (min(outline, 200) + LINE)
-    row = PANEL[1] + LINE + GAP
-    depth = outlines - LINE - depths * row
-    views = depth - LINE - GAP - 2 * row
-    left, right = MARGIN, width - MARGIN
-    half = left + 3 * PANEL[0] + 2 * GAP
-    return sheet.crop(
-        {
-            "outlines": (left, outlines, right, height - MARGIN - LINE),
-            "depth": (left, depth, right, depth + PANEL[1] + LINE),
-            "views": (left, views, half, views + PANEL[1] + LINE),
-        }[name]
-    )
+FAULTS = {"cut": cut, "misspelt": misspelt, "foreign": foreign, "exchanged": exchanged}
+
+
+def reconstruct(home, asked):
+    """Makes the model, with what a case asks for."""
+    if asked == "fuse":
+        return scand(home, "fuse", "a.mcap", "--subject", "17", "-q")
+    if isinstance(asked, str):
+        asked = FAULTS[asked](home)
+    scand(home, "replay", "a.mcap", "-q", *asked)
 
 
 def picture(code, name, simulated, asked):
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        scand(home, "simulate", *simulated, "--cameras", str(CAMERAS), "--size", "480x360", "--out", "a.mcap")
-        more = calibration(home, asked) if isinstance(asked, str) else asked
-        scand(home, "replay", "a.mcap", "-q", *more)
-        (report,) = home.glob("out/a/*/report.json")
+        rig = ["--cameras", str(CAMERAS)] if "--cameras" not in simulated else []
+        simulated = [*simulated, *rig, "--subject", "17", "--size", "480x360"]
+        scand(home, "simulate", *simulated, "--out", "a.mcap")
+        reconstruct(home, asked)
+        report = min(home.glob("out/a/*/report.json"))
         found = json.loads(report.read_text())
-        codes = [reason["code"] for reason in found["verdict"]["reasons"]]
+        reasons = found["verdict"]["reasons"]
+        codes = [reason["code"] for reason in reasons if reason["level"] != "green"]
         assert code in codes, f"{code}: the capture has {codes}"
         sheet = Image.open(report.with_name("preview.png")).convert("RGB")
-        shown = part(sheet, name, len(found["depth_cameras"]))
+        shown = part(sheet, name, found)
         if shown.width > WIDTH:
             shown = shown.resize((WIDTH, round(shown.height * WIDTH / shown.width)), Image.Resampling.LANCZOS)
         out = ROOT / "docs/reasons" / f"{code}.png"
         out.parent.mkdir(exist_ok=True)
-        shown.quantize(128, dither=Image.Dither.NONE).save(out, optimize=True)
+        # A table of fewer colours makes a smaller file. Words need the colours of small areas, photographs those of large.
+        method = Image.Quantize.MAXCOVERAGE if name == "head" else Image.Quantize.MEDIANCUT
+        for colors in (128, 64, 32, 16):
+            shown.quantize(colors, method, dither=Image.Dither.NONE).save(out, optimize=True)
+            if out.stat().st_size <= LARGEST:
+                break
+        assert out.stat().st_size <= LARGEST, f"{code}: {out.stat().st_size} bytes"
         print(f"{out.relative_to(ROOT)}: {out.stat().st_size} bytes; the verdict has {', '.join(codes)}", flush=True)
 
 
 failures = []
+unknown = set(WANTED) - {code for code, *_ in CASES}
+if unknown:
+    sys.exit(f"no case makes {', '.join(sorted(unknown))}")
 for case in CASES:
+    if WANTED and case[0] not in WANTED:
+        continue
     try:
         picture(*case)
     except AssertionError as error:

@@ -365,3 +365,28 @@ fn the_schema_of_the_report_knows_each_reason_and_no_other() {
     known.sort_unstable();
     assert_eq!(explained, known);
 }
+
+/// Each row of an amber or red reason has a picture that is there, or a sentence that says why it has none.
+#[test]
+fn the_page_of_results_shows_each_amber_and_red_reason() {
+    let page = include_str!("../../../../../docs/results.md");
+    let pictures = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/reasons");
+    let (_, page) = page.split_once("\n## The silhouettes\n").unwrap();
+    let mut shown = Vec::new();
+    for row in page.lines().filter_map(|line| line.strip_prefix("| `")) {
+        let (code, words) = row.split_once('`').unwrap();
+        if page.contains(&format!("](reasons/{code}.png)")) {
+            shown.push(format!("{code}.png"));
+        } else if !words.contains("does not change the verdict") {
+            let why = format!("\n`{code}` has no picture: ");
+            assert!(page.contains(&why), "{code} has neither picture nor reason");
+        }
+    }
+    let files = std::fs::read_dir(pictures).unwrap();
+    let mut files: Vec<String> = files
+        .map(|file| file.unwrap().file_name().into_string().unwrap())
+        .collect();
+    shown.sort_unstable();
+    files.sort_unstable();
+    assert_eq!(shown, files);
+}
