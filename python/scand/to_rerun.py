@@ -6,6 +6,8 @@ Foxglove shows as depth. This module turns readings into metres by the recorded 
 cameras' frames. Lenses are shown without their distortion. It needs `rerun-sdk`."""
 
 import argparse
+import importlib.util
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +72,8 @@ def main():
     parser.add_argument("-o", "--out", type=Path, help="default: the recording's name with .rrd, here")
     parser.add_argument("--models", type=Path, help="show the models of this folder, such as out")
     asked = parser.parse_args()
+    if importlib.util.find_spec("rerun") is None:
+        sys.exit("to_rerun: the package rerun-sdk is missing: install it with pip install rerun-sdk")
     out = asked.out or Path(asked.recording.stem + ".rrd")
     count = convert(asked.recording, out, asked.models)
     print(f"{out}: {count} captures; open it with: rerun {out}")

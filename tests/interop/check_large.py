@@ -93,12 +93,46 @@ def with_rerun(home):
     passed(f"Rerun {rerun.__version__}: depth as depth, lenses, poses, pictures and a model")
 
 
+def with_nerfstudio(home):
+    """nerfstudio's own parser reads the dataset, and its cameras see the points where the masks have the object."""
+    from importlib.metadata import version
+
+    from nerfstudio.data.dataparsers.nerfstudio_dataparser import NerfstudioDataParserConfig
+    from PIL import Image, ImageFilter
+
+    config = NerfstudioDataParserConfig(
+        data=(home / "nerfstudio" / CAPTURE).absolute(),
+        orientation_method="none",
+        center_method="none",
+        auto_scale_poses=False,
+        eval_mode="all",
+        load_3D_points=True,
+    )
+    parsed = config.setup().get_dataparser_outputs(split="train")
+    cameras, points = parsed.cameras, parsed.metadata["points3D_xyz"].numpy()
+    assert len(parsed.image_filenames) == len(parsed.mask_filenames) == len(cameras) == 8
+    assert len(points) > 500
+    near(np.ptp(points[:, 2]), HEIGHT, 0.03, "height of the points")
+    for index, name in enumerate(parsed.mask_filenames):
+        rotation, position = np.split(cameras.camera_to_worlds[index].numpy(), [3], axis=1)
+        x, y, z = ((points - position[:, 0]) @ rotation).T
+        u = cameras.fx[index].item() * x / -z + cameras.cx[index].item()
+        v = cameras.fy[index].item() * -y / -z + cameras.cy[index].item()
+        # Points of the outline may lie up to a pixel beside it.
+        mask = np.asarray(Image.open(name).filter(ImageFilter.MaxFilter(3)))
+        rows = np.clip(v.astype(int), 0, mask.shape[0] - 1)
+        columns = np.clip(u.astype(int), 0, mask.shape[1] - 1)
+        inside = np.mean(mask[rows, columns] == 255)
+        assert inside > 0.995, f"{name.stem}: {inside:.3f} of the points are in the mask"
+    passed(f"nerfstudio {version('nerfstudio')}: its parser reads pictures, masks, poses and {len(points)} points")
+
+
 def published(home):
     (folder,) = sorted((home / "site/objects").iterdir())[:1]
     return folder.relative_to(home / "site")
 
 
-READERS = {"open3d": with_open3d, "meshlab": with_meshlab, "rerun": with_rerun, "blender": with_blender}
+READERS = {"open3d": with_open3d, "meshlab": with_meshlab, "rerun": with_rerun, "blender": with_blender, "nerfstudio": with_nerfstudio}
 
 READERS[sys.argv[2]](Path(sys.argv[1]))
 sys.stdout.flush()
