@@ -76,7 +76,7 @@ def main():
         sys.exit("to_rerun: the package rerun-sdk is missing: install it with pip install rerun-sdk")
     out = asked.out or Path(asked.recording.stem + ".rrd")
     count = convert(asked.recording, out, asked.models)
-    print(f"{out}: {count} captures; open it with: rerun {out}")
+    print(f"{out}: {count} capture{'' if count == 1 else 's'}; open it with: rerun {out}")
 
 
 if __name__ == "__main__":
