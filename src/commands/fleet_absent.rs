@@ -1,9 +1,9 @@
-//! `scand fleet` and `scand worker` in a build without them.
+//! `scand fleet` and `scand worker` in a build without the feature `fleet`: both refuse, and say which build has them.
 
 use crate::commands::wrong_usage;
 use std::process::ExitCode;
 
-/// Whatever the command would be asked.
+/// Accepts any arguments: the command is refused with all of them.
 #[derive(Debug, clap::Args)]
 #[command(disable_help_flag = true)]
 pub struct Args {

@@ -1,4 +1,4 @@
-//! `scand fuse`: one model of several captures of one object, or the reason why there is none.
+//! `scand fuse`: makes one model of several captures of one object, or says why it cannot.
 
 use super::wrong_usage;
 use crate::capture::CaptureSession;

@@ -1,4 +1,5 @@
-//! `scand simulate` in a build without the feature `lab`, as an installed rig has: it says where the simulator is.
+//! `scand simulate` in a build without the feature `lab`, such as that of an installed rig: it refuses, and says which
+//! build has the simulator.
 
 use super::wrong_usage;
 use std::process::ExitCode;

@@ -1,4 +1,5 @@
-//! `scand page`: serves the operator's page; and asks the one that is running for links, tokens and its sessions.
+//! `scand page`: serves the operator's page. Its subcommands ask a page that is running for links, tokens and the list
+//! of its sessions.
 
 use crate::page::{
     Answer, Ask, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask, run as serve,

@@ -1,9 +1,9 @@
-//! `scand page` in a build without the operator's page.
+//! `scand page` in a build without the feature `page`: it refuses, and says which build has the page.
 
 use crate::commands::wrong_usage;
 use std::process::ExitCode;
 
-/// Whatever the command would be asked.
+/// Accepts any arguments: the command is refused with all of them.
 #[derive(Debug, clap::Args)]
 #[command(disable_help_flag = true)]
 pub struct Args {

@@ -1,4 +1,4 @@
-//! What is to be done for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
+//! The queue of jobs for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
 //! is enqueued, replaced by a newer one of the same object, and removed when it is done.
 
 use super::job::Job;

@@ -1,5 +1,5 @@
 //! Models that people want made again with other settings: which settings may be chosen, and a short queue in memory.
-//! Nothing here is kept over a stop: whoever wants a model asks again.
+//! The queue is lost when the daemon stops; people must then ask again.
 
 use crate::frame::CaptureId;
 use parking_lot::{Condvar, Mutex};

@@ -1,5 +1,5 @@
-//! What a replay says when a person stops it with Ctrl-C. A model that is being made then is left out, as if the
-//! process was killed: folders get their names only when they are complete.
+//! Prints how far a replay got when a person stops it with Ctrl-C. The model that is being made then is left out, as if
+//! the process had been killed: folders get their names only when they are complete.
 
 use crate::words::count;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,5 +1,5 @@
-//! When a depth camera's frames were exposed. If its clock counts microseconds, it is mapped by the frames'
-//! arrivals; otherwise the arrivals themselves are used.
+//! Computes when a depth camera's frames were exposed. If its clock counts microseconds, that clock is mapped by the
+//! frames' arrivals; otherwise the arrivals themselves are used.
 
 use crate::drivers::live::{DeviceClock, Reading};
 use crate::frame::Timestamp;

@@ -1,4 +1,4 @@
-//! The order of the stages.
+//! Runs the stages in their order: no other file knows it. A stage's work is done in its own folder.
 
 use super::depth::{self, EnhancedDepth};
 use super::fairing::{self, Faired};

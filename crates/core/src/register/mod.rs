@@ -1,14 +1,15 @@
-//! Finds how several captures of one rigid object lie against each other, or says why that cannot be known. Three kinds
-//! of evidence: silhouettes, colours and depth; no pose is stated that they do not hold, or choose, or show not to
-//! matter. Pure: no I/O, no clock, no chance.
+//! Finds how several captures of one rigid object lie against each other, or says why that cannot be known. The
+//! evidence is of three kinds: silhouettes, colours and depth. A pose is only accepted if the silhouettes determine it,
+//! if colours or depth choose it among the poses that the silhouettes allow, or if the choice does not change the form.
+//! No I/O, no clock and no random numbers.
 //!
-//! - `contour`, `outline`: a silhouette's contour, and the distance to it without the lens;
-//! - `body`: a capture's outlines, viewing rays and hull;
-//! - `search`: all rotations, on the hulls' fields; `align`: the survivors, by rays that must `touch`;
-//! - `hold`: in which direction the silhouettes do not object;
-//! - `skin` and `depth`: the witnesses; `noise`: what a capture says against itself;
-//! - `decide`: two captures, by `witnesses` where silhouettes leave a choice; `group`: all of them;
-//! - `unseen`: what no camera faced.
+//! - `contour` and `outline` find a silhouette's contour, and the distance to it without the lens' distortion;
+//! - `body` prepares a capture: its outlines, viewing rays and hull;
+//! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
+//! - `hold` finds the directions in which the silhouettes do not determine the pose;
+//! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
+//! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice; `group` does so for all;
+//! - `unseen` measures what no camera faced.
 
 mod align;
 mod body;

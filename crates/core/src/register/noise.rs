@@ -1,5 +1,5 @@
-//! How much contours contradict those of the same capture, or of all other captures, and the longest stretch of a
-//! contour that does.
+//! Measures how much contours contradict the other contours of the same capture, or those of all other captures, and
+//! finds the longest stretch of a contour that does.
 
 use super::align::disagreement;
 use super::body::Body;

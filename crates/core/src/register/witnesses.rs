@@ -1,4 +1,5 @@
-//! What colours and depth say where the silhouettes bear several poses, and whether they contradict a pose.
+//! Decides by colours and depth where several poses agree with the silhouettes, and tests whether colours or depth
+//! contradict a pose.
 
 use super::align::{Aligned, Rays, align};
 use super::decide::{Decision, Two};

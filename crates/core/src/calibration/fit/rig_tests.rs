@@ -1,4 +1,4 @@
-//! A calibrated rig that is checked, and witnesses of its scale.
+//! Tests the check of a calibrated rig, and the measurements that confirm or contradict its scale.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::*;

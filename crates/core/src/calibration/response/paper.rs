@@ -1,5 +1,5 @@
-//! The paper's linearisation (section 3): a line of the measured depth over distance, and the width of a target
-//! compensated by a quartic, each with its R².
+//! The paper's linearisation (section 3): a straight line from the distance to the measured depth, and a quartic that
+//! compensates the measured width of a target, each with its R².
 
 use super::polynomial::Polynomial;
 use super::{DepthTable, ResponseError, too_little};

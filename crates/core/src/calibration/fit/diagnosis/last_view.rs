@@ -1,5 +1,6 @@
-//! A camera whose last view alone, or first view alone, shows the board elsewhere than the other cameras do. One view
-//! cannot tell a camera that was moved from a picture of another moment, so this names a possibility, and what to show.
+//! Finds cameras of which only the last view, or only the first one, shows the board elsewhere than the other cameras
+//! do. One view is not enough to tell whether the camera was moved or the picture was taken at another moment, so the
+//! finding says what may have happened, and what to show the camera next.
 
 use super::super::outliers::ELSEWHERE;
 use super::super::result::{Fit, LeftOut};
