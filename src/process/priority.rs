@@ -7,7 +7,9 @@ use super::system;
 pub fn come_last(nice: u32) -> Vec<String> {
     let mut missing = thread_comes_last(nice);
     if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {
-        missing.push(format!("the first place when memory runs out: {error}"));
+        missing.push(format!(
+            "that it is ended first when memory runs out: {error}"
+        ));
     }
     missing
 }

@@ -87,7 +87,8 @@ impl ConfigSource {
         let file = self.calibration(&config);
         if file.is_none() {
             log::warning!(
-                "there is no rig.calibration: captures are recorded, for scand calibrate, and no models are made"
+                "there is no rig.calibration: captures are recorded, which scand calibrate can use, but no models are \
+                 made"
             );
             config.workers.count = 0;
             config.workers.fleet = None;

@@ -348,7 +348,7 @@ impl Shared {
                 model.verdict.name(),
                 model.folder.display()
             ),
-            Err(reason) => log::warning!("object {subject}: there is no model: {reason}"),
+            Err(reason) => log::warning!("object {subject}: no model was made: {reason}"),
         }
         let left_out = folder.map(ReportFile::left_out).unwrap_or_default();
         (self.tell)(ObjectNews::Fused {
@@ -367,7 +367,7 @@ impl Ended {
             (None, Some(status)) => {
                 outcome::reason(status, &Found::others(&self.words), &plan.parameters)
             }
-            (None, None) => "it ended without a word".to_owned(),
+            (None, None) => "it ended without giving a reason".to_owned(),
         }
     }
 }

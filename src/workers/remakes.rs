@@ -67,7 +67,10 @@ impl Remake {
     pub fn new(capture: &str, settings: &BTreeMap<String, Value>) -> Result<Self, String> {
         CaptureId::new(capture).map_err(|error| error.to_string())?;
         if settings.is_empty() {
-            return Err("a remake wants at least one setting that differs".into());
+            return Err(
+                "no setting was given: a model is made again only with at least one other setting"
+                    .into(),
+            );
         }
         let settings = settings.iter().map(|(key, value)| chosen(key, value));
         Ok(Self {
@@ -129,7 +132,7 @@ impl Remakes {
             return Err("the daemon is ending".into());
         }
         if state.waiting.contains(&remake) {
-            return Err("the same remake waits already".into());
+            return Err("a remake with the same settings is waiting already".into());
         }
         if state.waiting.len() >= MOST_WAITING {
             return Err(format!(

@@ -222,11 +222,11 @@ fn words(found: &Registered, known: &[Known]) -> String {
             )
         });
     // A dent in the middle of a side changes no outline.
-    let unseen = "a change in between that no contour crosses is not seen by outlines";
+    let unseen = "outlines do not show a change within them, such as a new dent in a side";
     match found.verdict {
         Ok(HeldBy::Frame) => "the model has the frame of its rig".to_owned(),
         Ok(HeldBy::Silhouettes) => format!(
-            "its pose is held by the silhouettes alone, to {:.2} degrees; {unseen}",
+            "its pose was found by the silhouettes alone, to {:.2} degrees; {unseen}",
             found.sigma_deg
         ),
         Ok(HeldBy::Colours) => {
@@ -250,7 +250,7 @@ fn words(found: &Registered, known: &[Known]) -> String {
              moved while the cameras took their pictures; take this capture again",
             found.own_noise_mm
         ),
-        Err(Refusal::NoHull) => "its silhouettes have no body in common; take this capture again".to_owned(),
+        Err(Refusal::NoHull) => "no solid fits all its silhouettes; take this capture again".to_owned(),
         Err(Refusal::NoPose) => format!(
             "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
              {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"

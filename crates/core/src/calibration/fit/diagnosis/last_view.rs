@@ -41,7 +41,7 @@ fn of_camera(session: &Session, fit: &Fit, index: usize, id: &CameraId) -> Optio
         let from = &session.placements[second];
         format!(
             "camera {id}: its first view, at {placement}, shows the board elsewhere than the other cameras do: the camera \
-             may have been moved after it; then this is the rig since {from} (--from-placement {from})"
+             may have been moved after it; if so, calibrate from {from} on (--from-placement {from})"
         )
     } else {
         return None;
