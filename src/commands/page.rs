@@ -43,7 +43,7 @@ enum PageAction {
         #[arg(long, group = "which")]
         all: bool,
     },
-    /// Print a token for /metrics, which holds until it is revoked
+    /// Print a token for /metrics, which is valid until it is revoked
     Token,
 }
 

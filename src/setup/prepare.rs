@@ -103,7 +103,7 @@ impl ConfigSource {
             let sha256 = digest(file)?;
             let about = &mut header.about;
             about.insert("calibration_sha256".into(), sha256.clone());
-            // Of a file that does not say what it is worth, nothing is said.
+            // A calibration file without a verdict adds no record.
             let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
             header.calibration = verdict.map(|verdict| CalibrationRecord {
                 verdict,

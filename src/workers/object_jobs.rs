@@ -224,7 +224,7 @@ impl ObjectJobs {
         self.state.lock().entries.len()
     }
 
-    /// Whether there is none.
+    /// Whether no job waits.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -311,7 +311,7 @@ impl ObjectJobs {
     }
 }
 
-/// Reads a job; a file that is none is set aside.
+/// Reads a job; a file that is not a job is set aside.
 fn read(path: &Path) -> Option<ObjectJob> {
     let bytes = std::fs::read(path).map_err(|e| e.to_string());
     let parsed = bytes.and_then(|b| {

@@ -311,7 +311,7 @@ impl Shared {
         newest.max().map(|(_, folder)| folder.clone())
     }
 
-    /// Tells of a model whose process could not say itself why there is none, with a report in its place.
+    /// Reports that no model was made, and why, if the process could not write that report itself.
     fn failed(&self, taken: &TakenObject, recordings: &[PathBuf], reason: String, words: &str) {
         let job = &taken.job.newest;
         let written = || -> Result<(), String> {

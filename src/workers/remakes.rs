@@ -63,7 +63,7 @@ impl Remake {
     /// A capture's model with these settings.
     ///
     /// # Errors
-    /// What is wrong, if the id is none, no setting is given, or one is not known or out of its range.
+    /// What is wrong, if the id is not valid, no setting is given, or one is not known or out of its range.
     pub fn new(capture: &str, settings: &BTreeMap<String, Value>) -> Result<Self, String> {
         CaptureId::new(capture).map_err(|error| error.to_string())?;
         if settings.is_empty() {

@@ -15,7 +15,7 @@ pub(super) fn done() {
     DONE.fetch_add(1, Ordering::Relaxed);
 }
 
-/// From now on Ctrl-C says what is done and how to go on. A process that cannot have that ends without a word.
+/// From now on Ctrl-C prints how many models are done and how to go on. If no handler can be set, it prints nothing.
 pub(super) fn explain() {
     let _ = ctrlc::set_handler(|| {
         eprintln!(

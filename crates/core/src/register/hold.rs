@@ -17,7 +17,7 @@ const ANCHORS: usize = 12;
 /// Directions that are made to slip, the softest first.
 const DIRECTIONS: usize = 2;
 
-/// What holds a pose in place.
+/// How firmly the silhouettes determine a pose.
 #[derive(Clone, Debug)]
 pub(super) struct Hold {
     /// For each of the softest directions the most degrees of slip that the silhouettes do not object to.

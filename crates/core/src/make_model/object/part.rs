@@ -32,7 +32,7 @@ pub struct FusedCapture {
     pub id: CaptureId,
     /// Whether it is part of the model.
     pub is_fused: bool,
-    /// What holds its pose; `null` where it has none.
+    /// How its pose was found; `null` without a pose.
     pub held_by: Option<HeldBy>,
     /// Why it has no pose.
     pub refused: Option<Refusal>,
@@ -50,13 +50,13 @@ pub struct FusedCapture {
     pub sigma_mm: Option<f64>,
     /// The axis, in the object's frame, about which the form leaves the turn open.
     pub free_axis: Option<[f64; 3]>,
-    /// What its silhouettes say against each other.
+    /// How far its silhouettes contradict each other.
     pub own_noise_mm: f64,
-    /// What silhouettes say against its pose.
+    /// How far silhouettes contradict its pose.
     pub disagreement_mm: Option<f64>,
     /// The most of that that is accepted.
     pub accepted_mm: f64,
-    /// What all other captures together say against its silhouettes.
+    /// How far all other captures together contradict its silhouettes.
     pub all_at_once_mm: Option<f64>,
     /// The stretch of contour that misses most.
     pub worst_stretch: Option<WorstStretch>,
@@ -64,7 +64,7 @@ pub struct FusedCapture {
     pub depth: Option<DepthWitness>,
     /// What colours say.
     pub colours: Option<Colours>,
-    /// Other poses that the silhouettes bear.
+    /// Other poses that agree with the silhouettes.
     pub rivals: Vec<Rival>,
     /// What it was used for.
     pub used_for: Vec<&'static str>,
