@@ -23,7 +23,7 @@ pub enum BadAddress {
          (--credentials), and give nats://HOST:PORT"
     )]
     Secret,
-    /// It is none.
+    /// It is not an address of a server.
     #[error("expected nats://HOST or tls://HOST, with :PORT if it is not 4222")]
     Form,
 }

@@ -86,7 +86,7 @@ fn words(checked: &Checked) -> String {
     } = checked;
     match motion {
         _ if *views == 0 => format!("camera {camera}: it did not see the board"),
-        None => format!("camera {camera}: as calibrated, to {off_px:.2} px"),
+        None => format!("camera {camera}: it is as calibrated, to {off_px:.2} px"),
         Some(motion) => format!(
             "camera {camera}: it moved: the board is {off_px:.2} px off; turned by {:.3}°, shifted by {:.2} mm ({:.2} \
              px are left)",

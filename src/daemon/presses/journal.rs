@@ -99,7 +99,7 @@ impl Journal {
         if let Err(error) = work(self) {
             let path = self.path.display();
             log::error!(
-                "{path}: cannot {what}: {error}; a restarted daemon will not know these presses"
+                "{path}: cannot {what}: {error}; after a restart, the daemon will not know these presses"
             );
         }
     }

@@ -92,8 +92,8 @@ fn depths(
         let is_read = detections.depth_cameras.contains(id);
         let checked = match (is_read, response) {
             (false, None) => continue,
-            (true, None) => Err("the calibration has no response of it".into()),
-            (false, Some(_)) => Err("the recording has no depth of it".into()),
+            (true, None) => Err("the calibration has no depth response for it".into()),
+            (false, Some(_)) => Err("the recording has no depth frames from it".into()),
             (true, Some(response)) => {
                 let now = camera_now(checks, camera);
                 against(

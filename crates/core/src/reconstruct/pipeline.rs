@@ -1,4 +1,4 @@
-//! The order of the stages.
+//! Runs the stages in their order: no other file knows it. A stage's work is done in its own folder.
 
 use super::depth::{self, EnhancedDepth};
 use super::fairing::{self, Faired};
@@ -77,8 +77,8 @@ pub enum Error {
     },
     /// The volume is not where the object is.
     #[error(
-        "the volume {min:?} to {max:?} m: {blind} of {cameras} colour cameras see no object in it ({away} of them do not see it \
-         at all), so it is not where the object is, or there is none (the first says: {first})"
+        "the volume {min:?} to {max:?} m is not where the object is, or the rig is empty: {blind} of {cameras} colour \
+         cameras see no object in it, and {away} of these do not see the volume at all (the first says: {first})"
     )]
     Volume {
         /// The volume's smallest corner.

@@ -1,4 +1,5 @@
-//! How an object stood in the captures that a scene is fused of. A scene of one capture has none of it.
+//! How the object stood in each of the captures of which a scene is fused: tables, depth views and ranks. All of it is
+//! empty for a scene of one capture.
 
 use super::depth::EnhancedDepth;
 use super::hull::Plane;

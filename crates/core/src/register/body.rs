@@ -1,5 +1,5 @@
-//! What a capture's silhouettes say of its object, prepared for comparing poses: outlines, viewing rays through
-//! contour points, the plain hull's surface and its field on a grid.
+//! Prepares one capture's silhouettes for comparing poses: their outlines, viewing rays through contour points, the
+//! surface of the hull, and the hull's signed distance on a grid.
 
 use super::outline::Outline;
 use super::{CaptureSilhouettes, Error};

@@ -1,4 +1,5 @@
-//! Two captures: whether they are of one object, how it was turned between them, and what says so.
+//! Compares two captures: decides whether they show the same object, how it was turned between them, and which evidence
+//! shows that.
 
 use super::align::{Aligned, Rays, align};
 use super::body::Body;

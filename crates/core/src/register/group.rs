@@ -1,4 +1,5 @@
-//! All captures of an object: each finds its place against one that has one, and in the end each against all others.
+//! Finds the poses of all captures of an object: each is compared with one that has a pose already, and at the end with
+//! all others together.
 
 use super::body::Body;
 use super::decide::{Decision, Prepared, decide};

@@ -1,5 +1,6 @@
-//! Whether the silhouettes hold a pose: it is made to slip in its softest direction, and what they object to that is
-//! compared with their noise. A direction without an objection is a symmetry of the outside.
+//! Tests how firmly the silhouettes determine a pose: the pose is moved in the direction in which they resist least,
+//! and the disagreement that this causes is compared with their noise. If they do not resist at all, the outside of the
+//! object is symmetric in that direction.
 
 use super::align::{Aligned, Rays, align, lever};
 use super::body::Body;
@@ -16,7 +17,7 @@ const ANCHORS: usize = 12;
 /// Directions that are made to slip, the softest first.
 const DIRECTIONS: usize = 2;
 
-/// What holds a pose in place.
+/// How firmly the silhouettes determine a pose.
 #[derive(Clone, Debug)]
 pub(super) struct Hold {
     /// For each of the softest directions the most degrees of slip that the silhouettes do not object to.

@@ -1,5 +1,5 @@
-//! How much contours contradict those of the same capture, or of all other captures, and the longest stretch of a
-//! contour that does.
+//! Measures how much contours contradict the other contours of the same capture, or those of all other captures, and
+//! finds the longest stretch of a contour that does.
 
 use super::align::disagreement;
 use super::body::Body;
@@ -11,7 +11,7 @@ const MISS_PX: f64 = 1.25;
 /// Rays of a stretch that may agree between two that do not.
 const LARGEST_GAP: usize = 2;
 
-/// How contours bear a set of cones and tables.
+/// How far contours contradict a set of cones and tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disagreement {
     /// Root of the mean square by which the rays miss, in metres.

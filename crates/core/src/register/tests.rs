@@ -1,4 +1,4 @@
-//! Registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
+//! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
 use super::*;
 use crate::calibration::{Camera, Distortion, Intrinsics, Volume};

@@ -1,4 +1,5 @@
-//! What colours and depth say where the silhouettes bear several poses, and whether they contradict a pose.
+//! Decides by colours and depth where several poses agree with the silhouettes, and tests whether colours or depth
+//! contradict a pose.
 
 use super::align::{Aligned, Rays, align};
 use super::decide::{Decision, Two};
@@ -18,7 +19,7 @@ const MANY_POINTS: usize = 6000;
 const TURN_DEG: f64 = 1.5;
 
 impl Two<'_> {
-    /// Several poses bear the silhouettes: colours and depth decide, or nothing does.
+    /// Several poses agree with the silhouettes: colours or depth decide between them, or nothing does.
     pub(super) fn by_witnesses(
         &self,
         mut decision: Decision,

@@ -100,8 +100,9 @@ pub enum CheckError {
 
 fn other_board(larger: f64, board: &str) -> String {
     format!(
-        "the board looks {:.1} % {} than {board}, and then no camera moved: show the board that --board names, or say with \
-         --board what it is; if it is that one, the rig was calibrated with a wrong size of the board: calibrate it again",
+        "the board looks {:.1} % {} than {board}; if it is another board, no camera moved: show the board that --board \
+         names, or say with --board which one it is. If it is that board, the rig was calibrated with a wrong size of \
+         the board: calibrate it again",
         100.0 * larger.abs(),
         if larger > 0.0 { "larger" } else { "smaller" },
     )

@@ -1,4 +1,4 @@
-//! A calibrated rig that is checked, and witnesses of its scale.
+//! Tests the check of a calibrated rig, and the measurements that confirm or contradict its scale.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::*;
@@ -87,7 +87,7 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     assert!((larger - 1.0 / 24.0).abs() < 0.002, "{larger}");
 }
 
-/// What witnesses say of a rig whose board is said to have squares of this size, and the verdict.
+/// The witnesses' readings of a rig whose board is described with squares of this size, and the verdict.
 fn testified(
     square: f64,
     slope: Option<f64>,

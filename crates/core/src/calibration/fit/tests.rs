@@ -1,4 +1,4 @@
-//! Fits of sessions whose truth is known.
+//! Tests fits of sessions whose truth is known.
 
 use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;

@@ -1,6 +1,6 @@
 //! The procedure of making one model of several captures of an object: reads them, lets `register` find how they lie
 //! against each other, joins those with a pose into one scene, and makes its model as that of a single capture.
-//! `gather` finds the captures, `merge` joins them, `part` is what the report says of it.
+//! `gather` finds the captures, `merge` joins them, and `part` writes the part of the report about them.
 
 mod gather;
 mod given;

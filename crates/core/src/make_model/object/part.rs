@@ -32,7 +32,7 @@ pub struct FusedCapture {
     pub id: CaptureId,
     /// Whether it is part of the model.
     pub is_fused: bool,
-    /// What holds its pose; `null` where it has none.
+    /// How its pose was found; `null` without a pose.
     pub held_by: Option<HeldBy>,
     /// Why it has no pose.
     pub refused: Option<Refusal>,
@@ -50,13 +50,13 @@ pub struct FusedCapture {
     pub sigma_mm: Option<f64>,
     /// The axis, in the object's frame, about which the form leaves the turn open.
     pub free_axis: Option<[f64; 3]>,
-    /// What its silhouettes say against each other.
+    /// How far its silhouettes contradict each other.
     pub own_noise_mm: f64,
-    /// What silhouettes say against its pose.
+    /// How far silhouettes contradict its pose.
     pub disagreement_mm: Option<f64>,
     /// The most of that that is accepted.
     pub accepted_mm: f64,
-    /// What all other captures together say against its silhouettes.
+    /// How far all other captures together contradict its silhouettes.
     pub all_at_once_mm: Option<f64>,
     /// The stretch of contour that misses most.
     pub worst_stretch: Option<WorstStretch>,
@@ -64,7 +64,7 @@ pub struct FusedCapture {
     pub depth: Option<DepthWitness>,
     /// What colours say.
     pub colours: Option<Colours>,
-    /// Other poses that the silhouettes bear.
+    /// Other poses that agree with the silhouettes.
     pub rivals: Vec<Rival>,
     /// What it was used for.
     pub used_for: Vec<&'static str>,
@@ -222,11 +222,11 @@ fn words(found: &Registered, known: &[Known]) -> String {
             )
         });
     // A dent in the middle of a side changes no outline.
-    let unseen = "a change in between that no contour crosses is not seen by outlines";
+    let unseen = "outlines do not show a change within them, such as a new dent in a side";
     match found.verdict {
         Ok(HeldBy::Frame) => "the model has the frame of its rig".to_owned(),
         Ok(HeldBy::Silhouettes) => format!(
-            "its pose is held by the silhouettes alone, to {:.2} degrees; {unseen}",
+            "its pose was found by the silhouettes alone, to {:.2} degrees; {unseen}",
             found.sigma_deg
         ),
         Ok(HeldBy::Colours) => {
@@ -250,7 +250,7 @@ fn words(found: &Registered, known: &[Known]) -> String {
              moved while the cameras took their pictures; take this capture again",
             found.own_noise_mm
         ),
-        Err(Refusal::NoHull) => "its silhouettes have no body in common; take this capture again".to_owned(),
+        Err(Refusal::NoHull) => "no solid fits all its silhouettes; take this capture again".to_owned(),
         Err(Refusal::NoPose) => format!(
             "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
              {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"
