@@ -3,7 +3,7 @@
 //! the files and a seccomp filter the system calls; if a kernel lacks one of them, this is logged. design/workers.md
 //! has the reasons.
 
-use super::priority::come_last;
+use super::priority::lower_priority;
 use super::system::close_inherited;
 use landlock::{
     ABI, Access, AccessFs, AccessNet, Ruleset, RulesetAttr, RulesetCreatedAttr, RulesetError,
@@ -74,7 +74,7 @@ pub fn confine(
     reads: &[PathBuf],
     writes: &[PathBuf],
 ) -> Result<Vec<String>, ConfineError> {
-    let missing = come_last(limits.nice).into_iter();
+    let missing = lower_priority(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
         .map(|what| format!("for a worker, this system cannot set {what}"))
         .collect();

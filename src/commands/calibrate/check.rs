@@ -1,7 +1,7 @@
 //! `scand calibrate --check`: reports whether the rig still matches its calibration, as text or JSON.
 
 use crate::calibrate::{Check, Detections};
-use crate::calibration::fit::{Checked, Motion, PairMotion};
+use crate::calibration::fit::{CheckedCamera, Motion, PairMotion};
 use crate::calibration::response::{DepthCheck, DepthDeviation};
 use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CameraId;
@@ -77,8 +77,8 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
     words + &beside.unwrap_or_default()
 }
 
-fn words(checked: &Checked) -> String {
-    let Checked {
+fn words(checked: &CheckedCamera) -> String {
+    let CheckedCamera {
         camera,
         views,
         off_px,

@@ -9,7 +9,7 @@ use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::uncertainty::{self, FairedHull};
-use super::{Model, Progress, Scene, Stage, Standing};
+use super::{FusedCaptures, Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{
     Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
@@ -148,13 +148,13 @@ pub fn reconstruct(
     reconstruct_from(
         scene,
         silhouettes,
-        &Standing::default(),
+        &FusedCaptures::default(),
         parameters,
         progress,
     )
 }
 
-/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `standing` says how
+/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `fused_captures` says how
 /// the object stood in each.
 ///
 /// # Errors
@@ -162,7 +162,7 @@ pub fn reconstruct(
 pub fn reconstruct_from(
     scene: &Scene,
     silhouettes: Vec<Silhouette>,
-    standing: &Standing,
+    standing: &FusedCaptures,
     parameters: &Parameters,
     progress: &dyn Progress,
 ) -> Result<Reconstruction, Error> {
@@ -172,7 +172,7 @@ pub fn reconstruct_from(
         .colors
         .par_iter()
         .zip(&silhouettes)
-        .map(|(v, s)| Cone::knowing(&v.camera, &s.level, s.unknown.as_ref()))
+        .map(|(v, s)| Cone::with_unknown(&v.camera, &s.level, s.unknown.as_ref()))
         .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views).within(&standing.tables);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
@@ -358,7 +358,7 @@ fn misplaced_volume(
 /// Enhances each depth view and finds its regions.
 fn depths(
     scene: &Scene,
-    standing: &Standing,
+    standing: &FusedCaptures,
     hull: &Surface,
     parameters: &Parameters,
     begin: &dyn Fn(Stage) -> Result<(), Error>,

@@ -71,7 +71,7 @@ impl Body {
         let outlines: Vec<Outline> = outlines.into_iter().flatten().collect();
         let cones = capture.scene.colors.iter().zip(capture.silhouettes);
         let cones = cones
-            .map(|(view, s)| Cone::knowing(&view.camera, &s.level, s.unknown.as_ref()))
+            .map(|(view, s)| Cone::with_unknown(&view.camera, &s.level, s.unknown.as_ref()))
             .collect();
         let parameters = hull::Parameters {
             resolution: RESOLUTION,

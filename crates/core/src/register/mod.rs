@@ -6,7 +6,7 @@
 //! - `contour` and `outline` find a silhouette's contour, and the distance to it without the lens' distortion;
 //! - `body` prepares a capture: its outlines, viewing rays and hull;
 //! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
-//! - `hold` finds the directions in which the silhouettes do not determine the pose;
+//! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
 //! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice; `group` does so for all;
 //! - `unseen` measures what no camera faced.
@@ -16,8 +16,8 @@ mod body;
 mod contour;
 mod decide;
 mod depth;
+mod determination;
 mod group;
-mod hold;
 mod limits;
 mod motion;
 mod noise;
@@ -29,7 +29,7 @@ mod unseen;
 mod witnesses;
 
 pub use group::register;
-pub use noise::{Disagreement, Stretch};
+pub use noise::{ContourStretch, Disagreement};
 pub use unseen::Unseen;
 
 use crate::level::Level;
@@ -57,7 +57,7 @@ pub enum Error {
 /// Which evidence a pose was found by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum HeldBy {
+pub enum PoseEvidence {
     /// None is needed: the object has the frame of this capture's rig.
     Frame,
     /// The silhouettes alone.
@@ -94,7 +94,7 @@ pub enum Refusal {
 
 /// Another pose that agrees with the silhouettes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Rival {
+pub struct OtherPose {
     /// How far it is turned against the best one.
     pub turned_deg: f64,
     /// How far it moves the surface, root of the mean square.
@@ -127,7 +127,7 @@ pub struct DepthWitness {
 #[derive(Clone, Debug)]
 pub struct Registered {
     /// Which evidence its pose was found by, or why it has none.
-    pub verdict: Result<HeldBy, Refusal>,
+    pub verdict: Result<PoseEvidence, Refusal>,
     /// Green where the evidence is clear, else amber; red where there is no pose.
     pub level: Level,
     /// Maps a point of the object into the capture's rig. Where the pose is refused, the best there is, or `None`.
@@ -147,13 +147,13 @@ pub struct Registered {
     /// Beyond this many millimetres the pose is refused.
     pub accepted_mm: f64,
     /// The worst stretch of contour, and the number of its capture.
-    pub worst_stretch: Option<(usize, Stretch)>,
+    pub worst_stretch: Option<(usize, ContourStretch)>,
     /// Whether depth contradicts the pose.
     pub depth: Option<DepthWitness>,
     /// How well colours agree at the pose.
     pub colours: Option<Colours>,
     /// Other poses that agree with the silhouettes.
-    pub rivals: Vec<Rival>,
+    pub rivals: Vec<OtherPose>,
     /// How far all other captures together contradict its silhouettes, in millimetres.
     pub all_at_once_mm: Option<f64>,
 }
