@@ -1,4 +1,4 @@
-//! The thin binary: arguments in, exit code out. Everything else lives in the library.
+//! Passes the arguments to the library and exits with the code that it returns. Everything else lives in the library.
 
 #![warn(clippy::unwrap_used)]
 

@@ -329,7 +329,7 @@ fn a_silent_camera_and_a_frozen_clock_are_named() {
             stand.tell("d0 silent");
             let begin = Instant::now();
             let silent = device.idle().unwrap_err().to_string();
-            assert!(silent.contains("no frame for 1.0 s"), "{silent}");
+            assert!(silent.contains("no frame arrived for 1.0 s"), "{silent}");
             let (frames, outcome, _) = stand.shoot(device.as_mut());
             assert!(frames.is_empty() && outcome.is_err());
             assert!(begin.elapsed() < Duration::from_secs(20));

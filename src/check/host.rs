@@ -168,7 +168,7 @@ impl Host {
             findings.push(Finding::not_ok(
                 State::Advice,
                 "Kinect: suspend",
-                format!("USB port {name} may suspend it"),
+                format!("the kernel may suspend it on USB port {name}"),
                 format!("run echo on > /sys/bus/usb/devices/{name}/power/control (the package's udev rule does it)"),
             ));
         }

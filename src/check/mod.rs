@@ -87,7 +87,7 @@ pub fn calibration(modified: Option<std::io::Result<SystemTime>>) -> Finding {
         return Finding::not_ok(
             State::Wrong,
             subject,
-            "there is none: no models are made",
+            "the rig has no calibration, so no models are made",
             remedy,
         );
     };

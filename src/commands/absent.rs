@@ -3,7 +3,7 @@
 use super::wrong_usage;
 use std::process::ExitCode;
 
-/// Whatever the command would be asked.
+/// Accepts any arguments: the command is refused with all of them.
 #[derive(Debug, clap::Args)]
 #[command(disable_help_flag = true)]
 pub struct Args {

@@ -1,4 +1,4 @@
-//! `scand fuse`: one model of several captures of one object, or the reason why there is none.
+//! `scand fuse`: makes one model of several captures of one object, or says why it cannot.
 
 use super::wrong_usage;
 use crate::capture::CaptureSession;
@@ -19,7 +19,7 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "The model lies in DIR/RECORDING/SUBJECT.object/, where RECORDING is the one with the earliest capture. \
-Its report says what holds each capture's pose.
+Its report says how each capture's pose was found.
 
 Exit codes: 0, all captures are fused; 3, a model was made, and captures were left out; 1, there is no model.
 
@@ -164,7 +164,7 @@ fn poses(path: &Path, captures: usize) -> anyhow::Result<Vec<nalgebra::Isometry3
         .with_context(name)?;
     anyhow::ensure!(
         poses.len() == captures,
-        "{}: rig_from_object has {} for {}",
+        "{}: rig_from_object has {} for {}, expected one for each",
         name(),
         count(poses.len(), "pose"),
         count(captures, "capture")
@@ -216,7 +216,7 @@ fn told(args: &Args, request: &ObjectRequest, outcome: &ObjectOutcome) -> ExitCo
         if let Some(fusion) = fusion.filter(|f| f.unseen_share > 0.01) {
             let side = fusion.unseen_side.unwrap_or("in places");
             outln!(
-                "  {:.0} % of the surface was faced by no camera; it lies {side}",
+                "  no camera faced {:.0} % of the surface; it lies {side}",
                 100.0 * fusion.unseen_share
             );
         }

@@ -405,7 +405,11 @@ fn channel_line(channel: &ChannelInfo) -> String {
         messages,
         known,
     } = channel;
-    let remark = if *known { "" } else { " (not of the format)" };
+    let remark = if *known {
+        ""
+    } else {
+        " (not a topic of the format)"
+    };
     format!("{messages:6} {topic:28} {schema} in {encoding}{remark}")
 }
 

@@ -47,7 +47,12 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         crate::workers::protocol::warn(&missing);
     }
     let view = View::of_form(&args.form);
-    let view = view.with_context(|| format!("there is no view {:?}", args.form))?;
+    let view = view.with_context(|| {
+        format!(
+            "{:?} is not a form of a file, expected model or thumbnail",
+            args.form
+        )
+    })?;
     let mut source = Vec::new();
     let mut input = std::io::stdin().lock().take(LARGEST_SOURCE + 1);
     input.read_to_end(&mut source)?;

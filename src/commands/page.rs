@@ -1,4 +1,5 @@
-//! `scand page`: serves the operator's page; and asks the one that is running for links, tokens and its sessions.
+//! `scand page`: serves the operator's page. Its subcommands ask a page that is running for links, tokens and the list
+//! of its sessions.
 
 use crate::page::{
     Answer, Ask, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask, run as serve,
@@ -42,7 +43,7 @@ enum PageAction {
         #[arg(long, group = "which")]
         all: bool,
     },
-    /// Print a token for /metrics, which holds until it is revoked
+    /// Print a token for /metrics, which is valid until it is revoked
     Token,
 }
 

@@ -53,7 +53,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     if parts.is_empty() {
-        outln!("nothing to recover");
+        outln!("there is no recording to recover");
     }
     Ok(match (failed, lost) {
         (true, _) => ExitCode::FAILURE,

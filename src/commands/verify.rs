@@ -1,4 +1,4 @@
-//! `scand verify`: checks a package for an archive, whoever made it.
+//! `scand verify`: checks a package for an archive, made by scand or by another program.
 
 use crate::bag::verify;
 use crate::words::count;

@@ -1,7 +1,7 @@
 //! The section of the configuration for `scand calibrate`: how it fits, and the limits of its verdict. Each part is
 //! the `Parameters` of a room.
 
-use crate::calibration::fit::{self, CoverageLimits, Limits, ScaleWitnessLimits, Watch};
+use crate::calibration::fit::{self, CoverageLimits, DriftLimits, Limits, ScaleWitnessLimits};
 use crate::calibration::response::PlaneParameters;
 
 /// How a rig is calibrated.
@@ -15,7 +15,7 @@ pub struct Calibration {
     /// What a session should have.
     pub wanted: CoverageLimits,
     /// When `--check` reports that a camera moved.
-    pub watch: Watch,
+    pub watch: DriftLimits,
     /// What witnesses of the scale are expected to know.
     pub witness: ScaleWitnessLimits,
     /// How depth cameras' responses are fitted to boards.

@@ -40,7 +40,7 @@ const CALIBRATION: [(&str, &str, &str); 6] = [
     (
         "watch",
         "crates/core/src/calibration/fit/drift.rs",
-        "pub struct Watch",
+        "pub struct DriftLimits",
     ),
     (
         "witness",

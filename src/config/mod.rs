@@ -228,8 +228,8 @@ fn read(path: &Path, defaults: &Table) -> Result<Table, Error> {
     toml::from_str(&text).map_err(|e| parse(shown(&e, &text)))
 }
 
-/// What a parser says. It quotes the wrong line, except one with an address that may hold a password: logs and support
-/// bundles keep what is said.
+/// A parser's message. It quotes the wrong line, except one with an address that may hold a password: logs and support
+/// bundles keep the message.
 fn shown(error: &toml::de::Error, text: &str) -> String {
     let quoting = error.to_string();
     let may_hold_secret = |line: &str| line.contains("://") && line.contains('@');

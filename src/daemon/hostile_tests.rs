@@ -1,4 +1,5 @@
-//! Tests the socket with clients that storm it, send nonsense, stop in the middle of a line, or do not read.
+//! Tests the socket with clients that flood it with requests, send nonsense, stop in the middle of a line, or do not
+//! read.
 
 use super::scripted::Behaviour;
 use super::service_tests::{

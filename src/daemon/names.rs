@@ -1,4 +1,4 @@
-//! Names of sessions: how they are made and checked.
+//! Makes and checks the names of sessions.
 
 use crate::frame::{CaptureId, Timestamp};
 use std::path::Path;

@@ -30,8 +30,8 @@ pub(super) fn write_beside(
     if candidates.is_empty() {
         let capture = &note.capture;
         return answer(Err(format!(
-            "no recording in {} has {capture:?} by its name: if the recording has another name, give that to scand note \
-             --recording",
+            "no recording in {} is named after capture {capture:?}: if its recording was renamed, name that file with \
+             scand note --recording",
             folder.display()
         )));
     }

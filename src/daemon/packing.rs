@@ -5,7 +5,7 @@ use super::capturing::Capturing;
 use super::parameters::RecordingParameters;
 use crate::clock::Clock;
 use crate::log;
-use crate::process::thread_comes_last;
+use crate::process::lower_thread_priority;
 use crate::recording::{Packed, pack};
 use crate::storage::free_bytes;
 use std::collections::BTreeSet;
@@ -101,7 +101,7 @@ impl Packer {
     }
 
     fn run(&mut self) {
-        for missing in thread_comes_last(19) {
+        for missing in lower_thread_priority(19) {
             log::warning!("packing: {missing}");
         }
         while !self.stopped.load(Ordering::Acquire) {

@@ -1,4 +1,5 @@
-//! The configuration of capturing and recording.
+//! The settings of captures, recordings, readiness, the socket and the hooks, with their defaults and ranges. Data
+//! only.
 
 use crate::range::{count, milliseconds};
 use std::path::PathBuf;

@@ -187,7 +187,7 @@ impl Writing {
         &mut self,
         write: impl FnOnce(&mut RecordingSession) -> Result<T, Error>,
     ) -> Result<T, String> {
-        let words = "no recording is in progress to take the note";
+        let words = "no recording is in progress, so the note cannot be recorded";
         let session = self.session.as_mut().ok_or(words)?;
         write(session).map_err(|error| error.to_string())
     }

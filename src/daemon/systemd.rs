@@ -166,7 +166,7 @@ impl Watchdog {
             let silent: Vec<&str> = silent.map(|(name, _)| *name).collect();
             let (silent, ms) = (silent.join(", "), hungry.as_millis());
             log::error!(
-                "no sign of life from {silent} for {ms} ms; systemd will restart the daemon"
+                "these threads have not reported for {ms} ms: {silent}; systemd will restart the daemon"
             );
         }
     }

@@ -1,5 +1,5 @@
-//! Computes how long a capture takes on each network link, and when each camera of a link may send: the cameras of
-//! one link send one after the other, so that no switch has to hold their frames. Pure arithmetic.
+//! Computes how long a capture takes on each network link, and when each camera of a link may send: the cameras of one
+//! link send one after the other, so that no switch has to hold their frames. It only computes: no packet is sent here.
 
 use crate::frame::CameraId;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,7 +1,7 @@
 //! The foot switch's client of the daemon: sends presses and watches whether the daemon runs. A press whose connection
-//! breaks is sent again under the same name, so that it stays one press. A press that cannot start at once is given up,
-//! because hands come back into the picture. A successful connect proves nothing: with socket activation systemd
-//! accepts connections before the daemon runs.
+//! breaks is sent again under the same name, so that it stays one press. A press that cannot start within two seconds
+//! is given up, because by then the operator's hands may be in the picture again. That a connection succeeds does not
+//! mean that the daemon runs: with socket activation systemd accepts it first.
 
 use crate::clock::Clock;
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};

@@ -3,7 +3,7 @@
 //! the files and a seccomp filter the system calls; if a kernel lacks one of them, this is logged. design/workers.md
 //! has the reasons.
 
-use super::priority::come_last;
+use super::priority::lower_priority;
 use super::system::close_inherited;
 use landlock::{
     ABI, Access, AccessFs, AccessNet, Ruleset, RulesetAttr, RulesetCreatedAttr, RulesetError,
@@ -74,9 +74,9 @@ pub fn confine(
     reads: &[PathBuf],
     writes: &[PathBuf],
 ) -> Result<Vec<String>, ConfineError> {
-    let missing = come_last(limits.nice).into_iter();
+    let missing = lower_priority(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("this system cannot set {what} for a worker"))
+        .map(|what| format!("for a worker, this system cannot set {what}"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;
@@ -84,7 +84,7 @@ pub fn confine(
     set_limit("the size of core dumps", Resource::Core, 0)?;
     let unguarded = match guard_files(reads, writes) {
         Ok(true) => None,
-        Ok(false) => Some("it is not there".to_owned()),
+        Ok(false) => Some("the kernel does not have it".to_owned()),
         Err(error) => Some(error.to_string()),
     };
     missing.extend(unguarded.map(|why| {

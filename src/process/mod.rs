@@ -11,5 +11,5 @@ mod system;
 pub use cancel::Cancel;
 pub use child::{Child, End};
 pub use confine::{ConfineError, Limits, confine, part_from};
-pub use priority::{come_last, thread_comes_last};
+pub use priority::{lower_priority, lower_thread_priority};
 pub use system::close_inherited;

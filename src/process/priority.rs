@@ -2,18 +2,20 @@
 
 use super::system;
 
-/// Lets everybody else come before this process: at the processors, at the disk, and when memory runs out; what cannot
-/// be had, and why.
-pub fn come_last(nice: u32) -> Vec<String> {
-    let mut missing = thread_comes_last(nice);
+/// Gives this process the lowest priority for the processors, the disk and memory. Returns what the system refused, and
+/// why.
+pub fn lower_priority(nice: u32) -> Vec<String> {
+    let mut missing = lower_thread_priority(nice);
     if let Err(error) = std::fs::write("/proc/self/oom_score_adj", "1000") {
-        missing.push(format!("the first place when memory runs out: {error}"));
+        missing.push(format!(
+            "that it is ended first when memory runs out: {error}"
+        ));
     }
     missing
 }
 
-/// Lets all other threads come before this one, at the processors and at the disk; what cannot be had, and why.
-pub fn thread_comes_last(nice: u32) -> Vec<String> {
+/// Gives this thread the lowest priority for the processors and the disk. Returns what the system refused, and why.
+pub fn lower_thread_priority(nice: u32) -> Vec<String> {
     let niced = rustix::process::setpriority_process(None, nice as i32).map_err(Into::into);
     let steps = [
         ("nice", niced),

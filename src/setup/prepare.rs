@@ -87,7 +87,8 @@ impl ConfigSource {
         let file = self.calibration(&config);
         if file.is_none() {
             log::warning!(
-                "there is no rig.calibration: captures are recorded, for scand calibrate, and no models are made"
+                "there is no rig.calibration: captures are recorded, which scand calibrate can use, but no models are \
+                 made"
             );
             config.workers.count = 0;
             config.workers.fleet = None;
@@ -102,7 +103,7 @@ impl ConfigSource {
             let sha256 = digest(file)?;
             let about = &mut header.about;
             about.insert("calibration_sha256".into(), sha256.clone());
-            // Of a file that does not say what it is worth, nothing is said.
+            // A calibration file without a verdict adds no record.
             let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
             header.calibration = verdict.map(|verdict| CalibrationRecord {
                 verdict,

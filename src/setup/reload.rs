@@ -60,7 +60,7 @@ impl Running {
         fixed.retain(|key| !may_change(key));
         if !fixed.is_empty() {
             let keys = fixed.into_iter().collect::<Vec<_>>().join(", ");
-            return Err(format!("{keys}: a change needs a restart"));
+            return Err(format!("{keys}: restart the daemon to change this"));
         }
         same_sizes(&self.header, &now.header)?;
         if let Some(jobs) = &self.jobs {
@@ -121,9 +121,11 @@ fn same_sizes(before: &SessionHeader, now: &SessionHeader) -> Result<(), String>
     let (before, now) = (sizes(before), sizes(now));
     match before.iter().zip(&now).find(|(b, n)| b != n) {
         None if before.len() == now.len() => Ok(()),
-        None => Err("the calibration has other cameras: needs a restart".into()),
+        None => Err(
+            "the calibration has other cameras than before: restart the daemon to use it".into(),
+        ),
         Some(((id, b), (_, n))) => Err(format!(
-            "calibration of camera {id}: {}x{} pixels, running with {}x{}: needs a restart",
+            "the calibration of camera {id} is for {}x{} pixels, but the camera runs with {}x{}: restart the daemon",
             n[0], n[1], b[0], b[1]
         )),
     }

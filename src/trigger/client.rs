@@ -6,7 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Longest line of the daemon that a client reads, in bytes.
+/// Longest line that a client reads from the daemon, in bytes.
 pub const LONGEST_REPLY: u64 = 4 << 20;
 
 /// Why the daemon could not be asked.

@@ -104,9 +104,9 @@ pub enum Event {
         capture: String,
         /// How clear the evidence for its pose is; red where it has none.
         verdict: Level,
-        /// What holds its pose: `silhouettes`, `colours`, `depth`, `nothing` (a turn cannot be known, and the form does
-        /// not depend on it) or `frame` (the others' poses are measured against it); without it where the capture has
-        /// none.
+        /// How its pose was found: `silhouettes`, `colours`, `depth`, `nothing` (a turn cannot be known, and the form
+        /// does not depend on it) or `frame` (the others' poses are measured against it); without it where the
+        /// capture has none.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         held_by: Option<String>,
         /// The same, and what a person can do.

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// Where the daemon listens unless it is configured otherwise.
 pub const SOCKET: &str = "/run/scand/scand.sock";
 
-/// Longest line that is read, in bytes.
+/// Longest line that the daemon reads from a client, in bytes, with its end. [`LONGEST_REPLY`] limits the replies.
 pub const LONGEST_REQUEST: usize = 4096;
 
 /// What a client asks.

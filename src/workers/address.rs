@@ -16,14 +16,14 @@ pub struct FleetAddress {
 
 /// Why an address is refused. Never quotes it, because it may hold a password.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum BadAddress {
+pub enum AddressError {
     /// It has a user or a password.
     #[error(
         "the address has a user or a password in it, which every recording would carry: put them into a file \
          (--credentials), and give nats://HOST:PORT"
     )]
     Secret,
-    /// It is none.
+    /// It is not an address of a server.
     #[error("expected nats://HOST or tls://HOST, with :PORT if it is not 4222")]
     Form,
 }
@@ -46,17 +46,17 @@ impl FleetAddress {
 }
 
 impl FromStr for FleetAddress {
-    type Err = BadAddress;
+    type Err = AddressError;
 
-    fn from_str(text: &str) -> Result<Self, BadAddress> {
+    fn from_str(text: &str) -> Result<Self, AddressError> {
         let (scheme, rest) = text.split_once("://").unwrap_or(("", text));
         if rest.contains('@') {
-            return Err(BadAddress::Secret);
+            return Err(AddressError::Secret);
         }
         let encrypted = match scheme {
             "nats" => false,
             "tls" => true,
-            _ => return Err(BadAddress::Form),
+            _ => return Err(AddressError::Form),
         };
         let bracketed = rest.find(']').map_or(0, |end| end + 1);
         let (host, port) = match rest[bracketed..].rfind(':') {
@@ -64,7 +64,7 @@ impl FromStr for FleetAddress {
             None => (rest, ""),
         };
         let port = match port.strip_prefix(':') {
-            Some(port) => port.parse().map_err(|_| BadAddress::Form)?,
+            Some(port) => port.parse().map_err(|_| AddressError::Form)?,
             None => Self::PORT,
         };
         let inner = host.strip_prefix('[').and_then(|h| h.strip_suffix(']'));
@@ -79,7 +79,7 @@ impl FromStr for FleetAddress {
                 host: host.to_owned(),
                 port,
             })
-            .ok_or(BadAddress::Form)
+            .ok_or(AddressError::Form)
     }
 }
 
@@ -122,7 +122,7 @@ mod tests {
             "me:secret@host",
         ] {
             let error = text.parse::<FleetAddress>().unwrap_err();
-            assert_eq!(error, BadAddress::Secret);
+            assert_eq!(error, AddressError::Secret);
             assert!(!error.to_string().contains("secret"));
         }
         for text in [
@@ -137,7 +137,7 @@ mod tests {
         ] {
             assert_eq!(
                 text.parse::<FleetAddress>(),
-                Err(BadAddress::Form),
+                Err(AddressError::Form),
                 "{text}"
             );
         }

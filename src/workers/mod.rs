@@ -9,7 +9,7 @@ pub mod object_protocol;
 mod parameters;
 pub mod protocol;
 
-pub use address::{BadAddress, FleetAddress};
+pub use address::{AddressError, FleetAddress};
 pub use parameters::Parameters;
 
 cfg_if::cfg_if! {

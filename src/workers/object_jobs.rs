@@ -1,4 +1,4 @@
-//! What is to be done for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
+//! The queue of jobs for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
 //! is enqueued, replaced by a newer one of the same object, and removed when it is done.
 
 use super::job::Job;
@@ -224,7 +224,7 @@ impl ObjectJobs {
         self.state.lock().entries.len()
     }
 
-    /// Whether there is none.
+    /// Whether no job waits.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -311,7 +311,7 @@ impl ObjectJobs {
     }
 }
 
-/// Reads a job; a file that is none is set aside.
+/// Reads a job; a file that is not a job is set aside.
 fn read(path: &Path) -> Option<ObjectJob> {
     let bytes = std::fs::read(path).map_err(|e| e.to_string());
     let parsed = bytes.and_then(|b| {

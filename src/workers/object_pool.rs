@@ -277,7 +277,7 @@ impl Shared {
         newest.max().map(|(_, folder)| folder.clone())
     }
 
-    /// Tells of a model whose process could not say itself why there is none, with a report in its place.
+    /// Reports that no model was made, and why, if the process could not write that report itself.
     fn failed(&self, taken: &TakenObject, recordings: &[PathBuf], reason: String, words: &str) {
         let job = &taken.job.newest;
         let written = || -> Result<(), String> {
@@ -314,7 +314,7 @@ impl Shared {
                 model.verdict.name(),
                 model.folder.display()
             ),
-            Err(reason) => log::warning!("object {subject}: there is no model: {reason}"),
+            Err(reason) => log::warning!("object {subject}: no model was made: {reason}"),
         }
         let left_out = folder.map(ReportFile::left_out).unwrap_or_default();
         (self.tell)(ObjectNews::Fused {
@@ -333,7 +333,7 @@ impl Ended {
             (None, Some(status)) => {
                 outcome::reason(status, &Found::others(&self.words), &plan.parameters)
             }
-            (None, None) => "it ended without a word".to_owned(),
+            (None, None) => "it ended without giving a reason".to_owned(),
         }
     }
 }

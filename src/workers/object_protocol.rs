@@ -80,7 +80,7 @@ pub struct Found {
 pub struct FoundPoses {
     /// How clear the evidence for the newest capture's pose is; red where it has none.
     pub verdict: Level,
-    /// What holds that pose; `None` where it has none.
+    /// How that pose was found; `None` without a pose.
     pub held_by: Option<String>,
     /// The same in words.
     pub words: String,

@@ -1,5 +1,5 @@
-//! Objects' jobs on the disk and the processes that do them, which are shell scripts here; `tests/rig` has the real
-//! ones.
+//! Tests objects' jobs on the disk and the processes that do them. These processes are shell scripts; `tests/rig` runs
+//! the real ones.
 
 use super::object_protocol::{Found, FoundPoses};
 use super::*;

@@ -68,7 +68,10 @@ impl Making {
             }
             match &model {
                 Ok(model) => log::notice!("{}: {}", model.folder.display(), model.verdict.name()),
-                Err(reason) => log::warning!("capture {}: no remake: {reason}", remake.capture),
+                Err(reason) => log::warning!(
+                    "capture {}: its model was not made again: {reason}",
+                    remake.capture
+                ),
             }
             tell(Remade {
                 capture: remake.capture,
@@ -90,7 +93,7 @@ impl Making {
         let path = self.recording(&remake.capture).ok_or_else(|| {
             let folder = self.jobs.recordings().display();
             format!(
-                "no recording in {folder} has {} by its name",
+                "no recording in {folder} is named after capture {}",
                 remake.capture
             )
         })?;

@@ -1,5 +1,5 @@
 //! Models that people want made again with other settings: which settings may be chosen, and a short queue in memory.
-//! Nothing here is kept over a stop: whoever wants a model asks again.
+//! The queue is lost when the daemon stops; people must then ask again.
 
 use crate::frame::CaptureId;
 use parking_lot::{Condvar, Mutex};
@@ -63,11 +63,14 @@ impl Remake {
     /// A capture's model with these settings.
     ///
     /// # Errors
-    /// What is wrong, if the id is none, no setting is given, or one is not known or out of its range.
+    /// What is wrong, if the id is not valid, no setting is given, or one is not known or out of its range.
     pub fn new(capture: &str, settings: &BTreeMap<String, Value>) -> Result<Self, String> {
         CaptureId::new(capture).map_err(|error| error.to_string())?;
         if settings.is_empty() {
-            return Err("a remake wants at least one setting that differs".into());
+            return Err(
+                "no setting was given: a model is made again only with at least one other setting"
+                    .into(),
+            );
         }
         let settings = settings.iter().map(|(key, value)| chosen(key, value));
         Ok(Self {
@@ -129,7 +132,7 @@ impl Remakes {
             return Err("the daemon is ending".into());
         }
         if state.waiting.contains(&remake) {
-            return Err("the same remake waits already".into());
+            return Err("a remake with the same settings is waiting already".into());
         }
         if state.waiting.len() >= MOST_WAITING {
             return Err(format!(

@@ -1,5 +1,5 @@
-//! Jobs on the disk and the processes that do them. These processes are shell scripts that do what a test needs;
-//! tests/workers.rs has the real ones.
+//! Tests jobs on the disk and the processes that do them. These processes are shell scripts that do what a test needs;
+//! tests/workers.rs runs the real ones.
 
 use super::find::find;
 use super::*;

@@ -297,7 +297,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
                 frame.picture = other[index].frames[0].picture.clone();
             }
         });
-        let since = format!("this is the rig since {}", name(7));
+        let since = format!("the rig has stayed as it is since {}", name(7));
         trial.row(
             &format!("bumped by {degrees}° early"),
             &early,

@@ -267,7 +267,9 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.until_logged("listening");
     stand.configure("[capture]\nretry = 3\nwaiting = 5\n[v4l2.cameras.c01.controls]\nfocus = 3\n");
     stand.signal("-HUP");
-    stand.until_logged("capture.waiting, v4l2.cameras.c01.controls: a change needs a restart");
+    stand.until_logged(
+        "capture.waiting, v4l2.cameras.c01.controls: restart the daemon to change this",
+    );
     stand.configure("[capture]\nretyr = 3\n");
     stand.signal("-HUP");
     stand.until_logged("retyr");

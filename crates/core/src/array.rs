@@ -1,5 +1,5 @@
-//! Functions on short arrays for inner loops. The standard library's (`map`, `from_fn`) become a call for each
-//! array unless the program is optimised as a whole, for which a build has no time.
+//! Functions on short arrays for inner loops. The compiler does not inline those of the standard library (`map`,
+//! `from_fn`) unless it optimises the whole program at once, which would make a build too slow.
 
 /// The values of `f` for a triangle's corners, a pixel's channels or a point's coordinates.
 #[inline(always)]

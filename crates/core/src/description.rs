@@ -1,6 +1,6 @@
 //! What a model's files say about the object and about how the model was made. It depends only on the recording and the
-//! program, so it has no time of making, no path, no host, and no note or verdict, which may change. The names follow
-//! Dublin Core if that has one; `design/metadata.md` has the mapping. Data only.
+//! program. So it does not state when or on which machine the model was made, has no path, and has no note or verdict,
+//! which may change. The names follow Dublin Core where that has one; `design/metadata.md` has the mapping. Data only.
 
 use std::collections::BTreeMap;
 

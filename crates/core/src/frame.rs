@@ -17,7 +17,7 @@ pub struct CameraId(Arc<str>);
 /// A name that breaks the rule of its kind.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 #[error("{kind} {found:?} is not {expected}")]
-pub struct BadName {
+pub struct NameError {
     kind: &'static str,
     found: String,
     expected: &'static str,
@@ -28,13 +28,13 @@ impl CameraId {
     ///
     /// # Errors
     /// If `name` is not `[a-z0-9_-]{1,32}`.
-    pub fn new(name: &str) -> Result<Self, BadName> {
+    pub fn new(name: &str) -> Result<Self, NameError> {
         let allowed =
             |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_' || b == b'-';
         if (1..=32).contains(&name.len()) && name.bytes().all(allowed) {
             return Ok(Self(name.into()));
         }
-        Err(BadName {
+        Err(NameError {
             kind: "camera id",
             found: shortened(name),
             expected: "1 to 32 of a-z, 0-9, _ and -",
@@ -69,13 +69,13 @@ impl CaptureId {
     ///
     /// # Errors
     /// If `name` is not `[A-Za-z0-9._-]{1,64}` or starts with a dot.
-    pub fn new(name: &str) -> Result<Self, BadName> {
+    pub fn new(name: &str) -> Result<Self, NameError> {
         let allowed = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-');
         let length = (1..=64).contains(&name.len());
         if length && name.bytes().all(allowed) && !name.starts_with('.') {
             return Ok(Self(name.into()));
         }
-        Err(BadName {
+        Err(NameError {
             kind: "capture id",
             found: shortened(name),
             expected: "1 to 64 of A-Z, a-z, 0-9, ., _ and - not starting with a dot",

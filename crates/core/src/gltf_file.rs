@@ -80,7 +80,9 @@ impl<'a> GltfFile<'a> {
         let accessor = self.root.get(index);
         let accessor = accessor.ok_or_else(|| explain("is not there"))?;
         if component(accessor) != Some(kind) {
-            return Err(explain("has a component type that is not read there"));
+            return Err(explain(
+                "has a component type that scand does not support there",
+            ));
         }
         if accessor.type_ != Checked::Valid(shape) {
             let width = shape.multiplicity();
@@ -89,7 +91,9 @@ impl<'a> GltfFile<'a> {
             )));
         }
         if accessor.sparse.is_some() || accessor.normalized {
-            return Err(explain("is sparse or normalised, which is not read"));
+            return Err(explain(
+                "is sparse or normalised, which scand does not support",
+            ));
         }
         let (bytes, stride) = self
             .view(accessor)

@@ -1,4 +1,4 @@
-//! Runs a number of jobs on a number of threads, each job isolated from the others' panics. Knows nothing of
+//! Runs a number of jobs on a number of threads; a job that panics does not affect the others. Knows nothing of
 //! scanning.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,5 +1,5 @@
-//! What is refused of the options before anything is rendered: numbers out of range, and faults of cameras that are not
-//! there.
+//! Checks the options before anything is rendered: refuses numbers out of range, and faults of cameras that the rig
+//! does not have.
 
 use super::{Error, Options, Rig, invalid, within_range};
 

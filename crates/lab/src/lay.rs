@@ -1,4 +1,4 @@
-//! Lays an object down in a pose: on the table, at rest, as a body would lie that is let go.
+//! Puts an object down on the table in a pose, so that it rests there as a real body would after being let go.
 
 use super::pose::Pose;
 use super::random::Random;

@@ -45,7 +45,7 @@ pub use rig::{ColorStation, DepthStation, Rig};
 pub use session::{Capture, Simulation};
 pub use shape::Shape;
 
-use scand_core::frame::BadName;
+use scand_core::frame::NameError;
 use scand_core::range::{self, OutOfRange};
 use scand_core::{calibration, recording};
 
@@ -65,7 +65,7 @@ pub enum Error {
     Calibration(#[from] calibration::Error),
     /// A camera's id is invalid.
     #[error(transparent)]
-    Name(#[from] BadName),
+    Name(#[from] NameError),
     /// What cannot be played as a live rig, in words.
     #[error("{0}")]
     Unservable(String),

@@ -1,4 +1,5 @@
-//! The poses in which one object is shown, a capture each, as words. Where they put it is in `lay`.
+//! The poses in which one object is shown, one for each capture, as words of the command line. `lay` computes where
+//! they put it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -1,4 +1,4 @@
-//! Simulated faults appear as the options say, and presets are sessions.
+//! Tests that simulated faults appear as the options say, and that each preset is a session.
 
 use super::*;
 use scand_core::frame::{Picture, Stream};

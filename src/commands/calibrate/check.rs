@@ -1,7 +1,7 @@
 //! `scand calibrate --check`: reports whether the rig still matches its calibration, as text or JSON.
 
 use crate::calibrate::{Check, Detections};
-use crate::calibration::fit::{Checked, Motion, PairMotion};
+use crate::calibration::fit::{CheckedCamera, Motion, PairMotion};
 use crate::calibration::response::{DepthCheck, DepthDeviation};
 use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CameraId;
@@ -77,8 +77,8 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
     words + &beside.unwrap_or_default()
 }
 
-fn words(checked: &Checked) -> String {
-    let Checked {
+fn words(checked: &CheckedCamera) -> String {
+    let CheckedCamera {
         camera,
         views,
         off_px,
@@ -86,7 +86,7 @@ fn words(checked: &Checked) -> String {
     } = checked;
     match motion {
         _ if *views == 0 => format!("camera {camera}: it did not see the board"),
-        None => format!("camera {camera}: as calibrated, to {off_px:.2} px"),
+        None => format!("camera {camera}: it is as calibrated, to {off_px:.2} px"),
         Some(motion) => format!(
             "camera {camera}: it moved: the board is {off_px:.2} px off; turned by {:.3}°, shifted by {:.2} mm ({:.2} \
              px are left)",

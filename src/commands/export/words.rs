@@ -24,7 +24,7 @@ pub(super) fn format(text: &str) -> Result<Format, String> {
         },
     };
     Err(format!(
-        "it is none of {}; {tip}",
+        "expected {}; {tip}",
         listed(&Format::ALL.map(Format::name))
     ))
 }
@@ -45,7 +45,7 @@ pub(super) fn kind(text: &str) -> Result<Kind, String> {
         ("instant-ngp" | "nerf" | "splatfacto", _) => "that reads datasets for nerfstudio".into(),
         _ => "most programs read datasets for colmap".into(),
     };
-    Err(format!("it is none of {}; {tip}", listed(&names)))
+    Err(format!("expected {}; {tip}", listed(&names)))
 }
 
 /// A way to make a glTF smaller, by its name.
@@ -57,7 +57,7 @@ pub(super) fn compression(text: &str) -> Result<Compression, String> {
              (quantization), or let gltfpack or gltf-transform compress the exported file"
                 .into(),
         ),
-        _ => Err("there is one: quantization".into()),
+        _ => Err("expected quantization, which is the only one".into()),
     }
 }
 

@@ -31,7 +31,7 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
-    /// JobOffer the captures of the rig on this machine, and take their models in, until SIGTERM or Ctrl-C
+    /// Offer the captures of the rig on this machine, and take their models in, until SIGTERM or Ctrl-C
     Run(RunArgs),
     /// Show jobs, workers and failures
     Status(StatusArgs),

@@ -378,9 +378,7 @@ fn words(event: &Event) -> String {
             ..
         } => {
             let next = show_next.as_deref().map_or_else(String::new, |side| {
-                format!(
-                    "; {unseen_percent} % of the surface was faced by no camera: it lies {side}"
-                )
+                format!("; no camera faced {unseen_percent} % of the surface: it lies {side}")
             });
             format!("object {subject}: {capture}: {words}{next}")
         }
@@ -394,7 +392,7 @@ fn words(event: &Event) -> String {
         Event::Fused {
             subject, reasons, ..
         } => format!(
-            "object {subject}: there is no model: {}",
+            "object {subject}: no model was made: {}",
             reasons.join("; ")
         ),
         Event::Remade {

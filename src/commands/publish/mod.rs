@@ -185,7 +185,7 @@ fn extra(text: &str) -> Result<Extra, String> {
     }
     let tip = closest(text, known).map(|close| format!("; did you mean {close}?"));
     Err(format!(
-        "it is none of {}{}",
+        "expected one of {}{}",
         known.join(", "),
         tip.unwrap_or_default()
     ))

@@ -1,4 +1,5 @@
-//! The viewer's script, which is built with the operator's page, and what a build without it says.
+//! Holds the viewer's script, which is built with the operator's page, and the message of a build that does not have
+//! it.
 
 /// Why there is no viewer, and where one is.
 pub(super) const MISSING: &str = "the pages have pictures and files, but no viewer, which this build of scand does not \

@@ -102,7 +102,8 @@ impl FleetReplay<'_> {
             return Ok(ExitCode::from(EXIT_INCOMPLETE));
         }
         if self.options.shard.is_some() && outcomes.is_empty() {
-            self.console.line("this part has no capture");
+            self.console
+                .line("no capture falls into this part (--shard)");
             return Ok(ExitCode::SUCCESS);
         }
         Ok(super::exit_code(&outcomes, self.options.strict))

@@ -1,5 +1,5 @@
-//! What a replay says when a person stops it with Ctrl-C. A model that is being made then is left out, as if the
-//! process was killed: folders get their names only when they are complete.
+//! Prints how far a replay got when a person stops it with Ctrl-C. The model that is being made then is left out, as if
+//! the process had been killed: folders get their names only when they are complete.
 
 use crate::words::count;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,7 +15,7 @@ pub(super) fn done() {
     DONE.fetch_add(1, Ordering::Relaxed);
 }
 
-/// From now on Ctrl-C says what is done and how to go on. A process that cannot have that ends without a word.
+/// From now on Ctrl-C prints how many models are done and how to go on. If no handler can be set, it prints nothing.
 pub(super) fn explain() {
     let _ = ctrlc::set_handler(|| {
         eprintln!(

@@ -243,7 +243,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     console.summary(&outcomes, &args.out);
     if args.shard.is_some() && outcomes.is_empty() {
-        console.line("this part has no capture");
+        console.line("no capture falls into this part (--shard)");
         return Ok(ExitCode::SUCCESS);
     }
     Ok(exit_code(&outcomes, args.strict))

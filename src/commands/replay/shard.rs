@@ -1,4 +1,4 @@
-//! Splits captures between several runs of a replay that know nothing of each other, as batch systems start them.
+//! Splits captures between several runs of a replay that cannot talk to each other, such as the jobs of a batch system.
 
 use crate::frame::{CaptureId, Timestamp};
 use sha2::{Digest, Sha256};

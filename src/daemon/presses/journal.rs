@@ -99,7 +99,7 @@ impl Journal {
         if let Err(error) = work(self) {
             let path = self.path.display();
             log::error!(
-                "{path}: cannot {what}: {error}; a restarted daemon will not know these presses"
+                "{path}: cannot {what}: {error}; after a restart, the daemon will not know these presses"
             );
         }
     }
@@ -133,10 +133,10 @@ fn read(path: &Path) -> Vec<Line> {
     }
     let texts = bytes.split(|b| *b == b'\n').filter(|text| !text.is_empty());
     let parsed: Vec<_> = texts.map(serde_json::from_slice::<Line>).collect();
-    let senseless = parsed.iter().filter(|line| line.is_err()).count();
-    if senseless > 0 {
+    let unparsable = parsed.iter().filter(|line| line.is_err()).count();
+    if unparsable > 0 {
         log::warning!(
-            "{}: {senseless} lines cannot be parsed and are ignored",
+            "{}: {unparsable} lines cannot be parsed and are ignored",
             path.display()
         );
     }

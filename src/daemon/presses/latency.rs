@@ -1,4 +1,4 @@
-//! How long the last presses took.
+//! Keeps how long the last presses took, and computes their percentiles.
 
 use crate::statistics::nearest_rank_quantile;
 use std::collections::VecDeque;

@@ -1,5 +1,5 @@
-//! Action commands (GigE Vision 2.0, 14.3.1 and 16.4.1), which mean "expose at this time of our common clock". The
-//! library has none, so this file makes the packet. It also chooses the time for all cameras of one group.
+//! Action commands (GigE Vision 2.0, 14.3.1 and 16.4.1), which mean "expose at this time of our common clock". Aravis
+//! cannot send them, so this file makes the packet. It also chooses the time for all cameras of one group.
 
 use super::gvcp::{self, Answer, Message};
 use parking_lot::Mutex;

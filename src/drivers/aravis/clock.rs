@@ -151,8 +151,8 @@ impl CameraClock {
         })
     }
 
-    /// A value that was latched between two of the host's times. One of an earlier latch, which a busy camera or host
-    /// was late with, is none.
+    /// A value that was latched between two of the host's times; `None` if it is that of an earlier latch, because the
+    /// camera or the host was busy.
     fn latch_registers(&mut self, device: &GvDevice) -> Option<(Timestamp, Timestamp, u64)> {
         let read = |register| device.read_register(register).ok().map(|(_, value)| value);
         let value = || Some(u64::from(read(VALUE_HIGH)?) << 32 | u64::from(read(VALUE_LOW)?));

@@ -18,7 +18,7 @@ pub(super) struct Features<'a> {
 pub(super) fn fault(field: &str, asked: &str, error: &aravis::glib::Error) -> Fault {
     if no_answer(error) {
         return Fault::Away(format!(
-            "no answer while {field} was asked for: {}",
+            "the camera did not answer when {field} was asked for: {}",
             error.message()
         ));
     }

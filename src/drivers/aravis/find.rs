@@ -105,7 +105,10 @@ fn search(parameters: &Parameters) -> Result<Found, Fault> {
         (Some(one), Some(other)) => Err(Fault::Refused {
             field: "camera".into(),
             asked: parameters.whereabouts(),
-            found: format!("two cameras, at {} and {}", one.address, other.address),
+            found: format!(
+                "two cameras that match, at {} and {}",
+                one.address, other.address
+            ),
         }),
         (None, _) => Err(Fault::Away(format!(
             "no camera {} answered a search; serials found: {}",

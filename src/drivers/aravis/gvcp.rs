@@ -102,8 +102,8 @@ pub(super) fn status_words(status: u16) -> String {
         0x8004 => "write protected",
         0x8006 => "access denied",
         0x8007 => "busy",
-        0x8013 => "no reference time",
-        0x8015 => "overflow of its queue of actions",
+        0x8013 => "the camera has no reference time",
+        0x8015 => "its queue of actions is full",
         0x8016 => "the action came too late",
         _ => return format!("status 0x{status:04x}"),
     };

@@ -178,7 +178,7 @@ impl OpenCamera {
                 self.control_lost.store(true, Ordering::Relaxed);
                 let (address, why) = (self.found.address, error.message());
                 return Err(Fault::Away(format!(
-                    "{address}: no answer to a trigger: {why}"
+                    "{address}: the camera did not answer the trigger: {why}"
                 )));
             }
             stats.lost.push(format!(

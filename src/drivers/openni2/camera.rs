@@ -179,7 +179,7 @@ impl Camera {
 
     pub(super) fn silent(&self, limit: Duration) -> Fault {
         Fault::Away(format!(
-            "{}: no frame for {:.1} s",
+            "{}: no frame arrived for {:.1} s",
             self.device.uri(),
             limit.as_secs_f64()
         ))
@@ -232,7 +232,7 @@ fn missing(wanted: &str, listed: &[(String, String)]) -> String {
         serial => format!("no depth camera has the serial number {serial}"),
     };
     match there.is_empty() {
-        true => format!("{what}: OpenNI lists none"),
+        true => format!("{what}: OpenNI lists no camera"),
         false => format!("{what}: OpenNI lists {}", there.join(", ")),
     }
 }

@@ -1,5 +1,5 @@
-//! When a depth camera's frames were exposed. If its clock counts microseconds, it is mapped by the frames'
-//! arrivals; otherwise the arrivals themselves are used.
+//! Computes when a depth camera's frames were exposed. If its clock counts microseconds, that clock is mapped by the
+//! frames' arrivals; otherwise the arrivals themselves are used.
 
 use crate::drivers::live::{DeviceClock, Reading};
 use crate::frame::Timestamp;
@@ -46,7 +46,7 @@ impl StreamClock {
         let speed = passed_us / real_us;
         if !(0.7..1.4).contains(&speed) {
             let remark = format!(
-                "its clock runs {speed:.2} times as fast as microseconds do: frames are stamped by their arrival"
+                "its clock does not count microseconds ({speed:.2} in each): frames are stamped by their arrival"
             );
             return Ok((Self::by_arrival(), Some(remark)));
         }

@@ -1,4 +1,4 @@
-//! Checks that a frame is complete; others are dropped. Pure; no call of the library.
+//! Checks that a frame is complete; others are dropped. It calls no function of the library.
 
 use super::ffi;
 use std::ffi::c_int;

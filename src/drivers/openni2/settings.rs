@@ -297,6 +297,6 @@ pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read
         Err(failed) if p.synchronise == Some(true) => {
             Err(refused(NAME, asked, Some("off"), Some(failed)))
         }
-        Err(_) => Ok((false, row(NAME, asked, "off, its driver cannot"))),
+        Err(_) => Ok((false, row(NAME, asked, "off, because its driver cannot"))),
     }
 }

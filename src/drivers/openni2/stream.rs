@@ -92,7 +92,7 @@ impl Drop for Stream {
     fn drop(&mut self) {
         let _held = LIBRARY.lock();
         self.stop();
-        // SAFETY: made once, destroyed once; frames borrow the stream, so there is none.
+        // SAFETY: the stream is made once and destroyed once. Frames borrow it, so no frame exists now.
         unsafe { ffi::oniStreamDestroy(self.handle) };
     }
 }

@@ -145,7 +145,9 @@ impl Camera {
                 .map(|why| format!(", but damaged ones: {why}"));
             let damage: String = damage.collect();
             let seconds = limit.as_secs_f64();
-            return Err(self.away(format!("no complete frame for {seconds:.1} s{damage}")));
+            return Err(self.away(format!(
+                "no complete frame arrived for {seconds:.1} s{damage}"
+            )));
         }
         Ok(())
     }

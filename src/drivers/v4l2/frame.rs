@@ -1,4 +1,4 @@
-//! Judges a filled buffer: whether its frame is complete, and when its exposure began. Pure; no system call.
+//! Decides whether the frame in a filled buffer is complete, and when its exposure began. It makes no system call.
 
 use super::jpeg::{self, Jpeg};
 use crate::drivers::pixel_format::PixelFormat;

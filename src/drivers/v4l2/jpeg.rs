@@ -1,5 +1,5 @@
-//! Completes the frames of MJPEG cameras to JPEG files: many cameras leave out the Huffman tables, which are always
-//! the same (those of ITU-T T.81, annex K.3). Pure; bytes in, bytes out.
+//! Completes the frames of MJPEG cameras to JPEG files: many cameras leave out the Huffman tables, which are always the
+//! same (those of ITU-T T.81, annex K.3). It turns bytes into bytes, and touches no device.
 
 /// Where something has to be put into a frame, so that it is a JPEG file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -278,7 +278,7 @@ impl Setting<'_> {
         let Some(control) = self.find(name).cloned() else {
             let names: Vec<&str> = self.controls.iter().map(|c| c.name.as_str()).collect();
             return Err(refused(format!(
-                "no such control, but {}",
+                "no such control: the camera has {}",
                 names.join(", ")
             )));
         };

@@ -85,7 +85,7 @@ def dropped():
         scand.ask("trigger")
     contains(scand.said(since), "camera c00: lost: ", "did not arrive")
     vivid.control(0, percentage_of_dropped_buffers=100)
-    contains(scand.becomes("c00", "away"), "no complete frame for 10.0 s")
+    contains(scand.becomes("c00", "away"), "no complete frame arrived for 10.0 s")
     contains(scand.ask("trigger", expected=1), "camera c00")
     vivid.control(0, percentage_of_dropped_buffers=0)
     scand.becomes("c00", "ready")

@@ -1,5 +1,5 @@
-//! Checks a package, whoever made it. Nothing outside its folder is read: a list that names a path outside, a link
-//! and a list of files to fetch are refused before any digest is computed.
+//! Checks a package, made by scand or by another program. Nothing outside its folder is read: a list that names a path
+//! outside, a link and a list of files to fetch are refused before any digest is computed.
 
 use super::Error;
 use super::manifest::{Algorithm, parse};

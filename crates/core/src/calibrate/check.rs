@@ -2,7 +2,7 @@
 
 use super::depth::{BoardView, views};
 use super::{Detections, Error};
-use crate::calibration::fit::{self, Checked, Checks, PairMotion, Watch};
+use crate::calibration::fit::{self, CheckedCamera, DriftLimits, DriftResult, PairMotion};
 use crate::calibration::response::{DepthCheck, PlaneView, check_depth};
 use crate::calibration::{Camera, DepthResponse, RigCalibration};
 use crate::capture::Placements;
@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 #[derive(Debug)]
 pub struct Check {
     /// Cameras of the calibration that were in the session.
-    pub cameras: Vec<Checked>,
+    pub cameras: Vec<CheckedCamera>,
     /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// What the depth cameras of the calibration read, or why that was not checked.
@@ -56,7 +56,7 @@ pub fn check(
     detections: &Detections,
     recordings: &[Placements],
     known: &RigCalibration,
-    watch: &Watch,
+    watch: &DriftLimits,
 ) -> Result<Check, Error> {
     let session = &detections.session;
     let found = fit::check(session, known, watch)?;
@@ -83,8 +83,8 @@ fn depths(
     detections: &Detections,
     recordings: &[Placements],
     known: &RigCalibration,
-    checks: &Checks,
-    watch: &Watch,
+    checks: &DriftResult,
+    watch: &DriftLimits,
     lost: &mut Vec<String>,
 ) -> BTreeMap<CameraId, Result<DepthCheck, String>> {
     let mut found = BTreeMap::new();
@@ -92,8 +92,8 @@ fn depths(
         let is_read = detections.depth_cameras.contains(id);
         let checked = match (is_read, response) {
             (false, None) => continue,
-            (true, None) => Err("the calibration has no response of it".into()),
-            (false, Some(_)) => Err("the recording has no depth of it".into()),
+            (true, None) => Err("the calibration has no depth response for it".into()),
+            (false, Some(_)) => Err("the recording has no depth frames from it".into()),
             (true, Some(response)) => {
                 let now = camera_now(checks, camera);
                 against(
@@ -112,7 +112,7 @@ fn depths(
 }
 
 /// A camera where it is now: a depth camera that moved may still read what it did.
-fn camera_now(checks: &Checks, known: &Camera) -> Camera {
+fn camera_now(checks: &DriftResult, known: &Camera) -> Camera {
     let cameras = checks.cameras.iter().zip(&checks.rig_from_camera);
     let mut own = cameras.filter(|(checked, _)| checked.camera == known.id);
     let pose = own.next().map_or(known.rig_from_camera, |(_, pose)| *pose);
@@ -122,9 +122,9 @@ fn camera_now(checks: &Checks, known: &Camera) -> Camera {
 fn against(
     detections: &Detections,
     recordings: &[Placements],
-    checks: &Checks,
+    checks: &DriftResult,
     (camera, response): (&Camera, &DepthResponse),
-    watch: &Watch,
+    watch: &DriftLimits,
     lost: &mut Vec<String>,
 ) -> Result<DepthCheck, String> {
     let session = &detections.session;

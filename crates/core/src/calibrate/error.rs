@@ -105,7 +105,7 @@ pub enum Error {
     )]
     NoPlacements { from: String, until: String },
     /// A distance of a camera that is not in the session.
-    #[error("--distance: no camera {camera} in the recordings, expected one of {known}")]
+    #[error("--distance: the recordings have no camera {camera}, expected one of {known}")]
     NoSuchCamera {
         /// The camera that was named.
         camera: CameraId,

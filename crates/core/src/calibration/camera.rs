@@ -1,4 +1,4 @@
-//! A camera with its place in the rig.
+//! A camera of a calibrated rig: its lens and its pose. Projects points of the rig into its picture.
 
 use super::{Error, Intrinsics};
 use crate::frame::CameraId;

@@ -43,7 +43,9 @@ impl CaptureSession {
         let content_sha256 = self.recording().extract(&chosen, to, program)?;
         let small = Self::of(Recording::open(to)?, parameters)?;
         if !self.says_the_same(&small, id) {
-            return Err(alone("on its own it would not look the same"));
+            return Err(alone(
+                "in a recording of its own it would not be the same capture",
+            ));
         }
         Ok(Extract { content_sha256 })
     }

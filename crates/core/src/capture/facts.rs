@@ -1,4 +1,4 @@
-//! Facts about a capture that are not in its pictures, for the verdict and the report. Data only.
+//! Facts about a capture for the verdict and the report that its pictures do not show. Data only.
 
 use crate::calibration::CalibrationVerdict;
 use crate::frame::{CameraId, CaptureId, Timestamp};

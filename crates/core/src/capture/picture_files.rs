@@ -1,4 +1,4 @@
-//! Picture files as a calibration session: the n-th file of each camera is of one placement.
+//! Reads picture files as a calibration session: the n-th file of each camera shows the n-th placement.
 
 use super::error::Error;
 use crate::frame::{CameraId, Picture};

@@ -182,7 +182,7 @@ impl Split {
         let numbers = self.positions.iter().chain(&self.normals).flatten();
         let numbers = numbers.chain(self.uv.iter().flatten()).chain(&self.errors);
         match { numbers }.find(|value| !value.is_finite()) {
-            Some(value) => Err(format!("it has the number {value}")),
+            Some(value) => Err(format!("it has the value {value}, which is not finite")),
             None => Ok(()),
         }
     }

@@ -32,7 +32,7 @@ pub enum Error {
     )]
     NameTaken(PathBuf),
     /// Captures that cannot be fused, with the reason of each.
-    #[error("no model was made, for fewer than two captures agree: {0}")]
+    #[error("no model was made, because fewer than two captures agree: {0}")]
     NotOneObject(String),
     /// A model or a picture cannot be encoded.
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! The point of a triangle that is nearest to another point.
+//! Finds the point of a triangle that is nearest to another point.
 
 use nalgebra::Point3;
 

@@ -1,4 +1,4 @@
-//! The surface of a box.
+//! Makes the surface of a box as a mesh.
 
 use super::Mesh;
 use nalgebra::Point3;

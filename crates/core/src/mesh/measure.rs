@@ -1,4 +1,4 @@
-//! Volumes and areas, summed in double precision.
+//! Computes bounding boxes, volumes and areas, summed in double precision.
 
 use super::Mesh;
 use nalgebra::{Point3, Vector3};

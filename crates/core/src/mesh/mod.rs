@@ -26,7 +26,9 @@ pub use edges::{Side, edges, sorted_sides};
 pub use measure::{bounding_box, volume_and_total_area};
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_closed, rasterize_mesh};
-pub use shade::{Drawn, Eye, Style, View, four_sides, parallel_view, render, vertex_paint};
+pub use shade::{
+    Drawn, ProjectionKind, Style, View, four_sides, parallel_view, render, vertex_paint,
+};
 pub use simplify::{Simplified, SimplifyError, simplify};
 
 use crate::array::three;

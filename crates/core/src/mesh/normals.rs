@@ -1,4 +1,4 @@
-//! Normals of vertices.
+//! Computes the normals of vertices.
 
 use super::Mesh;
 use crate::array::three;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// Where a picture is seen from: lights the mesh, and tells a perspective projection from a parallel one.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Eye {
+pub enum ProjectionKind {
     /// A perspective view from this point.
     At(Point3<f32>),
     /// A parallel view; the unit vector points from the object to the eye.
@@ -24,7 +24,7 @@ pub struct View<P> {
     /// Height in pixels.
     pub height: usize,
     /// Where it is seen from.
-    pub eye: Eye,
+    pub eye: ProjectionKind,
     /// A point's pixel coordinates and depth, as [`rasterize`] wants them.
     pub project: P,
 }
@@ -67,7 +67,7 @@ pub fn render<P: Fn(Point3<f32>) -> [f32; 3]>(
 /// A mesh that was drawn once and can be painted more than once.
 pub struct Drawn<'a> {
     mesh: &'a Mesh,
-    eye: Eye,
+    eye: ProjectionKind,
     samples: usize,
     /// Of the vertices, at the resolution of the samples.
     projected: Vec<[f32; 3]>,
@@ -179,7 +179,7 @@ pub fn parallel_view(
     View {
         width,
         height,
-        eye: Eye::Towards(towards_eye),
+        eye: ProjectionKind::Towards(towards_eye),
         project,
     }
 }
@@ -203,11 +203,11 @@ fn supersampled([x, y, depth]: [f32; 3], samples: usize) -> [f32; 3] {
 }
 
 /// The weights of a triangle's corners at a pixel it covers, of sum 1 and within [0, 1].
-fn weights_at(corners: [[f32; 3]; 3], x: f32, y: f32, eye: Eye) -> [f32; 3] {
+fn weights_at(corners: [[f32; 3]; 3], x: f32, y: f32, eye: ProjectionKind) -> [f32; 3] {
     let [a, b, c] = three(|i| [corners[i][0] - x, corners[i][1] - y]);
     let cross = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
     let mut weights = [cross(b, c), cross(c, a), cross(a, b)];
-    if let Eye::At(_) = eye {
+    if let ProjectionKind::At(_) = eye {
         for i in 0..3 {
             weights[i] /= corners[i][2];
         }
@@ -216,7 +216,13 @@ fn weights_at(corners: [[f32; 3]; 3], x: f32, y: f32, eye: Eye) -> [f32; 3] {
     three(|i| (weights[i] / sum).clamp(0.0, 1.0))
 }
 
-fn light(mesh: &Mesh, triangle: usize, weights: [f32; 3], eye: Eye, style: &Style) -> f32 {
+fn light(
+    mesh: &Mesh,
+    triangle: usize,
+    weights: [f32; 3],
+    eye: ProjectionKind,
+    style: &Style,
+) -> f32 {
     let [a, b, c] = mesh.corners(triangle);
     let normal = match style.normals {
         Some(normals) => {
@@ -228,8 +234,8 @@ fn light(mesh: &Mesh, triangle: usize, weights: [f32; 3], eye: Eye, style: &Styl
         None => (b - a).cross(&(c - a)),
     };
     let towards_eye = match eye {
-        Eye::Towards(direction) => direction,
-        Eye::At(point) => point - a,
+        ProjectionKind::Towards(direction) => direction,
+        ProjectionKind::At(point) => point - a,
     };
     let lengths = (normal.norm_squared() * towards_eye.norm_squared()).sqrt();
     // The inside of an open mesh is lit as its outside is.

@@ -1,8 +1,8 @@
-//! Fewer vertices for a mesh that stays the surface of a solid: edges collapse in the order of their quadric error
-//! (Garland and Heckbert 1997), each onto one of its ends. The half-edges and the link condition are `alum`'s; what a
-//! collapse costs and which ones are refused is decided here. An edge collapses onto one of its ends, because then
-//! every vertex that is left is an original one, with all its attributes, and because `alum` updates the neighbours of
-//! a vertex that vanishes, not those of one that moves.
+//! Reduces the vertices of a mesh, which stays the surface of a solid: edges collapse in the order of their quadric
+//! error (Garland and Heckbert 1997). The half-edges and the link condition are `alum`'s; the cost of a collapse, and
+//! which ones are refused, is decided here. An edge collapses onto one of its ends, because then every vertex that is
+//! left is an original one, with all its attributes, and because `alum` updates the neighbours of a vertex that
+//! vanishes, not those of one that moves.
 
 use super::{Mesh, Report, check};
 use alum::{

@@ -1,4 +1,4 @@
-//! Pictures as PNG.
+//! Writes and reads pictures as PNG.
 
 use super::Error;
 use crate::image::{Grid, RgbImage};

@@ -1,5 +1,5 @@
-//! Figures and verdict of a model, from its `report.json`. The file may come from anywhere: what is not as a report
-//! has it counts as unknown, and is not published.
+//! Reads the figures and the verdict of a model from its `report.json`. That file may come from anywhere: a member that
+//! is missing, or is not of the form that scand writes, counts as unknown and is not published.
 
 use super::Extra;
 use crate::level::Level;

@@ -1,4 +1,4 @@
-//! Text as HTML.
+//! Escapes text for HTML.
 
 /// Text with what HTML would take for markup made harmless. Letters that control a terminal or turn the direction of
 /// what follows become U+FFFD.

@@ -3,6 +3,7 @@
 
 pub mod depth;
 pub mod fairing;
+mod fused_captures;
 pub mod hull;
 mod model;
 mod pipeline;
@@ -11,11 +12,11 @@ pub mod region;
 pub mod restore;
 mod scene;
 pub mod silhouette;
-mod standing;
 pub mod surface;
 pub mod texture;
 pub mod uncertainty;
 
+pub use fused_captures::{DepthInItsRig, FusedCaptures};
 pub use model::{Model, Provenance, Texture};
 pub use pipeline::{
     DepthResult, Error, Method, Parameters, Reconstruction, reconstruct, reconstruct_from,
@@ -23,4 +24,3 @@ pub use pipeline::{
 };
 pub use progress::{NoProgress, Progress, Stage};
 pub use scene::{ColorView, DepthFrame, DepthView, Scene, SilhouetteSource};
-pub use standing::{OwnDepth, Standing};

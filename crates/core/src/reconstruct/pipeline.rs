@@ -1,4 +1,4 @@
-//! The order of the stages.
+//! Runs the stages in their order: no other file knows it. A stage's work is done in its own folder.
 
 use super::depth::{self, EnhancedDepth};
 use super::fairing::{self, Faired};
@@ -9,7 +9,7 @@ use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::uncertainty::{self, FairedHull};
-use super::{Model, Progress, Scene, Stage, Standing};
+use super::{FusedCaptures, Model, Progress, Scene, Stage};
 use crate::image::Mask;
 use crate::mesh::{
     Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
@@ -77,8 +77,8 @@ pub enum Error {
     },
     /// The volume is not where the object is.
     #[error(
-        "the volume {min:?} to {max:?} m: {blind} of {cameras} colour cameras see no object in it ({away} of them do not see it \
-         at all), so it is not where the object is, or there is none (the first says: {first})"
+        "the volume {min:?} to {max:?} m is not where the object is, or the rig is empty: {blind} of {cameras} colour \
+         cameras see no object in it, and {away} of these do not see the volume at all (the first says: {first})"
     )]
     Volume {
         /// The volume's smallest corner.
@@ -148,13 +148,13 @@ pub fn reconstruct(
     reconstruct_from(
         scene,
         silhouettes,
-        &Standing::default(),
+        &FusedCaptures::default(),
         parameters,
         progress,
     )
 }
 
-/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `standing` says how
+/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `fused_captures` says how
 /// the object stood in each.
 ///
 /// # Errors
@@ -162,7 +162,7 @@ pub fn reconstruct(
 pub fn reconstruct_from(
     scene: &Scene,
     silhouettes: Vec<Silhouette>,
-    standing: &Standing,
+    standing: &FusedCaptures,
     parameters: &Parameters,
     progress: &dyn Progress,
 ) -> Result<Reconstruction, Error> {
@@ -172,7 +172,7 @@ pub fn reconstruct_from(
         .colors
         .par_iter()
         .zip(&silhouettes)
-        .map(|(v, s)| Cone::knowing(&v.camera, &s.level, s.unknown.as_ref()))
+        .map(|(v, s)| Cone::with_unknown(&v.camera, &s.level, s.unknown.as_ref()))
         .collect();
     let hull = Hull::new(cones, scene.volume, parameters.hull.least_views).within(&standing.tables);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
@@ -358,7 +358,7 @@ fn misplaced_volume(
 /// Enhances each depth view and finds its regions.
 fn depths(
     scene: &Scene,
-    standing: &Standing,
+    standing: &FusedCaptures,
     hull: &Surface,
     parameters: &Parameters,
     begin: &dyn Fn(Stage) -> Result<(), Error>,

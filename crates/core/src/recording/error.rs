@@ -122,7 +122,7 @@ pub enum MessageError {
     Calibration(#[from] calibration::Error),
     /// A name that breaks its rule.
     #[error(transparent)]
-    Name(#[from] frame::BadName),
+    Name(#[from] frame::NameError),
 }
 
 /// A part of the file that could not be read, and how much was lost with it.

@@ -133,7 +133,7 @@ impl Index {
                 Event::Record(span) => {
                     let body = scan.head(&span, most_of(span.opcode))?;
                     if index.take(&span, body).is_err() {
-                        index.add_damage(senseless(&span));
+                        index.add_damage(unparsable(&span));
                     }
                 }
             }
@@ -415,7 +415,7 @@ pub(super) fn most_of(opcode: u8) -> u64 {
     }
 }
 
-fn senseless(span: &Span) -> Damage {
+fn unparsable(span: &Span) -> Damage {
     let opcode = span.opcode;
     Damage {
         offset: span.offset(),

@@ -121,7 +121,7 @@ fn each_part(
             Event::Record(span) if span.opcode == op::MESSAGE_INDEX => continue,
             Event::Record(span) => span,
         };
-        let senseless = |what: &str| {
+        let unparsable = |what: &str| {
             damaged(Damage {
                 offset: span.offset(),
                 length: span.end() - span.offset(),
@@ -131,12 +131,12 @@ fn each_part(
         let part = if span.opcode == op::CHUNK {
             let head = scan.head(&span, most_of(op::CHUNK))?;
             let header = records::chunk(head, span.length);
-            let header = header.map_err(|_| senseless("the chunk cannot be parsed"))?;
+            let header = header.map_err(|_| unparsable("the chunk cannot be parsed"))?;
             let chunk = Chunk::new(span.offset(), header);
             let content = chunk::unpack(source, &chunk)?;
             Part::Chunk(chunk, content)
         } else if span.length > LARGEST_RECORD {
-            return Err(senseless("the attachment is larger than 256 MiB"));
+            return Err(unparsable("the attachment is larger than 256 MiB"));
         } else {
             Part::Record(span, source.read(span.body, span.length as usize)?)
         };
@@ -201,7 +201,7 @@ impl<'a> Copy<'a> {
             length: body.len() as u64,
         };
         let taken = self.index.take(&span, body);
-        taken.map_err(|_| self.senseless("a record cannot be parsed"))?;
+        taken.map_err(|_| self.unparsable("a record cannot be parsed"))?;
         Ok(true)
     }
 
@@ -215,7 +215,7 @@ impl<'a> Copy<'a> {
         let number = self.index.chunks.len() as u32;
         let (part, is_whole) = chunk::list(content, number, self.index.part());
         if !is_whole {
-            return Err(self.senseless("a chunk's records cannot be parsed"));
+            return Err(self.unparsable("a chunk's records cannot be parsed"));
         }
         let Some(packed) = packed(content, goes_on).map_err(io(self.path))? else {
             return Ok(false);
@@ -255,7 +255,7 @@ impl<'a> Copy<'a> {
         self.file.sync_all()
     }
 
-    fn senseless(&self, what: &str) -> Error {
+    fn unparsable(&self, what: &str) -> Error {
         io(self.path)(std::io::Error::other(what.to_owned()))
     }
 }

@@ -1,5 +1,6 @@
 //! The topics of a recording and the schemas of their messages. The parts of a topic's name are the names of the enums'
-//! members in lower case; a new member needs only its schemas in `Topic::schemas`.
+//! members in lower case. A new member needs its schemas in `Topic::schemas`; ARCHITECTURE.md lists the other files to
+//! change.
 
 use crate::frame::CameraId;
 use serde::de::IntoDeserializer;

@@ -1,5 +1,6 @@
-//! Refines a pose so that no contour's ray misses the other capture: Gauss–Newton with Huber's weights. A ray that
-//! touches with room to spare says nothing, for a hull may be too large, never too small.
+//! Refines a pose so that the viewing rays through each capture's contours do not miss the other capture's hull, by
+//! Gauss–Newton with Huber's weights. A ray that goes deep through the hull adds nothing to the error, because a hull
+//! may be larger than the object, but never smaller.
 
 use super::body::{Body, Ray};
 use super::motion::{Twist, moved};

@@ -1,5 +1,5 @@
-//! What a capture's silhouettes say of its object, prepared for comparing poses: outlines, viewing rays through
-//! contour points, the plain hull's surface and its field on a grid.
+//! Prepares one capture's silhouettes for comparing poses: their outlines, viewing rays through contour points, the
+//! surface of the hull, and the hull's signed distance on a grid.
 
 use super::outline::Outline;
 use super::{CaptureSilhouettes, Error};
@@ -71,7 +71,7 @@ impl Body {
         let outlines: Vec<Outline> = outlines.into_iter().flatten().collect();
         let cones = capture.scene.colors.iter().zip(capture.silhouettes);
         let cones = cones
-            .map(|(view, s)| Cone::knowing(&view.camera, &s.level, s.unknown.as_ref()))
+            .map(|(view, s)| Cone::with_unknown(&view.camera, &s.level, s.unknown.as_ref()))
             .collect();
         let parameters = hull::Parameters {
             resolution: RESOLUTION,

@@ -1,15 +1,16 @@
-//! Two captures: whether they are of one object, how it was turned between them, and what says so.
+//! Compares two captures: decides whether they show the same object, how it was turned between them, and which evidence
+//! shows that.
 
 use super::align::{Aligned, Rays, align};
 use super::body::Body;
 use super::depth::Depths;
-use super::hold::Hold;
+use super::determination::Determination;
 use super::motion::displacement;
 use super::noise::{self, Disagreement};
 use super::search;
 use super::skin::Skin;
 use super::touch::Target;
-use super::{Colours, DepthWitness, HeldBy, Refusal, Rival, limits};
+use super::{Colours, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use nalgebra::{Isometry3, UnitVector3};
 use rayon::prelude::*;
 
@@ -28,17 +29,17 @@ pub(super) struct Decision {
     /// Maps a point of the first's rig into the second's; the best there is, also where it is refused.
     pub(super) pose: Isometry3<f64>,
     /// What holds it, or why it is refused.
-    pub(super) verdict: Result<HeldBy, Refusal>,
+    pub(super) verdict: Result<PoseEvidence, Refusal>,
     /// By how much contours disagree at it: all rays of both, in metres.
     pub(super) disagreement: f64,
     /// The worse of the two captures' own noise.
     pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
-    pub(super) stretch: Option<(noise::Stretch, bool)>,
+    pub(super) stretch: Option<(noise::ContourStretch, bool)>,
     /// The axis in the second's rig about which a turn is free.
     pub(super) free_axis: Option<UnitVector3<f64>>,
     /// Other poses that the silhouettes bear, and how far they move the surface.
-    pub(super) rivals: Vec<Rival>,
+    pub(super) rivals: Vec<OtherPose>,
     pub(super) colours: Option<Colours>,
     pub(super) depth: Option<DepthWitness>,
     /// Standard deviations: degrees, and metres of the surface.
@@ -85,7 +86,7 @@ impl Two<'_> {
             ..Rays::MANY
         };
         let aligned = align(&self.a.body, &self.b.body, pose, still, None);
-        let mut decision = self.state(&aligned, Ok(HeldBy::Given));
+        let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
         decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
         decision.depth = self.depth_at(&aligned.pose);
         if decision.verdict.is_ok() && self.is_contradicted(&decision) {
@@ -102,11 +103,11 @@ impl Two<'_> {
             return self.state(&nowhere, Err(Refusal::NoPose));
         };
         let best = align(a, b, best.pose, Rays::MANY, None);
-        let stated = self.state(&best, Ok(HeldBy::Silhouettes));
+        let stated = self.state(&best, Ok(PoseEvidence::Silhouettes));
         if stated.verdict.is_err() {
             return stated;
         }
-        let hold = Hold::of(a, b, &best, self.object);
+        let determination = Determination::of(a, b, &best, self.object);
         let apart = limits::APART * a.radius;
         let bearable = refined
             .iter()
@@ -115,10 +116,10 @@ impl Two<'_> {
         let rivals: Vec<&Aligned> = bearable
             .filter(|r| displacement(&r.pose, &best.pose, &a.surface) > apart)
             .collect();
-        if !hold.is_free() && rivals.is_empty() {
+        if !determination.is_free() && rivals.is_empty() {
             return self.unique(stated);
         }
-        self.by_witnesses(stated, &best, &hold, &rivals)
+        self.by_witnesses(stated, &best, &determination, &rivals)
     }
 
     /// The survivors of the search on the silhouettes, each once, the best first.
@@ -156,8 +157,8 @@ impl Two<'_> {
         decision
     }
 
-    pub(super) fn rival(&self, rival: &Aligned, best: &Aligned) -> Rival {
-        Rival {
+    pub(super) fn rival(&self, rival: &Aligned, best: &Aligned) -> OtherPose {
+        OtherPose {
             turned_deg: (best.pose.inverse() * rival.pose)
                 .rotation
                 .angle()
@@ -168,7 +169,11 @@ impl Two<'_> {
     }
 
     /// What is known of a pose, refused where the silhouettes do not bear it.
-    pub(super) fn state(&self, aligned: &Aligned, verdict: Result<HeldBy, Refusal>) -> Decision {
+    pub(super) fn state(
+        &self,
+        aligned: &Aligned,
+        verdict: Result<PoseEvidence, Refusal>,
+    ) -> Decision {
         let (a, b) = (&self.a.body, &self.b.body);
         let target = |body, body_from_ray| {
             [Target {

@@ -1,5 +1,5 @@
-//! What depth cameras say of a pose: a point that one capture measured cannot lie in front of what another measured
-//! behind it.
+//! Tests a pose against the depth cameras' readings: a point that one capture measured cannot lie in front of a surface
+//! that another capture measured behind it.
 
 use super::CaptureSilhouettes;
 use super::body::Body;

@@ -1,4 +1,5 @@
-//! All captures of an object: each finds its place against one that has one, and in the end each against all others.
+//! Finds the poses of all captures of an object: each is compared with one that has a pose already, and at the end with
+//! all others together.
 
 use super::body::Body;
 use super::decide::{Decision, Prepared, decide};
@@ -7,7 +8,7 @@ use super::noise;
 use super::skin::Skin;
 use super::touch::Target;
 use super::unseen::{Unseen, unseen};
-use super::{CaptureSilhouettes, HeldBy, Refusal, Registered, Registration, limits};
+use super::{CaptureSilhouettes, PoseEvidence, Refusal, Registered, Registration, limits};
 use crate::level::Level;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
@@ -120,7 +121,7 @@ impl Group<'_> {
         let mut open: Vec<(usize, usize, Decision)> = Vec::new();
         for (index, decision) in first.collect::<Vec<_>>().into_iter().flatten() {
             match decision.verdict {
-                Ok(held) if held != HeldBy::Nothing => places.add(root, index, decision),
+                Ok(held) if held != PoseEvidence::Nothing => places.add(root, index, decision),
                 _ => open.push((root, index, decision)),
             }
         }
@@ -135,7 +136,8 @@ impl Group<'_> {
             let known: Vec<usize> = places.placed.iter().map(|p| p.index).collect();
             let others = known.into_iter().filter(|&k| k != root);
             let found = others.filter_map(|k| Some((k, self.decide(k, index)?)));
-            let mut held = found.filter(|(_, d)| d.verdict.is_ok_and(|h| h != HeldBy::Nothing));
+            let mut held =
+                found.filter(|(_, d)| d.verdict.is_ok_and(|h| h != PoseEvidence::Nothing));
             if let Some((against, better)) = held.next() {
                 places.add(against, index, better);
             } else if decision.verdict.is_ok() {
@@ -253,7 +255,7 @@ impl Group<'_> {
             registered.rig_from_object = Some(placed.rig_from_object);
             registered.all_at_once_mm = placed.all_at_once.map(|m| 1e3 * m);
             let Some((against, decision)) = &placed.found else {
-                registered.verdict = Ok(HeldBy::Frame);
+                registered.verdict = Ok(PoseEvidence::Frame);
                 registered.level = Level::Green;
                 (registered.sigma_deg, registered.sigma_mm) = (0.0, 0.0);
                 return registered;
@@ -288,7 +290,7 @@ impl Group<'_> {
         let is_clear = limits::is_green(decision.disagreement, decision.noise, pixel);
         into.level = match decision.verdict {
             Err(_) => Level::Red,
-            Ok(HeldBy::Nothing | HeldBy::Depth) => Level::Amber,
+            Ok(PoseEvidence::Nothing | PoseEvidence::Depth) => Level::Amber,
             Ok(_) if is_clear => Level::Green,
             Ok(_) => Level::Amber,
         };

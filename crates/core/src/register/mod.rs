@@ -1,22 +1,23 @@
-//! Finds how several captures of one rigid object lie against each other, or says why that cannot be known. Three kinds
-//! of evidence: silhouettes, colours and depth; no pose is stated that they do not hold, or choose, or show not to
-//! matter. Pure: no I/O, no clock, no chance.
+//! Finds how several captures of one rigid object lie against each other, or says why that cannot be known. The
+//! evidence is of three kinds: silhouettes, colours and depth. A pose is only accepted if the silhouettes determine it,
+//! if colours or depth choose it among the poses that the silhouettes allow, or if the choice does not change the form.
+//! No I/O, no clock and no random numbers.
 //!
-//! - `contour`, `outline`: a silhouette's contour, and the distance to it without the lens;
-//! - `body`: a capture's outlines, viewing rays and hull;
-//! - `search`: all rotations, on the hulls' fields; `align`: the survivors, by rays that must `touch`;
-//! - `hold`: in which direction the silhouettes do not object;
-//! - `skin` and `depth`: the witnesses; `noise`: what a capture says against itself;
-//! - `decide`: two captures, by `witnesses` where silhouettes leave a choice; `group`: all of them;
-//! - `unseen`: what no camera faced.
+//! - `contour` and `outline` find a silhouette's contour, and the distance to it without the lens' distortion;
+//! - `body` prepares a capture: its outlines, viewing rays and hull;
+//! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
+//! - `determination` finds the directions in which the silhouettes do not determine the pose;
+//! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
+//! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice; `group` does so for all;
+//! - `unseen` measures what no camera faced.
 
 mod align;
 mod body;
 mod contour;
 mod decide;
 mod depth;
+mod determination;
 mod group;
-mod hold;
 mod limits;
 mod motion;
 mod noise;
@@ -28,7 +29,7 @@ mod unseen;
 mod witnesses;
 
 pub use group::register;
-pub use noise::{Disagreement, Stretch};
+pub use noise::{ContourStretch, Disagreement};
 pub use unseen::Unseen;
 
 use crate::level::Level;
@@ -53,21 +54,21 @@ pub enum Error {
     Hull(#[from] hull::Error),
 }
 
-/// What holds a pose.
+/// Which evidence a pose was found by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum HeldBy {
-    /// It is the one whose frame the object has.
+pub enum PoseEvidence {
+    /// None is needed: the object has the frame of this capture's rig.
     Frame,
     /// The silhouettes alone.
     Silhouettes,
-    /// Colours, among poses that the silhouettes bear.
+    /// Colours, among poses that agree with the silhouettes.
     Colours,
-    /// Depth, among poses that the silhouettes bear.
+    /// Depth, among poses that agree with the silhouettes.
     Depth,
     /// Nothing: a turn cannot be known, and the form does not depend on it.
     Nothing,
-    /// Somebody who gave it.
+    /// A person gave it.
     Given,
 }
 
@@ -79,7 +80,7 @@ pub enum Refusal {
     ContradictsItself,
     /// It has no hull.
     NoHull,
-    /// With every pose the silhouettes contradict those of the others.
+    /// In every pose its silhouettes contradict those of the others.
     NoPose,
     /// A stretch of a contour contradicts the others.
     Stretch,
@@ -91,42 +92,42 @@ pub enum Refusal {
     AllAtOnce,
 }
 
-/// Another pose that the silhouettes bear.
+/// Another pose that agrees with the silhouettes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Rival {
+pub struct OtherPose {
     /// How far it is turned against the best one.
     pub turned_deg: f64,
     /// How far it moves the surface, root of the mean square.
     pub moved_mm: f64,
-    /// What the silhouettes say against it.
+    /// How far the silhouettes contradict it.
     pub disagreement_mm: f64,
 }
 
-/// What colours say.
+/// How well the colours of two captures agree at a pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Colours {
     /// Correlation of the contrasts over the common surface at the pose.
     pub best: f64,
-    /// The highest at another pose that the silhouettes bear; 0 where there is none.
+    /// The highest correlation at another pose that agrees with the silhouettes; 0 without such a pose.
     pub next: f64,
     /// Standard deviation of the logarithm of brightness against its surroundings, of the plainer capture.
     pub contrast: f64,
 }
 
-/// What depth says.
+/// How many depth readings contradict a pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct DepthWitness {
     /// Share of the common readings that contradict the pose.
     pub contradicting: f64,
-    /// The least share at any pose that the silhouettes bear.
+    /// The least share at any pose that agrees with the silhouettes.
     pub least: f64,
 }
 
-/// What was found of a capture.
+/// The result for one capture: its pose, with the evidence, or why it has none.
 #[derive(Clone, Debug)]
 pub struct Registered {
-    /// What holds its pose, or why it has none.
-    pub verdict: Result<HeldBy, Refusal>,
+    /// Which evidence its pose was found by, or why it has none.
+    pub verdict: Result<PoseEvidence, Refusal>,
     /// Green where the evidence is clear, else amber; red where there is no pose.
     pub level: Level,
     /// Maps a point of the object into the capture's rig. Where the pose is refused, the best there is, or `None`.
@@ -139,21 +140,21 @@ pub struct Registered {
     pub sigma_mm: f64,
     /// The axis in the object's frame about which its turn is not known from form.
     pub free_axis: Option<UnitVector3<f64>>,
-    /// What its silhouettes say against each other, in millimetres.
+    /// How far its silhouettes contradict each other, in millimetres.
     pub own_noise_mm: f64,
-    /// What silhouettes say against the pose, in millimetres.
+    /// How far silhouettes contradict the pose, in millimetres.
     pub disagreement_mm: Option<f64>,
     /// Beyond this many millimetres the pose is refused.
     pub accepted_mm: f64,
     /// The worst stretch of contour, and the number of its capture.
-    pub worst_stretch: Option<(usize, Stretch)>,
-    /// What depth says.
+    pub worst_stretch: Option<(usize, ContourStretch)>,
+    /// Whether depth contradicts the pose.
     pub depth: Option<DepthWitness>,
-    /// What colours say.
+    /// How well colours agree at the pose.
     pub colours: Option<Colours>,
-    /// Other poses that the silhouettes bear.
-    pub rivals: Vec<Rival>,
-    /// What all other captures together say against its silhouettes, in millimetres.
+    /// Other poses that agree with the silhouettes.
+    pub rivals: Vec<OtherPose>,
+    /// How far all other captures together contradict its silhouettes, in millimetres.
     pub all_at_once_mm: Option<f64>,
 }
 

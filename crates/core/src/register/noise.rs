@@ -1,5 +1,5 @@
-//! How much contours contradict those of the same capture, or of all other captures, and the longest stretch of a
-//! contour that does.
+//! Measures how much contours contradict the other contours of the same capture, or those of all other captures, and
+//! finds the longest stretch of a contour that does.
 
 use super::align::disagreement;
 use super::body::Body;
@@ -11,18 +11,18 @@ const MISS_PX: f64 = 1.25;
 /// Rays of a stretch that may agree between two that do not.
 const LARGEST_GAP: usize = 2;
 
-/// How contours bear a set of cones and tables.
+/// How far contours contradict a set of cones and tables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Disagreement {
     /// Root of the mean square by which the rays miss, in metres.
     pub rms: f64,
     /// The longest stretch of contour that misses, if one does.
-    pub stretch: Option<Stretch>,
+    pub stretch: Option<ContourStretch>,
 }
 
 /// A stretch of a contour whose rays miss.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stretch {
+pub struct ContourStretch {
     /// The number of its camera in its capture.
     pub camera: usize,
     /// Its length in pixels.
@@ -31,7 +31,7 @@ pub struct Stretch {
     pub miss_px: f64,
 }
 
-impl Stretch {
+impl ContourStretch {
     /// Its length by its depth, in square pixels.
     pub(super) fn weight(&self) -> f64 {
         self.length_px * self.miss_px
@@ -46,7 +46,7 @@ pub(super) fn of_rays(own: &Body, targets: &[Target]) -> Disagreement {
         .map(|ray| touch(own, ray, targets, None))
         .collect();
     let miss = |i: usize| -touches[i].inside / own.pixel;
-    let mut worst: Option<Stretch> = None;
+    let mut worst: Option<ContourStretch> = None;
     let mut start = 0;
     while start < own.rays.len() {
         let same = |i: usize| {
@@ -61,7 +61,7 @@ pub(super) fn of_rays(own: &Body, targets: &[Target]) -> Disagreement {
         let misses: Vec<f64> = (start..end).map(miss).collect();
         if let Some((count, miss_px)) = longest_run(&misses, is_closed) {
             let length_px = count as f64 * own.rays[start].length_px;
-            let found = Stretch {
+            let found = ContourStretch {
                 camera: own.cameras[own.rays[start].view],
                 length_px,
                 miss_px,

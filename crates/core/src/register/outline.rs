@@ -1,5 +1,5 @@
-//! One camera's silhouette as a signed distance image without the lens' distortion, and points of its contour. A point
-//! of space is compared with it in a few operations.
+//! One camera's silhouette as a signed distance image from which the lens' distortion is removed, with points of its
+//! contour. Comparing a point of space with it takes a few operations.
 
 use super::contour::{self, Chain};
 use crate::calibration::{Camera, Intrinsics};

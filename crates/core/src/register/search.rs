@@ -1,4 +1,5 @@
-//! The search over all rotations: each is refined on the hulls' fields, and the best survive. No chance is involved.
+//! Searches all rotations: each is refined on the hulls' distance grids, and the best ones are kept. No random numbers
+//! are used.
 
 use super::body::{Body, REACH};
 use super::motion::{Twist, displacement, moved, rotations};

@@ -1,6 +1,6 @@
-//! What a capture's colours say: for each point of the hull that cameras see, how its colour differs from that of its
-//! surroundings. Light that falls off, or that comes from another side because the object was turned, is taken out by
-//! that; painted patterns and stains stay.
+//! Compares the colours of two captures: for each point of the hull that cameras see, how its colour differs from the
+//! colours around it. This difference does not depend on light that falls off, or that comes from another side because
+//! the object was turned; painted patterns and stains stay in it.
 
 use super::CaptureSilhouettes;
 use super::body::Body;

@@ -1,4 +1,4 @@
-//! Registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
+//! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
 use super::*;
 use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
@@ -113,7 +113,7 @@ fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
     let captures = poses.map(|p| capture(&crooked(), &p));
     let found = registered(&captures);
     let second = &found.captures[1];
-    assert_eq!(second.verdict, Ok(HeldBy::Silhouettes), "{second:?}");
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
     let truth = poses[1] * poses[0].inverse();
     let error = truth.inverse() * second.rig_from_object.unwrap();
     assert!(error.rotation.angle().to_degrees() < 0.5, "{second:?}");
@@ -125,7 +125,7 @@ fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
             .map(|(scene, silhouettes)| CaptureSilhouettes { scene, silhouettes });
         register(&captures, 0, Some(&[poses[0], second])).captures[1].verdict
     };
-    assert_eq!(given(poses[1]), Ok(HeldBy::Given));
+    assert_eq!(given(poses[1]), Ok(PoseEvidence::Given));
     assert!(given(pose([1.0, 0.3, 0.2], 2.5)).is_err());
 }
 
@@ -162,7 +162,7 @@ fn the_turn_of_a_plain_body_of_revolution_is_not_claimed() {
     let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
     let captures = poses.map(|p| capture(&round(), &p));
     let second = registered(&captures).captures.remove(1);
-    assert_eq!(second.verdict, Ok(HeldBy::Nothing), "{second:?}");
+    assert_eq!(second.verdict, Ok(PoseEvidence::Nothing), "{second:?}");
     assert_eq!(second.level, Level::Amber);
     // The axis is known, and the form: where the axis' ends come to lie.
     let found = second.rig_from_object.unwrap();

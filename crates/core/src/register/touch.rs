@@ -1,5 +1,6 @@
-//! Whether a viewing ray through a contour point of one capture can touch what other captures' cones and tables
-//! leave: the most that any point of the ray lies within all of them. A ray that touches the object cannot miss.
+//! Computes whether a viewing ray through a contour point of one capture can touch the space that the cones and tables
+//! of other captures leave to the object: how deep any point of the ray lies within all of them at most. The ray
+//! touches the object, so it cannot miss that space.
 
 use super::body::{Body, Ray};
 use nalgebra::{Isometry3, Point3, Vector3};

@@ -1,4 +1,4 @@
-//! How much of the object no camera faced, and which side that is.
+//! Measures how much of the object no camera faced, and on which side that is.
 
 use super::body::Body;
 use nalgebra::{Isometry3, Point3, Vector3};

@@ -1,12 +1,14 @@
-//! What colours and depth say where the silhouettes bear several poses, and whether they contradict a pose.
+//! Decides by colours and depth where several poses agree with the silhouettes, and tests whether colours or depth
+//! contradict a pose.
 
 use super::align::{Aligned, Rays, align};
+use super::body::Body;
 use super::decide::{Decision, Two};
 use super::depth::{Contradiction, contradiction};
-use super::hold::{Hold, Turns, axis, polished};
+use super::determination::{Determination, Turns, axis, polished};
 use super::motion::displacement;
 use super::skin::agreement;
-use super::{Colours, DepthWitness, HeldBy, Refusal, limits};
+use super::{Colours, DepthWitness, PoseEvidence, Refusal, limits};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -17,122 +19,77 @@ const MANY_POINTS: usize = 6000;
 /// Degrees between turns that are compared.
 const TURN_DEG: f64 = 1.5;
 
-impl Two<'_> {
-    /// Several poses bear the silhouettes: colours and depth decide, or nothing does.
-    pub(super) fn by_witnesses(
-        &self,
-        mut decision: Decision,
-        best: &Aligned,
-        hold: &Hold,
-        rivals: &[&Aligned],
-    ) -> Decision {
-        let (a, b) = (&self.a.body, &self.b.body);
-        let apart = limits::APART * a.radius;
-        decision.rivals = rivals.iter().map(|r| self.rival(r, best)).collect();
-        decision.free_axis = hold.is_free().then(|| axis(&hold.softest)).flatten();
-        let mut poses: Vec<Isometry3<f64>> = Vec::new();
-        // Where each free turn begins among the poses, all the way round.
-        let mut begins: Vec<usize> = Vec::new();
-        if hold.is_free() {
-            let mut turns = vec![Turns::of(a, b, best, &hold.softest)];
-            for rival in rivals {
-                let is_turn = |t: &Turns| t.contain(a, b, &rival.pose, 0.06 * a.radius, &a.surface);
-                if turns.len() < limits::MOST_TURNS && !turns.iter().any(is_turn) {
-                    turns.push(Turns::of(a, b, rival, &rival.softest()[0].0));
-                }
-            }
-            for turn in &turns {
-                begins.push(poses.len());
-                poses.extend(turn.bearable(a, b, TURN_DEG, self.object));
-            }
-        } else {
-            poses.push(best.pose);
-            poses.extend(rivals.iter().map(|r| r.pose));
-        }
-        let colour =
-            |p: &Isometry3<f64>| agreement(&self.a.skin, &self.b.skin, p, FEW_POINTS).correlation;
-        let rated: Vec<f64> = poses.par_iter().map(colour).collect();
-        let (top, next) = best_and_next(&poses, &rated, |x, y| {
-            displacement(x, y, &a.surface) > apart
-        });
-        let deep: Vec<Option<Contradiction>> = poses
-            .par_iter()
-            .map(|p| contradiction(&self.a.depths, &self.b.depths, p))
-            .collect();
-        let shares: Vec<f64> = deep
-            .iter()
-            .map(|d| d.map_or(f64::NAN, |d| d.share))
-            .collect();
+/// Poses that agree with the silhouettes, among which colours or depth decide.
+struct Candidates {
+    poses: Vec<Isometry3<f64>>,
+    /// Where each free turn lies among the poses, all the way round; empty where no turn is free.
+    turns: Vec<Range<usize>>,
+}
+
+/// How far depth contradicts each of the candidates, and the least and most that are known.
+struct Contradictions {
+    shares: Vec<f64>,
+    least: f64,
+    most: f64,
+}
+
+impl Contradictions {
+    fn new(shares: Vec<f64>) -> Self {
         let known = || shares.iter().copied().filter(|s| s.is_finite());
         let (least, most) = (
             known().fold(f64::INFINITY, f64::min),
             known().fold(0.0, f64::max),
         );
-        decision.colours = Some(Colours {
-            best: rated[top],
-            next,
-            contrast: self.a.skin.contrast.min(self.b.skin.contrast),
-        });
-        let depth_differs = least.is_finite() && most > limits::depth(least);
-        let by_colours =
-            rated[top] > limits::CORRELATION && rated[top] - next > limits::CORRELATION_MARGIN;
-        if by_colours {
-            let mut pose = poses[top];
-            for _ in 0..2 {
-                if hold.is_free() {
-                    let softest = align(
-                        a,
-                        b,
-                        pose,
-                        Rays {
-                            rounds: 0,
-                            ..Rays::SOME
-                        },
-                        None,
-                    )
-                    .softest()[0]
-                        .0;
-                    let rating = |p: &Isometry3<f64>| {
-                        agreement(&self.a.skin, &self.b.skin, p, MANY_POINTS).correlation
-                    };
-                    pose = polished(a, b, &pose, &softest, &rating);
-                    pose = align(a, b, pose, Rays::MANY, Some(&softest)).pose;
-                } else {
-                    pose = align(a, b, pose, Rays::MANY, None).pose;
-                }
-            }
-            let aligned = align(
-                a,
-                b,
-                pose,
-                Rays {
-                    rounds: 0,
-                    ..Rays::MANY
-                },
-                None,
-            );
-            let mut settled = self.state(&aligned, Ok(HeldBy::Colours));
-            settled.free_axis = decision.free_axis;
-            settled.rivals = decision.rivals;
-            settled.colours = decision.colours;
-            settled.depth = self.depth_at(&aligned.pose).map(|d| DepthWitness {
-                least: least.min(d.contradicting),
-                ..d
-            });
-            if self.is_contradicted(&settled) {
-                settled.verdict = Err(Refusal::DepthContradicts);
-            }
-            return settled;
+        Self {
+            shares,
+            least,
+            most,
+        }
+    }
+
+    /// Whether depth contradicts some of the candidates by more than others.
+    fn differ(&self) -> bool {
+        self.least.is_finite() && self.most > limits::depth(self.least)
+    }
+}
+
+impl Two<'_> {
+    /// Several poses agree with the silhouettes: colours or depth decide between them, or nothing does.
+    pub(super) fn by_witnesses(
+        &self,
+        mut decision: Decision,
+        best: &Aligned,
+        determination: &Determination,
+        rivals: &[&Aligned],
+    ) -> Decision {
+        decision.rivals = rivals.iter().map(|r| self.rival(r, best)).collect();
+        let is_free = determination.is_free();
+        decision.free_axis = is_free.then(|| axis(&determination.softest)).flatten();
+        let candidates = self.candidates(best, determination, rivals);
+        let poses = &candidates.poses;
+        let (top, colours) = self.best_by_colours(poses);
+        decision.colours = Some(colours);
+        let contradiction = |p| contradiction(&self.a.depths, &self.b.depths, p);
+        let share = |found: Option<Contradiction>| found.map_or(f64::NAN, |found| found.share);
+        let shares = poses.par_iter().map(|p| share(contradiction(p))).collect();
+        let depth = Contradictions::new(shares);
+        let margin = colours.best - colours.next;
+        if colours.best > limits::CORRELATION && margin > limits::CORRELATION_MARGIN {
+            return self.by_colours(decision, poses[top], is_free, depth.least);
         }
         let is_plain = self.a.skin.contrast.min(self.b.skin.contrast) < limits::PLAIN;
-        let ends = begins.iter().skip(1).copied().chain([poses.len()]);
-        let turns: Vec<Range<usize>> = begins.iter().zip(ends).map(|(&b, e)| b..e).collect();
-        let limit = limits::depth(least);
-        let is_indifferent = |turns: &Range<usize>| is_indifferent(&shares[turns.clone()], limit);
-        let knows_nothing = is_plain && hold.is_free();
-        if depth_differs && !(knows_nothing && turns.iter().all(is_indifferent)) {
-            let turns = if knows_nothing { &turns[..] } else { &[] };
-            return self.by_depth(decision, turns, &poses, &shares, least);
+        let knows_nothing = is_plain && is_free;
+        let limit = limits::depth(depth.least);
+        let mut turns = candidates.turns.iter();
+        let is_indifferent =
+            |turn: &Range<usize>| is_indifferent(&depth.shares[turn.clone()], limit);
+        if depth.differ() && !(knows_nothing && turns.all(is_indifferent)) {
+            let turns = if knows_nothing {
+                &candidates.turns[..]
+            } else {
+                &[]
+            };
+            return self.by_depth(decision, turns, poses, &depth.shares, depth.least);
         }
         decision.depth = self.depth_at(&decision.pose);
         decision.verdict = if self.is_contradicted(&decision) {
@@ -141,9 +98,92 @@ impl Two<'_> {
             Err(Refusal::Undecided)
         } else {
             // Whichever of these poses is right, silhouettes and depth cannot tell its form from another's.
-            Ok(HeldBy::Nothing)
+            Ok(PoseEvidence::Nothing)
         };
         decision
+    }
+
+    /// The best pose and its rivals, each turned all the way round where a turn is free.
+    fn candidates(
+        &self,
+        best: &Aligned,
+        determination: &Determination,
+        rivals: &[&Aligned],
+    ) -> Candidates {
+        let (a, b) = (&self.a.body, &self.b.body);
+        if !determination.is_free() {
+            let rivals = rivals.iter().map(|r| r.pose);
+            return Candidates {
+                poses: std::iter::once(best.pose).chain(rivals).collect(),
+                turns: Vec::new(),
+            };
+        }
+        let mut free = vec![Turns::of(a, b, best, &determination.softest)];
+        for rival in rivals {
+            let is_turn = |t: &Turns| t.contain(a, b, &rival.pose, 0.06 * a.radius, &a.surface);
+            if free.len() < limits::MOST_TURNS && !free.iter().any(is_turn) {
+                free.push(Turns::of(a, b, rival, &rival.softest()[0].0));
+            }
+        }
+        let (mut poses, mut turns) = (Vec::new(), Vec::new());
+        for turn in &free {
+            let begin = poses.len();
+            poses.extend(turn.bearable(a, b, TURN_DEG, self.object));
+            turns.push(begin..poses.len());
+        }
+        Candidates { poses, turns }
+    }
+
+    /// The pose at which colours agree best, and how well they agree there and at the next one that is not the same.
+    fn best_by_colours(&self, poses: &[Isometry3<f64>]) -> (usize, Colours) {
+        let a = &self.a.body;
+        let apart = limits::APART * a.radius;
+        let rated: Vec<f64> = poses
+            .par_iter()
+            .map(|p| agreement(&self.a.skin, &self.b.skin, p, FEW_POINTS).correlation)
+            .collect();
+        let is_other = |x: &_, y: &_| displacement(x, y, &a.surface) > apart;
+        let (top, next) = best_and_next(poses, &rated, is_other);
+        let colours = Colours {
+            best: rated[top],
+            next,
+            contrast: self.a.skin.contrast.min(self.b.skin.contrast),
+        };
+        (top, colours)
+    }
+
+    /// The pose that colours chose, refined by silhouettes and colours.
+    fn by_colours(
+        &self,
+        decision: Decision,
+        mut pose: Isometry3<f64>,
+        is_free: bool,
+        least: f64,
+    ) -> Decision {
+        let (a, b) = (&self.a.body, &self.b.body);
+        for _ in 0..2 {
+            let softest = is_free.then(|| as_it_is(a, b, pose, Rays::SOME).softest()[0].0);
+            if let Some(softest) = &softest {
+                let rating = |p: &Isometry3<f64>| {
+                    agreement(&self.a.skin, &self.b.skin, p, MANY_POINTS).correlation
+                };
+                pose = polished(a, b, &pose, softest, &rating);
+            }
+            pose = align(a, b, pose, Rays::MANY, softest.as_ref()).pose;
+        }
+        let aligned = as_it_is(a, b, pose, Rays::MANY);
+        let mut settled = self.state(&aligned, Ok(PoseEvidence::Colours));
+        settled.free_axis = decision.free_axis;
+        settled.rivals = decision.rivals;
+        settled.colours = decision.colours;
+        settled.depth = self.depth_at(&aligned.pose).map(|d| DepthWitness {
+            least: least.min(d.contradicting),
+            ..d
+        });
+        if self.is_contradicted(&settled) {
+            settled.verdict = Err(Refusal::DepthContradicts);
+        }
+        settled
     }
 
     /// The turn with the least contradiction of depths, where all good ones lie close together. Where they are a wide
@@ -176,25 +216,15 @@ impl Two<'_> {
             .iter()
             .map(|&i| displacement(&poses[i], &poses[top], &a.surface));
         let is_one = spread.fold(0.0, f64::max) < near && least < limits::DEPTH_CONTRADICTS;
-        let fixed = decision.free_axis.is_some().then(|| {
-            align(
-                a,
-                b,
-                poses[top],
-                Rays {
-                    rounds: 0,
-                    ..Rays::SOME
-                },
-                None,
-            )
-            .softest()[0]
-                .0
-        });
+        let fixed = decision
+            .free_axis
+            .is_some()
+            .then(|| as_it_is(a, b, poses[top], Rays::SOME).softest()[0].0);
         let aligned = align(a, b, poses[top], Rays::MANY, fixed.as_ref());
         let verdict = if middle.is_some() {
-            Ok(HeldBy::Nothing)
+            Ok(PoseEvidence::Nothing)
         } else if is_one {
-            Ok(HeldBy::Depth)
+            Ok(PoseEvidence::Depth)
         } else {
             Err(Refusal::Undecided)
         };
@@ -231,6 +261,11 @@ impl Two<'_> {
             d.contradicting > limits::DEPTH_CONTRADICTS || d.contradicting > limits::depth(d.least)
         })
     }
+}
+
+/// A pose measured against the silhouettes, and not moved.
+fn as_it_is(a: &Body, b: &Body, pose: Isometry3<f64>, rays: Rays) -> Aligned {
+    align(a, b, pose, Rays { rounds: 0, ..rays }, None)
 }
 
 /// Whether depth tells none of the turns about an axis from the others, of which the shares of contradicting readings

@@ -157,7 +157,7 @@ pub fn write_sensor_frames(
     let color = Topic::Depth(camera.clone(), DepthPart::Color);
     let captures = captures(recording, &depth, &color, burst);
     let first = captures.first().and_then(|(depths, _)| depths.first());
-    let first = first.ok_or_else(|| unfit("no capture has frames of it".into()))?;
+    let first = first.ok_or_else(|| unfit("no capture has frames from it".into()))?;
     let size = size(&recording.picture(&depth, first)?)
         .ok_or_else(|| unfit("its depth is not a raw picture".into()))?;
     let sensor = SensorFile {

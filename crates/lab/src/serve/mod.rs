@@ -1,4 +1,4 @@
-//! Plays a recorded rig to the live drivers: the SDKs find cameras, and these cameras show a recording.
+//! Plays a recorded rig to the live drivers: it simulates cameras that the SDKs find, and that show a recording.
 
 #[cfg(feature = "aravis")]
 mod color;

@@ -88,7 +88,7 @@ impl Captures {
         }
         if listed.times.is_empty() {
             return Err(Error::Unservable(format!(
-                "{}: no trigger for which each colour camera has a picture",
+                "{}: the recording has no trigger for which each colour camera has a picture",
                 recording.path().display()
             )));
         }
@@ -177,7 +177,10 @@ impl Album {
         };
         let message = message.ok_or_else(|| {
             let path = self.recording.path().display();
-            Error::Unservable(format!("{path}: camera {}: no {topic}", self.id))
+            Error::Unservable(format!(
+                "{path}: camera {}: the recording has no message on {topic}",
+                self.id
+            ))
         })?;
         Ok((topic, message))
     }

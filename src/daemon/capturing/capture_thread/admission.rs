@@ -28,8 +28,8 @@ impl CaptureThread {
         let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
         if self.usable(free).is_none_or(|usable| usable < bytes) {
             return Err(format!(
-                "{} has {} MB left, a capture takes {} MB, {} wait for the disk, and {} MB stay free \
-                 (recording.keep_free_mb)",
+                "the disk is full: {} has {} MB left, a capture takes {} MB, {} captures wait for the disk, and {} MB \
+                 must stay free (recording.keep_free_mb)",
                 folder.display(),
                 free / 1_000_000,
                 bytes / 1_000_000,

@@ -111,7 +111,7 @@ impl Surface {
         Matrix3::new(0.0, 0.0, x, 0.0, 0.0, -y, along_rows, down_columns, 0.0)
     }
 
-    /// The point of the board as it is said to be that a line of sight shows: `eye` and `ray` in the face's frame.
+    /// The point of the board's description that a line of sight meets: `eye` and `ray` in the face's frame.
     /// `None` for a line that does not meet the sheet in front of the eye.
     #[inline]
     pub fn met(&self, eye: Point3<f64>, ray: Vector3<f64>) -> Option<[f64; 2]> {

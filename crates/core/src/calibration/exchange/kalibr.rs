@@ -1,5 +1,5 @@
-//! Kalibr's camchain: all cameras of a rig in one file, each with its pose relative to the one before it, in
-//! metres.
+//! Reads and writes Kalibr's camchain: all cameras of a rig in one file, each with its pose relative to the one before
+//! it, in metres.
 
 use super::response_comment;
 use super::yaml::{Tree, exactly, side, word};

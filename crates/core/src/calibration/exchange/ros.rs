@@ -1,5 +1,5 @@
-//! ROS: `camera_info` as camera_info_manager and camera_calibration_parsers read and write it, one file for each
-//! camera.
+//! Reads and writes ROS's `camera_info`, one file for each camera, as camera_info_manager and
+//! camera_calibration_parsers do.
 
 use super::response_comment;
 use super::yaml::{Tree, exactly, list, side, word};

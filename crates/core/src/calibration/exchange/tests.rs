@@ -1,5 +1,5 @@
-//! What scand writes for other programs can be read back, what they write can be read, and errors name what is
-//! wrong.
+//! Tests that the files that scand writes for other programs can be read back, that their files can be read, and that
+//! errors name what is wrong.
 
 use super::*;
 use crate::calibration::{Distortion, Intrinsics};

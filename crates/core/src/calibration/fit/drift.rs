@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 /// When a camera counts as moved.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
-pub struct Watch {
+pub struct DriftLimits {
     /// Root mean square displacement, in pixels, of the board in a camera's picture above which the camera moved.
     /// Default 0.4, range 0.001 to 1000.
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
@@ -32,7 +32,7 @@ pub struct Watch {
     pub depth_mm: f64,
 }
 
-impl Default for Watch {
+impl Default for DriftLimits {
     fn default() -> Self {
         Self {
             moved_px: 0.4,
@@ -44,7 +44,7 @@ impl Default for Watch {
 
 /// A camera against its calibration.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
-pub struct Checked {
+pub struct CheckedCamera {
     /// The camera.
     pub camera: CameraId,
     /// Views of the board in which it was checked; 0 for a camera that did not see it.
@@ -100,8 +100,9 @@ pub enum CheckError {
 
 fn other_board(larger: f64, board: &str) -> String {
     format!(
-        "the board looks {:.1} % {} than {board}, and then no camera moved: show the board that --board names, or say with \
-         --board what it is; if it is that one, the rig was calibrated with a wrong size of the board: calibrate it again",
+        "the board looks {:.1} % {} than {board}; if it is another board, no camera moved: show the board that --board \
+         names, or say with --board which one it is. If it is that board, the rig was calibrated with a wrong size of \
+         the board: calibrate it again",
         100.0 * larger.abs(),
         if larger > 0.0 { "larger" } else { "smaller" },
     )
@@ -109,9 +110,9 @@ fn other_board(larger: f64, board: &str) -> String {
 
 /// A rig against its calibration.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Checks {
+pub struct DriftResult {
     /// Each camera that is in both.
-    pub cameras: Vec<Checked>,
+    pub cameras: Vec<CheckedCamera>,
     /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// From the board's front to the rig, for each of the session's placements that was seen.
@@ -141,8 +142,8 @@ pub struct PairMotion {
 pub fn check(
     session: &Session,
     known: &RigCalibration,
-    watch: &Watch,
-) -> Result<Checks, CheckError> {
+    watch: &DriftLimits,
+) -> Result<DriftResult, CheckError> {
     let (session, cameras) = known_part(session, known);
     let mut bundle = start(session.clone(), &cameras);
     let seen: Vec<usize> = (0..cameras.len())
@@ -172,7 +173,7 @@ pub fn check(
         let pairs = in_rig(&bundle, index);
         let lens = Lens::from_intrinsics(&camera.intrinsics);
         let before = camera.rig_from_camera.inverse();
-        Checked {
+        CheckedCamera {
             camera: camera.id.clone(),
             views,
             off_px: rms(&lens, &pairs, &before),
@@ -183,7 +184,7 @@ pub fn check(
     };
     let placements = bundle.placements.iter();
     let states = bundle.cameras.iter();
-    Ok(Checks {
+    Ok(DriftResult {
         cameras: cameras.iter().enumerate().map(checked).collect(),
         against_each_other,
         rig_from_board: placements
@@ -207,7 +208,7 @@ struct Watched<'a> {
 
 impl Watched<'_> {
     /// The cameras that moved, freed in `bundle`: the worst one after the other, until the others agree.
-    fn movers(&self, bundle: &mut Bundle, watch: &Watch) -> Result<Vec<usize>, CheckError> {
+    fn movers(&self, bundle: &mut Bundle, watch: &DriftLimits) -> Result<Vec<usize>, CheckError> {
         let mut movers: Vec<usize> = Vec::new();
         loop {
             let off = self.seen.iter().map(|&c| (off_px(bundle, c), c));
@@ -253,7 +254,7 @@ impl Watched<'_> {
         &self,
         bundle: &mut Bundle,
         pair: [usize; 2],
-        watch: &Watch,
+        watch: &DriftLimits,
     ) -> Option<PairMotion> {
         let off = |bundle: &Bundle| {
             pair.map(|c| off_px(bundle, c))

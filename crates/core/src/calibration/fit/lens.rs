@@ -1,5 +1,5 @@
-//! A lens as the fit's parameters, with the derivatives of its projection. No solver here. The model itself is
-//! `calibration::Intrinsics`.
+//! A lens as the fit's parameters, with the derivatives of its projection. The model itself is
+//! `calibration::Intrinsics`. Nothing is solved here.
 
 use crate::calibration::{Distortion, Error, Intrinsics};
 use nalgebra::{Matrix2x3, Point2, SMatrix, Vector2, Vector3};

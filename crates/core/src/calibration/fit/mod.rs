@@ -38,7 +38,7 @@ mod volume;
 pub use corners::find_corners;
 pub use coverage::{CoverageLimits, missing};
 pub use diagnosis::{Finding, diagnose};
-pub use drift::{CheckError, Checked, Checks, Motion, PairMotion, Watch, check};
+pub use drift::{CheckError, CheckedCamera, DriftLimits, DriftResult, Motion, PairMotion, check};
 pub use grid::Rejection;
 pub use lens::{Lens, LensModel};
 pub use projection::Projection;

@@ -103,8 +103,8 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
     let (usual_alone, usual_joint) = (alone[view.camera], joint[view.camera]);
     if worst.alone / usual_alone > ratio {
         let reason = format!(
-            "its corners fit no pose of the board: {:.2} px by themselves, {usual_alone:.2} px are usual; it may be \
-             blurred, or the board bent",
+            "its corners fit no pose of the board: they are {:.2} px off by themselves, and {usual_alone:.2} px are \
+             usual; the picture may be blurred, or the board bent",
             worst.alone
         );
         return Some(ViewDecision::View(index, reason));

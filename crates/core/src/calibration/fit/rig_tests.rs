@@ -1,4 +1,4 @@
-//! A calibrated rig that is checked, and witnesses of its scale.
+//! Tests the check of a calibrated rig, and the measurements that confirm or contradict its scale.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::*;
@@ -40,11 +40,11 @@ fn two_cameras_that_moved_against_each_other_are_told_so() {
     for shown in [1, 4] {
         let known = calibration(&rig(2, shown));
         let still = rig(2, shown).session(0.1, &mut Random(3));
-        let checks = check(&still, &known, &Watch::default()).unwrap();
+        let checks = check(&still, &known, &DriftLimits::default()).unwrap();
         assert_eq!(checks.against_each_other, None);
         let moved = turned(rig(2, shown), 1, Vector3::new(1.0, 0.2, 0.4), 0.3);
         let session = moved.session(0.1, &mut Random(3));
-        let checks = check(&session, &known, &Watch::default()).unwrap();
+        let checks = check(&session, &known, &DriftLimits::default()).unwrap();
         let pair = checks.against_each_other.unwrap();
         assert_eq!(
             pair.cameras.each_ref().map(CameraId::as_str),
@@ -64,14 +64,14 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let known = calibration(&truth);
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
-    let error = check(&session, &known, &Watch::default()).unwrap_err();
+    let error = check(&session, &known, &DriftLimits::default()).unwrap_err();
     let words = error.to_string();
     assert!(
         words.contains("the board looks 4.2 % larger than checkerboard:9x6:24mm"),
         "{words}"
     );
     session.board.square = 0.026;
-    let words = check(&session, &known, &Watch::default())
+    let words = check(&session, &known, &DriftLimits::default())
         .unwrap_err()
         .to_string();
     assert!(
@@ -82,12 +82,12 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let truth = rig(2, 1);
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
-    let checks = check(&session, &calibration(&truth), &Watch::default()).unwrap();
+    let checks = check(&session, &calibration(&truth), &DriftLimits::default()).unwrap();
     let larger = checks.against_each_other.unwrap().board_larger.unwrap();
     assert!((larger - 1.0 / 24.0).abs() < 0.002, "{larger}");
 }
 
-/// What witnesses say of a rig whose board is said to have squares of this size, and the verdict.
+/// The witnesses' readings of a rig whose board is described with squares of this size, and the verdict.
 fn testified(
     square: f64,
     slope: Option<f64>,

@@ -126,7 +126,7 @@ pub fn scale_words(testimonies: &[WitnessReading], board: &Board) -> Vec<String>
     if testimonies.is_empty() {
         return vec![format!(
             "scale: nothing but the board's size ({} a square) sets it: a board that is 1 % larger makes every length 1 % \
-             wrong, and nothing here shows it; --measured or --distance would",
+             wrong, and nothing here shows it: check the scale with --measured or --distance",
             millimetres(board.square)
         )];
     }

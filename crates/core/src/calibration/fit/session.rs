@@ -1,4 +1,4 @@
-//! The input of a fit: cameras, placements, and which corners of the board each camera saw. Data, no estimation.
+//! The input of a fit: cameras, placements, and which corners of the board each camera saw. Data only.
 
 use crate::calibration::{Board, BoardKind, Face, Intrinsics};
 use crate::frame::CameraId;

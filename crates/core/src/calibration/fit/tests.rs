@@ -1,4 +1,4 @@
-//! Fits of sessions whose truth is known.
+//! Tests fits of sessions whose truth is known.
 
 use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
 use super::*;
@@ -558,7 +558,9 @@ fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
         let before = crate::calibration::Camera::new(camera.id.clone(), camera.intrinsics, before);
         known.cameras.insert(camera.id.clone(), (before, None));
     }
-    let checked = check(&session, &known, &Watch::default()).unwrap().cameras;
+    let checked = check(&session, &known, &DriftLimits::default())
+        .unwrap()
+        .cameras;
     let moved: Vec<_> = checked.iter().filter(|c| c.motion.is_some()).collect();
     assert_eq!(moved.len(), 1, "{checked:?}");
     let motion = moved[0].motion.unwrap();
@@ -572,7 +574,7 @@ fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
         check(
             &truth.session(0.1, &mut Random(1)),
             &Default::default(),
-            &Watch::default()
+            &DriftLimits::default()
         )
         .unwrap_err(),
         CheckError::TooFew {

@@ -163,7 +163,10 @@ pub fn judge(
     let rms = fit.figures.rms_px;
     found.push((
         limits.by_rms(rms),
-        format!("rms {rms:.3} px, expected at most {}", limits.good_px),
+        format!(
+            "the rms of all residuals is {rms:.3} px, expected at most {}",
+            limits.good_px
+        ),
     ));
     for (index, camera) in fit.cameras.iter().enumerate() {
         found.extend(of_camera(camera, limits));
@@ -267,7 +270,7 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     let mut found = vec![(
         limits.by_rms(rms).min(CalibrationLevel::Doubtful),
         format!(
-            "camera {id}: rms {rms:.3} px, expected at most {}",
+            "camera {id}: the rms of its residuals is {rms:.3} px, expected at most {}",
             limits.good_px
         ),
     )];
@@ -282,7 +285,7 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     }
     if camera.views < limits.views {
         let words = format!(
-            "camera {id}: {} views, expected {} or more",
+            "camera {id}: it has {} views, expected {} or more",
             camera.views, limits.views
         );
         found.push((CalibrationLevel::Accepted, words));
@@ -304,7 +307,7 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     let placements = fit.placements.len();
     if placements < limits.placements {
         let words = format!(
-            "{placements} placements, expected {} or more",
+            "the session has {placements} placements, expected {} or more",
             limits.placements
         );
         found.push((CalibrationLevel::Doubtful, words));
@@ -339,7 +342,7 @@ fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
         Some(_) => None,
         None => Some((
             CalibrationLevel::Accepted,
-            "too few placements to hold any out".into(),
+            "there are too few placements to hold any out".into(),
         )),
     }
 }

@@ -21,8 +21,8 @@ pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<Str
     let part = radial_part(own, fitted.camera.intrinsics.center_px)?;
     (part >= SYSTEMATIC).then(|| {
         format!(
-            "camera {}: {:.0} % of its residuals' squares go with the distance from the middle of its picture: the lens is \
-             beyond the lens model, as a fisheye lens is",
+            "camera {}: {:.0} % of its squared residuals depend on the distance from the middle of its picture: the \
+             lens is beyond the lens model, as a fisheye lens is",
             fitted.camera.id,
             100.0 * part
         )

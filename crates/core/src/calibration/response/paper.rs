@@ -1,5 +1,5 @@
-//! The paper's linearisation (section 3): a line of the measured depth over distance, and the width of a target
-//! compensated by a quartic, each with its R².
+//! The paper's linearisation (section 3): a straight line from the distance to the measured depth, and a quartic that
+//! compensates the measured width of a target, each with its R².
 
 use super::polynomial::Polynomial;
 use super::{DepthTable, ResponseError, too_little};
@@ -8,13 +8,13 @@ use crate::calibration::DepthResponse;
 /// What section 3 of the paper finds in a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PaperFit {
-    /// Reading over distance, a line: the paper's DL.
+    /// A straight line from the distance to the reading: the paper's DL.
     pub depth: Polynomial,
-    /// What the table says of widths, if it does.
+    /// The fit of the widths, if the table has them.
     pub scale: Option<ScaleFit>,
-    /// Smallest and largest distance of the table, in metres; nothing is said beyond them.
+    /// Smallest and largest distance of the table, in metres; the fit is not valid beyond them.
     pub range: [f64; 2],
-    /// Largest difference between a distance and what the line makes of its reading, in metres.
+    /// Largest difference between a distance and the distance that the line gives for its reading, in metres.
     pub largest_error: f64,
 }
 

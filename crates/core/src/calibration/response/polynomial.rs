@@ -1,4 +1,4 @@
-//! Polynomials through measurements, by least squares.
+//! Fits polynomials to measurements by least squares.
 
 use nalgebra::{DMatrix, DVector};
 

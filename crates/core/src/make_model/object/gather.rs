@@ -1,4 +1,4 @@
-//! The captures that an object's model is made of, out of recordings.
+//! Finds, in recordings, the captures of which an object's model is made.
 
 use crate::capture::{CaptureSession, CaptureSummary};
 use crate::frame::{CaptureId, Timestamp};

@@ -1,5 +1,5 @@
-//! Poses that somebody gives: a file with the member `rig_from_object`, a 4 x 4 matrix a capture in the order of their
-//! triggers.
+//! Reads poses that a person gives, instead of having them found: a JSON file whose member `rig_from_object` has a 4 x
+//! 4 matrix for each capture, in the order of their triggers.
 
 use nalgebra::{Isometry3, Matrix3, Matrix4, Rotation3, Translation3, UnitQuaternion};
 use serde::Deserialize;

@@ -5,7 +5,7 @@ use crate::capture::CaptureFacts;
 use crate::frame::CameraId;
 use crate::reconstruct::hull::Plane;
 use crate::reconstruct::silhouette::Silhouette;
-use crate::reconstruct::{ColorView, DepthView, OwnDepth, Scene, Standing};
+use crate::reconstruct::{ColorView, DepthInItsRig, DepthView, FusedCaptures, Scene};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A capture, read.
@@ -30,7 +30,7 @@ pub(super) struct Place {
 pub(super) struct Merged {
     pub(super) scene: Scene,
     pub(super) silhouettes: Vec<Silhouette>,
-    pub(super) standing: Standing,
+    pub(super) standing: FusedCaptures,
     pub(super) facts: CaptureFacts,
 }
 
@@ -43,7 +43,7 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
             volume: captures[frame_of].scene.volume,
         },
         silhouettes: Vec::new(),
-        standing: Standing::default(),
+        standing: FusedCaptures::default(),
         facts: CaptureFacts {
             colors: Vec::new(),
             depths: Vec::new(),
@@ -101,7 +101,7 @@ impl Merged {
                 camera: moved(&view.camera.camera, &pose, id, number),
                 response: view.camera.response,
             };
-            self.standing.depths.push(OwnDepth {
+            self.standing.depths.push(DepthInItsRig {
                 view: view.clone(),
                 volume: scene.volume,
                 scene_from_rig: pose,

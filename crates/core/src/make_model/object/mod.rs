@@ -1,6 +1,6 @@
 //! The procedure of making one model of several captures of an object: reads them, lets `register` find how they lie
 //! against each other, joins those with a pose into one scene, and makes its model as that of a single capture.
-//! `gather` finds the captures, `merge` joins them, `part` is what the report says of it.
+//! `gather` finds the captures, `merge` joins them, and `part` writes the part of the report about them.
 
 mod gather;
 mod given;
@@ -19,8 +19,8 @@ use super::{Error, Made, Model, ModelMaker, about, failure};
 use crate::capture;
 use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
-use crate::reconstruct::{self, Standing};
-use crate::register::{self, CaptureSilhouettes, HeldBy, Registered, Registration};
+use crate::reconstruct::{self, FusedCaptures};
+use crate::register::{self, CaptureSilhouettes, PoseEvidence, Registered, Registration};
 use crate::report;
 use crate::storage::StagedFolder;
 use merge::{Loaded, Place, merge};
@@ -347,7 +347,7 @@ fn joined(
     reconstruct::Scene,
     capture::CaptureFacts,
     Vec<reconstruct::silhouette::Silhouette>,
-    Standing,
+    FusedCaptures,
 ) {
     if loaded.len() == 1
         && let Some(only) = loaded.pop()
@@ -356,14 +356,14 @@ fn joined(
             only.scene,
             only.facts,
             only.silhouettes,
-            Standing::default(),
+            FusedCaptures::default(),
         );
     }
     let frame = found.captures[found.frame_of].rig_from_object;
     let frame = frame.unwrap_or_else(Isometry3::identity);
     let mut next_rank = 0;
     let mut rank = |c: &Registered| match c.verdict {
-        Ok(HeldBy::Nothing) => {
+        Ok(PoseEvidence::Nothing) => {
             next_rank += 1;
             next_rank
         }

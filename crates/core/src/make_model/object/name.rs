@@ -1,4 +1,4 @@
-//! The name of an object's folder: its subject, whatever that is, as one name that every file system takes.
+//! Makes the name of an object's folder from its subject: any text becomes one name that every file system accepts.
 
 use sha2::{Digest, Sha256};
 use std::fmt::Write;

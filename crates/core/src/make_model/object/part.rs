@@ -2,7 +2,9 @@
 
 use crate::frame::CaptureId;
 use crate::level::Level;
-use crate::register::{Colours, DepthWitness, HeldBy, Refusal, Registered, Registration, Rival};
+use crate::register::{
+    Colours, DepthWitness, OtherPose, PoseEvidence, Refusal, Registered, Registration,
+};
 use crate::report::{Reason, ReasonCode};
 use serde::Serialize;
 
@@ -32,8 +34,8 @@ pub struct FusedCapture {
     pub id: CaptureId,
     /// Whether it is part of the model.
     pub is_fused: bool,
-    /// What holds its pose; `null` where it has none.
-    pub held_by: Option<HeldBy>,
+    /// How its pose was found; `null` without a pose.
+    pub held_by: Option<PoseEvidence>,
     /// Why it has no pose.
     pub refused: Option<Refusal>,
     /// How clear the evidence is.
@@ -50,13 +52,13 @@ pub struct FusedCapture {
     pub sigma_mm: Option<f64>,
     /// The axis, in the object's frame, about which the form leaves the turn open.
     pub free_axis: Option<[f64; 3]>,
-    /// What its silhouettes say against each other.
+    /// How far its silhouettes contradict each other.
     pub own_noise_mm: f64,
-    /// What silhouettes say against its pose.
+    /// How far silhouettes contradict its pose.
     pub disagreement_mm: Option<f64>,
     /// The most of that that is accepted.
     pub accepted_mm: f64,
-    /// What all other captures together say against its silhouettes.
+    /// How far all other captures together contradict its silhouettes.
     pub all_at_once_mm: Option<f64>,
     /// The stretch of contour that misses most.
     pub worst_stretch: Option<WorstStretch>,
@@ -64,8 +66,8 @@ pub struct FusedCapture {
     pub depth: Option<DepthWitness>,
     /// What colours say.
     pub colours: Option<Colours>,
-    /// Other poses that the silhouettes bear.
-    pub rivals: Vec<Rival>,
+    /// Other poses that agree with the silhouettes.
+    pub rivals: Vec<OtherPose>,
     /// What it was used for.
     pub used_for: Vec<&'static str>,
 }
@@ -121,7 +123,7 @@ impl Fusion {
 
     /// The captures that are not part of the model, by name and with the reason.
     pub fn left_out(&self) -> impl Iterator<Item = String> + '_ {
-        let is_left = |c: &&FusedCapture| !c.is_fused && c.held_by != Some(HeldBy::Frame);
+        let is_left = |c: &&FusedCapture| !c.is_fused && c.held_by != Some(PoseEvidence::Frame);
         let left = self.captures.iter().filter(is_left);
         left.map(|c| format!("{}: {}", c.id, c.words))
     }
@@ -130,9 +132,9 @@ impl Fusion {
     pub(super) fn reasons(&self) -> Vec<Reason> {
         let reason = |c: &FusedCapture| {
             let (level, code) = match (c.held_by, c.is_fused) {
-                (Some(HeldBy::Frame), _) => return None,
+                (Some(PoseEvidence::Frame), _) => return None,
                 (_, false) => (Level::Amber, ReasonCode::CaptureLeftOut),
-                (Some(HeldBy::Nothing), _) => (Level::Amber, ReasonCode::TurnUnknown),
+                (Some(PoseEvidence::Nothing), _) => (Level::Amber, ReasonCode::TurnUnknown),
                 _ if c.level > Level::Green => (Level::Amber, ReasonCode::PoseDoubtful),
                 _ => (Level::Green, ReasonCode::PoseFound),
             };
@@ -163,14 +165,17 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
     let held_by = found.verdict.ok();
     let used_for = match held_by {
         _ if !is_fused => vec![],
-        Some(HeldBy::Nothing) => vec!["form", "what others do not see"],
+        Some(PoseEvidence::Nothing) => vec!["form", "what others do not see"],
         _ => vec!["form", "depth", "colour"],
     };
     let pose = |p: nalgebra::Isometry3<f64>| Pose {
         rotation: p.rotation.coords.into(),
         translation: p.translation.vector.into(),
     };
-    let is_known = !matches!(held_by, None | Some(HeldBy::Nothing | HeldBy::Given));
+    let is_known = !matches!(
+        held_by,
+        None | Some(PoseEvidence::Nothing | PoseEvidence::Given)
+    );
     FusedCapture {
         recording: known[i].recording.clone(),
         id: known[i].id.clone(),
@@ -222,35 +227,35 @@ fn words(found: &Registered, known: &[Known]) -> String {
             )
         });
     // A dent in the middle of a side changes no outline.
-    let unseen = "a change in between that no contour crosses is not seen by outlines";
+    let unseen = "outlines do not show a change within them, such as a new dent in a side";
     match found.verdict {
-        Ok(HeldBy::Frame) => "the model has the frame of its rig".to_owned(),
-        Ok(HeldBy::Silhouettes) => format!(
-            "its pose is held by the silhouettes alone, to {:.2} degrees; {unseen}",
+        Ok(PoseEvidence::Frame) => "the model has the frame of its rig".to_owned(),
+        Ok(PoseEvidence::Silhouettes) => format!(
+            "its pose was found by the silhouettes alone, to {:.2} degrees; {unseen}",
             found.sigma_deg
         ),
-        Ok(HeldBy::Colours) => {
+        Ok(PoseEvidence::Colours) => {
             let colours = found.colours.map_or((0.0, 0.0), |c| (c.best, c.next));
             format!(
                 "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn; {unseen}",
                 colours.0, colours.1
             )
         }
-        Ok(HeldBy::Depth) => {
+        Ok(PoseEvidence::Depth) => {
             "its turn was found by depth alone, to about 2 degrees: look at the hollow for steps".to_owned()
         }
-        Ok(HeldBy::Nothing) => {
+        Ok(PoseEvidence::Nothing) => {
             "its turn about the axis cannot be known: neither form nor colours nor depth tell one turn from another. The \
              form does not depend on it; each side has the colours and the depth of one capture"
                 .to_owned()
         }
-        Ok(HeldBy::Given) => format!("its pose was given; silhouettes disagree with it by {off:.2} mm"),
+        Ok(PoseEvidence::Given) => format!("its pose was given; silhouettes disagree with it by {off:.2} mm"),
         Err(Refusal::ContradictsItself) => format!(
             "its silhouettes contradict each other by {:.2} mm{place}: a prop, a lost piece of a silhouette, or something \
              moved while the cameras took their pictures; take this capture again",
             found.own_noise_mm
         ),
-        Err(Refusal::NoHull) => "its silhouettes have no body in common; take this capture again".to_owned(),
+        Err(Refusal::NoHull) => "no solid fits all its silhouettes; take this capture again".to_owned(),
         Err(Refusal::NoPose) => format!(
             "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
              {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"

@@ -62,6 +62,7 @@ pub(super) fn keep_hull(
             shape.roles[v] = Role::Edge;
         }
     }
+    shape.kept = keep;
     let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
     let (rms, p99) = statistics(&pieces);
     Ok(Facts {

@@ -22,6 +22,8 @@ pub struct Body {
     curved: Curved,
     /// Whether each triangle lies on the table.
     on_table: Vec<bool>,
+    /// How much of the hull each vertex of the curved surface kept, 0 to 1.
+    kept: Vec<f64>,
     /// The flat sides, if there are any, and those that each triangle lies on.
     sides: Option<Sides>,
     on_sides: Vec<Option<[u32; 3]>>,
@@ -55,6 +57,7 @@ impl Body {
         let mut body = Self {
             curved,
             on_table,
+            kept: shape.kept.clone(),
             sides,
             on_sides,
             lattice,
@@ -78,6 +81,20 @@ impl Body {
     pub fn is_on_side(&self, p: Point3<f64>) -> bool {
         self.best(p)
             .is_some_and(|(triangle, _)| self.on_sides[triangle as usize].is_some())
+    }
+
+    /// How much of the hull is left at a point near the surface, 0 (faired) to 1 (the hull).
+    pub fn kept(&self, p: Point3<f64>) -> f64 {
+        let of_triangle = |(triangle, _): (u32, f64)| {
+            let t = triangle as usize;
+            let corners = self.curved.places(t);
+            let weights = weights(corners, closest_on_triangle(p, corners));
+            let ids = self.curved.triangles[t];
+            (0..3)
+                .map(|i| self.kept[ids[i] as usize] * weights[i])
+                .sum()
+        };
+        self.best(p).map_or(1.0, of_triangle)
     }
 
     /// Squared distance to a flat triangle, and the signed one to the curved surface there, positive inside.

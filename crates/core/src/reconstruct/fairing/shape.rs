@@ -30,6 +30,8 @@ pub(super) struct Shape {
     pub(super) directions: Vec<Vector3<f64>>,
     /// The surface's unit normal at each vertex, averaged as the directions are, but not turned into the table's plane.
     pub(super) normals: Vec<Vector3<f64>>,
+    /// How much of its way back to the hull each vertex went, 0 (faired) to 1 (the hull).
+    pub(super) kept: Vec<f64>,
     /// Height of the table.
     floor: f64,
     starts: Vec<u32>,
@@ -46,6 +48,7 @@ impl Shape {
         let (starts, neighbours) = neighbours(&mesh.triangles, positions.len());
         let mut shape = Self {
             roles: vec![Role::Free; positions.len()],
+            kept: vec![0.0; positions.len()],
             directions: vec![Vector3::z(); positions.len()],
             normals: vec![Vector3::z(); positions.len()],
             triangles: mesh.triangles.clone(),

@@ -80,7 +80,7 @@ impl<'a> Carving<'a> {
 
     /// How far, in metres, a point lies before the carving surface: positive for what is taken off, `None`
     /// where nothing is carved.
-    pub fn taken_off(&self, p: Point3<f64>) -> Option<f64> {
+    pub fn carved_depth(&self, p: Point3<f64>) -> Option<f64> {
         let (pixel, z) = self.camera.project(p)?;
         Some(self.depth_at(pixel)? - z)
     }

@@ -37,7 +37,7 @@ impl<'a> Cone<'a> {
     /// # Panics
     /// If the sizes differ.
     pub fn new(camera: &'a Camera, level: &'a Grid<u8>) -> Self {
-        Self::knowing(camera, level, None)
+        Self::with_unknown(camera, level, None)
     }
 
     /// As [`Cone::new`], of a silhouette that says nothing where `unknown` is 128 or more. What projects there is as
@@ -45,7 +45,11 @@ impl<'a> Cone<'a> {
     ///
     /// # Panics
     /// If the sizes differ.
-    pub fn knowing(camera: &'a Camera, level: &'a Grid<u8>, unknown: Option<&'a Grid<u8>>) -> Self {
+    pub fn with_unknown(
+        camera: &'a Camera,
+        level: &'a Grid<u8>,
+        unknown: Option<&'a Grid<u8>>,
+    ) -> Self {
         let size = (camera.intrinsics.width, camera.intrinsics.height);
         assert_eq!(
             (level.width(), level.height()),

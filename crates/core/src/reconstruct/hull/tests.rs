@@ -215,7 +215,7 @@ fn a_camera_says_nothing_of_what_it_ignores() {
         let parameters = Parameters::default();
         let each = cameras.iter().zip(&levels).zip(ignored);
         let cones = each
-            .map(|((c, l), i)| Cone::knowing(c, l, Some(i)))
+            .map(|((c, l), i)| Cone::with_unknown(c, l, Some(i)))
             .collect();
         let hull = Hull::new(cones, cube(0.08), 2);
         let lattice = lattice(&hull, &parameters).unwrap();
@@ -258,7 +258,7 @@ fn a_camera_says_nothing_of_what_it_ignores() {
     let tops: Vec<Grid<u8>> = cameras.iter().map(top).collect();
     let each = cameras.iter().zip(&levels).zip(&tops);
     let cones = each
-        .map(|((c, l), i)| Cone::knowing(c, l, Some(i)))
+        .map(|((c, l), i)| Cone::with_unknown(c, l, Some(i)))
         .collect();
     let hull = Hull::new(cones, cube(0.08), 2);
     let unproved = hull.unproved_volume().unwrap();

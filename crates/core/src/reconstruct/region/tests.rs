@@ -1,4 +1,4 @@
-//! Finding regions on renderings whose regions are known.
+//! Tests finding regions on renderings whose regions are known.
 
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};

@@ -96,7 +96,7 @@ fn least_carved(
         let taken = carvings
             .iter()
             .enumerate()
-            .filter_map(|(i, c)| Some((c.taken_off(p)?, i)));
+            .filter_map(|(i, c)| Some((c.carved_depth(p)?, i)));
         let (off, carving) = taken
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|(off, _)| *off > 0.0)?;

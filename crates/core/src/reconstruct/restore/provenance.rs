@@ -1,4 +1,4 @@
-//! The provenance of each vertex, and its expected error.
+//! Decides the provenance of each vertex, and its expected error.
 
 use super::Source;
 use crate::mesh::vertex_normals;

@@ -1,7 +1,7 @@
-//! The minimum cut of a grid of cells between a source and a sink: the labelling of least cost among all,
-//! found by growing a tree from either terminal (Boykov and Kolmogorov, "An experimental comparison of
-//! min-cut/max-flow algorithms for energy minimization in vision", PAMI 26(9), 2004). Whole numbers, one
-//! thread: the same result always.
+//! Finds the minimum cut of a grid of cells between a source and a sink, which is the labelling of least cost among
+//! all, by growing a tree from either terminal (Boykov and Kolmogorov, "An experimental comparison of min-cut/max-flow
+//! algorithms for energy minimization in vision", PAMI 26(9), 2004). It computes with whole numbers on one thread, so
+//! the result is always the same.
 
 use crate::image::Grid;
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! What a cell's colour tells by itself: object (positive) or backdrop (negative). The backdrop may lie in a
+//! Computes what a cell's colour alone says: object (positive) or backdrop (negative). The backdrop may lie in a
 //! shadow, which removes a share of the light and almost keeps the colour, and may receive a little light that the
 //! object reflects.
 

@@ -1,6 +1,6 @@
-//! Pictures without colour. What is as bright as the background may be object as well, and what is darker may be
-//! shadow or object, so only the outline decides: compared with the background, the backdrop and any shadow on it
-//! change softly, and only the object's outline is abrupt.
+//! Finds the object in pictures without colour. What is as bright as the background may be object as well, and what is
+//! darker may be shadow or object, so only the outline decides: compared with the background, the backdrop and any
+//! shadow on it change softly, and only the object's outline is abrupt.
 
 use super::Parameters;
 use super::cells::Cells;

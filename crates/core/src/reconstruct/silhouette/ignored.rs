@@ -1,5 +1,6 @@
-//! Pixels that are ignored, because something that is no part of the object is in front of it there: which pixels that
-//! makes unknown, and pictures and masks that show nothing there. What is made of the rest is decided elsewhere.
+//! Pixels that are to be ignored, because something in front of the object hides it there. This file decides how far
+//! around them a silhouette is unknown, and makes pictures and masks in which nothing is seen there. Other files decide
+//! what an unknown pixel means for the hull.
 
 use super::Silhouette;
 use crate::image::{Grid, Mask, RgbImage};

@@ -1,4 +1,4 @@
-//! A mask that the recording has: it is used as it is.
+//! Makes a silhouette of a mask that the recording has, without changing it.
 
 use super::Silhouette;
 use super::facts::{self, Facts};

@@ -1,4 +1,4 @@
-//! Where in a picture the object can be: the volume's projection.
+//! Finds where in a picture the object can be: within the volume's projection.
 
 use crate::calibration::{Camera, Volume};
 use crate::image::PixelRect;

@@ -1,4 +1,4 @@
-//! Solids whose surface is known.
+//! Tests solids whose surface is known.
 
 use super::*;
 use std::collections::BTreeMap;

@@ -29,10 +29,21 @@ pub struct FairedHull<'a> {
     pub body: &'a Body,
 }
 
-/// Share of the way that fairing moved a vertex by which it is expected to be off.
-const OF_MOVED: f64 = 0.25;
-/// Share of what fairing left of the hull's expected depth that is still expected.
-const OF_LEFT: f64 = 0.42;
+/// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on. All
+/// errors are far from normal: the largest tenth are thirty times the smallest.
+mod share {
+    /// Of the way that a vertex was moved.
+    pub(super) const OF_MOVED: f64 = 0.5;
+    /// Pixels at which half as much is expected as in proportion to the way: long ways end at a surface as smooth as
+    /// short ones do.
+    pub(super) const MOVED_PX: f64 = 4.0;
+    /// Of what fairing left of the hull's expected depth.
+    pub(super) const OF_LEFT: f64 = 0.2;
+    /// Of the hull's expected depth, where the hull was kept.
+    pub(super) const OF_KEPT: f64 = 0.6;
+    /// Of a contour's error, on a flat side that many contours hold.
+    pub(super) const OF_CONTOUR: f64 = 0.5;
+}
 
 /// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size`
 /// metres, and faired if `faired` says so. The other vertices keep theirs.
@@ -68,18 +79,25 @@ fn expected_error(hull: &Hull, p: Point3<f64>, step: f64) -> f64 {
     depth.hypot(CONTOUR_PX * hull.pixel_footprint(p))
 }
 
-/// The expected error in metres at a point of the faired hull's surface: on a flat side that of the contours, elsewhere
-/// a share of how far the surface was moved, and of what is left of the hull's own.
+/// The expected error in metres at a point of the faired hull's surface: on a flat side a share of that of the contours,
+/// where the hull was kept a share of its own, and elsewhere of how far the surface was moved and of what is left of
+/// the hull's own.
 fn of_faired(hull: &Hull, plain: &Bvh, body: &Body, p: Point3<f64>, step: f64) -> f64 {
-    let of_contour = CONTOUR_PX * hull.pixel_footprint(p);
+    let pixel = hull.pixel_footprint(p);
+    let of_contour = CONTOUR_PX * pixel;
     if body.is_on_side(p) {
-        return of_contour;
+        return share::OF_CONTOUR * of_contour;
     }
     let Some(above) = plain.closest_point(p) else {
         return expected_error(hull, p, step);
     };
-    let left = (expected_error(hull, above.point, step) - above.distance).max(0.0);
-    (OF_MOVED * above.distance)
-        .hypot(OF_LEFT * left)
-        .hypot(of_contour)
+    let of_hull = expected_error(hull, above.point, step);
+    let moved = above.distance / (1.0 + above.distance / (share::MOVED_PX * pixel));
+    let left = (of_hull - above.distance).max(0.0);
+    let of_moved = (share::OF_MOVED * moved)
+        .hypot(share::OF_LEFT * left)
+        .hypot(of_contour);
+    let of_kept = (share::OF_KEPT * of_hull).hypot(of_contour);
+    let kept = body.kept(p);
+    (1.0 - kept) * of_moved + kept * of_kept
 }

@@ -1,4 +1,4 @@
-//! Text and style of the page.
+//! Escapes text, encodes pictures and holds the style sheet for the calibration's page.
 
 /// Text with what HTML would take for its own made harmless.
 pub(super) fn escaped(text: &str) -> String {

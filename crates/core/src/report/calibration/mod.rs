@@ -195,7 +195,7 @@ fn missing(html: &mut String, page: &CalibrationPage<'_>) {
         return;
     }
     *html += "<p>Show the board once more, and calibrate from both sessions together:</p>\n<table class=\"words\">\
-              <tr><th>whom</th><th>what it lacks</th></tr>\n";
+              <tr><th>what</th><th>what it lacks</th></tr>\n";
     for missing in page.missing {
         let (whom, what) = missing.split_once(": ").unwrap_or(("", missing));
         let _ = writeln!(

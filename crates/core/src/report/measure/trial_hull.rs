@@ -18,7 +18,7 @@ pub(super) fn trial_hull<'a>(
     let silhouettes = made.silhouettes.iter().enumerate();
     let cones = silhouettes
         .filter_map(|(i, silhouette)| {
-            Some(Cone::knowing(
+            Some(Cone::with_unknown(
                 camera(i)?,
                 &silhouette.level,
                 silhouette.unknown.as_ref(),

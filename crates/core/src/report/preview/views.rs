@@ -5,7 +5,7 @@ use super::canvas::{EMPTY, INK, fill, write};
 use super::window::Window;
 use crate::calibration::Camera;
 use crate::image::RgbImage;
-use crate::mesh::{Drawn, Eye, Style, View, bounding_box, parallel_view, vertex_paint};
+use crate::mesh::{Drawn, ProjectionKind, Style, View, bounding_box, parallel_view, vertex_paint};
 use crate::reconstruct::silhouette::Silhouette;
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
 use nalgebra::{Point3, center};
@@ -178,7 +178,7 @@ pub(super) fn drawn<'a>(
     let view = View {
         width: window.width,
         height: window.height,
-        eye: Eye::At(eye),
+        eye: ProjectionKind::At(eye),
         project,
     };
     Drawn::closed(&model.mesh, &view, 2)

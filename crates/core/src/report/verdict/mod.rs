@@ -86,7 +86,7 @@ pub enum ReasonCode {
     OpenedByDepth,
     /// Much of the model was seen by no colour camera.
     Unpainted,
-    /// What holds the pose of a capture, of several of one object.
+    /// How the pose of a capture was found, if several captures of one object are fused.
     PoseFound,
     /// The evidence for the pose of a capture is not clear.
     PoseDoubtful,

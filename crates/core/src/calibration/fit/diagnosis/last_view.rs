@@ -1,5 +1,6 @@
-//! A camera whose last view alone, or first view alone, shows the board elsewhere than the other cameras do. One view
-//! cannot tell a camera that was moved from a picture of another moment, so this names a possibility, and what to show.
+//! Finds cameras of which only the last view, or only the first one, shows the board elsewhere than the other cameras
+//! do. One view is not enough to tell whether the camera was moved or the picture was taken at another moment, so the
+//! finding says what may have happened, and what to show the camera next.
 
 use super::super::outliers::ELSEWHERE;
 use super::super::result::{Fit, LeftOut};
@@ -40,7 +41,7 @@ fn of_camera(session: &Session, fit: &Fit, index: usize, id: &CameraId) -> Optio
         let from = &session.placements[second];
         format!(
             "camera {id}: its first view, at {placement}, shows the board elsewhere than the other cameras do: the camera \
-             may have been moved after it; then this is the rig since {from} (--from-placement {from})"
+             may have been moved after it; if so, calibrate from {from} on (--from-placement {from})"
         )
     } else {
         return None;

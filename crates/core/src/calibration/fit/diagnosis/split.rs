@@ -77,7 +77,7 @@ impl Split {
                 "show the board again, or calibrate from {from} on (--from-placement {from})"
             ),
             false => format!(
-                "this is the rig since {from}: calibrate from there on (--from-placement {from})"
+                "the rig has stayed as it is since {from}: calibrate from there on (--from-placement {from})"
             ),
         }
     }

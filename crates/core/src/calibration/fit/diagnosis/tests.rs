@@ -1,4 +1,4 @@
-//! Sessions with one fault each, and sessions without faults.
+//! Tests sessions with one fault each, and sessions without faults.
 
 use super::super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::super::{Error, Finding, Limits, Parameters, Session, diagnose, fit, judge};

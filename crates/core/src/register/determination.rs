@@ -1,5 +1,6 @@
-//! Whether the silhouettes hold a pose: it is made to slip in its softest direction, and what they object to that is
-//! compared with their noise. A direction without an objection is a symmetry of the outside.
+//! Tests how firmly the silhouettes determine a pose: the pose is moved in the direction in which they resist least,
+//! and the disagreement that this causes is compared with their noise. If they do not resist at all, the outside of the
+//! object is symmetric in that direction.
 
 use super::align::{Aligned, Rays, align, lever};
 use super::body::Body;
@@ -10,22 +11,22 @@ use rayon::prelude::*;
 /// Degrees by which a pose is made to slip.
 const SLIPS_DEG: [f64; 3] = [5.0, 10.0, 30.0];
 /// Degrees of slip from which on without an objection a direction counts as free.
-pub(super) const FREE_DEG: f64 = 10.0;
+pub(super) const UNDETERMINED_DEG: f64 = 10.0;
 /// Poses along a free turn that are put back on the silhouettes.
 const ANCHORS: usize = 12;
 /// Directions that are made to slip, the softest first.
 const DIRECTIONS: usize = 2;
 
-/// What holds a pose in place.
+/// How firmly the silhouettes determine a pose.
 #[derive(Clone, Debug)]
-pub(super) struct Hold {
+pub(super) struct Determination {
     /// For each of the softest directions the most degrees of slip that the silhouettes do not object to.
     pub(super) free_deg: [f64; DIRECTIONS],
     /// The softest direction, with turns multiplied by the lever.
     pub(super) softest: Twist,
 }
 
-impl Hold {
+impl Determination {
     /// Makes a pose slip. Up to `limit` metres of disagreement are no objection.
     pub(super) fn of(a: &Body, b: &Body, aligned: &Aligned, limit: f64) -> Self {
         let directions = aligned.softest();
@@ -33,7 +34,8 @@ impl Hold {
         for (free, (direction, _)) in free_deg.iter_mut().zip(&directions) {
             for degrees in SLIPS_DEG {
                 let slipped = [1.0, -1.0].map(|sign| {
-                    let pose = slip(a, b, &aligned.pose, direction, sign * degrees.to_radians());
+                    let pose =
+                        moved_along(a, b, &aligned.pose, direction, sign * degrees.to_radians());
                     align(a, b, pose, Rays::SOME, Some(direction)).disagreement
                 });
                 if slipped[0].max(slipped[1]) >= limit {
@@ -50,12 +52,12 @@ impl Hold {
 
     /// Whether a turn is free, and nothing else is.
     pub(super) fn is_free(&self) -> bool {
-        self.free_deg[0] >= FREE_DEG
+        self.free_deg[0] >= UNDETERMINED_DEG
     }
 }
 
 /// A pose moved along a direction until it has turned by `radians`.
-fn slip(
+fn moved_along(
     a: &Body,
     b: &Body,
     pose: &Isometry3<f64>,
@@ -96,7 +98,7 @@ impl Turns {
             let mut found: Vec<(Aligned, Twist)> = Vec::new();
             let (mut pose, mut along) = (aligned.pose, *direction);
             for _ in 0..count {
-                let turned = slip(a, b, &pose, &along, sign * step);
+                let turned = moved_along(a, b, &pose, &along, sign * step);
                 let next = align(a, b, turned, Rays::SOME, Some(&along));
                 let softest = next.softest()[0].0;
                 along = if softest.dot(&along) < 0.0 {
@@ -133,7 +135,7 @@ impl Turns {
         let of_anchor = |(aligned, along): &(Aligned, Twist)| {
             let at = |i: usize| ((i as f64 + 0.5) / count as f64 - 0.5) * each;
             let (pose, along) = (aligned.pose, *along);
-            let turned = move |i: usize| slip(a, b, &pose, &along, at(i).to_radians());
+            let turned = move |i: usize| moved_along(a, b, &pose, &along, at(i).to_radians());
             (0..count).map(turned).collect::<Vec<_>>()
         };
         let anchors = self.anchors.iter();
@@ -168,7 +170,7 @@ pub(super) fn polished(
     let mut pose = *pose;
     for span in SPANS_DEG {
         let step = span.to_radians() / f64::from(SIDE);
-        let at = |i: i32| slip(a, b, &pose, direction, f64::from(i) * step);
+        let at = |i: i32| moved_along(a, b, &pose, direction, f64::from(i) * step);
         let rated: Vec<f64> = (-SIDE..=SIDE)
             .into_par_iter()
             .map(|i| rating(&at(i)))
@@ -183,7 +185,7 @@ pub(super) fn polished(
                 place += 0.5 * (l - r) / bend;
             }
         }
-        pose = slip(a, b, &pose, direction, place * step);
+        pose = moved_along(a, b, &pose, direction, place * step);
     }
     pose
 }

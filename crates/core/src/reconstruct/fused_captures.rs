@@ -1,4 +1,5 @@
-//! How an object stood in the captures that a scene is fused of. A scene of one capture has none of it.
+//! How the object stood in each of the captures of which a scene is fused: tables, depth views and ranks. All of it is
+//! empty for a scene of one capture.
 
 use super::depth::EnhancedDepth;
 use super::hull::Plane;
@@ -14,12 +15,12 @@ const SAME_PLACE: f64 = 0.012;
 
 /// How the object stood in the captures that a scene is fused of.
 #[derive(Clone, Debug, Default)]
-pub struct Standing {
+pub struct FusedCaptures {
     /// The tables of all captures but the one whose frame the scene has, in that frame.
     pub tables: Vec<Plane>,
     /// The depth views in the frames of their own captures' rigs, in the order of the scene's; empty where that is the
     /// scene's frame.
-    pub depths: Vec<OwnDepth>,
+    pub depths: Vec<DepthInItsRig>,
     /// For each colour view, then each depth view, its rank in painting; empty where all are alike.
     pub ranks: Vec<u8>,
     /// For each colour view, then each depth view, the number of its capture; empty where there is one.
@@ -28,7 +29,7 @@ pub struct Standing {
 
 /// A depth view in its own rig's frame.
 #[derive(Clone, Debug)]
-pub struct OwnDepth {
+pub struct DepthInItsRig {
     /// The view.
     pub view: DepthView,
     /// The box that bounds the object in that rig.
@@ -41,7 +42,7 @@ pub struct OwnDepth {
     pub rank: u8,
 }
 
-impl Standing {
+impl FusedCaptures {
     /// Whether the scene is fused of several captures.
     pub(super) fn is_of_several(&self) -> bool {
         self.captures.windows(2).any(|pair| pair[0] != pair[1])
