@@ -178,7 +178,7 @@ def picture(code, name, simulated, asked):
             shown = shown.resize((WIDTH, round(shown.height * WIDTH / shown.width)), Image.Resampling.LANCZOS)
         out = ROOT / "docs/reasons" / f"{code}.png"
         out.parent.mkdir(exist_ok=True)
-        # A table of fewer colours makes a smaller file. Words need the colours of small areas, photographs those of large.
+        # Fewer colours make a smaller file. Words need the colours of small areas, photographs those of large.
         method = Image.Quantize.MAXCOVERAGE if name == "head" else Image.Quantize.MEDIANCUT
         for colors in (128, 64, 32, 16):
             shown.quantize(colors, method, dither=Image.Dither.NONE).save(out, optimize=True)

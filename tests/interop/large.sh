@@ -15,7 +15,7 @@ fi
 for reader in open3d meshlab rerun blender; do
 	PYTHONPATH=python $environment/bin/python tests/interop/check_large.py target/interop/work $reader
 done
-# nerfstudio without what only training and viewing need; the order makes its requirements, which are stricter, give way.
+# nerfstudio without what only training and viewing need: --no-deps, because its own requirements are stricter and larger.
 environment=target/interop/neural
 if [ ! -e $environment/ready ]; then
 	rm -rf $environment
