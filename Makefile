@@ -62,7 +62,7 @@ test: deps check ## the gate: install what the tests need, then `check`, then th
 calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1
 
-error-trial: ## compare the errors that models state with the truth, over shapes, rigs and seeds
+error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1
 
 fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), and what must not be fused, and print a table

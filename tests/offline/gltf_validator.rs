@@ -80,6 +80,7 @@ fn the_khronos_validator_finds_nothing() {
     };
     let models = [
         ("painted", painted()),
+        ("unlit", painted()),
         ("plain", tetrahedron()),
         ("broken-normals", broken_normals),
         ("empty-atlas", empty_atlas),
@@ -103,7 +104,11 @@ fn the_khronos_validator_finds_nothing() {
     let home = tempfile::tempdir().unwrap();
     let files = models.map(|(name, model)| {
         let path = home.path().join(name).with_extension("glb");
-        let bytes = glb::encode(&model, &about(name), &glb::Parameters::default()).unwrap();
+        let parameters = glb::Parameters {
+            unlit: name == "unlit",
+            ..glb::Parameters::default()
+        };
+        let bytes = glb::encode(&model, &about(name), &parameters).unwrap();
         std::fs::write(&path, bytes).unwrap();
         path
     });

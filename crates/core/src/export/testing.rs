@@ -55,5 +55,9 @@ pub(super) fn painted_ball() -> Model {
 
 /// The model's file.
 pub(super) fn as_glb(model: &Model, about: &Description) -> Vec<u8> {
-    encode(model, about, &Parameters { jpeg_quality: 100 }).unwrap()
+    let parameters = Parameters {
+        jpeg_quality: 100,
+        ..Parameters::default()
+    };
+    encode(model, about, &parameters).unwrap()
 }

@@ -22,11 +22,21 @@ pub struct Parameters {
     /// Default 90, range 1 to 100.
     #[serde(deserialize_with = "crate::range::count::<_, u8, 1, 100>")]
     pub jpeg_quality: u8,
+    /// Whether viewers show the colours as they are, without light and shade of their own (`KHR_materials_unlit`): the
+    /// pictures' light is in the texture already. Without it the form shows better.
+    /// Default false.
+    pub unlit: bool,
 }
+
+/// The extension by which viewers add no light.
+const UNLIT: &str = "KHR_materials_unlit";
 
 impl Default for Parameters {
     fn default() -> Self {
-        Self { jpeg_quality: 90 }
+        Self {
+            jpeg_quality: 90,
+            unlit: false,
+        }
     }
 }
 
@@ -50,7 +60,7 @@ pub fn encode(
             .map(|t| jpeg::encode(&t.atlas, parameters.jpeg_quality))
             .transpose()?;
         root.add_mesh(&about.capture, model, texture, &mut body);
-        root.add_material(jpeg, &mut body);
+        root.add_material(jpeg, parameters.unlit, &mut body);
         root.buffers = vec![Buffer {
             byte_length: body.bytes.len(),
         }];
@@ -95,7 +105,7 @@ impl Root {
                 extras: extras(about),
                 extensions: json!({ xmp::EXTENSION: { "packet": 0 } }),
             },
-            extensions_used: [xmp::EXTENSION],
+            extensions_used: vec![xmp::EXTENSION],
             extensions: json!({ xmp::EXTENSION: { "packets": [xmp::packet(about)] } }),
             scene: 0,
             scenes: vec![Scene {
@@ -145,7 +155,10 @@ impl Root {
         });
     }
 
-    fn add_material(&mut self, jpeg: Option<Vec<u8>>, body: &mut Body) {
+    fn add_material(&mut self, jpeg: Option<Vec<u8>>, unlit: bool, body: &mut Body) {
+        if unlit {
+            self.extensions_used.push(UNLIT);
+        }
         let textured = jpeg.is_some();
         if let Some(jpeg) = jpeg {
             self.images.push(Image {
@@ -172,6 +185,7 @@ impl Root {
                 metallic_factor: 0.0,
                 roughness_factor: 1.0,
             },
+            extensions: unlit.then(|| json!({ UNLIT: {} })),
         });
     }
 }

@@ -96,6 +96,23 @@ fn what_is_known_of_the_object_is_in_the_file() {
     }
 }
 
+#[test]
+fn an_unlit_material_says_so_and_is_lit_otherwise() {
+    let json = |unlit| {
+        let parameters = Parameters {
+            unlit,
+            ..Parameters::default()
+        };
+        let bytes = encode(&textured_square(), &described("cup-1"), &parameters).unwrap();
+        parse(&bytes).0
+    };
+    let extension = "KHR_materials_unlit";
+    let unlit = json(true);
+    assert!(unlit["materials"][0]["extensions"][extension].is_object());
+    assert_eq!(unlit["extensionsUsed"][1], extension);
+    assert_eq!(json(false)["materials"][0]["extensions"], Value::Null);
+}
+
 /// The JSON and the binary chunk of a .glb, its framing checked.
 fn parse(bytes: &[u8]) -> (Value, &[u8]) {
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;

@@ -15,7 +15,7 @@ pub(super) const CLAMP_TO_EDGE: u32 = 33071;
 #[serde(rename_all = "camelCase")]
 pub(super) struct Root {
     pub asset: Asset,
-    pub extensions_used: [&'static str; 1],
+    pub extensions_used: Vec<&'static str>,
     pub extensions: Value,
     pub scene: u32,
     pub scenes: Vec<Scene>,
@@ -95,6 +95,8 @@ pub(super) struct Attributes {
 pub(super) struct Material {
     pub name: String,
     pub pbr_metallic_roughness: MetallicRoughness,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extensions: Option<Value>,
 }
 
 #[derive(Serialize)]

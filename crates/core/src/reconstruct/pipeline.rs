@@ -213,12 +213,19 @@ pub fn reconstruct_from(
         }),
         _ => None,
     };
-    uncertainty::state(
-        &mut restored.model,
-        &hull,
-        faired_hull.as_ref(),
-        lattice.cell_size,
-    );
+    let read = scene.depths.iter().zip(&depths);
+    let evidence = uncertainty::Evidence {
+        hull: &hull,
+        faired: faired_hull,
+        readings: read
+            .map(|(view, found)| uncertainty::Readings {
+                camera: &view.camera,
+                depth: &found.enhanced,
+            })
+            .collect(),
+        cell_size: lattice.cell_size,
+    };
+    uncertainty::state(&mut restored.model, &evidence);
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;

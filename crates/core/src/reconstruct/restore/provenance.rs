@@ -15,9 +15,10 @@ const FACING: f32 = 0.15;
 /// A step between neighbouring pixels of more than this many pixels' width hides what lies behind it.
 const STEP_PX: f32 = 4.0;
 
-/// Share of the hull behind a vertex in a step's shadow by which it is expected to be off: the surface may be anywhere
-/// between the vertex, as far as the ray that grazes the step, and the hull's far side.
-const SHADOWED: f32 = 0.5;
+/// Share of the hull behind a wall that no reading faces by which the wall is expected to be off. The surface may be
+/// anywhere between the wall and the hull's far side: on most objects it is near the wall, and in a vase whose neck is
+/// narrower than its belly on the far side.
+const SHADOWED: f32 = 0.28;
 
 /// Makes a model of a surface of `hull` carved by `carvings`, which come from `sources` with regions, in
 /// their order.
@@ -79,7 +80,7 @@ fn of_carved(
         }
     } else {
         let from_seen = (z as f32 - depth[(x, y)]).abs();
-        let shadowed = error.hypot(SHADOWED * behind().min(from_seen));
+        let shadowed = error.hypot(SHADOWED * behind());
         if step(depth, x, y) > STEP_PX * footprint && from_seen > 2.0 * footprint {
             (Provenance::Unseen, shadowed)
         } else {

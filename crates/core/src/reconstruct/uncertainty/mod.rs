@@ -1,8 +1,10 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
-//! the vertex, and `patches` spreads the results of some vertices over all. Nothing here moves a vertex or uses depth.
+//! the vertex, `hollow` what may hide beneath a lid, and `patches` spreads the results of some vertices over all.
+//! Nothing here moves a vertex.
 
 mod depth_of_surface;
+mod hollow;
 mod patches;
 mod touch;
 
@@ -10,7 +12,8 @@ use super::fairing::Body;
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
-use nalgebra::Point3;
+pub use hollow::Readings;
+use nalgebra::{Point3, Vector3};
 use patches::Patches;
 use rayon::prelude::*;
 use touch::ViewingEdge;
@@ -45,25 +48,43 @@ mod share {
     pub(super) const OF_CONTOUR: f64 = 0.5;
 }
 
-/// States the expected error of those vertices of a model that lie on its hull, extracted in cells of `cell_size`
-/// metres, and faired if `faired` says so. The other vertices keep theirs.
-pub fn state(model: &mut Model, hull: &Hull, faired: Option<&FairedHull>, cell_size: f64) {
+/// What is left of the error of a single reading, on a surface that many neighbours make.
+const OF_READING: f32 = 0.55;
+
+/// What the stated errors follow from.
+pub struct Evidence<'a> {
+    /// The plain hull.
+    pub hull: &'a Hull<'a>,
+    /// What fairing made of it, if it was faired.
+    pub faired: Option<FairedHull<'a>>,
+    /// What the depth cameras read; empty where none was used.
+    pub readings: Vec<Readings<'a>>,
+    /// Edge of the cells that the hull was extracted in, in metres.
+    pub cell_size: f64,
+}
+
+/// States the expected error of those vertices of a model that lie on its hull, and of those that depth restored, of
+/// which each has that of a single reading. The other vertices keep theirs.
+pub fn state(model: &mut Model, evidence: &Evidence) {
+    let of_vertices = model.expected_error.iter_mut().zip(&model.provenance);
+    for (error, _) in of_vertices.filter(|(_, p)| **p == Provenance::Restored) {
+        *error *= OF_READING;
+    }
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices
         .zip(0..)
         .filter(|((_, provenance), _)| **provenance == Provenance::Hull)
         .map(|((&p, _), index)| (index, p));
-    let patches = Patches::new(on_hull, PATCH_CELLS * cell_size);
-    let plain = faired.map(|faired| (Bvh::new(faired.plain), faired.body));
+    let patches = Patches::new(on_hull, PATCH_CELLS * evidence.cell_size);
+    let plain = evidence.faired.as_ref().map(|f| Bvh::new(f.plain));
     let of_patch = |indices: &[u32]| {
-        let p = model.mesh.vertices[indices[indices.len() / 2] as usize].cast();
-        match &plain {
-            Some((plain, body)) => of_faired(hull, plain, body, p, cell_size),
-            None => expected_error(hull, p, cell_size),
-        }
+        let vertex = indices[indices.len() / 2] as usize;
+        let p = model.mesh.vertices[vertex].cast();
+        evidence.at(plain.as_ref(), p, model.normals[vertex])
     };
     let each: Vec<&[u32]> = patches.indices().collect();
-    let found: Vec<f64> = each.into_par_iter().map(of_patch).collect();
+    let places: Vec<hollow::Place> = each.into_par_iter().map(of_patch).collect();
+    let found = hollow::with_hollows(&places);
     for (indices, error) in patches.indices().zip(patches.smoothed(&found)) {
         for &index in indices {
             model.expected_error[index as usize] = error as f32;
@@ -71,30 +92,41 @@ pub fn state(model: &mut Model, hull: &Hull, faired: Option<&FairedHull>, cell_s
     }
 }
 
-/// The expected error in metres at a point of the hull's surface.
-fn expected_error(hull: &Hull, p: Point3<f64>, step: f64) -> f64 {
-    // Where it is the volume that bounds the hull, nothing is known but that the object is cut off.
-    let edge = ViewingEdge::through(hull, p, step);
-    let depth = edge.map_or(0.0, |edge| depth_of_surface::expected(&edge));
-    depth.hypot(CONTOUR_PX * hull.pixel_footprint(p))
+impl Evidence<'_> {
+    /// What is known at a point of the model's surface that lies on the hull. `plain` finds places on the plain hull's
+    /// surface, where that was faired.
+    fn at(&self, plain: Option<&Bvh>, p: Point3<f64>, normal: Vector3<f32>) -> hollow::Place {
+        let above = plain.and_then(|plain| plain.closest_point(p));
+        let on_hull = above.as_ref().map_or(p, |above| above.point);
+        let edge = ViewingEdge::through(self.hull, on_hull, self.cell_size);
+        let of_contour = CONTOUR_PX * self.hull.pixel_footprint(p);
+        let of_hull = edge.map_or(0.0, |edge| depth_of_surface::expected(&edge));
+        let of_hull = of_hull.hypot(of_contour);
+        let of_outside = match (&self.faired, above) {
+            (Some(faired), Some(above)) => {
+                of_faired(faired.body, p, of_hull, above.distance, of_contour)
+            }
+            _ => of_hull,
+        };
+        hollow::Place {
+            point: p,
+            of_outside,
+            may_be_lid: hollow::may_be_lid(p, normal, &self.readings),
+            way_to_object: edge.map(|edge| hollow::way_to_object(&edge)),
+        }
+    }
 }
 
-/// The expected error in metres at a point of the faired hull's surface: on a flat side a share of that of the contours,
-/// where the hull was kept a share of its own, and elsewhere of how far the surface was moved and of what is left of
-/// the hull's own.
-fn of_faired(hull: &Hull, plain: &Bvh, body: &Body, p: Point3<f64>, step: f64) -> f64 {
-    let pixel = hull.pixel_footprint(p);
-    let of_contour = CONTOUR_PX * pixel;
+/// The expected error in metres at a point of a faired hull, which moved by `moved` from where `of_hull` is expected: on
+/// a flat side a share of that of the contours, where the hull was kept a share of its own, and elsewhere of how far
+/// the surface was moved and of what is left of the hull's own.
+fn of_faired(body: &Body, p: Point3<f64>, of_hull: f64, moved: f64, of_contour: f64) -> f64 {
     if body.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
     }
-    let Some(above) = plain.closest_point(p) else {
-        return expected_error(hull, p, step);
-    };
-    let of_hull = expected_error(hull, above.point, step);
-    let moved = above.distance / (1.0 + above.distance / (share::MOVED_PX * pixel));
-    let left = (of_hull - above.distance).max(0.0);
-    let of_moved = (share::OF_MOVED * moved)
+    let much = share::MOVED_PX / CONTOUR_PX * of_contour;
+    let left = (of_hull - moved).max(0.0);
+    let of_moved = (share::OF_MOVED * moved / (1.0 + moved / much))
         .hypot(share::OF_LEFT * left)
         .hypot(of_contour);
     let of_kept = (share::OF_KEPT * of_hull).hypot(of_contour);
