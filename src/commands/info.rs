@@ -3,8 +3,10 @@
 use super::{EXIT_INCOMPLETE, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
-use crate::capture::{CaptureSession, CaptureSummary, LeftOutCamera, RigAt};
-use crate::frame::{CameraId, Timestamp};
+use crate::capture::{
+    CaptureSession, CaptureSummary, LeftOutCamera, RigAt, calibration_digest, input_digest,
+};
+use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::recording::noted_recording;
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
 use crate::storage::write_atomically;
@@ -21,6 +23,7 @@ use std::process::ExitCode;
   scand info cup.mcap
   scand info /archive/*.mcap
   scand info --json cup.mcap
+  scand info cup.mcap --digests
   scand info cup.mcap --calibration calibration.toml")]
 pub struct Args {
     /// The recordings; if there are several, one line is printed for each
@@ -29,6 +32,10 @@ pub struct Args {
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
+    /// Also print the SHA-256 digests of each capture's input and calibration, as its model's files state them; this
+    /// decodes all pictures
+    #[arg(long)]
+    digests: bool,
     /// Write the calibration at the first trigger into a file that --replay --calibration and scand run read
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
@@ -44,9 +51,9 @@ pub struct Args {
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--calibration", args.calibration.as_deref(), args.force)?;
     let [file] = &args.files[..] else {
-        if args.calibration.is_some() {
+        if args.calibration.is_some() || args.digests {
             return Err(wrong_usage(
-                "--calibration takes the calibration of one recording: name one",
+                "--calibration and --digests are about one recording: name one",
             ));
         }
         return Ok(lines(&args));
@@ -58,7 +65,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         eprintln!("scand: the calibration is in {} (TOML)", path.display());
     }
     let session = CaptureSession::of_any(recording, &sync::Parameters::default())?;
-    let info = Info::of(&session)?;
+    let mut info = Info::of(&session)?;
+    if args.digests {
+        info.digests = info
+            .captures
+            .iter()
+            .map(|c| digests(&session, &c.id))
+            .collect();
+    }
     let text = if args.json {
         serde_json::to_string_pretty(&info)? + "\n"
     } else {
@@ -126,9 +140,47 @@ struct Info {
     cameras: Vec<CameraInfo>,
     volume: Result<[[f64; 3]; 2], String>,
     captures: Vec<CaptureSummary>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    digests: Vec<CaptureDigests>,
     left_out: Vec<LeftOutCamera>,
     warnings: Vec<String>,
     damage: Vec<Damage>,
+}
+
+/// What a capture's model states of its input.
+#[derive(Serialize)]
+struct CaptureDigests {
+    capture: CaptureId,
+    sha256: Result<Digests, String>,
+}
+
+#[derive(Serialize)]
+struct Digests {
+    input: String,
+    calibration: String,
+}
+
+fn digests(session: &CaptureSession, id: &CaptureId) -> CaptureDigests {
+    let digests = session.load(id).map(|(scene, _)| Digests {
+        input: input_digest(&scene),
+        calibration: calibration_digest(&scene),
+    });
+    CaptureDigests {
+        capture: id.clone(),
+        sha256: digests.map_err(|error| error.to_string()),
+    }
+}
+
+impl CaptureDigests {
+    fn line(&self) -> String {
+        match &self.sha256 {
+            Ok(digests) => format!(
+                "{}: input {}, calibration {}",
+                self.capture, digests.input, digests.calibration
+            ),
+            Err(error) => format!("{}: {error}", self.capture),
+        }
+    }
 }
 
 /// A camera with its newest calibration.
@@ -202,6 +254,7 @@ impl Info {
             cameras,
             volume,
             captures: session.captures(),
+            digests: Vec::new(),
             left_out: session.left_out().to_vec(),
             warnings,
             damage: recording.verify()?,
@@ -385,6 +438,10 @@ impl Info {
             }],
         );
         words.section("Captures", self.captures.iter().map(capture_line));
+        words.section(
+            "Digests (SHA-256)",
+            self.digests.iter().map(CaptureDigests::line),
+        );
         words.section("Left out", self.left_out.iter().map(|l| l.reason.clone()));
         words.section("Warnings", self.warnings.iter().cloned());
         words.section("Damage", self.damage.iter().map(ToString::to_string));

@@ -88,3 +88,34 @@ fn the_version_tells_the_commit_and_the_features() {
     let has_live = words.contains(" live");
     assert_eq!(has_live, cfg!(feature = "live"), "{words}");
 }
+
+#[test]
+fn a_calibration_that_cannot_be_written_is_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    let out = folder.path().join("file/calibration.toml");
+    let found = Command::cargo_bin("scand")
+        .unwrap()
+        .args(["calibrate", "--board", "checkerboard:11x8:25mm", "--out"])
+        .arg(&out)
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/cup.mcap"))
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&found.stderr).into_owned();
+    assert!(!found.status.success());
+    assert!(words.contains("nothing was calibrated"), "{words}");
+}
+
+#[test]
+fn the_digests_of_a_recording_are_those_that_its_model_states() {
+    let desk = super::desk::Desk::with_a_model();
+    let report = std::fs::read(desk.path("out/ball/ball-000/report.json")).unwrap();
+    let words = desk.done(&["info", "ball.mcap", "--digests", "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&words).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let stated = &report["description"];
+    let found = &info["digests"][0]["sha256"]["Ok"];
+    assert_eq!(found["input"], stated["input_sha256"], "{words}");
+    assert_eq!(found["calibration"], stated["calibration_sha256"]);
+    assert!(found["input"].is_string());
+}

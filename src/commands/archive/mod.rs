@@ -48,6 +48,12 @@ pub struct Args {
 /// Says how to read the package without this program.
 const READ_ME: &str = include_str!("read_me.txt");
 
+/// A page without the lines that show a picture: those are not in the package.
+fn without_pictures(page: &str) -> String {
+    let lines = page.split_inclusive('\n');
+    lines.filter(|line| !line.starts_with("![")).collect()
+}
+
 /// What goes into each package, so that it explains itself.
 const DOCUMENTS: [(&str, &str); 7] = [
     ("README.txt", READ_ME),
@@ -92,7 +98,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         identifiers: BTreeSet::new(),
     };
     for (path, text) in DOCUMENTS {
-        packing.bag.put(path, text.as_bytes())?;
+        packing.bag.put(path, without_pictures(text).as_bytes())?;
     }
     for (number, licence) in (1..).zip(&args.licence) {
         let name = safe(&licence.file_name().unwrap_or_default().to_string_lossy());

@@ -17,9 +17,10 @@ use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::config::Config;
 use crate::frame::CameraId;
-use crate::storage::write_atomically;
+use crate::storage::{check_writable, write_atomically};
 use crate::sync;
 use acceptance::{Acceptance, doubtful_name};
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
@@ -144,6 +145,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     if let (Some(out), false) = (&args.out, args.accept_doubtful) {
         refuse_to_replace("--out", Some(&doubtful_name(out)), args.force)?;
+    }
+    if let Some(out) = &args.out {
+        let parent = out.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = parent.unwrap_or(Path::new("."));
+        check_writable(folder).context("nothing was calibrated: give another file with --out")?;
     }
     let config = configuration(&args)?;
     let depth = args.depth.method(config.calibration.plane.clone())?;

@@ -4,6 +4,7 @@ use crate::commands::{refuse_to_replace, wrong_usage};
 use crate::range::millimetres;
 use crate::recording::Compression;
 use crate::storage::write_atomically;
+use crate::words::count as counted;
 use anyhow::Context;
 use scand_lab::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
 use std::path::{Path, PathBuf};
@@ -120,13 +121,17 @@ pub(super) fn run(
     write_board_session(&session, out, compression)
         .with_context(|| format!("cannot write {}", out.display()))?;
     let (count, board) = (session.placements().len(), session.board());
-    outln!("{}: {count} placements of {board}", out.display());
+    outln!(
+        "{}: {} of {board}",
+        out.display(),
+        counted(count, "placement")
+    );
     if let Some(path) = truth {
         write_atomically(path, session.truth().to_toml().as_bytes())?;
         outln!(
-            "{}: {} cameras",
+            "{}: {}",
             path.display(),
-            session.truth().cameras.len()
+            counted(session.truth().cameras.len(), "camera")
         );
     }
     if let Some(path) = placements_truth {

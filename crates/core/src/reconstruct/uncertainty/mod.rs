@@ -39,9 +39,9 @@ mod share {
     pub(super) const OF_MOVED: f64 = 0.5;
     /// Pixels at which half as much is expected as in proportion to the way: long ways end at a surface as smooth as
     /// short ones do.
-    pub(super) const MOVED_PX: f64 = 4.0;
+    pub(super) const MOVED_PX: f64 = 10.0;
     /// Of what fairing left of the hull's expected depth.
-    pub(super) const OF_LEFT: f64 = 0.2;
+    pub(super) const OF_LEFT: f64 = 0.42;
     /// Of the hull's expected depth, where the hull was kept.
     pub(super) const OF_KEPT: f64 = 0.6;
     /// Of a contour's error, on a flat side that many contours hold.

@@ -352,8 +352,18 @@ fn about_words(about: &Description) -> String {
     let known = known
         .into_iter()
         .filter_map(|(name, text)| Some(format!("{name} {}", text.as_ref()?)));
-    let words: Vec<String> = std::iter::once(about.time.clone()).chain(known).collect();
-    words.join(", ")
+    // Their first digits: enough to tell two models apart.
+    let digests = [
+        ("input", &about.input_sha256),
+        ("calibration", &about.calibration_sha256),
+    ];
+    let digests = digests.map(|(name, digest)| {
+        let first = digest.get(..12).unwrap_or(digest);
+        format!("{name} {first}")
+    });
+    let words = std::iter::once(about.time.clone()).chain(known);
+    let words = words.chain(digests).chain([about.program.clone()]);
+    words.collect::<Vec<String>>().join(", ")
 }
 
 /// The model's size, in millimetres and in vertices.

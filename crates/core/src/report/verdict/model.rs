@@ -77,7 +77,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
         let words = format!(
-            "no camera saw {} of the model: its colour there is copied from the surroundings",
+            "no camera saw {} of the model: its colours there are not observed",
             percent(v)
         );
         reason(level, ReasonCode::Unpainted, words)
