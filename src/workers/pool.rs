@@ -58,8 +58,8 @@ pub struct Ended {
     pub model: Result<Model, String>,
 }
 
-/// Starts the threads that make models of captures. `ended` is called for each job that ends, once, or once more after a
-/// crash.
+/// Starts the threads that make models of captures. `ended` is called for each job that ends, once, or once more after
+/// a crash.
 ///
 /// # Errors
 /// If the folders cannot be made, or the system has no thread left.

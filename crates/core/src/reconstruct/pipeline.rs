@@ -154,15 +154,15 @@ pub fn reconstruct(
     )
 }
 
-/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `fused_captures` says how
-/// the object stood in each.
+/// Makes a model of a scene whose silhouettes are known, which may be fused of several captures: `fused_captures` says
+/// how the object stood in each.
 ///
 /// # Errors
 /// What makes a model impossible, with the camera and the value that are to blame.
 pub fn reconstruct_from(
     scene: &Scene,
     silhouettes: Vec<Silhouette>,
-    standing: &FusedCaptures,
+    fused_captures: &FusedCaptures,
     parameters: &Parameters,
     progress: &dyn Progress,
 ) -> Result<Reconstruction, Error> {
@@ -174,7 +174,8 @@ pub fn reconstruct_from(
         .zip(&silhouettes)
         .map(|(v, s)| Cone::with_unknown(&v.camera, &s.level, s.unknown.as_ref()))
         .collect();
-    let hull = Hull::new(cones, scene.volume, parameters.hull.least_views).within(&standing.tables);
+    let hull =
+        Hull::new(cones, scene.volume, parameters.hull.least_views).within(&fused_captures.tables);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
@@ -183,7 +184,7 @@ pub fn reconstruct_from(
         &hull,
         &lattice,
         &extracted,
-        standing.is_of_several(),
+        fused_captures.is_of_several(),
         &parameters.hull,
     );
     let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
@@ -200,9 +201,9 @@ pub fn reconstruct_from(
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let mut depths = depths(scene, standing, &start.surface, parameters, &begin)?;
+    let mut depths = depths(scene, fused_captures, &start.surface, parameters, &begin)?;
     let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
-    standing.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
+    fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
     begin(Stage::Restoration)?;
     let mut restored = restore(&template, scene, &depths, parameters)?;
@@ -236,8 +237,8 @@ pub fn reconstruct_from(
     let unproved_volume = hull.unproved_volume();
     let (model, painting) = (&restored.model, &parameters.texture);
     let order = texture::Order {
-        ranks: &standing.ranks,
-        captures: &standing.captures,
+        ranks: &fused_captures.ranks,
+        captures: &fused_captures.captures,
     };
     let texture = texture::paint_in_order(model, scene, &masks, &order, painting);
     restored.model.texture = Some(texture);
@@ -365,7 +366,7 @@ fn misplaced_volume(
 /// Enhances each depth view and finds its regions.
 fn depths(
     scene: &Scene,
-    standing: &FusedCaptures,
+    fused_captures: &FusedCaptures,
     hull: &Surface,
     parameters: &Parameters,
     begin: &dyn Fn(Stage) -> Result<(), Error>,
@@ -385,7 +386,7 @@ fn depths(
     begin(Stage::Region)?;
     let parameters = &parameters.region;
     let find = |(i, (front, object, enhanced)): (usize, (_, _, EnhancedDepth))| {
-        let (view, volume) = standing.depth_in_its_rig(scene, i);
+        let (view, volume) = fused_captures.depth_in_its_rig(scene, i);
         DepthResult {
             regions: region::find(front, view, &enhanced, volume, &object, parameters),
             enhanced,

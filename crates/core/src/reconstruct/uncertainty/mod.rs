@@ -32,8 +32,8 @@ pub struct FairedHull<'a> {
     pub body: &'a Body,
 }
 
-/// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on. All
-/// errors are far from normal: the largest tenth are thirty times the smallest.
+/// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on.
+/// All errors are far from normal: the largest tenth are thirty times the smallest.
 mod share {
     /// Of the way that a vertex was moved.
     pub(super) const OF_MOVED: f64 = 0.5;
@@ -117,9 +117,9 @@ impl Evidence<'_> {
     }
 }
 
-/// The expected error in metres at a point of a faired hull, which moved by `moved` from where `of_hull` is expected: on
-/// a flat side a share of that of the contours, where the hull was kept a share of its own, and elsewhere of how far
-/// the surface was moved and of what is left of the hull's own.
+/// The expected error in metres at a point of a faired hull, which moved by `moved` from where `of_hull` is expected:
+/// on a flat side a share of that of the contours, where the hull was kept a share of its own, and elsewhere of how
+/// far the surface was moved and of what is left of the hull's own.
 fn of_faired(body: &Body, p: Point3<f64>, of_hull: f64, moved: f64, of_contour: f64) -> f64 {
     if body.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
