@@ -338,7 +338,7 @@ const STAGES: &[(&str, &[&str])] = &[
     ("depth", &[]),
     ("region", &["depth"]),
     ("restore", &["depth", "hull", "region", "surface"]),
-    ("uncertainty", &["fairing", "hull"]),
+    ("uncertainty", &["depth", "fairing", "hull"]),
     ("texture", &[]),
 ];
 

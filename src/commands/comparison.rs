@@ -55,7 +55,7 @@ impl ComparisonArgs {
     ///
     /// # Errors
     /// If the picture cannot be written.
-    pub(super) fn tell(
+    pub(super) fn print(
         &self,
         found: &impl serde::Serialize,
         words: impl FnOnce() -> String,

@@ -66,7 +66,7 @@ fn compare(args: &Args) -> anyhow::Result<Difference> {
     let (a, b) = (load(&model_file(&args.a))?, load(&model_file(&args.b))?);
     let found = difference(&a, &b, &parameters)?;
     let draw = || draw(&found, &a.mesh, &b.mesh);
-    args.comparison.tell(&found, || words(&found), draw)?;
+    args.comparison.print(&found, || words(&found), draw)?;
     Ok(found)
 }
 
@@ -97,7 +97,15 @@ fn words(found: &Difference) -> String {
     table::summary_head(&mut out);
     table::summary(&mut out, "a to b", Some(found.a_to_b));
     table::summary(&mut out, "b to a", Some(found.b_to_a));
-    out += &format!("\nb is larger by {:+.4} mm on average\n", found.growth_mm);
+    let size = if found.growth_mm < 0.0 {
+        "smaller"
+    } else {
+        "larger"
+    };
+    out += &format!(
+        "\non average, b is {size} by {:.4} mm\n",
+        found.growth_mm.abs()
+    );
     if !found.places.is_empty() {
         out += "farthest apart, in mm of the rig's frame:\n";
     }

@@ -45,7 +45,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let found = evaluate(&model, &truth.mesh, &parameters)?;
     let words = || table::table(&found);
     let draw = || draw(&found, &model.mesh, &truth.mesh);
-    args.comparison.tell(&found, words, draw)?;
+    args.comparison.print(&found, words, draw)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -110,7 +110,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let registering = maker.register_object(&sources, &request)?;
         told.poses = Some(poses(&args.newest, &registering));
     }
-    told.tell();
+    told.print();
     if args.register || (sources.len() < 2 && !told.has_folder) {
         return Ok(ExitCode::SUCCESS);
     }

@@ -6,7 +6,7 @@ use super::HooksParameters;
 use super::events::{Event, Events, Subscription};
 use crate::clock::Clock;
 use crate::log;
-use crate::process::{Cancel, Child, End};
+use crate::process::{Cancel, Child, ChildExit};
 use std::process::Command;
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -99,7 +99,7 @@ impl Running {
                 let limit = Duration::from_millis(self.parameters.timeout_ms);
                 let (clock, cancel) = (self.clock, self.cancel.clone());
                 self.hooks
-                    .spawn_blocking(move || tell(name, child.wait(limit, clock, &cancel)));
+                    .spawn_blocking(move || log_ending(name, child.wait(limit, clock, &cancel)));
             }
             Err(error) => log::warning!("hooks.{name}: cannot run {program}: {error}"),
         }
@@ -107,20 +107,20 @@ impl Running {
 }
 
 /// Tells the log how a command ended, if not well.
-fn tell(name: &str, ended: std::io::Result<(End, String)>) {
+fn log_ending(name: &str, ended: std::io::Result<(ChildExit, String)>) {
     match ended {
-        Ok((End::Ended(status), _)) if status.success() => {}
-        Ok((End::Ended(status), words)) => {
+        Ok((ChildExit::Ended(status), _)) if status.success() => {}
+        Ok((ChildExit::Ended(status), words)) => {
             let words = words.trim();
             let before = words.chars().count().saturating_sub(MOST_LETTERS);
             let last: String = words.chars().skip(before).collect();
             log::warning!("hooks.{name}: {status}: {last}");
         }
-        Ok((End::TimedOut, _)) => log::warning!(
+        Ok((ChildExit::TimedOut, _)) => log::warning!(
             "hooks.{name}: the command was killed, because it \
             took longer than hooks.timeout_ms"
         ),
-        Ok((End::Cancelled, _)) => {}
+        Ok((ChildExit::Cancelled, _)) => {}
         Err(error) => log::warning!("hooks.{name}: {error}"),
     }
 }

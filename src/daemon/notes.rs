@@ -105,7 +105,7 @@ impl NoteEffects {
             .iter()
             .flat_map(|models| folders(models, &capture));
         for folder in folders {
-            tell(mark_also(&folder, std::slice::from_ref(&said)), &capture);
+            log_failure(mark_also(&folder, std::slice::from_ref(&said)), &capture);
         }
     }
 
@@ -128,7 +128,7 @@ impl NoteEffects {
         };
         let said = self.late.lock().remove(capture);
         if let (Some(said), Event::Done { model, .. }) = (said, event) {
-            tell(mark_also(model, &said), capture);
+            log_failure(mark_also(model, &said), capture);
         }
     }
 }
@@ -172,7 +172,7 @@ fn folders(models: &Path, capture: &str) -> Vec<PathBuf> {
     found
 }
 
-fn tell(marked: Result<(), crate::make_model::Error>, capture: &str) {
+fn log_failure(marked: Result<(), crate::make_model::Error>, capture: &str) {
     if let Err(error) = marked {
         log::error!("capture {capture}: cannot mark its model with the note: {error}");
     }

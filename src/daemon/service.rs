@@ -75,17 +75,17 @@ impl Service {
         capturing.set_ready(now.ready);
         if now.ready && !self.ready {
             log::notice!("{}", now.words);
-            self.notifier.tell("READY=1");
+            self.notifier.notify("READY=1");
             self.ready = true;
         }
         if now.words != self.said {
-            self.notifier.tell(&format!("STATUS={}", now.words));
+            self.notifier.notify(&format!("STATUS={}", now.words));
             self.said = now.words;
         }
     }
 
     async fn read_again(&mut self, capturing: &Capturing) {
-        self.notifier.tell("RELOADING=1");
+        self.notifier.notify("RELOADING=1");
         let end = match (self.reload)() {
             Ok((settings, policy)) => {
                 self.policy = policy;
@@ -101,7 +101,7 @@ impl Service {
             ),
         }
         if self.ready {
-            self.notifier.tell("READY=1");
+            self.notifier.notify("READY=1");
         }
     }
 
@@ -126,6 +126,6 @@ impl Service {
     /// Says that the daemon is ending.
     pub fn ending(&self) {
         self.notifier
-            .tell("STOPPING=1\nSTATUS=ending: the capture in progress is finished first");
+            .notify("STOPPING=1\nSTATUS=ending: the capture in progress is finished first");
     }
 }

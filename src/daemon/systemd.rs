@@ -73,7 +73,7 @@ impl Notifier {
     }
 
     /// Sends assignments as `sd_notify(3)` defines them, one a line.
-    pub fn tell(&self, words: &str) {
+    pub fn notify(&self, words: &str) {
         if let Some((socket, address)) = &self.way {
             // If the queue is full, this message is lost; there is space for a later one.
             let _ = socket.send_to_addr(words.as_bytes(), address);
@@ -136,7 +136,7 @@ impl Watchdog {
     /// Lets the start take so much longer from now on.
     pub fn start_takes(&self, more: Duration) {
         let more = more.as_micros();
-        self.notifier.tell(&format!("EXTEND_TIMEOUT_USEC={more}"));
+        self.notifier.notify(&format!("EXTEND_TIMEOUT_USEC={more}"));
     }
 
     /// Feeds the watchdog if all threads have shown a sign of life since it was fed last.
@@ -159,7 +159,7 @@ impl Watchdog {
             // The start may take as long as the cameras need, provided that the threads work.
             let start = START.as_micros();
             self.notifier
-                .tell(&format!("WATCHDOG=1\nEXTEND_TIMEOUT_USEC={start}"));
+                .notify(&format!("WATCHDOG=1\nEXTEND_TIMEOUT_USEC={start}"));
         } else if hungry > watchdog / 2 && !beats.told {
             beats.told = true;
             let silent = beats.threads.iter().filter(|(_, heard)| !heard);
@@ -258,7 +258,7 @@ mod tests {
     fn without_systemd_nothing_is_said_and_nothing_fails() {
         let watchdog = Watchdog::default();
         watchdog.heartbeat("capturing").tick();
-        Notifier::default().tell("READY=1");
+        Notifier::default().notify("READY=1");
     }
 
     #[test]
@@ -266,7 +266,7 @@ mod tests {
         let (_folder, _end, notifier) = systemd(1);
         // If `tell` blocked, this would never end.
         for _ in 0..5000 {
-            notifier.tell("STATUS=…");
+            notifier.notify("STATUS=…");
         }
     }
 
@@ -277,7 +277,7 @@ mod tests {
         let end = UnixDatagram::bind_addr(&address).unwrap();
         end.set_nonblocking(true).unwrap();
         let notifier = Notifier::to(&format!("@{name}").into(), None).unwrap();
-        notifier.tell("READY=1");
+        notifier.notify("READY=1");
         assert_eq!(heard(&end), ["READY=1"]);
     }
 }

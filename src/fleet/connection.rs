@@ -114,7 +114,7 @@ impl FleetClient {
             let (address, connections) = (access.address.clone(), connections.clone());
             move |event| {
                 let (address, connections) = (address.clone(), connections.clone());
-                async move { tell(&address, &event, &connections) }
+                async move { log_connection(&address, &event, &connections) }
             }
         });
         let client = options
@@ -212,7 +212,7 @@ pub fn new_key() -> Option<(String, String)> {
     Some((pair.seed().ok()?, pair.public_key()))
 }
 
-fn tell(address: &FleetAddress, event: &Event, connections: &AtomicU64) {
+fn log_connection(address: &FleetAddress, event: &Event, connections: &AtomicU64) {
     match event {
         Event::Connected => {
             connections.fetch_add(1, Ordering::AcqRel);

@@ -195,7 +195,7 @@ async fn hear_retries(fleet: FleetClient, recordings: PathBuf) {
     while let Some(message) = heard.next().await {
         let wanted = clean(&String::from_utf8_lossy(&message.payload), 200);
         let capture = Some(wanted.as_str()).filter(|wanted| !wanted.is_empty());
-        let answer = match handover::retry(&recordings, capture) {
+        let answer = match handover::offer_failed_again(&recordings, capture) {
             Ok(count) => count.to_string(),
             Err(error) => error.to_string(),
         };

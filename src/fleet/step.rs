@@ -3,7 +3,7 @@
 //! nor the credentials.
 
 use crate::clock::Clock;
-use crate::process::{Cancel, Child, End};
+use crate::process::{Cancel, Child, ChildExit};
 use crate::workers::protocol::{self, MEMORY_MB, NICE, PARENT};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
@@ -129,17 +129,17 @@ pub(super) fn run(
         words,
     };
     match end {
-        End::Ended(status) => {
+        ChildExit::Ended(status) => {
             use std::os::unix::process::ExitStatusExt;
             ended.code = status.code();
             let signal = status.signal();
             ended.crash = signal.map(|signal| format!("it was killed by signal {signal}"));
         }
-        End::TimedOut => {
+        ChildExit::TimedOut => {
             let limit = limits.time.as_secs();
             ended.crash = Some(format!("it did not finish within {limit} s"));
         }
-        End::Cancelled => ended.cancelled = true,
+        ChildExit::Cancelled => ended.cancelled = true,
     }
     Ok(ended)
 }

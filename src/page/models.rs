@@ -117,7 +117,7 @@ impl Models {
             ..Summary::default()
         };
         if let Some(report) = self.report(recording, capture) {
-            summary.tell(report);
+            summary.add(report);
         }
         summary
     }

@@ -76,58 +76,54 @@ struct Notes {
 
 impl Summary {
     /// Takes in what a report says.
-    pub(super) fn tell(&mut self, report: Report) {
-        tell(self, report);
-    }
-}
-
-fn tell(summary: &mut Summary, report: Report) {
-    match (report.verdict, report.reason) {
-        (Some(verdict), _) => {
-            let known = ["green", "amber", "red"].contains(&verdict.level.as_str());
-            summary.verdict = if known {
-                verdict.level
-            } else {
-                "unread".into()
-            };
-            summary.reasons = verdict.reasons;
+    pub(super) fn add(&mut self, report: Report) {
+        match (report.verdict, report.reason) {
+            (Some(verdict), _) => {
+                let known = ["green", "amber", "red"].contains(&verdict.level.as_str());
+                self.verdict = if known {
+                    verdict.level
+                } else {
+                    "unread".into()
+                };
+                self.reasons = verdict.reasons;
+            }
+            (None, Some(words)) => {
+                self.verdict = "failed".into();
+                self.reasons = vec![Reason {
+                    level: "red".into(),
+                    code: "failed".into(),
+                    words,
+                }];
+            }
+            (None, None) => {}
         }
-        (None, Some(words)) => {
-            summary.verdict = "failed".into();
-            summary.reasons = vec![Reason {
-                level: "red".into(),
-                code: "failed".into(),
-                words,
-            }];
+        self.reasons.truncate(MOST_WORDS);
+        for reason in &mut self.reasons {
+            let texts = [&mut reason.level, &mut reason.code, &mut reason.words];
+            texts.into_iter().for_each(shorten);
         }
-        (None, None) => {}
-    }
-    summary.reasons.truncate(MOST_WORDS);
-    for reason in &mut summary.reasons {
-        let texts = [&mut reason.level, &mut reason.code, &mut reason.words];
-        texts.into_iter().for_each(shorten);
-    }
-    if let Some(capture) = report.capture {
-        summary.subject = capture.subject;
-        summary.placement = capture.placement;
-        let seconds = |ns: u64| ns / 1_000_000_000;
-        summary.time_s = capture.time_ns.and_then(|ns| ns.parse().ok()).map(seconds);
-    }
-    summary.subject.iter_mut().for_each(shorten);
-    summary.placement.iter_mut().for_each(shorten);
-    if let Some(notes) = report.notes {
-        summary.decision = notes.decision;
-        summary.notes = notes.said;
-    }
-    summary.decision.iter_mut().for_each(shorten);
-    summary.notes.truncate(MOST_WORDS);
-    for note in &mut summary.notes {
-        let texts = [&mut note.kind, &mut note.text];
-        texts.into_iter().for_each(shorten);
-        note.author
-            .iter_mut()
-            .chain(&mut note.time_ns)
-            .for_each(shorten);
+        if let Some(capture) = report.capture {
+            self.subject = capture.subject;
+            self.placement = capture.placement;
+            let seconds = |ns: u64| ns / 1_000_000_000;
+            self.time_s = capture.time_ns.and_then(|ns| ns.parse().ok()).map(seconds);
+        }
+        self.subject.iter_mut().for_each(shorten);
+        self.placement.iter_mut().for_each(shorten);
+        if let Some(notes) = report.notes {
+            self.decision = notes.decision;
+            self.notes = notes.said;
+        }
+        self.decision.iter_mut().for_each(shorten);
+        self.notes.truncate(MOST_WORDS);
+        for note in &mut self.notes {
+            let texts = [&mut note.kind, &mut note.text];
+            texts.into_iter().for_each(shorten);
+            note.author
+                .iter_mut()
+                .chain(&mut note.time_ns)
+                .for_each(shorten);
+        }
     }
 }
 

@@ -5,7 +5,7 @@
 use super::models::{ModelFile, Models};
 use crate::clock::Clock;
 use crate::log;
-use crate::process::{Cancel, Child, End};
+use crate::process::{Cancel, Child, ChildExit};
 use parking_lot::Mutex;
 use sha2::{Digest, Sha256};
 use std::collections::VecDeque;
@@ -188,19 +188,19 @@ impl Views {
         let child = Child::start_between(&mut command, source, output).map_err(said)?;
         let ended = child.wait(PATIENCE, Clock::system(), &self.cancel);
         match ended.map_err(said)? {
-            (End::Ended(status), _) if status.success() => match part.metadata() {
+            (ChildExit::Ended(status), _) if status.success() => match part.metadata() {
                 Ok(made) if (1..=LARGEST_SOURCE).contains(&made.len()) => Ok(()),
                 Ok(made) => Err(format!("it made {} bytes", made.len())),
                 Err(error) => Err(said(error)),
             },
-            (End::Ended(status), words) => {
+            (ChildExit::Ended(status), words) => {
                 let last = words.lines().last().unwrap_or_default();
                 Err(format!(
                     "{status}: {}",
                     last.chars().take(300).collect::<String>()
                 ))
             }
-            (End::TimedOut | End::Cancelled, _) => Err("it took too long".into()),
+            (ChildExit::TimedOut | ChildExit::Cancelled, _) => Err("it took too long".into()),
         }
     }
 

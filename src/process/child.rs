@@ -23,7 +23,7 @@ const LAST_PIECES: usize = 16;
 
 /// How a process came to its end.
 #[derive(Debug)]
-pub enum End {
+pub enum ChildExit {
     /// By itself, or by a signal.
     Ended(ExitStatus),
     /// It took too long.
@@ -93,7 +93,7 @@ impl Child {
         limit: Duration,
         clock: Clock,
         cancel: &Cancel,
-    ) -> io::Result<(End, String)> {
+    ) -> io::Result<(ChildExit, String)> {
         let woken = self.listen(limit, clock, cancel);
         // The number is still its own and its group's, as nobody has waited for it.
         let _ = pid(&self.process).map(|pid| kill_process_group(pid, Signal::KILL));
@@ -103,9 +103,9 @@ impl Child {
         let status = self.process.wait()?;
         self.words.read(LAST_PIECES);
         let end = match woken? {
-            WaitEnd::Ended => End::Ended(status),
-            WaitEnd::TimedOut => End::TimedOut,
-            WaitEnd::Cancelled => End::Cancelled,
+            WaitEnd::Ended => ChildExit::Ended(status),
+            WaitEnd::TimedOut => ChildExit::TimedOut,
+            WaitEnd::Cancelled => ChildExit::Cancelled,
         };
         Ok((end, self.words.text()))
     }
@@ -211,7 +211,7 @@ mod tests {
         command
     }
 
-    fn run(command: &mut Command, limit: Duration) -> (End, String) {
+    fn run(command: &mut Command, limit: Duration) -> (ChildExit, String) {
         let child = Child::start(command).unwrap();
         let cancel = Cancel::new().unwrap();
         child.wait(limit, Clock::system(), &cancel).unwrap()
@@ -221,7 +221,7 @@ mod tests {
     fn the_last_of_what_it_says_is_kept() {
         let script = "i=0; while [ $i -lt 9000 ]; do echo $i >&2; i=$((i+1)); done; exit 3";
         let (end, words) = run(&mut shell(script), LONG);
-        assert!(matches!(end, End::Ended(status) if status.code() == Some(3)));
+        assert!(matches!(end, ChildExit::Ended(status) if status.code() == Some(3)));
         assert!(words.ends_with("8998\n8999\n"), "{words}");
         assert!(words.len() <= MOST_WORDS, "{}", words.len());
     }
@@ -237,24 +237,24 @@ mod tests {
             clock.advance(LONG);
             std::thread::yield_now();
         }
-        assert!(matches!(thread.join().unwrap(), End::TimedOut));
+        assert!(matches!(thread.join().unwrap(), ChildExit::TimedOut));
         let cancel = Cancel::new().unwrap();
         let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
         let others = cancel.clone();
         let thread = std::thread::spawn(move || others.cancel());
         let (end, _) = child.wait(LONG, Clock::system(), &cancel).unwrap();
-        assert!(matches!(end, End::Cancelled));
+        assert!(matches!(end, ChildExit::Cancelled));
         thread.join().unwrap();
         // Once said, it stays said.
         let child = Child::start(&mut shell("exec sleep 1000")).unwrap();
         let (end, _) = child.wait(LONG, Clock::system(), &cancel).unwrap();
-        assert!(matches!(end, End::Cancelled));
+        assert!(matches!(end, ChildExit::Cancelled));
     }
 
     #[test]
     fn one_that_closes_its_words_early_is_waited_for_all_the_same() {
         let (end, words) = run(&mut shell("echo a >&2; exec 2>&-; sleep 0.2; exit 4"), LONG);
-        assert!(matches!(end, End::Ended(status) if status.code() == Some(4)));
+        assert!(matches!(end, ChildExit::Ended(status) if status.code() == Some(4)));
         assert_eq!(words, "a\n");
     }
 
@@ -262,7 +262,7 @@ mod tests {
     fn what_left_its_group_and_holds_its_words_keeps_nobody_waiting() {
         let script = "setsid sleep 1000 & echo $! >&2";
         let (end, words) = run(&mut shell(script), LONG);
-        assert!(matches!(end, End::Ended(status) if status.success()));
+        assert!(matches!(end, ChildExit::Ended(status) if status.success()));
         let left: i32 = words.trim().parse().unwrap();
         let left = Pid::from_raw(left).unwrap();
         let _ = rustix::process::kill_process(left, Signal::KILL);

@@ -9,7 +9,7 @@ mod priority;
 mod system;
 
 pub use cancel::Cancel;
-pub use child::{Child, End};
+pub use child::{Child, ChildExit};
 pub use confine::{ConfineError, Limits, confine, part_from};
 pub use priority::{lower_priority, lower_thread_priority};
 pub use system::close_inherited;

@@ -91,7 +91,7 @@ pub fn report_started(file: &Path, worker: &str) -> Result<(), storage::Error> {
     write_atomically(&file.with_extension(STARTED), worker.as_bytes())
 }
 
-/// Says what became of a job. One that failed is kept for [`retry`].
+/// Says what became of a job. One that failed is kept for [`offer_failed_again`].
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -115,7 +115,7 @@ fn kept(file: &Path) -> Option<PathBuf> {
 ///
 /// # Errors
 /// If the file system refuses.
-pub fn retry(recordings: &Path, capture: Option<&str>) -> std::io::Result<usize> {
+pub fn offer_failed_again(recordings: &Path, capture: Option<&str>) -> std::io::Result<usize> {
     let folder = folder(recordings);
     let Ok(entries) = std::fs::read_dir(folder.join(FAILED)) else {
         return Ok(0);
@@ -191,9 +191,9 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         assert_eq!(captures(), ["a-2"]);
         assert_eq!(answer_to(&file), None);
-        assert_eq!(retry(home.path(), Some("a-9")).unwrap(), 0);
-        assert_eq!(retry(home.path(), Some("a-1")).unwrap(), 1);
+        assert_eq!(offer_failed_again(home.path(), Some("a-9")).unwrap(), 0);
+        assert_eq!(offer_failed_again(home.path(), Some("a-1")).unwrap(), 1);
         assert_eq!(captures(), ["a-1", "a-2"]);
-        assert_eq!(retry(home.path(), None).unwrap(), 0);
+        assert_eq!(offer_failed_again(home.path(), None).unwrap(), 0);
     }
 }

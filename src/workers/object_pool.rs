@@ -9,7 +9,7 @@ use super::pool::{MAX_STARTS, WorkerPlan};
 use super::threads::Workers;
 use super::{outcome, protocol};
 use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report_failure};
-use crate::process::{Child, End};
+use crate::process::{Child, ChildExit};
 use crate::recording::finished_name;
 use crate::report::FailedCapture;
 use crate::storage::free_bytes;
@@ -225,7 +225,7 @@ impl Shared {
                 words: String::new(),
                 problem: Some(format!("the worker cannot be started: {error}")),
             }),
-            Ok((End::TimedOut, words)) => Some(Ended {
+            Ok((ChildExit::TimedOut, words)) => Some(Ended {
                 status: None,
                 words,
                 problem: Some(format!(
@@ -233,11 +233,13 @@ impl Shared {
                     limit.as_secs()
                 )),
             }),
-            Ok((End::Ended(status), words)) if !was_ended(status, recordings) => Some(Ended {
-                status: Some(status),
-                words,
-                problem: None,
-            }),
+            Ok((ChildExit::Ended(status), words)) if !was_ended(status, recordings) => {
+                Some(Ended {
+                    status: Some(status),
+                    words,
+                    problem: None,
+                })
+            }
             Ok(_) => {
                 let is_renamed = recordings.iter().any(|path| !path.exists());
                 // Otherwise it counts: a job whose process is ended again and again must come to an end.

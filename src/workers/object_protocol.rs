@@ -94,7 +94,7 @@ pub struct FoundPoses {
 
 impl Found {
     /// Tells the daemon.
-    pub fn tell(&self) {
+    pub fn print(&self) {
         eprintln!("{FOUND}{}", serde_json::to_string(self).unwrap_or_default());
     }
 

@@ -9,7 +9,7 @@ use super::{Job, Parameters, protocol};
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp};
 use crate::make_model::{FailedJob, Model, report_failure};
-use crate::process::{Child, End};
+use crate::process::{Child, ChildExit};
 use crate::reconstruct::Method;
 use crate::report::FailedCapture;
 use crate::storage::free_bytes;
@@ -240,14 +240,14 @@ impl Shared {
                 Err(format!("the worker cannot be started: {error}")),
                 "".into(),
             ),
-            Ok((End::TimedOut, words)) => {
+            Ok((ChildExit::TimedOut, words)) => {
                 let reason = format!(
                     "it did not finish within {} s (workers.time_limit_s)",
                     limit.as_secs()
                 );
                 (Err(reason), words)
             }
-            Ok((End::Ended(status), words)) if !self.is_to_be_repeated(status, &path) => {
+            Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, &path) => {
                 let target = self.target(&complete, &taken.job);
                 let parameters = &self.plan.parameters;
                 let model = outcome::model(&target, status, &words, parameters);

@@ -9,7 +9,7 @@ use super::threads::Workers;
 use super::{outcome, protocol};
 use crate::log;
 use crate::make_model::Model;
-use crate::process::{Child, End};
+use crate::process::{Child, ChildExit};
 use crate::recording::{Recording, Topic, finished_name};
 use crate::storage::{self, free_bytes};
 use std::path::{Path, PathBuf};
@@ -103,14 +103,14 @@ impl Making {
         let child = Child::start(&mut self.command(&path, remake));
         let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
         let (status, words) = match waited {
-            Ok((End::Ended(status), words)) => (status, words),
-            Ok((End::TimedOut, _)) => {
+            Ok((ChildExit::Ended(status), words)) => (status, words),
+            Ok((ChildExit::TimedOut, _)) => {
                 return Err(format!(
                     "it did not finish within {} s (workers.time_limit_s)",
                     limit.as_secs()
                 ));
             }
-            Ok((End::Cancelled, _)) => return Err("the daemon is ending".into()),
+            Ok((ChildExit::Cancelled, _)) => return Err("the daemon is ending".into()),
             Err(error) => return Err(format!("the worker cannot be started: {error}")),
         };
         let made = self.work().join(stem).join(&remake.capture);

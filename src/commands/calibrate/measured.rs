@@ -1,6 +1,6 @@
 //! The options of a calibration that say what was measured by hand: the printed ruler, and distances of cameras.
 
-use crate::calibration::fit::{CameraDistance, Length, Measured, RulerReading};
+use crate::calibration::fit::{CameraDistance, Length, MeasuredLengths, RulerReading};
 use crate::frame::CameraId;
 use crate::range;
 
@@ -24,7 +24,7 @@ impl MeasuredArgs {
     ///
     /// # Errors
     /// If a distance names no camera or no length.
-    pub(super) fn all(&self) -> anyhow::Result<Measured> {
+    pub(super) fn all(&self) -> anyhow::Result<MeasuredLengths> {
         let distances = self.distance.chunks_exact(3).map(|given| {
             let id =
                 |name: &String| CameraId::new(name).map_err(|e| anyhow::anyhow!("--distance: {e}"));
@@ -39,7 +39,7 @@ impl MeasuredArgs {
                 measured: measured.map_err(|e| anyhow::anyhow!("--distance: {e}"))?,
             })
         });
-        Ok(Measured {
+        Ok(MeasuredLengths {
             rulers: self.measured.clone(),
             distances: distances.collect::<anyhow::Result<_>>()?,
         })

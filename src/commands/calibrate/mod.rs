@@ -177,7 +177,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         measured: args.measured.all()?,
     };
     let outcome = calibrate::run(detections, &recordings, options)?;
-    tell(&outcome.depth.lost, args.quiet);
+    print_problems(&outcome.depth.lost, args.quiet);
     args.files.write_report(&recordings, &outcome, &limits)?;
     let acceptance = Acceptance::of(outcome.judgement.level, args.force, args.accept_doubtful);
     if acceptance == Acceptance::Whole {
@@ -261,7 +261,7 @@ fn detect_boards(
     let lenses = [&lenses.known, &lenses.start].map(Option::as_ref);
     let detections = calibrate::detect_boards(recordings, board, lenses, &|| progress.inc(1))?;
     progress.finish_and_clear();
-    tell(detections.warnings.iter().chain(&detections.lost), quiet);
+    print_problems(detections.warnings.iter().chain(&detections.lost), quiet);
     Ok(detections)
 }
 
@@ -273,7 +273,7 @@ fn progress(length: u64, quiet: bool) -> ProgressBar {
     ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
-fn tell<'a>(problems: impl IntoIterator<Item = &'a String>, quiet: bool) {
+fn print_problems<'a>(problems: impl IntoIterator<Item = &'a String>, quiet: bool) {
     if !quiet {
         problems
             .into_iter()

@@ -166,7 +166,7 @@ struct RetryArgs {
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match args.what {
         What::Run(args) => serve(&args),
-        What::Status(args) => block_on(tell(&args)),
+        What::Status(args) => block_on(print_status(&args)),
         What::Retry(args) => block_on(async {
             let server = &args.server;
             let fleet = server.access.connect(&server.fleet, Role::Viewer).await?;
@@ -207,7 +207,7 @@ fn serve(args: &RunArgs) -> anyhow::Result<ExitCode> {
     })
 }
 
-async fn tell(args: &StatusArgs) -> anyhow::Result<ExitCode> {
+async fn print_status(args: &StatusArgs) -> anyhow::Result<ExitCode> {
     let server = &args.server;
     let fleet = server.access.connect(&server.fleet, Role::Viewer).await?;
     let status = status(&fleet).await.map_err(anyhow::Error::msg)?;

@@ -133,7 +133,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     folder.commit(args.force)?;
-    tell(&args, exhibits.len());
+    print_result(&args, exhibits.len());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -156,7 +156,7 @@ fn refuse_to_replace(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn tell(args: &Args, published: usize) {
+fn print_result(args: &Args, published: usize) {
     outln!(
         "{}: {}; for a web server, or to look at with: python3 -m http.server --directory {}",
         args.out.display(),

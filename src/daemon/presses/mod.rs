@@ -271,7 +271,7 @@ impl Presses {
             press_id: asked.press_id,
             subject: asked.subject,
         };
-        self.tell(press, accepted);
+        self.answer_and_publish(press, accepted);
         self.effects.push(Effect::Shoot(id));
     }
 
@@ -298,13 +298,13 @@ impl Presses {
         let capture = tracked.capture.clone();
         match (result, tracked.next_attempt()) {
             (Err(reason), Some(id)) => {
-                self.tell(press, Event::Retried { capture, reason });
+                self.answer_and_publish(press, Event::Retried { capture, reason });
                 return self.attempt(press, id);
             }
             (Err(reason), None) => tracked.state = PressState::Failing(reason),
             (Ok(skew_ns), _) => {
                 self.note_latency(press, "captured");
-                self.tell(press, Event::Captured { capture, skew_ns });
+                self.answer_and_publish(press, Event::Captured { capture, skew_ns });
             }
         }
         self.busy = false;
@@ -330,7 +330,7 @@ impl Presses {
             Ok(recording) => self.durable(press, capture, recording),
             Err(reason) => {
                 self.figures.failed += 1;
-                self.tell(press, Event::Failed { capture, reason });
+                self.answer_and_publish(press, Event::Failed { capture, reason });
             }
         }
     }
@@ -348,7 +348,7 @@ impl Presses {
         };
         self.figures.complete += 1;
         self.note_latency(press, "durable");
-        self.tell(press, Event::Durable { capture, recording });
+        self.answer_and_publish(press, Event::Durable { capture, recording });
         self.effects.push(enqueue);
     }
 
@@ -358,7 +358,7 @@ impl Presses {
             Some((press, tracked)) if tracked.state == PressState::Durable => {
                 // An earlier attempt has no job.
                 if tracked.capture == capture {
-                    self.tell(press, event);
+                    self.answer_and_publish(press, event);
                 }
             }
             // It is not known any more; or its job ended twice, as a kill came in between.
@@ -378,11 +378,11 @@ impl Presses {
         let capture = tracked.capture.clone();
         self.busy = false;
         self.figures.failed += 1;
-        self.tell(press, Event::Failed { capture, reason });
+        self.answer_and_publish(press, Event::Failed { capture, reason });
     }
 
     /// Answers a press, and publishes the event.
-    fn tell(&mut self, press: PressKey, event: Event) {
+    fn answer_and_publish(&mut self, press: PressKey, event: Event) {
         self.reply(press, event.clone());
         self.effects.push(Effect::Publish(event));
     }

@@ -178,7 +178,7 @@ impl Supervisor {
             if worked {
                 pause = self.backoff.first;
             }
-            self.tell(CameraEvent::Away {
+            self.report(CameraEvent::Away {
                 fault: fault.clone(),
                 again_in: pause,
             });
@@ -192,7 +192,7 @@ impl Supervisor {
     /// Serves until the camera fails; returns why, and whether it had been open.
     fn open_and_serve(&mut self) -> Result<Stop, (Fault, bool)> {
         let mut device = guarded(|| self.driver.open()).map_err(|fault| (fault, false))?;
-        self.tell(CameraEvent::Ready(Box::new(device.info().clone())));
+        self.report(CameraEvent::Ready(Box::new(device.info().clone())));
         let served = guarded(|| self.serve(device.as_mut()));
         // A device that panicked may panic again while it is closed.
         let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
@@ -240,7 +240,7 @@ impl Supervisor {
             })
         });
         let fault = outcome.as_ref().err().cloned();
-        self.tell(CameraEvent::Answered {
+        self.report(CameraEvent::Answered {
             shot: shot.number,
             outcome: outcome.map(|mut stats| {
                 stats.lost.append(&mut not_taken);
@@ -279,7 +279,7 @@ impl Supervisor {
         let until = Instant::now() + pause;
         loop {
             match self.commands.recv_deadline(until) {
-                Ok(Command::Shoot(shot)) => self.tell(CameraEvent::Answered {
+                Ok(Command::Shoot(shot)) => self.report(CameraEvent::Answered {
                     shot: shot.number,
                     outcome: Err(fault.clone()),
                 }),
@@ -290,7 +290,7 @@ impl Supervisor {
     }
 
     /// Reports an event that must not be lost: waits until the queue has space, but not for ever.
-    fn tell(&self, event: CameraEvent) {
+    fn report(&self, event: CameraEvent) {
         let message = Message {
             camera: self.camera.clone(),
             event,

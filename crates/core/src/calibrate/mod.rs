@@ -17,7 +17,7 @@ pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
-    self, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits, Measured,
+    self, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits, MeasuredLengths,
     ScaleWitnessLimits, WitnessReading, diagnose, judge, missing, witnesses,
 };
 use crate::calibration::{CalibrationVerdict, DepthResponse, RigCalibration};
@@ -41,7 +41,7 @@ pub struct Options {
     /// What witnesses of the scale are expected to know.
     pub witnesses: ScaleWitnessLimits,
     /// What was measured by hand.
-    pub measured: Measured,
+    pub measured: MeasuredLengths,
 }
 
 /// A session that was calibrated.
@@ -127,7 +127,7 @@ pub fn run(
 }
 
 /// Refuses distances of cameras that are not in the session.
-fn check_measured(detections: &Detections, measured: &Measured) -> Result<(), Error> {
+fn check_measured(detections: &Detections, measured: &MeasuredLengths) -> Result<(), Error> {
     let known = detections.session.cameras.iter().map(|c| &c.id);
     let mut named = measured.distances.iter().flat_map(|d| &d.cameras);
     match named.find(|id| !known.clone().any(|k| k == *id)) {

@@ -114,7 +114,7 @@ impl Expected {
         self.begin + self.bytes.len() as u64
     }
 
-    fn tell(self, chunk: Option<&mut Chunk>) {
+    fn set_index(self, chunk: Option<&mut Chunk>) {
         if let Some(chunk) = chunk {
             chunk.index_length = self.bytes.len() as u64;
             chunk.index_offsets = self.offsets;
@@ -238,7 +238,7 @@ impl<'a> Repair<'a> {
         };
         if self.source.read(begin, expected.bytes.len())? == expected.bytes {
             scan.skip_to(expected.end());
-            expected.tell(self.index.chunks.last_mut());
+            expected.set_index(self.index.chunks.last_mut());
         } else {
             self.expected = Some(expected);
         }
@@ -254,7 +254,7 @@ impl<'a> Repair<'a> {
             self.summed = end;
             let patch = (expected.begin, expected.bytes.clone());
             self.patches.push(patch);
-            expected.tell(self.index.chunks.last_mut());
+            expected.set_index(self.index.chunks.last_mut());
         }
         self.expected = None;
         Ok(())
@@ -272,7 +272,7 @@ impl<'a> Repair<'a> {
             // They were cut off with what follows, and are written again.
             sound = expected.begin;
             end.clone_from(&expected.bytes);
-            expected.tell(self.index.chunks.last_mut());
+            expected.set_index(self.index.chunks.last_mut());
         } else {
             self.settle_indexes(sound)?;
         }

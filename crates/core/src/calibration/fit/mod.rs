@@ -47,8 +47,8 @@ pub use result::{
     ShapeTerm, TermStatus, Uncertainty, ViewResiduals,
 };
 pub use scale::{
-    CameraDistance, Length, Measured, RulerReading, ScaleWitnessLimits, Slope, WitnessReading,
-    scale_words, witnesses,
+    CameraDistance, Length, MeasuredLengths, RulerReading, ScaleWitnessLimits, Slope,
+    WitnessReading, scale_words, witnesses,
 };
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;

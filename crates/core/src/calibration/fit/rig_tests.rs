@@ -91,7 +91,7 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
 fn testified(
     square: f64,
     slope: Option<f64>,
-    measured: &Measured,
+    measured: &MeasuredLengths,
 ) -> (Vec<WitnessReading>, Judgement) {
     let mut session = rig(3, 12).session(0.1, &mut Random(7));
     session.board.square = square;
@@ -110,9 +110,9 @@ fn testified(
     (found.clone(), judgement.with_witnesses(&found))
 }
 
-fn distance(metres: f64, deviation: f64) -> Measured {
+fn distance(metres: f64, deviation: f64) -> MeasuredLengths {
     let camera = |name| CameraId::new(name).unwrap();
-    Measured {
+    MeasuredLengths {
         distances: vec![CameraDistance {
             cameras: [camera("c00"), camera("c02")],
             measured: Length { metres, deviation },
@@ -152,7 +152,7 @@ fn a_board_of_a_wrong_size_is_contradicted_by_a_distance_with_both_explanations(
 
 #[test]
 fn a_depth_cameras_slope_contradicts_a_wrong_board_and_its_own_scale() {
-    let none = Measured::default();
+    let none = MeasuredLengths::default();
     for (slope, contradicts) in [
         (0.00096, true),
         (0.00097, true),
@@ -185,7 +185,7 @@ fn a_depth_cameras_slope_contradicts_a_wrong_board_and_its_own_scale() {
 
 #[test]
 fn a_ruler_tells_a_print_that_is_not_true_to_scale() {
-    let reading = |measured: f64| Measured {
+    let reading = |measured: f64| MeasuredLengths {
         rulers: vec![RulerReading {
             printed: 0.2,
             measured: Length {

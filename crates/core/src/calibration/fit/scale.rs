@@ -74,7 +74,7 @@ pub struct CameraDistance {
 
 /// What was measured by hand.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Measured {
+pub struct MeasuredLengths {
     /// Readings of the printed ruler.
     pub rulers: Vec<RulerReading>,
     /// Distances of cameras.
@@ -108,7 +108,7 @@ pub struct WitnessReading {
 pub fn witnesses(
     fit: &Fit,
     slopes: &BTreeMap<CameraId, Slope>,
-    measured: &Measured,
+    measured: &MeasuredLengths,
     parameters: &ScaleWitnessLimits,
 ) -> Vec<WitnessReading> {
     let mut found = Vec::new();
@@ -122,31 +122,31 @@ pub fn witnesses(
 }
 
 /// The messages about the scale, one line each.
-pub fn scale_words(testimonies: &[WitnessReading], board: &Board) -> Vec<String> {
-    if testimonies.is_empty() {
+pub fn scale_words(readings: &[WitnessReading], board: &Board) -> Vec<String> {
+    if readings.is_empty() {
         return vec![format!(
             "scale: nothing but the board's size ({} a square) sets it: a board that is 1 % larger makes every length 1 % \
              wrong, and nothing here shows it: check the scale with --measured or --distance",
             millimetres(board.square)
         )];
     }
-    let words = testimonies.iter().map(|t| t.words.clone());
+    let words = readings.iter().map(|t| t.words.clone());
     words.collect()
 }
 
 impl Judgement {
     /// Adds the reasons that witnesses of the scale give.
-    pub fn with_witnesses(mut self, testimonies: &[WitnessReading]) -> Self {
-        for testimony in testimonies.iter().filter(|t| t.contradicts) {
+    pub fn with_witnesses(mut self, readings: &[WitnessReading]) -> Self {
+        for reading in readings.iter().filter(|t| t.contradicts) {
             self.level = self.level.max(CalibrationLevel::Doubtful);
-            self.reasons.push(testimony.words.clone());
+            self.reasons.push(reading.words.clone());
         }
         self
     }
 }
 
 impl ScaleWitnessLimits {
-    fn testimony(&self, off: f64, deviation: f64) -> WitnessReading {
+    fn reading(&self, off: f64, deviation: f64) -> WitnessReading {
         let most = self.tolerance.max(self.deviations * deviation);
         WitnessReading {
             off,
@@ -172,7 +172,7 @@ fn of_slope(
     let deviation = parameters
         .slope_deviation
         .hypot(slope.deviation / slope.value);
-    let mut found = parameters.testimony(ratio - 1.0, deviation);
+    let mut found = parameters.reading(ratio - 1.0, deviation);
     let numbers = format!(
         "scale: depth camera {id} has {:.6} m per unit; {nominal} ±{:.1} % is nominal",
         slope.value,
@@ -197,7 +197,7 @@ fn of_ruler(
 ) -> WitnessReading {
     let RulerReading { printed, measured } = *reading;
     let ratio = measured.metres / printed;
-    let mut found = parameters.testimony(1.0 / ratio - 1.0, measured.deviation / measured.metres);
+    let mut found = parameters.reading(1.0 / ratio - 1.0, measured.deviation / measured.metres);
     let numbers = format!(
         "scale: the ruler that is printed as {} measures {} ±{}",
         millimetres(printed),
@@ -237,8 +237,7 @@ fn of_distance(
     });
     let measured = distance.measured;
     let deviation = (variance[0] + variance[1] + measured.deviation.powi(2)).sqrt();
-    let mut found =
-        parameters.testimony(length / measured.metres - 1.0, deviation / measured.metres);
+    let mut found = parameters.reading(length / measured.metres - 1.0, deviation / measured.metres);
     let numbers = format!(
         "scale: cameras {} and {} are {} apart; measured: {} ±{}",
         a.camera.id,
