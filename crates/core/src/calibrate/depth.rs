@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::detections::placement_names;
-use crate::calibration::fit::{Fit, FittedCamera, Judgement, Slope};
+use crate::calibration::fit::{DepthError, Fit, FittedCamera, Judgement, Slope};
 use crate::calibration::response::{
     DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,
 };
@@ -121,9 +121,13 @@ impl Depth {
     }
 
     /// The figures that the verdict judges.
-    pub(super) fn found(&self) -> BTreeMap<CameraId, Result<f64, String>> {
+    pub(super) fn found(&self) -> BTreeMap<CameraId, Result<DepthError, String>> {
+        let error = |fit: &PlaneFit| DepthError {
+            seen: fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max),
+            at_most: fit.response.uncertainty,
+        };
         let fitted = self.planes.iter();
-        let fitted = fitted.map(|(id, fit)| (id, Ok(fit.response.uncertainty)));
+        let fitted = fitted.map(|(id, fit)| (id, Ok(error(fit))));
         let unfitted = self.unfitted.iter().map(|(id, why)| (id, Err(why.clone())));
         let all = fitted.chain(unfitted);
         all.map(|(id, found)| (id.clone(), found)).collect()

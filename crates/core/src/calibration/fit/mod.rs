@@ -53,7 +53,7 @@ pub use scale::{
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;
 pub use template_refine::{crowded_views, matched_with_print};
-pub use verdict::{Judgement, Limits, judge};
+pub use verdict::{DepthError, Judgement, Limits, judge};
 
 use crate::frame::CameraId;
 use crate::range;

@@ -273,15 +273,22 @@ fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
 #[test]
 fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
     let fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
-    let judged = |found: Result<f64, String>| {
-        let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found)]);
+    let judged = |found: Result<[f64; 2], String>| {
+        let error = |[seen, at_most]: [f64; 2]| DepthError { seen, at_most };
+        let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found.map(error))]);
         judge(&fit, &[], &depths, &Limits::default())
     };
-    let fine = judged(Ok(0.0009));
+    let fine = judged(Ok([0.0009, 0.0009]));
     assert!(fine.level < CalibrationLevel::Doubtful, "{fine:?}");
-    let biased = judged(Ok(0.0012));
+    let told = "depth camera kinect: its distances are known only to 2.00 mm, expected 1 or better";
+    let unknown = judged(Ok([0.0002, 0.002]));
+    assert_eq!(unknown.level, CalibrationLevel::Accepted);
+    assert!(unknown.reasons.iter().any(|r| r == told), "{unknown:?}");
+    let hardly_known = judged(Ok([0.0002, 0.0031]));
+    assert_eq!(hardly_known.level, CalibrationLevel::Doubtful);
+    let biased = judged(Ok([0.0012, 0.0015]));
     assert_eq!(biased.level, CalibrationLevel::Doubtful);
-    let told = "depth camera kinect: a bias of up to 1.20 mm is left, expected at most 1";
+    let told = "depth camera kinect: a bias of 1.20 mm is left, expected at most 1";
     assert!(biased.reasons.iter().any(|r| r == told), "{biased:?}");
     let without = judged(Err("no boards".to_owned()));
     assert_eq!(without.level, CalibrationLevel::Doubtful);

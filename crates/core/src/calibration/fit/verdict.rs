@@ -39,6 +39,12 @@ pub struct Limits {
     /// Default 1, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
+    /// How far, in millimetres, a depth camera's distances may be off where nothing contradicts them: what the pose of
+    /// the camera and the number of boards leave unknown. Above it a calibration is doubtful, above `depth_bias_mm` it is
+    /// accepted at best.
+    /// Default 3, range 0 to 1000.
+    #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
+    pub depth_unknown_mm: f64,
     /// Share of the views, of all cameras or of a camera with two or more, above which a calibration that left them out
     /// is doubtful.
     /// Default 0.2, from 0 to `left_out_refused`.
@@ -90,6 +96,7 @@ impl Default for Limits {
             coverage: 0.2,
             views: 6,
             depth_bias_mm: 1.0,
+            depth_unknown_mm: 3.0,
             left_out_doubtful: 0.2,
             left_out_refused: 0.4,
             dropped_corners: 0.05,
@@ -141,15 +148,24 @@ pub struct Judgement {
     pub worst_placement: Option<(String, f64)>,
 }
 
+/// What is known of the error of a depth camera's distances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthError {
+    /// The largest mean difference between its distances and the boards, over steps of distance, in metres.
+    pub seen: f64,
+    /// What they may be off at most, with what boards do not show, in metres.
+    pub at_most: f64,
+}
+
 /// A reason, and the best verdict that it allows.
 type Reason = (CalibrationLevel, String);
 
-/// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the largest bias in
-/// metres that its response leaves, or the reason why it has no response.
+/// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the error that its
+/// response leaves, or the reason why it has no response.
 pub fn judge(
     fit: &Fit,
     findings: &[Finding],
-    depths: &BTreeMap<CameraId, Result<f64, String>>,
+    depths: &BTreeMap<CameraId, Result<DepthError, String>>,
     limits: &Limits,
 ) -> Judgement {
     let causes = findings.iter();
@@ -177,9 +193,11 @@ pub fn judge(
     found.extend(of_shape(&fit.shape, limits.bend_mm, limits.stretch_percent));
     found.extend(too_little(fit, limits));
     found.extend(uncalibrated(fit));
-    found.extend(depths.iter().filter_map(|(id, found)| {
-        Some((CalibrationLevel::Doubtful, depth_reason(id, found, limits)?))
-    }));
+    found.extend(
+        depths
+            .iter()
+            .filter_map(|(id, found)| of_depth(id, found, limits)),
+    );
     if !fit.table_is_lowest && fit.cameras.len() > 1 {
         let words = format!(
             "no placement lies flat below all others: the rig's frame lies on {}, which may not be the table",
@@ -360,15 +378,34 @@ fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
     })
 }
 
-/// The reason that a depth camera's response gives, if there is one.
-fn depth_reason(id: &CameraId, found: &Result<f64, String>, limits: &Limits) -> Option<String> {
-    match found {
-        Err(why) => Some(format!("depth camera {id} has no response: {why}")),
-        Ok(bias) if 1e3 * bias > limits.depth_bias_mm => Some(format!(
-            "depth camera {id}: a bias of up to {:.2} mm is left, expected at most {}",
-            1e3 * bias,
-            limits.depth_bias_mm
-        )),
-        Ok(_) => None,
+/// The reason that a depth camera's response gives, if there is one: first what boards showed, then what they left
+/// unknown.
+fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) -> Option<Reason> {
+    let Limits {
+        depth_bias_mm,
+        depth_unknown_mm,
+        ..
+    } = limits;
+    let error = match found {
+        Ok(error) => error,
+        Err(why) => {
+            let words = format!("depth camera {id} has no response: {why}");
+            return Some((CalibrationLevel::Doubtful, words));
+        }
+    };
+    let [seen, at_most] = [error.seen, error.at_most].map(|metres| 1e3 * metres);
+    if seen > *depth_bias_mm {
+        let words = format!(
+            "depth camera {id}: a bias of {seen:.2} mm is left, expected at most {depth_bias_mm}"
+        );
+        return Some((CalibrationLevel::Doubtful, words));
     }
+    let level = match at_most > *depth_unknown_mm {
+        true => CalibrationLevel::Doubtful,
+        false => CalibrationLevel::Accepted,
+    };
+    let words = format!(
+        "depth camera {id}: its distances are known only to {at_most:.2} mm, expected {depth_bias_mm} or better"
+    );
+    (at_most > *depth_bias_mm).then_some((level, words))
 }

@@ -279,6 +279,10 @@ fn advice(reason: &str) -> &'static str {
             "Show it the board at more distances; check that the board is flat and its picture sharp.",
         ),
         (
+            "its distances are known only",
+            "Show it the board at more places and tilts, together with other cameras: its own place is what is known least.",
+        ),
+        (
             "is not calibrated",
             "Show it the board together with a neighbour, three times or more.",
         ),
