@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# Installs the package on a clean Debian 12 in a folder of its own, checks whether it runs, and removes it again. Run as
-# root; needs mmdebstrap. The clean Debian is kept below target for the next time.
+# Installs both packages on a clean Debian 12 in a folder of its own, checks whether they run, and removes them again: the
+# worker's alone first, then both beside each other. Run as root; needs mmdebstrap. The clean Debian is kept below target
+# for the next time.
 #
-#   scripts/deb-test.sh target/debian/scand_0.1.0-1_amd64.deb
+#   scripts/deb-test.sh target/debian/scand_0.1.0-1_amd64.deb target/debian/scand-worker_0.1.0-1_amd64.deb
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -12,6 +13,7 @@ if [ "$(id -u)" -ne 0 ]; then
 	exit 1
 fi
 package=$(realpath "${1:-$(ls -t target/debian/scand_*.deb | head -n 1)}")
+worker=$(realpath "${2:-$(ls -t target/debian/scand-worker_*.deb | head -n 1)}")
 mirror=${MIRROR:-http://deb.debian.org/debian}
 base=target/debian/bookworm.tar
 command -v mmdebstrap >/dev/null || apt-get install -y -qq --no-install-recommends mmdebstrap >/dev/null
@@ -32,6 +34,7 @@ tar -xf "$base" -C "$root"
 mount -t proc proc "$root/proc"
 cp /etc/resolv.conf "$root/etc/resolv.conf"
 cp "$package" "$root/tmp/scand.deb"
+cp "$worker" "$root/tmp/scand-worker.deb"
 cp recordings/cup.mcap "$root/tmp/cup.mcap"
 inside() { chroot "$root" env DEBIAN_FRONTEND=noninteractive LC_ALL=C PATH=/usr/sbin:/usr/bin:/sbin:/bin "$@"; }
 files() { (cd "$root" && find . -xdev -path ./proc -prune -o -print | grep -vE '^\./(tmp|var/(cache|log|lib/(apt|dpkg|systemd))|run|root)(/|$)' | sort); }
@@ -41,12 +44,43 @@ fail() {
 	exit 1
 }
 
-say "installing"
+depends() { dpkg-deb -f "$1" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//'; }
+accounts() { cat "$root/etc/passwd" "$root/etc/group"; }
+
+say "the worker alone"
 inside apt-get update -qq
-# Its dependencies are installed first, so that the comparison at the end shows only the package.
-inside apt-get install -y -qq --no-install-recommends $(dpkg-deb -f "$package" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//') >/dev/null
+# Dependencies are installed first, so that the comparisons at the end show only the packages.
+inside apt-get install -y -qq --no-install-recommends $(depends "$worker") >/dev/null
+before_worker=$(files)
+accounts_before_worker=$(accounts)
+inside apt-get install -y -qq --no-install-recommends /tmp/scand-worker.deb >/dev/null
+inside scand-worker --version
+libraries=$(inside ldd /usr/bin/scand-worker)
+[[ $libraries != *"not found"* ]] || fail "the worker lacks libraries: $libraries"
+! grep -qiE 'aravis|openni|v4l|glib' <<<"$libraries $(depends "$worker")" || fail "the worker has camera libraries: $libraries"
+words=$(inside systemd-analyze verify scand-worker@a.service 2>&1) || fail "$words"
+[ -z "$words" ] || fail "$words"
+inside systemd-analyze security --offline=true --threshold=20 /lib/systemd/system/scand-worker@.service >/dev/null ||
+	fail "scand-worker@.service is too open"
+inside getent passwd scand-worker >/dev/null || fail "no user scand-worker"
+[ -z "$(find "$root/etc/systemd/system" -name 'scand-*')" ] || fail "the worker is enabled"
+[[ $(inside scand-worker fleet key /tmp/worker.key) == U* ]] || fail "no key was made"
+inside scand-worker --replay /tmp/cup.mcap --out /tmp/of-worker --quiet || fail "the worker's replay"
+code=0
+words=$(inside scand-worker worker --fleet nats://rig:secret@127.0.0.1 2>&1) || code=$?
+[ "$code" -ne 0 ] && [[ $words != *secret* ]] || fail "an address with a password: exit code $code: $words"
+inside apt-get remove -y -qq scand-worker >/dev/null
+inside getent passwd scand-worker >/dev/null || fail "removing took the worker's user"
+inside apt-get purge -y -qq scand-worker >/dev/null
+left=$(diff <(echo "$before_worker") <(files) | grep '^[<>]' || true)
+[ -z "$left" ] || fail "the worker left behind: $left"
+[ "$accounts_before_worker" = "$(accounts)" ] || fail "the worker's user is left"
+
+say "installing both"
+inside apt-get install -y -qq --no-install-recommends $(depends "$package") >/dev/null
 before=$(files)
-users=$(cat "$root/etc/passwd" "$root/etc/group")
+users=$(accounts)
+inside apt-get install -y -qq --no-install-recommends /tmp/scand-worker.deb >/dev/null
 inside apt-get install -y -qq --no-install-recommends /tmp/scand.deb >/dev/null
 
 say "running"
@@ -60,10 +94,11 @@ code=0
 words=$(inside scand simulate --shape cup --out /tmp/a.mcap 2>&1) || code=$?
 [ "$code" -eq 2 ] && [[ $words == *"no simulator"* ]] || fail "scand simulate: exit code $code, expected 2 and where the simulator is: $words"
 inside scand --replay /tmp/cup.mcap --out /tmp/out --quiet || fail "the replay"
-find "$root/tmp/out" -name model.glb | grep -q . || fail "no model"
-words=$(inside systemd-analyze verify scand.service scand.socket scand-page.service scand-fleet.service scand-worker@a.service scand-pedal@event0.service 2>&1) || fail "$words"
+model=$(cd "$root/tmp/out" && find . -name model.glb | grep .) || fail "no model"
+cmp "$root/tmp/out/$model" "$root/tmp/of-worker/$model" || fail "the worker made another model"
+words=$(inside systemd-analyze verify scand.service scand.socket scand-page.service scand-fleet.service scand-pedal@event0.service 2>&1) || fail "$words"
 [ -z "$words" ] || fail "$words"
-for unit in scand.service scand-page.service scand-fleet.service scand-worker@.service scand-pedal@.service; do
+for unit in scand.service scand-page.service scand-fleet.service scand-pedal@.service; do
 	inside systemd-analyze security --offline=true --threshold=20 "/lib/systemd/system/$unit" >/dev/null ||
 		fail "$unit is too open"
 done
@@ -71,8 +106,6 @@ inside getent passwd scand >/dev/null || fail "no user scand"
 inside id -nG scand-page | grep -qw scand || fail "the page's user is not in the group scand"
 [ -z "$(find "$root/etc/systemd/system" -name 'scand-page*')" ] || fail "the page is enabled"
 [ -z "$(find "$root/etc/systemd/system" -name 'scand-fleet*' -o -name 'scand-worker*')" ] || fail "the fleet is enabled"
-inside getent passwd scand-worker >/dev/null || fail "no user scand-worker"
-[[ $(inside scand fleet key /tmp/worker.key) == U* ]] || fail "no key was made"
 mkdir -p "$root/tmp/page"
 printf 'listen = "127.0.0.1:18437"\nstate = "state"\ncontrol = "control"\n' >"$root/tmp/page/page.toml"
 words=$(inside sh -c 'cd /tmp/page; scand page --config page.toml 2>log & page=$!
@@ -89,12 +122,14 @@ say "removing"
 cp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap"
 mkdir -p "$root/etc/scand" && echo "# mine" >"$root/etc/scand/rig.toml"
 mkdir -p "$root/var/lib/scand/models" && touch "$root/var/lib/scand/models/a"
+inside apt-get purge -y -qq scand-worker >/dev/null
+inside scand --version >/dev/null || fail "purging the worker took the rig's program"
 inside apt-get remove -y -qq scand >/dev/null
 [ -e "$root/etc/scand/rig.toml" ] || fail "removing took the configuration"
 inside apt-get purge -y -qq scand >/dev/null
 left=$(diff <(echo "$before") <(files) | grep '^[<>]' || true)
 expected=$'> ./var/lib/scand\n> ./var/lib/scand/recordings\n> ./var/lib/scand/recordings/kept.mcap'
 [ "$left" = "$expected" ] || fail "left behind: $left"
-[ "$users" = "$(cat "$root/etc/passwd" "$root/etc/group")" ] || fail "users are left"
+[ "$users" = "$(accounts)" ] || fail "users are left"
 cmp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap" || fail "the recording"
-say "ok: installed, ran, and left nothing but recordings"
+say "ok: both packages were installed, ran, and left nothing but recordings"

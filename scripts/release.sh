@@ -41,5 +41,5 @@ trap - ERR
 awk -v head="## [$version]" 'index($0, "## [") == 1 { on = index($0, head) == 1 } on' CHANGELOG.md |
 	git tag -a "v$version" -F - --cleanup=verbatim
 target/release/scand --version
-sha256sum target/debian/scand_"$version"*.deb
+sha256sum target/debian/scand{,-worker}_"$version"*.deb
 echo "release: to publish it: git push origin main v$version" >&2

@@ -49,14 +49,16 @@ fn the_same_bytes_come_from_one_two_and_four_workers_and_are_not_made_again() {
         "{}",
         said(&output)
     );
-    // Nothing of it stays on the server.
-    let status = program()
-        .args(["fleet", "status", "--json", "--fleet", &bench.address()])
-        .output()
-        .unwrap();
-    let status: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
-    assert_eq!(status["waiting"], serde_json::json!([]));
-    assert_eq!(status["failed"], serde_json::json!([]));
+    // Nothing of it stays on the server, once a worker has acknowledged what it brought.
+    let status = || -> serde_json::Value {
+        let mut command = program();
+        command.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
+        serde_json::from_slice(&command.output().unwrap().stdout).unwrap()
+    };
+    crate::support::wait::until("no job waits", || {
+        status()["waiting"] == serde_json::json!([])
+    });
+    assert_eq!(status()["failed"], serde_json::json!([]));
 }
 
 #[test]

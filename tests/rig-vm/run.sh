@@ -48,7 +48,7 @@ workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig,
 }
 mkdir -p "$folder/lab"
 cp "target/${profile/dev/debug}/scand" "$folder/lab/scand"
-PROFILE=$profile OUTPUT=$output/ scripts/deb.sh >/dev/null
+PROFILE=$profile OUTPUT=$output/ PACKAGES=scand scripts/deb.sh >/dev/null
 package=$(ls -t "$output"/scand_*.deb | head -n 1)
 tests/rig-vm/image.sh "$folder" "$package"
 tests/rig-vm/boot.sh "$folder" "$package" "$folder/lab/scand" "$workers" "$@"

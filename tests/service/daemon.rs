@@ -338,7 +338,9 @@ fn the_units_are_sound_and_closed() {
     ];
     for unit in units {
         let text = std::fs::read_to_string(source.join(unit)).unwrap();
-        let text = text.replace("/usr/bin/scand", env!("CARGO_BIN_EXE_scand"));
+        let program = env!("CARGO_BIN_EXE_scand");
+        let text = text.replace("/usr/bin/scand-worker", program);
+        let text = text.replace("/usr/bin/scand", program);
         std::fs::write(folder.path().join(unit), text).unwrap();
     }
     let (sound, words) = analyze(&["verify"], &units);
