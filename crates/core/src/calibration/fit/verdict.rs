@@ -40,8 +40,8 @@ pub struct Limits {
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_bias_mm: f64,
     /// How far, in millimetres, a depth camera's distances may be off where nothing contradicts them: what the pose of
-    /// the camera and the number of boards leave unknown. Above it a calibration is doubtful, above `depth_bias_mm` it is
-    /// accepted at best.
+    /// the camera and the number of boards leave unknown. Above it a calibration is doubtful, above `depth_bias_mm` it
+    /// is accepted at best.
     /// Default 3, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_unknown_mm: f64,
