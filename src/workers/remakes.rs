@@ -232,7 +232,7 @@ mod tests {
             remakes
                 .offer(remake(3))
                 .unwrap_err()
-                .contains("waits already")
+                .contains("waiting already")
         );
         assert!(
             remakes
