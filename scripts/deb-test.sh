@@ -69,7 +69,12 @@ inside scand-worker --replay /tmp/cup.mcap --out /tmp/of-worker --quiet || fail 
 code=0
 words=$(inside scand-worker worker --fleet nats://rig:secret@127.0.0.1 2>&1) || code=$?
 [ "$code" -ne 0 ] && [[ $words != *secret* ]] || fail "an address with a password: exit code $code: $words"
+# What whoever runs it makes: a key, the server's address, a worker that starts at boot, and its files.
+mkdir -p "$root/etc/scand-worker" "$root/var/cache/scand-worker/a"
+touch "$root/etc/scand-worker/a.key" "$root/etc/default/scand-worker" "$root/var/cache/scand-worker/a/capture"
+inside systemctl enable --quiet scand-worker@a
 inside apt-get remove -y -qq scand-worker >/dev/null
+[ -e "$root/etc/scand-worker/a.key" ] || fail "removing took the worker's key"
 inside getent passwd scand-worker >/dev/null || fail "removing took the worker's user"
 inside apt-get purge -y -qq scand-worker >/dev/null
 left=$(diff <(echo "$before_worker") <(files) | grep '^[<>]' || true)

@@ -26,7 +26,8 @@ build() { "$cargo" build --profile "$profile" --locked --package scand "${featur
 if [[ " $packages " == *" scand-worker "* ]]; then
 	features=(--no-default-features --features fleet)
 	build
-	cp "$program" $generated/worker/scand-worker
+	# cargo-deb strips what cargo has just built; this is a copy.
+	strip -o $generated/worker/scand-worker "$program"
 fi
 features=(--no-default-features --features rig,page,fleet)
 scripts/ui.sh

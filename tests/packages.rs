@@ -56,6 +56,45 @@ fn an_installed_rig_holds_no_simulator() {
 }
 
 #[test]
+fn an_installed_worker_holds_no_camera_no_page_and_no_simulator() {
+    let script = include_str!("../scripts/deb.sh");
+    let options = ["--no-default-features", "--features", "fleet"];
+    let built = format!("features=({})\n", options.join(" "));
+    assert!(script.contains(&built), "how the package is built");
+    let expected = ["scand", "scand_core"].map(str::to_owned);
+    assert_eq!(packages(&options), expected.into());
+    let of_rigs = ["aravis", "gio", "v4l", "evdev", "axum", "hyper"];
+    let has = |options: &[&str]| {
+        let packages = all_packages(options);
+        of_rigs.map(|name| packages.contains(name))
+    };
+    assert_eq!(has(&options), [false; 6]);
+    assert_eq!(has(&["--features", "rig,page,fleet"]), [true; 6]);
+}
+
+/// Both packages can be installed at once, so no file may be in both.
+#[test]
+fn the_packages_share_no_file() {
+    let manifest: toml::Table = include_str!("../Cargo.toml").parse().unwrap();
+    let rig = &manifest["package"]["metadata"]["deb"];
+    let worker = &rig["variants"]["worker"];
+    assert_eq!(worker["name"].as_str(), Some("scand-worker"));
+    let files = |of: &toml::Value| -> BTreeSet<String> {
+        let assets = of["assets"].as_array().unwrap().iter();
+        let name = |asset: &toml::Value| {
+            let [from, to] = [0, 1].map(|i| asset[i].as_str().unwrap());
+            let is_folder = to.ends_with('/');
+            let name = from.rsplit('/').next().unwrap();
+            format!("{to}{}", if is_folder { name } else { "" })
+        };
+        assets.map(name).collect()
+    };
+    let (rig, worker) = (files(rig), files(worker));
+    assert!(worker.contains("usr/bin/scand-worker") && rig.contains("usr/bin/scand"));
+    assert_eq!(rig.intersection(&worker).count(), 0, "{rig:?} {worker:?}");
+}
+
+#[test]
 fn every_program_of_tests_that_needs_cameras_is_run_with_them() {
     let run = include_str!("../Makefile");
     let run = run
