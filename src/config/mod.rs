@@ -166,11 +166,20 @@ impl Config {
     }
 }
 
+/// A value with an `@` may be an address with a password, under whatever key, and is not quoted.
 fn setting(text: &str, error: impl std::fmt::Display) -> Error {
-    Error::Setting {
-        setting: text.into(),
-        message: plain(error.to_string().trim_end()),
-    }
+    let message = plain(error.to_string().trim_end());
+    let secret = text
+        .split_once('=')
+        .filter(|(_, value)| value.contains('@'));
+    let (setting, message) = match secret {
+        Some((key, value)) => {
+            let value = value.trim_matches(['"', '\'']);
+            (format!("{key}=…"), message.replace(value, "…"))
+        }
+        None => (text.into(), message),
+    };
+    Error::Setting { setting, message }
 }
 
 /// An error's words without the names that Rust has for numbers, and with the known key that is closest to a wrong one.
@@ -579,6 +588,14 @@ mod tests {
             let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
             assert!(message.contains("line 2"), "{message}");
             assert!(!message.contains("hidden"), "{message}");
+        }
+        for key in ["workers.fleet", "workers.flet", "hull.resolution"] {
+            for value in ["nats://me:hidden@h", "\"nats://me:hidden@h\"", "hidden@h"] {
+                let message = settings(&[&format!("{key}={value}")]).unwrap_err();
+                let message = message.to_string();
+                assert!(message.contains(&format!("{key}=…")), "{message}");
+                assert!(!message.contains("hidden"), "{message}");
+            }
         }
     }
 }

@@ -9,8 +9,12 @@ use crate::fleet::{
     Access, FleetClient, Program, RigPlan, Role, Status, new_key, retry, serve_rig, status,
 };
 use crate::words::count;
-use crate::workers::FleetAddress;
+use crate::workers::{AddressError, FleetAddress};
 use anyhow::Context;
+use clap::builder::TypedValueParser;
+use clap::error::ErrorKind;
+use clap::{Arg, Command};
+use std::ffi::OsStr;
 use std::future::Future;
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
@@ -43,6 +47,27 @@ enum What {
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
+}
+
+/// Reads an address. It never quotes what it refuses, as clap's own parsers would: that may hold a password.
+#[derive(Clone, Debug)]
+pub(crate) struct AddressParser;
+
+impl TypedValueParser for AddressParser {
+    type Value = FleetAddress;
+
+    fn parse_ref(
+        &self,
+        command: &Command,
+        _argument: Option<&Arg>,
+        value: &OsStr,
+    ) -> Result<FleetAddress, clap::Error> {
+        let text = value.to_str().ok_or(AddressError::Form);
+        text.and_then(str::parse).map_err(|cause| {
+            let words = format!("invalid address for '--fleet <ADDRESS>': {cause}\n");
+            clap::Error::raw(ErrorKind::ValueValidation, words).with_cmd(command)
+        })
+    }
 }
 
 /// How the server is reached, and as whom.
@@ -132,7 +157,7 @@ struct RunArgs {
 #[derive(Debug, clap::Args)]
 struct ServerArgs {
     /// The fleet's server: nats://HOST or tls://HOST, with :PORT if it is not 4222
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = AddressParser)]
     fleet: FleetAddress,
     #[command(flatten)]
     access: AccessArgs,

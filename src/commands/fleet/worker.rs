@@ -1,6 +1,6 @@
 //! `scand worker`: makes models for the rigs and archives of a fleet.
 
-use super::{AccessArgs, block_on, termination};
+use super::{AccessArgs, AddressParser, block_on, termination};
 use crate::fleet::{Program, Role, WorkerPlan, work};
 use crate::log;
 use crate::workers::FleetAddress;
@@ -14,7 +14,7 @@ use std::process::ExitCode;
   scand worker --fleet tls://fleet.museum.example --credentials worker.key --jobs 4 --memory-mb 16000")]
 pub struct Args {
     /// The fleet's server: nats://HOST or tls://HOST, with :PORT if it is not 4222
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = AddressParser)]
     fleet: FleetAddress,
     #[command(flatten)]
     access: AccessArgs,

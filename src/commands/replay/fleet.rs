@@ -7,7 +7,7 @@ use super::{Options, Replay};
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
 use crate::commands::EXIT_INCOMPLETE;
-use crate::commands::fleet::{AccessArgs, block_on, termination};
+use crate::commands::fleet::{AccessArgs, AddressParser, block_on, termination};
 use crate::config::Config;
 use crate::fleet::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Program, Role, Task};
 use crate::frame::{CaptureId, Timestamp};
@@ -32,7 +32,7 @@ const SHOW: Duration = Duration::from_secs(5);
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct FleetOptions {
     /// Let the workers of a fleet make the models: nats://HOST or tls://HOST, with :PORT if it is not 4222
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = AddressParser)]
     pub(super) fleet: Option<FleetAddress>,
     #[command(flatten)]
     access: AccessArgs,
