@@ -151,7 +151,16 @@ struct Info {
 #[derive(Serialize)]
 struct CaptureDigests {
     capture: CaptureId,
-    sha256: Result<Digests, String>,
+    #[serde(flatten)]
+    found: DigestsOrProblem,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case")]
+enum DigestsOrProblem {
+    Sha256(Digests),
+    /// Why the capture cannot be read.
+    Problem(String),
 }
 
 #[derive(Serialize)]
@@ -161,24 +170,27 @@ struct Digests {
 }
 
 fn digests(session: &CaptureSession, id: &CaptureId) -> CaptureDigests {
-    let digests = session.load(id).map(|(scene, _)| Digests {
-        input: input_digest(&scene),
-        calibration: calibration_digest(&scene),
-    });
+    let found = match session.load(id) {
+        Ok((scene, _)) => DigestsOrProblem::Sha256(Digests {
+            input: input_digest(&scene),
+            calibration: calibration_digest(&scene),
+        }),
+        Err(error) => DigestsOrProblem::Problem(error.to_string()),
+    };
     CaptureDigests {
         capture: id.clone(),
-        sha256: digests.map_err(|error| error.to_string()),
+        found,
     }
 }
 
 impl CaptureDigests {
     fn line(&self) -> String {
-        match &self.sha256 {
-            Ok(digests) => format!(
+        match &self.found {
+            DigestsOrProblem::Sha256(digests) => format!(
                 "{}: input {}, calibration {}",
                 self.capture, digests.input, digests.calibration
             ),
-            Err(error) => format!("{}: {error}", self.capture),
+            DigestsOrProblem::Problem(problem) => format!("{}: {problem}", self.capture),
         }
     }
 }

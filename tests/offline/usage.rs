@@ -114,7 +114,7 @@ fn the_digests_of_a_recording_are_those_that_its_model_states() {
     let info: serde_json::Value = serde_json::from_str(&words).unwrap();
     let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
     let stated = &report["description"];
-    let found = &info["digests"][0]["sha256"]["Ok"];
+    let found = &info["digests"][0]["sha256"];
     assert_eq!(found["input"], stated["input_sha256"], "{words}");
     assert_eq!(found["calibration"], stated["calibration_sha256"]);
     assert!(found["input"].is_string());
