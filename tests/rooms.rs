@@ -1,308 +1,45 @@
-//! Checks the sources against the tables in ARCHITECTURE.md: which room may use which, and other rules of the
-//! house.
+//! Checks the sources against ARCHITECTURE.md: reads its tables of which room may use which, and tests other rules of
+//! the house.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Each room and the rooms it may use, itself aside.
-const ROOMS: &[(&str, &[&str])] = &[
-    ("array", &[]),
-    ("image", &["array"]),
-    ("mesh", &["array", "image"]),
-    ("bag", &["storage"]),
-    ("frame", &["image"]),
-    ("description", &[]),
-    ("notes", &["frame"]),
-    ("calibration", &["frame", "range", "storage"]),
-    (
-        "calibration/fit",
-        &["calibration", "frame", "image", "range", "statistics"],
-    ),
-    (
-        "calibration/response",
-        &["calibration", "image", "range", "statistics", "storage"],
-    ),
-    (
-        "calibrate",
-        &[
-            "calibration",
-            "frame",
-            "image",
-            "capture",
-            "recording",
-            "sync",
-        ],
-    ),
-    (
-        "recording",
-        &["frame", "calibration", "image", "notes", "storage"],
-    ),
-    ("clock", &["frame"]),
-    ("drivers", &["clock", "frame", "range"]),
-    ("sync", &["frame", "range"]),
-    (
-        "capture",
-        &[
-            "notes",
-            "recording",
-            "sync",
-            "calibration",
-            "frame",
-            "image",
-            "reconstruct",
-            "storage",
-        ],
-    ),
-    (
-        "reconstruct",
-        &[
-            "array",
-            "image",
-            "mesh",
-            "frame",
-            "calibration",
-            "range",
-            "statistics",
-        ],
-    ),
-    (
-        "register",
-        &[
-            "calibration",
-            "image",
-            "level",
-            "mesh",
-            "reconstruct",
-            "statistics",
-        ],
-    ),
-    (
-        "report",
-        &[
-            "description",
-            "notes",
-            "reconstruct",
-            "capture",
-            "calibration",
-            "frame",
-            "image",
-            "mesh",
-            "level",
-            "range",
-            "statistics",
-        ],
-    ),
-    (
-        "output",
-        &[
-            "description",
-            "reconstruct",
-            "image",
-            "mesh",
-            "calibration",
-            "range",
-            "storage",
-        ],
-    ),
-    (
-        "evaluate",
-        &["gltf_file", "mesh", "image", "reconstruct", "statistics"],
-    ),
-    ("gltf_file", &[]),
-    (
-        "dataset",
-        &[
-            "calibration",
-            "frame",
-            "image",
-            "mesh",
-            "output",
-            "reconstruct",
-        ],
-    ),
-    (
-        "export",
-        &[
-            "array",
-            "description",
-            "gltf_file",
-            "image",
-            "mesh",
-            "output",
-            "reconstruct",
-        ],
-    ),
-    (
-        "lab",
-        &[
-            "mesh",
-            "image",
-            "frame",
-            "calibration",
-            "range",
-            "recording",
-            "reconstruct",
-        ],
-    ),
-    (
-        "make_model",
-        &[
-            "description",
-            "notes",
-            "calibration",
-            "frame",
-            "capture",
-            "level",
-            "output",
-            "reconstruct",
-            "recording",
-            "register",
-            "report",
-            "storage",
-        ],
-    ),
-    (
-        "setup",
-        &[
-            "calibration",
-            "clock",
-            "config",
-            "daemon",
-            "drivers",
-            "frame",
-            "log",
-            "recording",
-            "workers",
-        ],
-    ),
-    ("check", &["storage"]),
-    ("level", &[]),
-    ("log", &[]),
-    ("range", &[]),
-    ("process", &["clock"]),
-    ("statistics", &[]),
-    ("storage", &[]),
-    (
-        "workers",
-        &[
-            "clock",
-            "frame",
-            "level",
-            "log",
-            "make_model",
-            "range",
-            "process",
-            "reconstruct",
-            "recording",
-            "report",
-            "storage",
-        ],
-    ),
-    ("pedal", &["clock", "trigger"]),
-    (
-        "page",
-        &["clock", "level", "log", "process", "storage", "trigger"],
-    ),
-    ("publish", &["description", "level", "notes", "output"]),
-    (
-        "fleet",
-        &[
-            "clock",
-            "evaluate",
-            "frame",
-            "image",
-            "log",
-            "mesh",
-            "process",
-            "recording",
-            "storage",
-            "workers",
-        ],
-    ),
-    ("queue", &[]),
-    ("words", &[]),
-    ("trigger", &["level"]),
-    (
-        "daemon",
-        &[
-            "make_model",
-            "notes",
-            "clock",
-            "drivers",
-            "frame",
-            "log",
-            "range",
-            "process",
-            "recording",
-            "statistics",
-            "storage",
-            "sync",
-            "trigger",
-            "workers",
-        ],
-    ),
-    (
-        "commands",
-        &[
-            "range",
-            "words",
-            "bag",
-            "notes",
-            "calibrate",
-            "calibration",
-            "check",
-            "clock",
-            "config",
-            "daemon",
-            "dataset",
-            "description",
-            "drivers",
-            "evaluate",
-            "export",
-            "fleet",
-            "frame",
-            "image",
-            "capture",
-            "level",
-            "log",
-            "make_model",
-            "mesh",
-            "output",
-            "page",
-            "pedal",
-            "process",
-            "publish",
-            "queue",
-            "range",
-            "reconstruct",
-            "recording",
-            "report",
-            "setup",
-            "storage",
-            "sync",
-            "trigger",
-            "workers",
-        ],
-    ),
-    (
-        "config",
-        &[
-            "range",
-            "storage",
-            "words",
-            "calibration",
-            "daemon",
-            "drivers",
-            "frame",
-            "output",
-            "reconstruct",
-            "report",
-            "sync",
-            "workers",
-        ],
-    ),
-];
+const ARCHITECTURE: &str = include_str!("../ARCHITECTURE.md");
+
+/// The rows of ARCHITECTURE.md's tables whose first heading is `heading`: each name of the first column, with the names of
+/// the last one, which it may use. `None` means that it may use all. What stands in parentheses is an explanation.
+fn rows(heading: &str) -> BTreeMap<String, Option<Vec<String>>> {
+    let names = |cell: &str| {
+        let outside = cell.split('(').enumerate().map(|(i, part)| match i {
+            0 => part,
+            _ => part.split_once(')').unwrap().1,
+        });
+        let outside: String = outside.collect();
+        let quoted = outside.split('`').skip(1).step_by(2);
+        quoted.map(|name| name.replace("::", "/")).collect()
+    };
+    let mut rows = BTreeMap::new();
+    let mut within = false;
+    for line in ARCHITECTURE.lines() {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let [_, first, .., last, _] = cells[..] else {
+            within = false;
+            continue;
+        };
+        within |= first == heading;
+        let allowed: Vec<String> = names(last);
+        for name in names(first).into_iter().filter(|_| within) {
+            assert!(
+                !allowed.is_empty() || last == "–" || last == "all",
+                "{name}: {last:?} is no list of rooms"
+            );
+            let double = rows.insert(name, (last != "all").then(|| allowed.clone()));
+            assert!(double.is_none(), "two rows of one name: {line}");
+        }
+    }
+    rows
+}
 
 /// A scene and what it is made of.
 const SCENE: &[&str] = &[
@@ -327,19 +64,6 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ),
     ("lab", "reconstruct", SCENE),
     ("workers", "reconstruct", &["Method"]),
-];
-
-/// Stages of the reconstruction and the other stages that each may use. `pipeline` may use all.
-const STAGES: &[(&str, &[&str])] = &[
-    ("silhouette", &[]),
-    ("surface", &[]),
-    ("hull", &["surface"]),
-    ("fairing", &["hull", "surface"]),
-    ("depth", &[]),
-    ("region", &["depth"]),
-    ("restore", &["depth", "hull", "region", "surface"]),
-    ("uncertainty", &["depth", "fairing", "hull"]),
-    ("texture", &[]),
 ];
 
 /// Files that are no rooms: they list the rooms, and begin the program.
@@ -453,13 +177,13 @@ fn take_path<'a>(
 
 #[test]
 fn a_room_uses_what_its_row_allows() {
+    let rows = rows("room");
     let mut seen = BTreeSet::new();
     for file in sources() {
         let place = place(&file);
         // A folder with a row of its own is a room within a room.
         let inner = place.get(..2).map(|two| two.join("/")).unwrap_or_default();
-        let has_row = ROOMS.iter().any(|(name, _)| *name == inner);
-        let room = if has_row {
+        let room = if rows.contains_key(&inner) {
             inner.as_str()
         } else {
             place[0].as_str()
@@ -467,8 +191,8 @@ fn a_room_uses_what_its_row_allows() {
         if ROOTS.contains(&room) || is_test(&place) {
             continue;
         }
-        let row = ROOMS.iter().find(|(name, _)| *name == room);
-        let (_, allowed) = row.unwrap_or_else(|| panic!("{room} has no row in the table"));
+        let row = rows.get(room);
+        let allowed = row.unwrap_or_else(|| panic!("{room} has no row in the table"));
         seen.insert(room.to_owned());
         let prefix = if room == "lab" {
             "scand_core::"
@@ -478,10 +202,10 @@ fn a_room_uses_what_its_row_allows() {
         for path in paths(&code(&file), prefix) {
             let other = path[0].as_str();
             let file = file.display();
-            assert!(
-                other == room || allowed.contains(&other),
-                "{file} uses {other}"
-            );
+            let may = allowed
+                .as_ref()
+                .is_none_or(|a| a.iter().any(|a| a == other));
+            assert!(other == room || may, "{file} uses {other}");
             let only = ONLY.iter().find(|(a, b, _)| (*a, *b) == (room, other));
             if let (Some((_, _, names)), Some(name)) = (only, path.get(1)) {
                 assert!(
@@ -491,7 +215,8 @@ fn a_room_uses_what_its_row_allows() {
             }
         }
     }
-    let rows: BTreeSet<String> = ROOMS.iter().map(|(room, _)| (*room).to_owned()).collect();
+    let rows = rows.into_keys().filter(|name| !ROOTS.contains(&&name[..]));
+    let rows: BTreeSet<String> = rows.collect();
     assert_eq!(seen, rows, "rooms that are there, and rows of the table");
 }
 
@@ -653,26 +378,84 @@ fn circles_are_found_and_trees_are_not_circles() {
 
 #[test]
 fn a_stage_uses_what_its_row_allows() {
-    let stages: Vec<&str> = STAGES.iter().map(|(stage, _)| *stage).collect();
+    let rows = rows("stage");
     for file in sources() {
         let place = place(&file);
         if place[0] != "reconstruct" || place.len() < 3 || is_test(&place) {
             continue;
         }
         let stage = place[1].as_str();
-        let row = STAGES.iter().find(|(name, _)| *name == stage);
-        let (_, allowed) = row.unwrap_or_else(|| panic!("{stage} has no row in the table"));
+        let row = rows.get(stage);
+        let row = row.unwrap_or_else(|| panic!("{stage} has no row in the table"));
+        let allowed = row.as_ref().unwrap();
         let code = code(&file);
         let up = "super::".repeat(place.len() - 1 - usize::from(place[2] == "mod"));
         let used = paths(&code, "crate::reconstruct::").into_iter();
         for path in used.chain(paths(&code, &up)) {
             let other = path[0].as_str();
-            let is_stage = stages.contains(&other) && other != stage;
+            let is_stage = rows.contains_key(other) && other != stage;
+            let may = allowed.iter().any(|name| name == other);
             let file = file.display();
-            assert!(!is_stage || allowed.contains(&other), "{file} uses {other}");
+            assert!(!is_stage || may, "{file} uses {other}");
             assert!(other != "pipeline", "{file} uses the pipeline");
         }
     }
+}
+
+/// The files below these folders, and those of the root.
+fn files() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let named = [
+        "config", "crates", "design", "docs", "python", "scripts", "src", "systemd", "tests",
+        "ui/src",
+    ];
+    let mut folders: Vec<PathBuf> = named.iter().map(|folder| root.join(folder)).collect();
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false => files.push(path),
+            }
+        }
+    }
+    files
+}
+
+/// What the names of files end in, as opposed to those of settings.
+const ENDINGS: [&str; 8] = ["conf", "json", "md", "py", "rs", "service", "sh", "toml"];
+
+/// What ARCHITECTURE.md says of where to change what is found there: files by their paths, and names in some file.
+#[test]
+fn the_places_of_changes_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let bases = ["", "src", "crates/core/src"].map(|base| root.join(base));
+    let files = files();
+    let texts: Vec<String> = files
+        .iter()
+        .filter_map(|file| fs::read_to_string(file).ok())
+        .collect();
+    let (_, table) = ARCHITECTURE
+        .split_once("## Where to add or change things")
+        .unwrap();
+    let cells = table.lines().filter(|line| line.starts_with('|'));
+    let quoted = cells.flat_map(|line| line.split('`').skip(1).step_by(2));
+    let mut missing: Vec<&str> = quoted
+        .filter(|name| !name.contains("NAME"))
+        .filter(|name| {
+            let ending = Path::new(name).extension().map(|e| e.to_str().unwrap());
+            let is_file = ending.is_some_and(|e| ENDINGS.contains(&e));
+            let exists = bases.iter().any(|base| base.join(name).exists());
+            let last = name.rsplit(['.', ':']).next().unwrap();
+            match is_file || name.contains('/') {
+                true => !exists && !files.iter().any(|file| file.ends_with(name)),
+                false => !exists && !texts.iter().any(|text| text.contains(last)),
+            }
+        })
+        .collect();
+    missing.sort_unstable();
+    assert_eq!(missing, Vec::<&str>::new());
 }
 
 #[test]
