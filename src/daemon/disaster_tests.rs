@@ -24,7 +24,7 @@ fn connect(socket: &Path) -> Client {
     Client::connect(socket, Some(PATIENCE)).unwrap()
 }
 
-/// Presses by ever new names until nobody answers. What is heard when it is `over` counts for nothing.
+/// Presses with new ids until no daemon answers. Replies that arrive when it is `over` are ignored.
 fn press_on(socket: &Path, names: &AtomicUsize, over: &AtomicBool) -> Told {
     let mut told = Told::new();
     let mut name = format!("p-{}", names.fetch_add(1, Ordering::Relaxed));
@@ -258,7 +258,7 @@ fn refusing_of(paths: &[PathBuf], call: &str, error: &str, number: u64) -> Comma
     strace
 }
 
-/// Three presses of a session under such a daemon, which is then told to end; what they were told.
+/// Presses three times in a session of such a daemon, which is then asked to end; returns the replies.
 fn press_thrice(test: &str, folder: &Path, command: Command) -> Told {
     let (mut process, socket) = daemon_by(command, test, folder);
     let begin = Request::Begin {

@@ -90,7 +90,7 @@ impl Dispatcher {
         MutexGuard::map(self.state.lock(), |state| &mut state.presses)
     }
 
-    /// Where it is told what happens.
+    /// Where it publishes what happens.
     pub(super) fn events(&self) -> &Events {
         &self.events
     }

@@ -167,7 +167,7 @@ impl Writing {
                     written
                 });
                 let capture = kept.record.id.clone();
-                // The frames' memory is free again before anybody hears of it.
+                // The frames' memory is free again before a client hears of it.
                 drop(kept);
                 self.waiting.fetch_sub(1, Ordering::AcqRel);
                 written(press, &capture, result);

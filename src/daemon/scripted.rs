@@ -344,7 +344,7 @@ impl TestBench {
         progress
     }
 
-    /// Lets the recorder's thread stand still until the end that is returned is heard: an answer that nobody takes.
+    /// Makes the recorder's thread wait until the receiver that is returned takes its answer.
     pub(super) fn hold_recorder(&self) -> Receiver<()> {
         let (heard, hearing) = bounded(0);
         let note = crate::recording::Note {

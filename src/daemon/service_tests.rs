@@ -49,7 +49,7 @@ fn service_at(stand: TestBench, folder: &Path) -> Service {
     Service { stand, socket }
 }
 
-/// Serves a socket until this process is told to end.
+/// Serves a socket until this process is asked to end.
 fn listen(path: PathBuf, capturing: &Arc<Capturing>) -> Clients {
     let parameters = SocketParameters {
         path,

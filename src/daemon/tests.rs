@@ -590,7 +590,7 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
     while packer.step() {}
     assert!(is_packed());
     assert_eq!(captures(&recording()), before);
-    // The session that is recorded is nobody's to pack.
+    // The session that is being recorded is not packed.
     assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
     clock.advance(second);
     assert!(!packer.step());

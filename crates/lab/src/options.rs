@@ -255,7 +255,7 @@ pub struct CameraFault {
 pub struct Faults {
     /// Colour cameras that were turned by some degrees after they were calibrated.
     pub turned_deg: Vec<CameraFault>,
-    /// Colour cameras whose frame's edge cuts off such a part of the object, from the left; the calibration is true.
+    /// Colour cameras whose frame's edge cuts off this part of the object, from the left; the calibration is true.
     pub cut_off: Vec<CameraFault>,
     /// Colour cameras that are out of focus: pixels by which the point spread grows.
     pub blurred_px: Vec<CameraFault>,

@@ -35,8 +35,8 @@ impl Placed {
         })
     }
 
-    /// Bakes the light, once. Baking works in parallel and may meet itself on one thread, so nobody waits
-    /// for anybody: at worst two do the same work.
+    /// Bakes the light, once. Baking works in parallel and may meet itself on one thread, so no thread waits
+    /// for another: at worst two do the same work.
     pub(super) fn bake(&self, rays: usize) {
         if self.light.get().is_none() {
             let _ = self.light.set(Light::bake(&self.mesh, rays));

@@ -37,8 +37,8 @@ pub(in crate::commands) fn find(what: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>
     Ok(models)
 }
 
-/// Whether a folder has a model that was made again with other settings. It lies beside the first, of the same capture:
-/// who wants it names it.
+/// Whether a folder has a model that was made again with other settings. It lies beside the first, of the same capture,
+/// and is exported only if it is named.
 fn is_remake(name: &str) -> bool {
     let number = name
         .rsplit_once(".remake-")

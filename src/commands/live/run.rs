@@ -89,7 +89,7 @@ fn serve_rig(
     };
     let jobs = plan.jobs.clone();
     let frames = frames_a_shot(&rig_cameras, plan.sync.depth_frames);
-    // Before there are cameras, whose news nobody would hear meanwhile.
+    // Before the cameras start, because nothing receives their events until then.
     let interrupted = InterruptedRecordings::recover(&config.recording.folder, &watchdog)?;
     let rig = Rig::start(rig_cameras, clock, frames, Backoff::default())?;
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted)?);

@@ -154,7 +154,7 @@ impl Args {
     }
 }
 
-/// [`run`] for a person at a terminal, who may stop it with Ctrl-C.
+/// [`run`] at a terminal, where Ctrl-C stops it.
 ///
 /// # Errors
 /// As [`run`].

@@ -1,4 +1,4 @@
-//! `scand simulate --serve`: plays a recording's cameras as devices on this machine until it is told to quit.
+//! `scand simulate --serve`: plays a recording's cameras as devices on this machine until it is asked to quit.
 
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};

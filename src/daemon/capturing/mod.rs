@@ -75,7 +75,7 @@ pub struct CapturePlan {
     pub pool: Pool,
     /// Name and version of the program.
     pub program: String,
-    /// Where it is told what happens.
+    /// Where it publishes what happens.
     pub events: Events,
     /// Where its threads show that they live.
     pub watchdog: Watchdog,
@@ -87,11 +87,11 @@ pub struct CapturePlan {
 
 /// The thread, from outside.
 pub struct Capturing {
-    /// `None` once it is told to stop.
+    /// `None` once it was asked to stop.
     orders: Mutex<Option<Sender<Order>>>,
     dispatcher: Arc<Dispatcher>,
     status: Arc<Mutex<Status>>,
-    /// Whether enough cameras are ready, as systemd is told.
+    /// Whether enough cameras are ready; systemd is told the same.
     ready: AtomicBool,
     models: bool,
     jobs: Option<Arc<Jobs>>,
@@ -196,13 +196,13 @@ impl Capturing {
         }
     }
 
-    /// Answers the press of a capture, and everybody, with what became of its model.
+    /// Answers a capture's press, and tells every client that listens, what became of its model.
     pub fn job_ended(&self, event: Event) {
         self.note_effects.job_ended(&event);
         self.dispatcher.on(Input::JobEnded(event));
     }
 
-    /// Where it is told what happens.
+    /// Where it publishes what happens.
     pub fn events(&self) -> &Events {
         self.dispatcher.events()
     }
@@ -241,7 +241,7 @@ impl Capturing {
         self.models
     }
 
-    /// Notes whether enough cameras are ready, for those who ask for the status.
+    /// Notes whether enough cameras are ready, for the status.
     pub(super) fn set_ready(&self, ready: bool) {
         self.ready.store(ready, Ordering::Relaxed);
     }

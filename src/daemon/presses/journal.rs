@@ -63,7 +63,7 @@ impl Journal {
         self.try_to("write", |journal| journal.write(&line));
     }
 
-    /// The file, to be brought to the disk without anybody's waiting for it.
+    /// The file, which another thread brings to the disk.
     pub(in crate::daemon) fn file(&self) -> Option<Arc<File>> {
         self.file.clone()
     }

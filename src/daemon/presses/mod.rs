@@ -96,7 +96,7 @@ pub(super) enum Effect {
     SyncJournal,
     /// Answer the clients that follow the press.
     Reply(PressKey, Event),
-    /// Tell everybody.
+    /// Publish an event.
     Publish(Event),
     /// Enqueue the job of making the capture's model, and that of its object.
     Enqueue {

@@ -362,7 +362,7 @@ proptest! {
     ) {
         let mut watched = Watched::new();
         steps.into_iter().for_each(|step| watched.take(step));
-        // A power cut takes lines that were not brought to the disk, and captures that nobody was told of.
+        // A power cut takes lines that were not brought to the disk, and captures that no client was told of.
         let kept = watched.synced.max(watched.journal.len().saturating_sub(lost));
         let journal = watched.journal[..kept].to_vec();
         let recorded: Vec<Recorded> = watched.shots.iter().enumerate().filter_map(|(i, (capture, press))| {

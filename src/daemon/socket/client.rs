@@ -219,6 +219,6 @@ fn note(
 pub(super) fn reject(stream: &UnixStream, reason: String) {
     let mut line = serde_json::to_vec(&Reply::Refused { reason }).unwrap_or_default();
     line.push(b'\n');
-    // What was just opened has room for a line, or nobody reads it.
+    // A connection that was just opened has room for a line, unless its client has left.
     let _: Result<usize, Error> = stream.try_write(&line);
 }

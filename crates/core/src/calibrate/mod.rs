@@ -152,7 +152,7 @@ fn calibration(
     };
     RigCalibration {
         volume: fit.volume,
-        // A thousandth of a millimetre is more than anybody knows.
+        // No ruler is known to a thousandth of a millimetre.
         at_object_mm: fit.at_object().map(|m| (1e6 * m).round() / 1e3),
         verdict: Some(CalibrationVerdict {
             level: judgement.level,

@@ -246,7 +246,7 @@ pub fn grey_from_file(
     }
 }
 
-/// Runs a decoder that was written by others on bytes that were written by anybody: should it panic after
+/// Runs another library's decoder on bytes that are not trusted: should it panic after
 /// all, the picture is broken and the program goes on.
 fn guarded<T>(
     format: &'static str,

@@ -158,7 +158,7 @@ fn block(blocked: &mut [u64], taken: &[u64], run: &Range<usize>) {
     blocked.iter_mut().zip(any).for_each(|(b, a)| *b |= a);
 }
 
-/// A row moved so many columns to the left.
+/// A row, moved to the left by this many columns.
 fn shifted(row: &[u64], by: usize) -> Vec<u64> {
     let (words, bits) = (by / BITS, by % BITS);
     let word = |i: usize| row.get(i).copied().unwrap_or(0);

@@ -75,7 +75,7 @@ pub struct Drawn<'a> {
 }
 
 impl<'a> Drawn<'a> {
-    /// Draws `mesh` as `view` sees it, with so many samples a pixel along each axis (1 to 8).
+    /// Draws `mesh` as `view` sees it, with this many samples a pixel along each axis (1 to 8).
     pub fn new<P: Fn(Point3<f32>) -> [f32; 3]>(
         mesh: &'a Mesh,
         view: &View<P>,

@@ -287,7 +287,7 @@ fn check(packed: &Path, expected: [u8; 32]) -> Result<(), Error> {
     Err(io(packed)(differs))
 }
 
-/// Gives the packed copy the original's name, unless somebody has moved or replaced that meanwhile.
+/// Gives the packed copy the original's name, unless the original was moved or replaced meanwhile.
 fn put_into_place(file: &File, path: &Path, packed: &Path) -> Result<Packed, Error> {
     let original = file.metadata().map_err(io(path))?;
     let now = std::fs::metadata(path).map_err(io(path))?;

@@ -72,7 +72,7 @@ pub fn recover_copy(cut: &Path) -> Result<Recovered, Error> {
 }
 
 /// Completes a recording that was cut off. Intact bytes are never overwritten, and the rest is cut off when it is on
-/// the disk under its own name: at any moment a power cut leaves a file of which nothing is lost, and which can be
+/// the disk under its own name: at any moment a power cut leaves a file that has lost nothing and can be
 /// completed. Where a crash came between the recording's getting its name and the loss of its old one, the old one
 /// goes; another recording is never touched.
 ///

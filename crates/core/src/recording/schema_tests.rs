@@ -165,7 +165,7 @@ fn every_json_message_holds_to_the_schema_that_the_recording_carries() {
         let mut closed = schema.clone();
         close(&mut closed);
         assert_eq!(problems(&closed, &message), [""; 0], "{name}: {message}");
-        // What is no message of its schema is told apart: these tests could fail.
+        // A message that does not follow its schema is found: these tests could fail.
         assert_ne!(problems(&schema, &Value::Null), [""; 0]);
         let mut more = message;
         more["unheard of"] = 1.into();

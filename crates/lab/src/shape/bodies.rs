@@ -69,7 +69,7 @@ pub(super) fn revolution(profile: &profiles::Profile) -> Body {
     )
 }
 
-/// A mug; its handle is `raised` by so many metres.
+/// A mug; its handle is `raised` by this many metres.
 pub(super) fn mug(raised: f64) -> Body {
     const HEIGHT: f64 = 0.092;
     Body {

@@ -40,7 +40,7 @@ impl CaptureThread {
         Ok(())
     }
 
-    /// Of so many free bytes those that captures may take; `None` if not even what is kept free is there.
+    /// How many of `free` bytes captures may take; `None` if fewer are free than have to stay free.
     pub(super) fn usable(&self, free: u64) -> Option<u64> {
         let bytes = self.capture_bytes();
         // Captures that wait for the disk will take their share of it.

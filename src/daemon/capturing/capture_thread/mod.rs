@@ -205,7 +205,7 @@ impl CaptureThread {
         }
     }
 
-    /// Gives the recorder a piece of work. If its queue is full, the waiting client is told.
+    /// Gives the recorder a piece of work. If its queue is full, the client that waits gets an answer that says so.
     fn hand_over(&mut self, work: RecorderTask) -> bool {
         let refused = self.recorder.hand_over(work).err();
         let handed = refused.is_none();
@@ -213,7 +213,7 @@ impl CaptureThread {
         handed
     }
 
-    /// Shows how the rig and the disk are. The presses' figures are added where somebody asks.
+    /// Shows how the rig and the disk are. The presses' figures are added when a client asks for the status.
     fn publish(&self) {
         let bytes = self.capture_bytes();
         let free = free_bytes(&self.plan.recording.folder).unwrap_or(0);

@@ -120,7 +120,7 @@ impl CaptureThread {
         let header = Box::new(self.plan.header.clone());
         let work = RecorderTask::Change(header, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.hand_over(work) {
-            // Rather a session of its own than one whose later captures have old backgrounds.
+            // A session of its own, so that no capture has a background that is older than its session.
             log::warning!("{QUEUE_FULL}: the next capture begins a session");
             self.session = None;
         }

@@ -36,7 +36,7 @@ pub(super) fn shoot(
     for frame in &result.frames {
         synchronizer.push_frame(&frame.camera, frame.stream, frame.timestamp, frame.clone());
     }
-    // All cameras have answered, or nobody waits for them any more.
+    // All cameras have answered, or their time is over.
     let mut captures = synchronizer.finish();
     // What they gave beyond the capture is of no use to a later one: its memory is.
     synchronizer.advance(Timestamp(u64::MAX));

@@ -390,7 +390,7 @@ fn joined(
     )
 }
 
-/// The name of a capture, as a subject where nobody gave one.
+/// The name of a capture, as a subject where none was given.
 pub fn subject_of(captures: &[CaptureId]) -> &str {
     captures.first().map_or("", CaptureId::as_str)
 }

@@ -173,7 +173,7 @@ impl Cells {
         self.covered(camera, &corners, 1).map(Fragment::is_covered)
     }
 
-    /// A mesh drawn with so many samples a cell along each axis.
+    /// A mesh drawn with this many samples a cell along each axis.
     fn covered(&self, camera: &Camera, mesh: &Mesh, samples: usize) -> Grid<Fragment> {
         let scale = samples as f64;
         let project = |&v: &Point3<f32>| {

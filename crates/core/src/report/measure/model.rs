@@ -31,7 +31,7 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
-    /// Why the hull was not faired; `None` where it was, or where nobody asked for it.
+    /// Why the hull was not faired; `None` where it was, or where fairing is switched off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing_refused: Option<String>,
     /// Cubic metres that no silhouette excludes, but that too few cameras see past what they ignore, so that they are

@@ -54,7 +54,7 @@ impl Window {
         RgbImage::from_fn(self.width, self.height, |x, y| color(columns[x], rows[y]))
     }
 
-    /// The picture's columns and rows nearest to so many evenly spaced samples of each of the panel's.
+    /// The picture's columns and rows nearest to this many evenly spaced samples of each of the panel's.
     pub(super) fn samples(&self, samples: usize) -> (Vec<isize>, Vec<isize>) {
         let at = |k: usize| {
             let offset = ((k % samples) as f64 + 0.5) / samples as f64 - 0.5;

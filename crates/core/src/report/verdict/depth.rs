@@ -41,7 +41,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     about_regions(&seeing, parameters, into);
 }
 
-/// Silhouettes show no hollow: such a model is to be looked at, unless a hull is what is wanted.
+/// Silhouettes show no hollow: a person has to look at such a model, unless the configuration asks for hulls only.
 fn only_a_hull(
     code: ReasonCode,
     why: &str,

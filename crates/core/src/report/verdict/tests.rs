@@ -104,7 +104,7 @@ fn a_model_is_no_better_than_its_calibration() {
     assert_eq!(level(CalibrationLevel::Refused).0, Level::Red);
 }
 
-/// Of a rig of which no more than hulls is wanted, for that of [`measured`] has no depth camera.
+/// Parameters of a rig that is to make hulls only, because the rig of [`measured`] has no depth camera.
 fn judged(measured: &Measurements, capture: &CaptureFacts) -> Verdict {
     let parameters = Parameters {
         hull_is_wanted: true,
