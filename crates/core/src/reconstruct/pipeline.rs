@@ -3,7 +3,7 @@
 use super::depth::{self, EnhancedDepth};
 use super::fairing::{self, Faired};
 use super::hull::{self, Cone, ExtractedSurface, Fairing, Hull};
-use super::region::{self, HullRenderings, Regions};
+use super::region::{self, Bias, HullRenderings, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
@@ -376,23 +376,63 @@ fn depths(
     }
     let normals = vertex_normals(&hull.mesh);
     let threshold = parameters.region.front_threshold;
-    let mut enhanced: Vec<(HullRenderings, Mask, EnhancedDepth)> = Vec::new();
-    for view in &scene.depths {
+    let mut seen: Vec<DepthOfHull> = Vec::new();
+    for (i, view) in scene.depths.iter().enumerate() {
         let front = HullRenderings::render(&hull.mesh, &normals, &view.camera, threshold);
         let object = front.object_pixels(OBJECT_MARGIN_PX);
-        let depth = depth::enhance(view, &object, &parameters.depth)?;
-        enhanced.push((front, object, depth));
-    }
-    begin(Stage::Region)?;
-    let parameters = &parameters.region;
-    let find = |(i, (front, object, enhanced)): (usize, (_, _, EnhancedDepth))| {
+        let enhanced = depth::enhance(view, &object, &parameters.depth)?;
         let (view, volume) = fused_captures.depth_in_its_rig(scene, i);
-        DepthResult {
-            regions: region::find(front, view, &enhanced, volume, &object, parameters),
+        let bias = region::bias(&front, view, &enhanced, volume, &object, &parameters.region);
+        seen.push(DepthOfHull {
+            front,
+            object,
             enhanced,
-        }
+            bias,
+        });
+    }
+    fuse_depths(scene, &mut seen);
+    begin(Stage::Region)?;
+    let find = |seen: DepthOfHull| DepthResult {
+        regions: region::find(
+            seen.front,
+            &seen.enhanced,
+            seen.bias,
+            &seen.object,
+            &parameters.region,
+        ),
+        enhanced: seen.enhanced,
     };
-    Ok(enhanced.into_iter().enumerate().map(find).collect())
+    Ok(seen.into_iter().map(find).collect())
+}
+
+/// What one depth camera sees of the hull.
+struct DepthOfHull {
+    front: HullRenderings,
+    object: Mask,
+    enhanced: EnhancedDepth,
+    bias: Bias,
+}
+
+/// Gives each depth camera the depth that all of them agree on.
+fn fuse_depths(scene: &Scene, depths: &mut [DepthOfHull]) {
+    if depths.len() < 2 {
+        return;
+    }
+    let seen: Vec<depth::Seen> = scene
+        .depths
+        .iter()
+        .zip(&*depths)
+        .map(|(view, of_hull)| depth::Seen {
+            camera: &view.camera,
+            enhanced: &of_hull.enhanced,
+            bias: of_hull.bias.metres,
+            remaining: of_hull.bias.remaining,
+        })
+        .collect();
+    let fused = depth::fuse(&seen);
+    for (of_hull, (depth, sigma)) in depths.iter_mut().zip(fused) {
+        (of_hull.enhanced.depth, of_hull.enhanced.sigma) = (depth, sigma);
+    }
 }
 
 /// The model with fewer vertices, each of which it had before.

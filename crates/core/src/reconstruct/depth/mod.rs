@@ -9,9 +9,11 @@ mod joint_bilateral;
 mod noise;
 mod plate;
 mod pyramid;
+mod several;
 mod window;
 
 pub use noise::SensorNoise;
+pub use several::{Seen, fuse};
 
 use crate::frame::CameraId;
 use crate::image::{Grid, Mask};

@@ -97,8 +97,8 @@ impl<'a> Carving<'a> {
         Some((behind * self.values_per_metre).clamp(-127.5, 127.5) as f32)
     }
 
-    /// Unit outward normal of the carving surface at a point: towards the camera.
-    fn normal(&self, p: Point3<f64>) -> Option<Vector3<f64>> {
+    /// Unit outward normal of the carving surface at a point: towards the camera; `None` where nothing is carved.
+    pub fn normal(&self, p: Point3<f64>) -> Option<Vector3<f64>> {
         const STEP_PX: f64 = 0.5;
         let (pixel, _) = self.camera.project(p)?;
         let at = |dx: f64, dy: f64| self.depth_at(Point2::new(pixel.x + dx, pixel.y + dy));

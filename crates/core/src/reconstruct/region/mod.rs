@@ -117,19 +117,30 @@ impl Regions {
     }
 }
 
-/// Finds the regions that one depth camera sees of a hull whose `front` it sees. `object` are the pixels that
+/// The offset of one depth camera's depth, which sees a hull's `front`. `object` are the pixels that
 /// [`HullRenderings::object_pixels`] gave.
-pub fn find(
-    front: HullRenderings,
+pub fn bias(
+    front: &HullRenderings,
     view: &DepthView,
     depth: &EnhancedDepth,
     volume: &Volume,
     object: &Mask,
     parameters: &Parameters,
+) -> Bias {
+    let raw = difference(front, depth);
+    Bias::estimate(view, front, &raw, volume, object, parameters)
+}
+
+/// Finds the regions that one depth camera sees of a hull whose `front` it sees. `object` are the pixels that
+/// [`HullRenderings::object_pixels`] gave.
+pub fn find(
+    front: HullRenderings,
+    depth: &EnhancedDepth,
+    bias: Bias,
+    object: &Mask,
+    parameters: &Parameters,
 ) -> Regions {
-    let raw = difference(&front, depth);
-    let bias = Bias::estimate(view, &front, &raw, volume, object, parameters);
-    let difference = raw.map(|f| f - bias.metres as f32);
+    let difference = difference(&front, depth).map(|f| f - bias.metres as f32);
     let sigma_difference = standard_deviation(&difference);
     let mut regions = Regions {
         labels: Grid::filled(difference.width(), difference.height(), 0),

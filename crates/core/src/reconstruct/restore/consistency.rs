@@ -22,27 +22,31 @@ pub(super) fn close_openings(
     depths: &mut [Grid<f32>],
     cell_size: f64,
 ) -> usize {
-    let open: Vec<(Point3<f64>, usize)> = template
+    let open: Vec<Point3<f64>> = template
         .hull
         .cones()
         .par_iter()
         .flat_map_iter(|cone| openings(cone, template, carved, carvings, cell_size))
         .collect();
-    for &(p, carving) in &open {
-        keep(p, &carvings[carving], &mut depths[carving], cell_size);
+    for &p in &open {
+        for (carving, depth) in carvings.iter().zip(&mut *depths) {
+            if carving.carved_depth(p).is_some_and(|off| off > 0.0) {
+                keep(p, carving, depth, cell_size);
+            }
+        }
     }
     open.len()
 }
 
 /// For each pixel of a silhouette that the carved surface no longer covers: the point of the hull on its ray
-/// that was carved least, and by which carving.
+/// that was carved least.
 fn openings<'a>(
     cone: &'a Cone,
     template: &'a Template,
     carved: &Mesh,
     carvings: &'a [Carving],
     cell_size: f64,
-) -> impl Iterator<Item = (Point3<f64>, usize)> + 'a {
+) -> impl Iterator<Item = Point3<f64>> + 'a {
     let lens = &cone.camera().intrinsics;
     let scale = (CHECKED_SIDE / lens.width.max(lens.height) as f64).min(1.0);
     let [width, height] = [lens.width, lens.height].map(|n| (n as f64 * scale) as usize);
@@ -78,7 +82,7 @@ fn least_carved(
     template: &Template,
     carvings: &[Carving],
     cell_size: f64,
-) -> Option<(Point3<f64>, usize)> {
+) -> Option<Point3<f64>> {
     let volume = template.hull.volume();
     let reach = (volume.max - volume.min).norm();
     let middle = (nalgebra::center(&volume.min, &volume.max) - origin).dot(&direction);
@@ -86,25 +90,20 @@ fn least_carved(
     let (enters, leaves) = within(&volume, origin, direction)?;
     let first = ((enters - start) / cell_size).floor().max(0.0) as usize;
     let last = ((leaves.min(middle + 0.5 * reach) - start) / cell_size).ceil();
-    let mut least: Option<(f64, Point3<f64>, usize)> = None;
+    let mut least: Option<(f64, Point3<f64>)> = None;
     for step in first..last.max(0.0) as usize {
         let p = origin + direction * (start + step as f64 * cell_size);
         if template.solid.value(p, UndecidedConstraints::MAX) <= 0.0 {
             continue;
         }
-        // The carving that took most off the point is the one that would have to be undone.
-        let taken = carvings
-            .iter()
-            .enumerate()
-            .filter_map(|(i, c)| Some((c.carved_depth(p)?, i)));
-        let (off, carving) = taken
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|(off, _)| *off > 0.0)?;
-        if least.is_none_or(|(least, ..)| off < least) {
-            least = Some((off, p, carving));
+        // The carving that took most off the point is the one that would have to be undone most.
+        let taken = carvings.iter().filter_map(|c| c.carved_depth(p));
+        let off = taken.max_by(f64::total_cmp).filter(|off| *off > 0.0)?;
+        if least.is_none_or(|(least, _)| off < least) {
+            least = Some((off, p));
         }
     }
-    least.map(|(_, p, carving)| (p, carving))
+    least.map(|(_, p)| p)
 }
 
 /// Where a ray enters and leaves the volume, as lengths along it; `None` where it misses it.

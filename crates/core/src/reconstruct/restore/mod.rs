@@ -4,6 +4,7 @@
 //!   rings as a height field cannot, then the patches that face the camera are relaxed towards the depth;
 //! - `lid` (the paper's): the hull's patch over each region is given the Laplacian coordinates of the depth.
 
+mod between;
 mod carve;
 mod coating;
 mod consistency;
@@ -143,10 +144,11 @@ pub fn restore(
         return Ok(Restored::uncarved(plain(template)));
     }
     let cell_size = template.lattice.cell_size;
-    let depths: Vec<Grid<f32>> = sources
+    let mut depths: Vec<Grid<f32>> = sources
         .iter()
         .map(|s| carve::carving_depth(s, cell_size, parameters))
         .collect();
+    between::keep_between(&mut depths, &sources, cell_size, parameters);
     match parameters.form {
         Form::Carve => carve_and_relax(template, &sources, depths, parameters),
         Form::Coating => {
@@ -173,10 +175,8 @@ fn carve_and_relax(
 ) -> Result<Restored, Singular> {
     let (surface, mut restored) = carve_by(template, sources, depths);
     if parameters.smoothness > 0.0 {
-        for (i, source) in sources.iter().enumerate() {
-            let is_of_source = |v: usize| carving_of(surface[v]) == Some(i);
-            relax::relax(&mut restored.model, source, is_of_source, parameters)?;
-        }
+        let source_of = |v: usize| carving_of(surface[v]);
+        relax::relax(&mut restored.model, sources, source_of, parameters)?;
     }
     Ok(restored)
 }

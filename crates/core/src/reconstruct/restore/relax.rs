@@ -9,19 +9,21 @@ use crate::mesh::vertex_normals;
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point3, Vector3};
 
-/// Relaxes what `source` restored. `is_of_source` tells which vertices lie on its carving.
+/// Relaxes what `sources` restored. `source_of` tells on whose carving a vertex lies. They are relaxed together: where
+/// two of them restored one surface, it is one.
 ///
 /// # Errors
 /// If a part of the patch has no anchor.
 pub(super) fn relax(
     model: &mut Model,
-    source: &Source,
-    is_of_source: impl Fn(usize) -> bool,
+    sources: &[Source],
+    source_of: impl Fn(usize) -> Option<usize>,
     parameters: &Parameters,
 ) -> Result<(), Singular> {
     let restored = |v: u32| {
         let from = model.provenance[v as usize];
-        is_of_source(v as usize) && matches!(from, Provenance::Restored | Provenance::Bridged)
+        source_of(v as usize).is_some()
+            && matches!(from, Provenance::Restored | Provenance::Bridged)
     };
     let patch = Patch::new(&model.mesh, restored);
     let positions: Vec<[f64; 3]> = patch
@@ -29,10 +31,12 @@ pub(super) fn relax(
         .iter()
         .map(|&v| model.mesh.vertices[v as usize].cast::<f64>().into())
         .collect();
-    let noise = f64::from(source.depth.facts.temporal_noise).max(1e-5);
     let weight = |&v: &u32| {
+        let noise = source_of(v as usize).map_or(0.0, |i| sources[i].depth.facts.temporal_noise);
         let sigma = f64::from(model.expected_error[v as usize]).max(1e-5);
-        (noise / sigma).powi(2).clamp(0.05, 4.0)
+        (f64::from(noise).max(1e-5) / sigma)
+            .powi(2)
+            .clamp(0.05, 4.0)
     };
     let weights: Vec<f64> = patch.vertices[..patch.inner].iter().map(weight).collect();
     let solution = solve(
@@ -45,9 +49,12 @@ pub(super) fn relax(
             ring: &positions[patch.inner..],
         },
     )?;
-    let eye: Point3<f32> = source.camera.camera.center().cast();
     for (x, &v) in solution.iter().zip(&patch.vertices) {
         let v = v as usize;
+        let Some(source) = source_of(v) else {
+            continue;
+        };
+        let eye: Point3<f32> = sources[source].camera.camera.center().cast();
         // Only along the normal: sliding within the surface would even out the triangles and shrink rims.
         let normal: Vector3<f32> = model.normals[v];
         let here = model.mesh.vertices[v];
