@@ -12,6 +12,7 @@ use futures_util::StreamExt;
 use parking_lot::Mutex;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
+use std::hash::RandomState;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -127,6 +128,8 @@ pub struct Dispatcher {
     /// Workers whose models were found wrong.
     distrusted: Mutex<BTreeSet<String>>,
     defects: AtomicU64,
+    /// Draws the jobs that are made again, in each run other ones: a worker that knew which could be right in those alone.
+    pub(super) lots: RandomState,
 }
 
 impl Drop for Dispatcher {
@@ -157,6 +160,7 @@ impl Dispatcher {
             committed: Mutex::default(),
             distrusted: Mutex::default(),
             defects: AtomicU64::default(),
+            lots: RandomState::new(),
         }))
     }
 

@@ -10,6 +10,7 @@ use super::step::{BUNDLE, EXIT_DIFFERS, EXIT_EQUAL, EXIT_REFUSED};
 use super::subjects::{self, RESULTS};
 use super::transfer::TransferError;
 use crate::log;
+use std::hash::BuildHasher;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -211,14 +212,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         Received::Done(JobOutcome::Failed { reason, words })
     }
 
-    /// Whether this job is of the share that is made again; its digest decides.
+    /// Whether this job is of the share that is made again. No worker can know it.
     fn is_to_be_rechecked(&self, digest: &str) -> bool {
-        let share = self.offers.plan.recheck;
-        let first = digest
-            .get(..8)
-            .and_then(|d| u32::from_str_radix(d, 16).ok());
-        let place = f64::from(first.unwrap_or_default()) / f64::from(u32::MAX);
-        place < share || share >= 1.0
+        let place = self.offers.lots.hash_one(digest) as f64 / u64::MAX as f64;
+        place < self.offers.plan.recheck || self.offers.plan.recheck >= 1.0
     }
 
     /// Makes the model here; what it is if it is another one.

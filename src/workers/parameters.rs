@@ -33,22 +33,24 @@ pub struct Parameters {
     #[serde(deserialize_with = "count::<_, _, 1, 86_400>")]
     #[serde(skip_serializing_if = "is_usual_wait")]
     pub fleet_wait_s: u32,
-    /// The share of the fleet's models that are made here again and compared, 0 to 1. Default 0.
+    /// The share of the fleet's models that are made here again and compared, 0 to 1. Default 0.02.
     #[serde(deserialize_with = "within::<_, _, 0, 1>")]
-    #[serde(skip_serializing_if = "is_none")]
+    #[serde(skip_serializing_if = "is_usual_share")]
     pub recheck: f64,
 }
 
 /// How long a job waits unless the configuration says otherwise.
 const USUAL_WAIT: u32 = 60;
+/// The share of models that is made again unless the configuration says otherwise.
+const USUAL_SHARE: f64 = 0.02;
 
 // What is not set is not written: a model's digest has the text of all settings in it.
 fn is_usual_wait(seconds: &u32) -> bool {
     *seconds == USUAL_WAIT
 }
 
-fn is_none(share: &f64) -> bool {
-    *share == 0.0
+fn is_usual_share(share: &f64) -> bool {
+    *share == USUAL_SHARE
 }
 
 impl Default for Parameters {
@@ -62,7 +64,7 @@ impl Default for Parameters {
             fleet: None,
             fleet_or_local: false,
             fleet_wait_s: USUAL_WAIT,
-            recheck: 0.0,
+            recheck: USUAL_SHARE,
         }
     }
 }
