@@ -16,6 +16,8 @@ pub enum Compression {
     None,
     /// With zstd at its default level.
     Zstd,
+    /// With zstd at its fastest level, for what is packed to travel once.
+    ZstdFastest,
 }
 
 type Inner = mcap::Writer<BufWriter<Blocks>>;
@@ -60,17 +62,20 @@ impl Container {
         library: &str,
         compression: Compression,
     ) -> Result<Self> {
+        let (packing, level) = match compression {
+            Compression::None => (None, 0),
+            // The library's default level.
+            Compression::Zstd => (Some(mcap::Compression::Zstd), 0),
+            Compression::ZstdFastest => (Some(mcap::Compression::Zstd), 1),
+        };
         let options = WriteOptions::new()
             .profile(profile)
             .library(library)
             // Chunks end where the writer above says.
             .chunk_size(None)
-            .compression(match compression {
-                Compression::None => None,
-                Compression::Zstd => Some(mcap::Compression::Zstd),
-            })
-            // The library's default level, in the thread that writes.
-            .compression_level(0)
+            .compression(packing)
+            .compression_level(level)
+            // In the thread that writes.
             .compression_threads(0);
         let inner = options.create(BufWriter::new(Blocks(file))).map_err(io)?;
         Ok(Self {

@@ -21,7 +21,7 @@ impl Recording {
         to: &Path,
         program: &str,
     ) -> Result<String, Error> {
-        let mut writer = Writer::create(to, program, Compression::Zstd)?;
+        let mut writer = Writer::create(to, program, Compression::ZstdFastest)?;
         let mut content = Content::default();
         for (name, pairs) in self.metadata().iter().filter(|(n, _)| n != OF_THE_WRITER) {
             writer.metadata(name, pairs)?;
