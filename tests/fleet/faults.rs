@@ -1,8 +1,7 @@
-//! Workers and servers that are killed, stopped, or lose what they had; a worker that sends rubbish.
+//! Workers and servers that are killed, stopped, or lose what they had, all in one run; a worker that sends rubbish.
 
 use crate::support::dice::Dice;
 use crate::support::torture;
-use crate::support::wait::until;
 use crate::test_bench::{Process, TestBench, finished, made_here, models, said, simulated, told};
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -114,79 +113,6 @@ fn whatever_is_killed_each_capture_is_committed_once_and_is_what_it_would_be_her
         assert!(models(&out) == here);
         println!("shown: round {round}: 100 models, each once, with {started} workers");
     }
-}
-
-#[test]
-fn a_worker_that_stands_still_loses_its_job_and_its_late_result_changes_nothing() {
-    let Some(bench) = TestBench::start("") else {
-        return;
-    };
-    let recording = simulated(6);
-    // Large enough to be caught at it.
-    let one = [
-        "--capture",
-        "ball-000",
-        "--set",
-        "hull.resolution=260",
-        "--quiet",
-    ];
-    let local = bench.replay(&recording, "here", &one).output().unwrap();
-    assert!(local.status.success(), "{}", said(&local));
-    let first = bench.worker("first", &[]);
-    let replay = bench
-        .by_fleet(&recording, "out", &one)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn();
-    let replay = replay.unwrap();
-    let started = |log: &str| bench.log(log).contains("started");
-    until("a worker begins", || started("first"));
-    first.signal(Signal::STOP);
-    let since = Instant::now();
-    let _second = bench.worker("second", &[]);
-    until("another worker begins", || started("second"));
-    let moved = since.elapsed();
-    println!(
-        "shown: the job was elsewhere {:.1} s after the last sign of life",
-        moved.as_secs_f64()
-    );
-    assert!(moved < Duration::from_secs(15), "{moved:?}");
-    first.signal(Signal::CONT);
-    let output = finished(replay);
-    assert!(output.status.success(), "{}", said(&output));
-    assert_eq!(told(&output).len(), 1);
-    assert!(models(&bench.path("out")) == models(&bench.path("here")));
-    // The first one, too, comes to its end, and nobody minds.
-    until("both have made it", || {
-        bench.log("first").contains("sent") && bench.log("second").contains("sent")
-    });
-}
-
-#[test]
-fn a_server_that_is_away_and_a_clock_that_differs_are_waited_for_and_lose_nothing() {
-    let Some(bench) = TestBench::without_server("") else {
-        return;
-    };
-    let recording = simulated(6);
-    let here = made_here(&bench, &recording);
-    let _worker = bench.worker("w", &[]);
-    let replay = bench
-        .by_fleet(&recording, "out", &[])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn();
-    let replay = replay.unwrap();
-    std::thread::sleep(Duration::from_secs(3));
-    // The server's clock is an hour ahead of all others, where that can be tried.
-    let library = "/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1";
-    if Path::new(library).exists() {
-        bench.start_server_with(&[("LD_PRELOAD", library), ("FAKETIME", "+1h")]);
-    } else {
-        bench.start_server();
-    }
-    let output = finished(replay);
-    assert!(output.status.success(), "{}", said(&output));
-    assert!(models(&bench.path("out")) == here);
 }
 
 #[test]

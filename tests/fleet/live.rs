@@ -7,6 +7,7 @@ use scand::workers::handover::{self, Answer};
 use scand::workers::{
     Ended, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
 };
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -226,16 +227,31 @@ fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
         .output()
         .unwrap();
     assert!(coarse.status.success(), "{}", said(&coarse));
+    // Models of earlier days: one of the same worker, one of another.
+    for worker in ["wrong", "right"] {
+        let folder = bench.path("models/earlier").join(worker);
+        std::fs::create_dir_all(&folder).unwrap();
+        let origin =
+            json!({"digest": "d", "contents_sha256": "c", "worker": worker, "made_of": "m"});
+        let file = bench.path(&format!("models/earlier/.{worker}.fleet"));
+        std::fs::write(file, origin.to_string()).unwrap();
+    }
+    // The real process of that name, which has another program, so that it takes none of these jobs, and hears all the
+    // same that it is to stop.
+    let mut told = bench.worker_command("wrong", &bench.address(), &[]);
+    told.env("SCAND_FLEET_TEST_PROGRAM", "other");
+    told.arg("--scratch").arg(bench.path("scratch"));
+    let mut told = Process(bench.logged(told, "wrong").spawn().unwrap());
     let _fleet = fleet_process(&bench, "recheck = 1.0");
     let address = bench.address();
-    let models = bench.path("coarse/cup");
+    let made_wrong = bench.path("coarse/cup");
     let bundle = bench.path("bundle");
     let wrong = std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
             .unwrap();
-        runtime.block_on(answer_with(&address, &models, &bundle))
+        runtime.block_on(answer_with(&address, &made_wrong, &bundle))
     });
     let ended = next(&rig, &bench);
     let reason = ended.model.unwrap_err();
@@ -247,11 +263,22 @@ fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
         wrong.join().unwrap(),
         "rig hall, capture ".to_owned() + &ended.capture
     );
-    let mark = bench
-        .path("models/cup")
-        .join(&ended.capture)
-        .join("distrusted.txt");
-    assert!(std::fs::read_to_string(mark).unwrap().contains("wrong"));
+    let is_marked = |model: &str| {
+        let mark = bench.path("models").join(model).join("distrusted.txt");
+        std::fs::read_to_string(mark).is_ok_and(|words| words.contains("The worker wrong made"))
+    };
+    assert!(is_marked(&format!("cup/{}", ended.capture)));
+    assert!(is_marked("earlier/wrong") && !is_marked("earlier/right"));
+    assert!(!told.wait().success());
+    let log = bench.log("wrong");
+    assert!(log.contains("check this machine's memory"), "{log}");
+    // A worker that makes what this machine makes does the others.
+    let _right = bench.worker("right", &[]);
+    for _ in 0..5 {
+        let ended = next(&rig, &bench);
+        let model = ended.model.unwrap();
+        assert!(!model.folder.join("distrusted.txt").exists());
+    }
 }
 
 /// Plays a worker that answers one offer with a model of other settings; what it is told then.

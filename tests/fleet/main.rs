@@ -7,9 +7,12 @@
 mod support;
 
 mod archive;
+mod clocks;
 mod disk;
 mod faults;
 mod live;
+mod lost;
 mod roles;
 mod simulation;
 mod test_bench;
+mod wire;

@@ -1,9 +1,11 @@
 //! The sample configuration of a server: what each role may do works, what it may not is denied, and no secret is where
 //! somebody else could read it.
 
-use crate::support::wait::until;
+use crate::support::wait::{until, until_or};
 use crate::test_bench::{Process, free_port, has_server, models, program, said, simulated};
 use async_nats::{Client, ConnectOptions, Event};
+use scand::config::Config;
+use scand::workers::{Job, Jobs};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -186,12 +188,25 @@ fn each_role_does_its_work_with_the_sample_and_no_secret_is_anywhere_else() {
     );
     assert!(!said(&status).contains("ermission"), "{}", said(&status));
 
-    // A support bundle of a rig that has such an address.
-    let rig = sample.path("rig.toml");
-    let recordings = sample.path("recordings");
+    // A rig that has such an address: its job, and what became of it; and then its support bundle.
     let address = sample.address();
-    let text = format!("[recording]\nfolder = {recordings:?}\n[workers]\nfleet = \"{address}\"\n");
-    std::fs::write(&rig, text).unwrap();
+    let rig = rig_with_a_job(&sample, &recording);
+    let mut process = program();
+    process.args(["fleet", "run", "--config"]).arg(&rig);
+    // The address is that of the configuration.
+    process.args(&sample.access("hall")[2..]);
+    let log = std::fs::File::create(sample.path("hall.log")).unwrap();
+    process.stdout(Stdio::null()).stderr(log);
+    let mut process = Process(process.spawn().unwrap());
+    let rig_log = || std::fs::read_to_string(sample.path("hall.log")).unwrap();
+    let is_answered = |file: std::fs::DirEntry| file.path().extension() == Some("answer".as_ref());
+    until_or("the rig has its model", rig_log, || {
+        let jobs = std::fs::read_dir(sample.path("recordings/jobs")).unwrap();
+        jobs.flatten().any(is_answered)
+    });
+    process.kill();
+    assert!(sample.path("models/fleet-6/ball-000/model.glb").exists());
+    assert!(!rig_log().contains("ermission"), "{}", rig_log());
     let packed = sample.path("support.tar.zst");
     let mut check = program();
     check.args(["check", "--no-speed", "--config"]).arg(&rig);
@@ -204,7 +219,7 @@ fn each_role_does_its_work_with_the_sample_and_no_secret_is_anywhere_else() {
     std::fs::write(sample.path("support.tar"), support).unwrap();
 
     // The keys are in their own files and nowhere else: not in a recording, a
-    // model, a log, what is on the server, or the support bundle.
+    // job, a model, a log, what is on the server, or the support bundle.
     let seeds = ["hall", "attic", "office"].map(|name| std::fs::read(sample.path(name)).unwrap());
     let mut looked = 0;
     let mut folders = vec![sample.home.path().to_owned()];
@@ -229,6 +244,29 @@ fn each_role_does_its_work_with_the_sample_and_no_secret_is_anywhere_else() {
         }
     }
     assert!(looked > 30, "{looked}");
+}
+
+/// A rig's configuration, and a job in its folder as its daemon writes it.
+fn rig_with_a_job(sample: &Sample, recording: &Path) -> PathBuf {
+    let [recordings, models] = ["recordings", "models"].map(|name| sample.path(name));
+    let address = sample.address();
+    let text = format!(
+        "[recording]\nfolder = {recordings:?}\n[workers]\nfolder = {models:?}\nfleet = \"{address}\"\n"
+    );
+    let file = sample.path("rig.toml");
+    std::fs::write(&file, text).unwrap();
+    std::fs::create_dir(&recordings).unwrap();
+    let own = recordings.join("fleet-6.mcap");
+    std::fs::copy(recording, &own).unwrap();
+    let jobs = Jobs::open(&recordings).unwrap();
+    let config = Config::load(Some(&file), &["hull.resolution=24".to_owned()]).unwrap();
+    jobs.set_settings(&config.replay_toml().unwrap()).unwrap();
+    let session = scand::recording::Recording::open(&own).unwrap();
+    let message = session.messages(&scand::recording::Topic::Trigger).first();
+    let trigger = session.trigger(message.unwrap()).unwrap();
+    let job = Job::new(&own, trigger.id.as_str(), trigger.time.0, &trigger.source);
+    jobs.enqueue(&job).unwrap();
+    file
 }
 
 #[test]

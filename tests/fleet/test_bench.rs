@@ -98,11 +98,6 @@ impl TestBench {
     }
 
     pub fn start_server(&self) {
-        self.start_server_with(&[]);
-    }
-
-    /// Starts the server with more in its environment.
-    pub fn start_server_with(&self, environment: &[(&str, &str)]) {
         let file = self.path("server.conf");
         let store = self.path("store");
         let port = self.port;
@@ -119,7 +114,6 @@ impl TestBench {
         let process = Command::new(SERVER)
             .arg("--config")
             .arg(&file)
-            .envs(environment.iter().copied())
             .stdout(Stdio::null())
             .stderr(log.unwrap())
             .spawn();
@@ -146,10 +140,17 @@ impl TestBench {
 
     /// Starts a worker whose files are in a folder.
     pub fn worker_in(&self, name: &str, scratch: &Path, arguments: &[&str]) -> Process {
-        let mut command = program();
-        command.args(["worker", "--fleet", &self.address(), "--name", name]);
-        command.args(arguments).arg("--scratch").arg(scratch);
+        let mut command = self.worker_command(name, &self.address(), arguments);
+        command.arg("--scratch").arg(scratch);
         Process(self.logged(command, name).spawn().unwrap())
+    }
+
+    /// What starts a worker of the server at an address.
+    pub fn worker_command(&self, name: &str, address: &str, arguments: &[&str]) -> Command {
+        let mut command = program();
+        command.args(["worker", "--fleet", address, "--name", name]);
+        command.args(arguments);
+        command
     }
 
     /// Sends what a process says to a file of this name.

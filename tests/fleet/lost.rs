@@ -1,0 +1,152 @@
+//! Workers that do not come back, or not in time: one that stands still, one that is cut off, one that is told to stop,
+//! and a job that takes its workers with it.
+
+use crate::support::wait::until;
+use crate::test_bench::{Process, TestBench, finished, models, program, said, simulated, told};
+use crate::wire::Wire;
+use rustix::process::Signal;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// One capture, fine enough that its worker can be caught at it.
+const ONE: [&str; 5] = [
+    "--capture",
+    "ball-000",
+    "--set",
+    "hull.resolution=260",
+    "--quiet",
+];
+
+fn spawned(mut command: Command) -> Child {
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().unwrap()
+}
+
+/// What befalls the worker `first` in its job moves the job to another one within 15 s; when it is over, both have made
+/// it, and the model is the one that is made here.
+fn moves_elsewhere(bench: &TestBench, befall: impl FnOnce(), undo: impl FnOnce()) {
+    let recording = simulated(6);
+    let local = bench.replay(&recording, "here", &ONE).output().unwrap();
+    assert!(local.status.success(), "{}", said(&local));
+    let replay = spawned(bench.by_fleet(&recording, "out", &ONE));
+    let started = |log: &str| bench.log(log).contains("started");
+    until("a worker begins", || started("first"));
+    befall();
+    let since = Instant::now();
+    let _second = bench.worker("second", &[]);
+    until("another worker begins", || started("second"));
+    let moved = since.elapsed();
+    println!(
+        "shown: the job was elsewhere {:.1} s after the last sign of life",
+        moved.as_secs_f64()
+    );
+    assert!(moved < Duration::from_secs(15), "{moved:?}");
+    undo();
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(told(&output).len(), 1);
+    assert!(models(&bench.path("out")) == models(&bench.path("here")));
+    // The first one, too, comes to its end, and nobody minds.
+    until("both have made it", || {
+        bench.log("first").contains("sent") && bench.log("second").contains("sent")
+    });
+}
+
+#[test]
+fn a_worker_that_stands_still_loses_its_job_and_its_late_result_changes_nothing() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let first = bench.worker("first", &[]);
+    moves_elsewhere(
+        &bench,
+        || first.signal(Signal::STOP),
+        || first.signal(Signal::CONT),
+    );
+}
+
+#[test]
+fn a_worker_that_is_cut_off_loses_its_job_and_its_late_result_changes_nothing() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let wire = Wire::to(bench.port);
+    let address = format!("nats://127.0.0.1:{}", wire.port);
+    let mut first = bench.worker_command("first", &address, &[]);
+    first.arg("--scratch").arg(bench.path("far"));
+    let _first = Process(bench.logged(first, "first").spawn().unwrap());
+    moves_elsewhere(&bench, || wire.cut(), || wire.mend());
+}
+
+#[test]
+fn a_worker_that_is_told_to_stop_says_why_and_ends_as_failed() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let mut worker = bench.worker("w", &[]);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let client = async_nats::connect(bench.address()).await.unwrap();
+        while worker.0.try_wait().unwrap().is_none() {
+            let reason = "rig hall, capture vase-3".into();
+            client.publish("scand.stop.w", reason).await.unwrap();
+            client.flush().await.unwrap();
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    });
+    assert_eq!(worker.wait().code(), Some(1), "{}", bench.log("w"));
+    let log = bench.log("w");
+    assert!(
+        log.contains("rig hall, capture vase-3") && log.contains("check this machine's memory"),
+        "{log}"
+    );
+}
+
+/// Ten workers begin a job and are never heard of again. This takes as long as a rig waits for a lost worker.
+#[test]
+fn a_job_whose_workers_go_away_for_ever_ends_as_failed() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let one = ["--capture", "ball-000"];
+    let mut replay = spawned(bench.by_fleet(&simulated(6), "out", &one));
+    let waiting = || -> serde_json::Value {
+        let mut command = program();
+        command.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
+        serde_json::from_slice(&command.output().unwrap().stdout).unwrap_or_default()
+    };
+    until("the job is offered", || {
+        waiting()["waiting"][0]["jobs"] == 1 || replay.try_wait().unwrap().is_some()
+    });
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(begin_and_go_away(&bench.address()));
+    let output = finished(replay);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let reason = told(&output)[0]["reasons"][0].to_string();
+    assert!(reason.contains("10 workers went away for ever"), "{reason}");
+    assert!(Path::new(&bench.path("out/fleet-6/ball-000/report.json")).exists());
+}
+
+async fn begin_and_go_away(address: &str) {
+    let client = async_nats::connect(address).await.unwrap();
+    let asked = r#"{"last_by_subj":"scand.job.>"}"#;
+    let subject = "$JS.API.STREAM.MSG.GET.SCAND_JOBS";
+    let found = client.request(subject, asked.into()).await.unwrap();
+    let found: serde_json::Value = serde_json::from_slice(&found.payload).unwrap();
+    let job = found["message"]["subject"].as_str().unwrap();
+    let digest = job.rsplit('.').next().unwrap();
+    for number in 0..10 {
+        let started = serde_json::json!({"worker": "w", "instance": format!("i{number}")});
+        let subject = format!("scand.started.archive.{digest}");
+        let published = client.publish(subject, started.to_string().into()).await;
+        published.unwrap();
+    }
+    client.flush().await.unwrap();
+}
