@@ -128,7 +128,8 @@ pub struct Dispatcher {
     /// Workers whose models were found wrong.
     distrusted: Mutex<BTreeSet<String>>,
     defects: AtomicU64,
-    /// Draws the jobs that are made again, in each run other ones: a worker that knew which could be right in those alone.
+    /// Draws the jobs that are made again, in each run other ones: a worker that knew which could be right in those
+    /// alone.
     pub(super) lots: RandomState,
 }
 

@@ -1,5 +1,5 @@
-//! A server that is away when a run begins, and machines whose clocks differ by an hour: both are waited for, and nothing
-//! is lost.
+//! A server that is away when a run begins, and machines whose clocks differ by an hour: both are waited for, and
+//! nothing is lost.
 
 use crate::support::wait::until;
 use crate::test_bench::{Process, TestBench, finished, made_here, models, said, simulated};
