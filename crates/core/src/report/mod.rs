@@ -14,7 +14,7 @@ pub use document::{
 };
 pub use measure::{
     ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera,
-    ProvenanceMeasures, RegionMeasures, measure,
+    ProvenanceMeasures, RegionMeasures, UnobservedMeasures, measure,
 };
 pub use preview::{CaptureViews, picture_of, preview, preview_object, stamp};
 pub use verdict::{Limits, Parameters, Reason, ReasonCode, Verdict, judge};

@@ -8,3 +8,4 @@ mod ignored;
 mod poses;
 mod silhouettes;
 mod verdict;
+mod verdict_trial;

@@ -40,7 +40,7 @@ fn simulated_at(resolution: f64, change: impl Fn(&mut Options)) -> (Scene, Recon
     (scene, made)
 }
 
-fn facts() -> CaptureFacts {
+pub(crate) fn facts() -> CaptureFacts {
     CaptureFacts {
         id: CaptureId::new("cup-000").unwrap(),
         time_ns: Timestamp(1_700_000_000_000_000_000),

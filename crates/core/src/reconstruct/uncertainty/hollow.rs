@@ -33,8 +33,8 @@ impl Readings<'_> {
     }
 }
 
-/// Whether a place of the hull may be the lid over a hollow.
-pub(super) fn may_be_lid(p: Point3<f64>, normal: Vector3<f32>, readings: &[Readings]) -> bool {
+/// Whether a place of the hull (metres, with its unit outward normal) may be the lid over a hollow.
+pub fn may_be_lid(p: Point3<f64>, normal: Vector3<f32>, readings: &[Readings]) -> bool {
     normal.z > UP && !readings.iter().any(|camera| camera.reach(p))
 }
 

@@ -12,7 +12,7 @@ use super::fairing::Body;
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
-pub use hollow::Readings;
+pub use hollow::{Readings, may_be_lid};
 use nalgebra::{Point3, Vector3};
 use patches::Patches;
 use rayon::prelude::*;

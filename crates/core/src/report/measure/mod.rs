@@ -8,12 +8,14 @@ mod model;
 mod moved;
 mod outline;
 mod trial_hull;
+mod unobserved;
 
 pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
 pub use exchanged::Exchanged;
 pub use model::{ModelMeasures, ProvenanceMeasures};
 pub use moved::MovedCamera;
+pub use unobserved::UnobservedMeasures;
 
 use super::coarse::coarse;
 use crate::reconstruct::{Method, Reconstruction, Scene};
@@ -63,7 +65,7 @@ pub fn measure(scene: &Scene, made: &Reconstruction, method: Method) -> Measurem
         let depths = depths
             .map(|(view, result)| DepthMeasures::of(view, result, &made.model.mesh))
             .collect();
-        (depths, ModelMeasures::of(made))
+        (depths, ModelMeasures::of(scene, made))
     };
     let ((colors, moved, exchanged), (depths, model)) = rayon::join(colors, rest);
     Measurements {

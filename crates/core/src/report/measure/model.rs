@@ -1,7 +1,8 @@
 //! The model in figures.
 
+use super::UnobservedMeasures;
 use crate::mesh::{self, Mesh, bounding_box, check, components};
-use crate::reconstruct::{Provenance, Reconstruction, fairing};
+use crate::reconstruct::{Provenance, Reconstruction, Scene, fairing};
 use serde::Serialize;
 
 /// The figures of a model.
@@ -17,6 +18,8 @@ pub struct ModelMeasures {
     pub cell_size: f64,
     /// Its vertices by where they come from.
     pub provenance: Vec<ProvenanceMeasures>,
+    /// How much of its surface nothing observed.
+    pub unobserved: UnobservedMeasures,
     /// Share of its triangles that a camera saw; `None` without texture.
     pub textured: Option<f64>,
     /// Its picture; `None` without texture.
@@ -66,7 +69,7 @@ pub struct ProvenanceMeasures {
 }
 
 impl ModelMeasures {
-    pub(super) fn of(made: &Reconstruction) -> Self {
+    pub(super) fn of(scene: &Scene, made: &Reconstruction) -> Self {
         let model = &made.model;
         let mesh = check(&model.mesh);
         let bounds = bounding_box(&model.mesh.vertices).unwrap_or_default();
@@ -76,6 +79,7 @@ impl ModelMeasures {
             bounds: bounds.map(|corner| corner.into()),
             cell_size: made.cell_size,
             provenance: Provenance::ALL.map(|p| of_provenance(made, p)).to_vec(),
+            unobserved: UnobservedMeasures::of(scene, made),
             textured: model.texture.as_ref().map(|texture| {
                 let seen = texture.seen.iter().filter(|&&s| s).count();
                 seen as f64 / texture.seen.len().max(1) as f64
@@ -96,6 +100,12 @@ impl ModelMeasures {
             unproved_volume: made.unproved_volume,
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
+    }
+
+    /// The mean of the expected errors of all vertices, in metres.
+    pub fn mean_expected_error(&self) -> f64 {
+        let parts = self.provenance.iter();
+        parts.map(|p| p.share * p.mean_expected_error).sum()
     }
 
     /// Share of the vertices of one provenance.

@@ -39,6 +39,10 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     }
     about_bias(&seeing, parameters, into);
     about_regions(&seeing, parameters, into);
+    if !seeing.is_empty() {
+        into.extend(lids(measured, parameters));
+        into.extend(unobserved(measured, parameters));
+    }
 }
 
 /// Silhouettes show no hollow: a person has to look at such a model, unless the configuration asks for hulls only.
@@ -49,11 +53,7 @@ fn only_a_hull(
     parameters: &Parameters,
 ) -> Reason {
     Reason {
-        level: if parameters.hull_is_wanted {
-            Level::Green
-        } else {
-            Level::Amber
-        },
+        level: parameters.unless_hull_is_wanted(Level::Amber),
         code,
         cameras: Vec::new(),
         words: format!(
@@ -79,6 +79,37 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
             names.join(", ")
         ),
     }
+}
+
+/// Parts that face up and that nothing looked into, as only a hull's whole top is.
+fn lids(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
+    let found = measured.model.unobserved;
+    let level = parameters.lid_unread.level(found.lids)?;
+    Some(Reason {
+        level: parameters.unless_hull_is_wanted(level),
+        code: ReasonCode::LidUnread,
+        cameras: Vec::new(),
+        words: format!(
+            "no depth camera read {} of the surface, which faces up: up to {:.0} cubic centimetres below it may be hollow",
+            percent(found.lids),
+            1e6 * found.under_lids
+        ),
+    })
+}
+
+/// What is a guess, lids and all.
+fn unobserved(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
+    let found = measured.model.unobserved;
+    let level = parameters.unobserved.level(found.guessed + found.lids)?;
+    Some(Reason {
+        level: parameters.unless_hull_is_wanted(level),
+        code: ReasonCode::Unobserved,
+        cameras: Vec::new(),
+        words: format!(
+            "{} of the surface were not observed: the model is a guess there",
+            percent(found.guessed + found.lids)
+        ),
+    })
 }
 
 fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {

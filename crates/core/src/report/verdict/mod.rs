@@ -70,8 +70,14 @@ pub enum ReasonCode {
     DepthDisagrees,
     /// A depth camera is off by more than its calibration says.
     DepthBiased,
+    /// No depth camera read parts of the hull that face up: each may be the lid over a hollow.
+    LidUnread,
+    /// Much of the surface is a guess, because no camera saw it.
+    Unobserved,
     /// Much of the model bridges holes of the depth.
     HolesBridged,
+    /// The model itself expects a large error.
+    ErrorLarge,
     /// Carving contradicted colour cameras and was undone.
     CarvingUndone,
     /// Pieces were dropped.

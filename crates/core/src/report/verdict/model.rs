@@ -25,6 +25,13 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         let words = format!("{} of the model bridges holes of the depth", percent(v));
         reason(level, ReasonCode::HolesBridged, words)
     }));
+    let expected_mm = 1e3 * model.mean_expected_error();
+    into.extend(
+        beyond(&parameters.expected_mm, expected_mm).map(|(level, v)| {
+            let words = format!("the model expects to be off by {v:.1} mm on average");
+            reason(level, ReasonCode::ErrorLarge, words)
+        }),
+    );
     if model.closed_openings > 0 {
         let level = parameters
             .openings_closed

@@ -1,5 +1,6 @@
 //! Where green ends and amber and red begin. `design/verdict.md` has the data that the defaults come from.
 
+use super::Level;
 use serde::{Deserialize, Serialize};
 
 /// Two limits of one figure.
@@ -58,12 +59,21 @@ pub struct Parameters {
     /// Milliseconds between the first and the last colour camera. Default 10 and 100.
     pub skew_ms: Limits,
     /// Whether a model of silhouettes alone is what is wanted: then a rig without a depth camera, or a method that
-    /// uses no depth, is a note. Default false: it is amber, for the model's hollows are filled.
+    /// uses no depth, is a note, and so is what no depth camera looked into. Default false: it is amber, for the
+    /// model's hollows are filled.
     pub hull_is_wanted: bool,
+    /// Share of the model's area, without the face on the table, that faces up and that no depth camera read, although
+    /// the rig has one. Default 0.05.
+    pub lid_unread: Limits,
+    /// Share of that area that is a guess, because no camera saw it. What no depth camera read counts, too. Default
+    /// 0.18.
+    pub unobserved: Limits,
     /// Share of the concave regions' pixels without readings that count. Default 0.5.
     pub region_unread: Limits,
     /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
     pub bridged: Limits,
+    /// Mean of the model's expected errors, in millimetres. Default 1.2.
+    pub expected_mm: Limits,
     /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
     pub region_share: Limits,
     /// Millimetres that nine in ten pixels of a concave region are within, between model and depth.
@@ -85,7 +95,7 @@ pub struct Parameters {
     /// Handles of the model that the plain hull has not: true openings that only the depth camera sees, or
     /// perforations. Default 0.
     pub handles_of_depth: Limits,
-    /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.3.
+    /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.45.
     pub unpainted: Limits,
 }
 
@@ -104,8 +114,11 @@ impl Default for Parameters {
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
             hull_is_wanted: false,
+            lid_unread: Limits::amber(0.05),
+            unobserved: Limits::amber(0.18),
             region_unread: Limits::amber(0.5),
             bridged: Limits::amber(0.1),
+            expected_mm: Limits::amber(1.2),
             region_share: Limits::amber(0.95),
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
@@ -115,7 +128,18 @@ impl Default for Parameters {
             components: Limits::amber(1.0),
             handles: Limits::amber(4.0),
             handles_of_depth: Limits::amber(0.0),
-            unpainted: Limits::amber(0.3),
+            unpainted: Limits::amber(0.45),
+        }
+    }
+}
+
+impl Parameters {
+    /// The level of what only silhouettes show: a note where they are all that is wanted.
+    pub(super) fn unless_hull_is_wanted(&self, level: Level) -> Level {
+        if self.hull_is_wanted {
+            Level::Green
+        } else {
+            level
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::mesh;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
     ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
+    UnobservedMeasures,
 };
 
 fn id(name: &str) -> CameraId {
@@ -44,6 +45,7 @@ fn measured() -> Measurements {
                 share: 1.0,
                 mean_expected_error: 1e-4,
             }],
+            unobserved: UnobservedMeasures::default(),
             textured: Some(0.9),
             atlas: None,
             dropped_hull_pieces: 0,
@@ -135,6 +137,60 @@ fn a_model_of_silhouettes_alone_is_to_be_looked_at_unless_it_is_wanted() {
         );
         (measured.depth_cameras, measured.method) = (1, Method::Hull);
     }
+}
+
+#[test]
+fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull_is_wanted() {
+    let of = |guessed, lids| {
+        let mut measured = measured();
+        measured.depth_cameras = 1;
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        measured.depths = vec![depth];
+        measured.model.unobserved = UnobservedMeasures {
+            guessed,
+            lids,
+            under_lids: 120e-6,
+        };
+        measured
+    };
+    let amber = |measured: &Measurements| {
+        codes(
+            &judge(measured, &capture(), &Parameters::default()),
+            Level::Amber,
+        )
+    };
+    assert_eq!(amber(&of(0.13, 0.045)), []);
+    assert_eq!(amber(&of(0.0, 0.06)), [ReasonCode::LidUnread]);
+    assert_eq!(amber(&of(0.15, 0.045)), [ReasonCode::Unobserved]);
+    let both = of(0.3, 0.06);
+    assert_eq!(
+        amber(&both),
+        [ReasonCode::LidUnread, ReasonCode::Unobserved]
+    );
+    let wanted = judged(&both, &capture());
+    assert_eq!(wanted.level, Level::Green);
+    let mut words = wanted.reasons.iter().map(|r| r.words.as_str());
+    assert!(
+        words.any(|w| w.contains("up to 120 cubic centimetres below it")),
+        "{wanted:?}"
+    );
+}
+
+#[test]
+fn a_model_that_expects_a_large_error_is_to_be_looked_at() {
+    let mut measured = measured();
+    let mut of = |metres| {
+        measured.model.provenance[0].mean_expected_error = metres;
+        judged(&measured, &capture())
+    };
+    assert_eq!(of(1.1e-3).level, Level::Green);
+    let verdict = of(1.9e-3);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::ErrorLarge]);
+    assert!(
+        verdict.reasons[0].words.contains("1.9 mm on average"),
+        "{verdict:?}"
+    );
 }
 
 #[test]

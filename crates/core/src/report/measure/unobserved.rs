@@ -1,0 +1,128 @@
+//! Measures how much of a model's surface nothing observed: places that neither an outline nor a reading determines.
+
+use crate::mesh::Mesh;
+use crate::reconstruct::uncertainty::{Readings, may_be_lid};
+use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Shares of the model's area, without the face on the table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct UnobservedMeasures {
+    /// Of the parts in concave regions that no depth camera saw: guesses.
+    pub guessed: f64,
+    /// Of the parts of the hull that face up and that no depth camera read: each may be the lid over a hollow.
+    pub lids: f64,
+    /// Cubic metres between these parts and the table: no more can be hollow.
+    pub under_lids: f64,
+}
+
+impl UnobservedMeasures {
+    pub(super) fn of(scene: &Scene, made: &Reconstruction) -> Self {
+        let read = scene.depths.iter().zip(&made.depths);
+        let readings: Vec<Readings> = read
+            .map(|(view, found)| Readings {
+                camera: &view.camera,
+                depth: &found.enhanced,
+            })
+            .collect();
+        Self::of_model(&made.model, &readings)
+    }
+
+    fn of_model(model: &Model, readings: &[Readings]) -> Self {
+        let place = |vertex: usize| match model.provenance[vertex] {
+            Provenance::Table => Place::Table,
+            Provenance::Unseen => Place::Guessed,
+            Provenance::Hull => {
+                let p = model.mesh.vertices[vertex].cast();
+                match may_be_lid(p, model.normals[vertex], readings) {
+                    true => Place::Lid,
+                    false => Place::Observed,
+                }
+            }
+            _ => Place::Observed,
+        };
+        let count = model.mesh.vertices.len();
+        let heights = model.mesh.vertices.iter().map(|p| f64::from(p.z));
+        let table = heights.fold(f64::INFINITY, f64::min);
+        let places: Vec<Place> = (0..count).into_par_iter().map(place).collect();
+        let [mut whole, mut guessed, mut lids, mut under_lids] = [0.0; 4];
+        for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
+            let normal = normal(&model.mesh, triangle);
+            let third = normal.norm() / 3.0;
+            for vertex in corners.map(|vertex| vertex as usize) {
+                match places[vertex] {
+                    Place::Table => continue,
+                    Place::Guessed => guessed += third,
+                    Place::Lid => {
+                        lids += third;
+                        let height = f64::from(model.mesh.vertices[vertex].z) - table;
+                        under_lids += height * normal.z.max(0.0) / 3.0;
+                    }
+                    Place::Observed => {}
+                }
+                whole += third;
+            }
+        }
+        let share = |part: f64| if whole > 0.0 { part / whole } else { 0.0 };
+        Self {
+            guessed: share(guessed),
+            lids: share(lids),
+            under_lids,
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Place {
+    Table,
+    Guessed,
+    Lid,
+    Observed,
+}
+
+/// A triangle's normal, as long as its area.
+fn normal(mesh: &Mesh, triangle: usize) -> Vector3<f64> {
+    let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
+    0.5 * (b - a).cross(&(c - a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    /// Squares of 1 m in a row: on the table, a guess, one that faces up and one that faces sideways.
+    #[test]
+    fn what_stands_on_the_table_does_not_count_and_only_what_faces_up_may_be_a_lid() {
+        let mut model = Model::default();
+        let squares: [(Provenance, Vector3<f32>); 5] = [
+            (Provenance::Table, -Vector3::z()),
+            (Provenance::Unseen, Vector3::x()),
+            (Provenance::Hull, Vector3::z()),
+            (Provenance::Hull, Vector3::x()),
+            (Provenance::Bridged, Vector3::z()),
+        ];
+        for (index, (provenance, normal)) in squares.into_iter().enumerate() {
+            let (x, first) = (index as f32, 4 * index as u32);
+            let corners = [[x, 0.0], [x + 1.0, 0.0], [x + 1.0, 1.0], [x, 1.0]];
+            let height = if normal.z > 0.0 { 0.5 } else { 0.0 };
+            let corners = corners.map(|[x, y]| Point3::new(x, y, height));
+            model.mesh.vertices.extend(corners);
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| first + i);
+            model.mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            model.normals.extend([normal; 4]);
+            model.provenance.extend([provenance; 4]);
+        }
+        let found = UnobservedMeasures::of_model(&model, &[]);
+        let figures = [found.guessed, found.lids, found.under_lids];
+        for (figure, expected) in figures.into_iter().zip([0.25, 0.25, 0.5]) {
+            assert!((figure - expected).abs() < 1e-9, "{found:?}");
+        }
+        assert_eq!(
+            UnobservedMeasures::of_model(&Model::default(), &[]),
+            UnobservedMeasures::default()
+        );
+    }
+}
