@@ -6,7 +6,7 @@ use crate::frame::Timestamp;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 #[cfg(test)]
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime};
 
 /// The host's timeline: the monotonic clock, with the offset to UTC taken once, so that a step of the wall clock moves
 /// nothing.
@@ -24,10 +24,9 @@ impl Clock {
     /// The system's clock, with today's offset between monotonic clock and UTC.
     pub fn system() -> Self {
         let begin = Instant::now();
-        let utc = SystemTime::now().duration_since(UNIX_EPOCH);
         Self {
             begin,
-            begin_utc_ns: utc.unwrap_or_default().as_nanos() as u64,
+            begin_utc_ns: Timestamp::from(SystemTime::now()).0,
             #[cfg(test)]
             advanced_ns: None,
         }

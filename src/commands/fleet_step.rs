@@ -2,6 +2,7 @@
 //! and puts it into place, each in a confined process without network.
 
 use crate::capture::CaptureSession;
+use crate::commands::confined::ConfinementArgs;
 use crate::commands::make_model;
 use crate::commands::replay;
 use crate::config::Config;
@@ -9,7 +10,6 @@ use crate::fleet::{Bundle, CommitResult, commit, step, write_bundle};
 use crate::frame::CaptureId;
 use crate::make_model::mark;
 use crate::recording::{Notes, Recording, beside};
-use crate::workers::{Limits, confine, part_from, protocol};
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -29,38 +29,11 @@ enum Step {
     Commit(CommitArgs),
 }
 
-/// What confines a step.
-#[derive(Debug, clap::Args)]
-struct Confined {
-    /// The process that started this one. When it ends, this one ends too.
-    #[arg(long = protocol::PARENT, value_name = "PID")]
-    parent: u32,
-    /// Largest memory, in megabytes.
-    #[arg(long = protocol::MEMORY_MB, value_name = "N")]
-    memory_mb: u32,
-    /// Niceness, 0 to 19.
-    #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
-    nice: u32,
-}
-
-impl Confined {
-    fn begin(&self, reads: &[PathBuf], writes: &[PathBuf]) -> anyhow::Result<()> {
-        let limits = Limits {
-            memory_mb: self.memory_mb,
-            nice: self.nice,
-        };
-        for missing in confine(limits, reads, writes)? {
-            protocol::warn(&missing);
-        }
-        Ok(())
-    }
-}
-
 /// Writes a capture's own recording into a folder, and what it is.
 #[derive(Debug, clap::Args)]
 struct PackArgs {
     #[command(flatten)]
-    confined: Confined,
+    confinement: ConfinementArgs,
     /// The recording.
     #[arg(long)]
     recording: PathBuf,
@@ -79,7 +52,7 @@ struct PackArgs {
 #[derive(Debug, clap::Args)]
 struct CommitArgs {
     #[command(flatten)]
-    confined: Confined,
+    confinement: ConfinementArgs,
     /// The result.
     #[arg(long)]
     bundle: PathBuf,
@@ -116,10 +89,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
-    part_from(args.confined.parent)?;
+    args.confinement.part_from_parent()?;
     let folder = args.to.parent().context("no folder")?;
     let reads = [args.recording.clone(), args.config.clone()];
-    args.confined.begin(&reads, &[folder.to_owned()])?;
+    args.confinement.confine(&reads, &[folder.to_owned()])?;
     let config = Config::load(Some(&args.config), &[])?;
     let id = CaptureId::new(&args.capture)?;
     let session = CaptureSession::open(&args.recording, &config.sync)?;
@@ -136,7 +109,7 @@ fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
     let packed = step::Packed {
         content_sha256: extract.content_sha256,
         bytes: bytes.len() as u64,
-        sha256: hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+        sha256: format!("{hash:x}"),
     };
     std::fs::write(folder.join(step::PACKED), serde_json::to_vec(&packed)?)?;
     Ok(ExitCode::SUCCESS)
@@ -155,12 +128,12 @@ fn make(args: make_model::Args) -> anyhow::Result<ExitCode> {
 }
 
 fn put_into_place(args: &CommitArgs) -> anyhow::Result<ExitCode> {
-    part_from(args.confined.parent)?;
+    args.confinement.part_from_parent()?;
     let folder = args.target.parent().context("no folder")?.to_owned();
     std::fs::create_dir_all(&folder)?;
     let mut reads = vec![args.bundle.clone(), args.recording.clone()];
     reads.extend(Some(beside(&args.recording)).filter(|path| path.exists()));
-    args.confined.begin(&reads, &[folder])?;
+    args.confinement.confine(&reads, &[folder])?;
     let of = (args.name.as_str(), args.capture.as_str());
     let committed = commit(&args.bundle, &args.target, of, &args.contents, args.replace);
     let code = match committed.map_err(anyhow::Error::msg)? {

@@ -1,6 +1,7 @@
 //! `scand make-object`, which only the daemon calls: it finds how the captures of an object lie, or makes their model
 //! as `scand fuse` does, in a confined process.
 
+use super::confined::ConfinementArgs;
 use super::replay::settings;
 use crate::capture::CaptureSession;
 use crate::config::Config;
@@ -13,7 +14,7 @@ use crate::make_model::{
 use crate::recording::{Recording, beside, finished_name};
 use crate::report::FailedCapture;
 use crate::workers::object_protocol::{self, Found, FoundPoses};
-use crate::workers::{Limits, confine, part_from, protocol};
+use crate::workers::protocol;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -22,15 +23,8 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[group(id = "make_object")]
 pub struct Args {
-    /// The process that started this one. When it ends, this one ends too.
-    #[arg(long = protocol::PARENT, value_name = "PID")]
-    parent: u32,
-    /// Largest memory, in megabytes.
-    #[arg(long = protocol::MEMORY_MB, value_name = "N")]
-    memory_mb: u32,
-    /// Niceness, 0 to 19.
-    #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
-    nice: u32,
+    #[command(flatten)]
+    confinement: ConfinementArgs,
     /// A recording of the session; may be given several times.
     #[arg(long, required = true, value_name = "FILE")]
     recording: Vec<PathBuf>,
@@ -51,7 +45,7 @@ pub struct Args {
     register: bool,
 }
 
-/// Captures that are named in what the daemon is told, at most.
+/// Most captures that the message to the daemon names.
 const MOST_NAMED: usize = 8;
 
 /// Confines this process, and registers or fuses.
@@ -59,7 +53,7 @@ const MOST_NAMED: usize = 8;
 /// # Errors
 /// If it cannot be confined, or a recording cannot be read.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    part_from(args.parent)?;
+    args.confinement.part_from_parent()?;
     let config =
         Config::load(Some(&args.config), &[]).map_err(|e| super::BadConfiguration(e.into()))?;
     let writes: Vec<PathBuf> = args
@@ -73,13 +67,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut reads = args.recording.clone();
     let notes = args.recording.iter().map(|path| beside(path));
     reads.extend(notes.filter(|path| path.exists()));
-    let limits = Limits {
-        memory_mb: args.memory_mb,
-        nice: args.nice,
-    };
-    for missing in confine(limits, &reads, &writes)? {
-        protocol::warn(&missing);
-    }
+    args.confinement.confine(&reads, &writes)?;
     let sessions = open_all(&args.recording, &config)?;
     let settings = settings(&config)?;
     let found = gather(&sessions, Wanted::Subject(&args.subject));
@@ -159,7 +147,7 @@ fn folder_of(models: &Path, recording: &Path) -> PathBuf {
     models.join(complete.file_stem().unwrap_or_default())
 }
 
-/// What the daemon is told of how captures lie.
+/// The message to the daemon about how captures lie.
 fn poses(newest: &str, registering: &Registering) -> FoundPoses {
     let fusion = &registering.fusion;
     let of_newest = fusion.captures.iter().find(|c| c.id.as_str() == newest);
@@ -243,9 +231,10 @@ mod tests {
     #[test]
     fn what_the_daemon_asks_for_is_what_this_command_understands() {
         let request = object_protocol::ObjectModelRequest {
-            parent: 7,
-            memory_mb: 640,
-            nice: 10,
+            confinement: protocol::Confinement {
+                memory_mb: 640,
+                nice: 10,
+            },
             recordings: &["sessions/a.mcap.part".into(), "sessions/a-002.mcap".into()],
             subject: "--force 17",
             newest: "-a-0002",
@@ -255,7 +244,7 @@ mod tests {
         };
         let words = std::iter::once(object_protocol::COMMAND.into()).chain(request.arguments());
         let args = Cli::parse_from(words).args;
-        assert_eq!([args.parent, args.memory_mb, args.nice], [7, 640, 10]);
+        assert_eq!(args.confinement.numbers(), [std::process::id(), 640, 10]);
         assert_eq!(args.recording.len(), 2);
         assert_eq!(
             (args.subject.as_str(), args.newest.as_str()),

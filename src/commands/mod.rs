@@ -13,6 +13,8 @@ pub mod archive;
 pub mod board;
 pub mod calibrate;
 mod comparison;
+#[cfg(feature = "live")]
+mod confined;
 pub mod demo;
 pub mod diff;
 pub mod evaluate;

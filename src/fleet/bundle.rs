@@ -201,7 +201,7 @@ pub fn read_bundle(path: &Path) -> Result<Bundle, BundleError> {
         let place = usize::from(place[0]);
         let Some((name, most)) = FILES.get(place).filter(|_| place >= next) else {
             return Err(bad(format!(
-                "file {place} is none that a result may have there"
+                "file number {place} is unknown or out of order"
             )));
         };
         next = place + 1;

@@ -4,7 +4,7 @@
 
 use crate::clock::Clock;
 use crate::process::{Cancel, Child, ChildExit};
-use crate::workers::protocol::{self, MEMORY_MB, NICE, PARENT};
+use crate::workers::protocol::{self, Confinement};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::path::Path;
@@ -104,14 +104,11 @@ pub(super) fn run(
     let mut command = Command::new("/proc/self/exe");
     let option = |name: &str| OsString::from(format!("--{name}"));
     command.arg(COMMAND).arg(step);
-    let numbers = [
-        (PARENT, std::process::id()),
-        (MEMORY_MB, limits.memory_mb),
-        (NICE, limits.nice),
-    ];
-    for (name, number) in numbers {
-        command.arg(option(name)).arg(number.to_string());
-    }
+    let confinement = Confinement {
+        memory_mb: limits.memory_mb,
+        nice: limits.nice,
+    };
+    command.args(confinement.arguments());
     for (name, path) in options {
         command.arg(option(name)).arg(path);
     }

@@ -2,7 +2,7 @@
 //! rig's configuration, and nothing of who may look at a page belongs into a recording.
 
 use super::origin::Origins;
-use crate::storage;
+use crate::{range, storage};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -34,8 +34,10 @@ pub struct Parameters {
     /// The socket on which `scand page pair` and `revoke` ask.
     pub control: PathBuf,
     /// How long an operator's session lasts, in hours, 1 to 744.
+    #[serde(deserialize_with = "range::count::<_, _, 1, 744>")]
     pub operator_hours: u32,
     /// How long a viewer's session lasts, in hours, 1 to 8784.
+    #[serde(deserialize_with = "range::count::<_, _, 1, 8784>")]
     pub viewer_hours: u32,
 }
 
@@ -81,13 +83,6 @@ pub enum Error {
     /// An origin that is refused.
     #[error("origins: {0}")]
     Origin(String),
-    /// Hours out of their range.
-    #[error("{name} is {found}, expected 1 to {most}")]
-    Hours {
-        name: &'static str,
-        found: u32,
-        most: u32,
-    },
 }
 
 impl Parameters {
@@ -119,14 +114,6 @@ impl Parameters {
     fn check(&self) -> Result<(), Error> {
         if !self.listen.ip().is_loopback() {
             return Err(Error::NotLoopback(self.listen));
-        }
-        for (name, found, most) in [
-            ("operator_hours", self.operator_hours, 744),
-            ("viewer_hours", self.viewer_hours, 8784),
-        ] {
-            if !(1..=most).contains(&found) {
-                return Err(Error::Hours { name, found, most });
-            }
         }
         self.origins().map(|_| ())
     }
@@ -162,6 +149,19 @@ mod tests {
     }
 
     #[test]
+    fn hours_have_a_range() {
+        for (refused, range) in [
+            ("operator_hours = 745", "expected 1 to 744"),
+            ("viewer_hours = 0", "expected 1 to 8784"),
+        ] {
+            let words = toml::from_str::<Parameters>(refused)
+                .unwrap_err()
+                .to_string();
+            assert!(words.contains(range), "{words}");
+        }
+    }
+
+    #[test]
     fn what_opens_the_page_to_a_network_is_refused() {
         let of = |change: &dyn Fn(&mut Parameters)| {
             let mut parameters = Parameters::default();
@@ -183,8 +183,6 @@ mod tests {
             let words = found.unwrap_err().to_string();
             assert!(words.contains("expected a scheme and a host"), "{words}");
         }
-        let long = of(&|p| p.operator_hours = 745);
-        assert!(long.unwrap_err().to_string().contains("expected 1 to 744"));
         of(&|p| p.origins = vec!["https://rig.example".into()]).unwrap();
     }
 }

@@ -67,8 +67,8 @@ impl ObjectJob {
     fn file_name(&self) -> String {
         let session = session_of(&self.newest.capture);
         let digest = Sha256::digest(format!("{session}\0{}", self.subject));
-        let letters: String = digest.iter().take(12).map(|b| format!("{b:02x}")).collect();
-        format!("{letters}.{ENDING}")
+        let letters = format!("{digest:x}");
+        format!("{letters:.24}.{ENDING}")
     }
 
     /// The objects of a recording with two complete captures or more, rejected or not, each with the newest of them.

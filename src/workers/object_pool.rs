@@ -5,9 +5,10 @@ use super::jobs::{Error, Jobs};
 use super::object_find::of_session;
 use super::object_jobs::TakenObject;
 use super::object_protocol::{Found, FoundPoses, ObjectModelRequest};
+use super::outcome;
 use super::pool::{MAX_STARTS, WorkerPlan};
+use super::protocol::{self, Confinement};
 use super::threads::Workers;
-use super::{outcome, protocol};
 use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report_failure};
 use crate::process::{Child, ChildExit};
 use crate::recording::finished_name;
@@ -200,11 +201,12 @@ impl Shared {
         self.jobs.objects().note(taken);
         let parameters = &self.plan.parameters;
         let request = ObjectModelRequest {
-            parent: std::process::id(),
-            memory_mb: parameters.memory_mb,
-            nice: parameters
-                .nice
-                .saturating_sub(if registers { LESS_NICE } else { 0 }),
+            confinement: Confinement {
+                memory_mb: parameters.memory_mb,
+                nice: parameters
+                    .nice
+                    .saturating_sub(if registers { LESS_NICE } else { 0 }),
+            },
             recordings,
             subject: &taken.job.subject,
             newest: &taken.job.newest.capture,

@@ -1,7 +1,7 @@
 //! The protocol between the daemon and a process that fuses an object's captures: the command with its options, and the
 //! line on standard error by which it tells what it found. `scand make-object` is the other end.
 
-use super::protocol::{MEMORY_MB, NICE, PARENT};
+use super::protocol::Confinement;
 use crate::level::Level;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -17,12 +17,8 @@ const FOUND: &str = "scand: found: ";
 /// What a process is asked for.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectModelRequest<'a> {
-    /// Id of the process that asks.
-    pub parent: u32,
-    /// Memory that may be taken, in megabytes.
-    pub memory_mb: u32,
-    /// Nice value, 0 to 19.
-    pub nice: u32,
+    /// What confines the process.
+    pub confinement: Confinement,
     /// The recordings of the session.
     pub recordings: &'a [PathBuf],
     /// The object's number.
@@ -45,17 +41,15 @@ impl ObjectModelRequest<'_> {
             // In one word, so that a value may begin with a hyphen.
             OsString::from(format!("--{name}={value}"))
         };
-        let mut arguments = vec![
-            with(PARENT, &self.parent.to_string()),
-            with(MEMORY_MB, &self.memory_mb.to_string()),
-            with(NICE, &self.nice.to_string()),
+        let mut arguments = Vec::from(self.confinement.arguments());
+        arguments.extend([
             with("subject", self.subject),
             with("newest", self.newest),
             option("out"),
             self.models.into(),
             option("config"),
             self.config.into(),
-        ];
+        ]);
         for recording in self.recordings {
             arguments.extend([option("recording"), recording.into()]);
         }

@@ -189,7 +189,7 @@ fn a_process_that_fails_leaves_a_report_and_ends_the_job() {
     place.captured(&jobs, 2, "../17");
     let (_workers, heard) = place.start(&jobs);
     let ObjectNews::Fused { model, .. } = heard.next() else {
-        panic!("poses were told that nobody found");
+        panic!("poses were reported that no process had found");
     };
     assert_eq!(model.unwrap_err(), "no light");
     let report = place.path().join("models/s/%2E.%2F17.object/report.json");

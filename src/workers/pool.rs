@@ -296,9 +296,10 @@ impl Shared {
         let parameters = &self.plan.parameters;
         let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
         let request = protocol::ModelRequest {
-            parent: std::process::id(),
-            memory_mb: parameters.memory_mb,
-            nice: parameters.nice,
+            confinement: protocol::Confinement {
+                memory_mb: parameters.memory_mb,
+                nice: parameters.nice,
+            },
             recording: path,
             capture: &job.capture,
             models: &parameters.folder,

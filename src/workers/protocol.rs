@@ -22,15 +22,32 @@ const LINE: &str = "scand: ";
 /// What a line begins with that says what the system cannot do for the process.
 const WARNING: &str = "scand: warning: ";
 
-/// One model that a process is asked for.
+/// What confines a process that this one starts, whatever it is asked for.
 #[derive(Clone, Copy, Debug)]
-pub struct ModelRequest<'a> {
-    /// Id of the process that asks.
-    pub parent: u32,
+pub struct Confinement {
     /// Memory that may be taken, in megabytes.
     pub memory_mb: u32,
     /// Nice value, 0 to 19.
     pub nice: u32,
+}
+
+impl Confinement {
+    /// The arguments of a process that ends with this one.
+    pub fn arguments(&self) -> [OsString; 3] {
+        [
+            (PARENT, std::process::id()),
+            (MEMORY_MB, self.memory_mb),
+            (NICE, self.nice),
+        ]
+        .map(|(name, value)| format!("--{name}={value}").into())
+    }
+}
+
+/// One model that a process is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct ModelRequest<'a> {
+    /// What confines the process.
+    pub confinement: Confinement,
     /// The recording.
     pub recording: &'a Path,
     /// The capture in it.
@@ -45,13 +62,8 @@ impl ModelRequest<'_> {
     /// The arguments that follow [`COMMAND`].
     pub fn arguments(&self) -> Vec<OsString> {
         let option = |name: &str| OsString::from(format!("--{name}"));
-        vec![
-            option(PARENT),
-            self.parent.to_string().into(),
-            option(MEMORY_MB),
-            self.memory_mb.to_string().into(),
-            option(NICE),
-            self.nice.to_string().into(),
+        let mut arguments = Vec::from(self.confinement.arguments());
+        arguments.extend([
             option("replay"),
             self.recording.into(),
             option("capture"),
@@ -61,7 +73,8 @@ impl ModelRequest<'_> {
             option("config"),
             self.config.into(),
             option("quiet"),
-        ]
+        ]);
+        arguments
     }
 }
 

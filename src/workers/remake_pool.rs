@@ -140,9 +140,10 @@ impl Making {
         let parameters = &self.plan.parameters;
         let mut command = Command::new(self.plan.command.first().cloned().unwrap_or_default());
         let request = protocol::ModelRequest {
-            parent: std::process::id(),
-            memory_mb: parameters.memory_mb,
-            nice: NICE,
+            confinement: protocol::Confinement {
+                memory_mb: parameters.memory_mb,
+                nice: NICE,
+            },
             recording: path,
             capture: &remake.capture,
             models: &self.work(),

@@ -7,8 +7,7 @@ use std::path::Path;
 
 /// SHA-256 in hexadecimal digits.
 pub(crate) fn sha256(bytes: &[u8]) -> String {
-    let digest = Sha256::digest(bytes);
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    format!("{:x}", Sha256::digest(bytes))
 }
 
 /// Digests the messages of a recording: topic, log time, publish time and payload, in the order of log times. Topics of

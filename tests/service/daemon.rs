@@ -499,6 +499,7 @@ fn a_check_names_what_is_wrong_with_and_without_a_daemon() {
         "rig.toml",
         "calibration.toml",
         "/dev/none-0",
+        "(commit ",
     ] {
         assert!(holds(expected.as_bytes()), "{expected}");
     }

@@ -121,6 +121,15 @@ fn shortened(name: &str) -> String {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(pub u64);
 
+/// Of the system's clock; 0 before 1970.
+impl From<std::time::SystemTime> for Timestamp {
+    fn from(time: std::time::SystemTime) -> Self {
+        let since = time.duration_since(std::time::UNIX_EPOCH);
+        let since = since.unwrap_or_default().as_nanos();
+        Self(u64::try_from(since).unwrap_or(u64::MAX))
+    }
+}
+
 /// As it is written: a string of decimal nanoseconds.
 impl<'de> serde::Deserialize<'de> for Timestamp {
     fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {

@@ -28,6 +28,7 @@ pub mod gltf_file;
 pub mod image;
 pub mod level;
 pub mod make_model;
+pub mod markup;
 pub mod mesh;
 pub mod notes;
 pub mod output;

@@ -16,7 +16,7 @@ use select::{ChosenCapture, SelectedCaptures};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 /// Make a package for an archive (BagIt): recordings, notes, calibration, models, reports, and how to read them
 #[derive(Debug, clap::Args)]
@@ -276,9 +276,6 @@ fn date(text: &str) -> Result<String, String> {
 }
 
 fn today() -> String {
-    let since = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
-    let now = Timestamp(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX));
+    let now = Timestamp::from(SystemTime::now());
     now.iso_8601().chars().take(10).collect()
 }

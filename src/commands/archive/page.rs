@@ -1,6 +1,6 @@
 //! Writes a sheet of paradata as a page to read, without scripts and without external resources.
 
-use crate::publish::escaped;
+use crate::markup::escaped;
 use serde_json::Value;
 use std::fmt::Write;
 

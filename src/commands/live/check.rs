@@ -3,22 +3,27 @@
 use super::config_args::ConfigArgs;
 use crate::check::{self, Bundle, Finding, Host, State};
 use crate::clock::Clock;
-use crate::commands::{BadConfiguration, EXIT_CONFIGURATION};
+use crate::commands::{BadConfiguration, EXIT_CONFIGURATION, VERSION};
 use crate::config::Config;
 use crate::daemon::probe;
+use crate::process::{Cancel, Child};
 use crate::setup::Prepared;
 use crate::storage::free_bytes;
 use crate::trigger::{Client, Error, Reply, Request};
+use rustix::fs::{MemfdFlags, memfd_create};
 use serde_json::{Value, json};
-use std::io::ErrorKind;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Seek};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, Stdio};
 use std::time::Duration;
 
 /// How long cameras are waited for.
 const CAMERAS: Duration = Duration::from_secs(15);
 /// How long a running daemon is waited for.
 const DAEMON: Duration = Duration::from_secs(10);
+/// How long a program may take whose output goes into the bundle: `df` never ends where a network's disk is away.
+const PROGRAM: Duration = Duration::from_secs(20);
 
 /// Look for problems that can be detected before work begins. Each line is ok or says what to do. If a daemon runs,
 /// it is asked about its cameras; otherwise this command opens them itself.
@@ -224,16 +229,27 @@ fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) 
     findings
 }
 
+/// What a program prints within its time, its errors last.
+fn output(program: &str, arguments: &[&str]) -> std::io::Result<Vec<u8>> {
+    let mut printed = File::from(memfd_create(program, MemfdFlags::CLOEXEC)?);
+    let mut command = Command::new(program);
+    let nothing = Stdio::null();
+    let child = Child::start_between(command.args(arguments), nothing, printed.try_clone()?)?;
+    let (_, errors) = child.wait(PROGRAM, Clock::system(), &Cancel::new()?)?;
+    let mut bytes = Vec::new();
+    printed.rewind()?;
+    printed.read_to_end(&mut bytes)?;
+    bytes.extend(errors.into_bytes());
+    Ok(bytes)
+}
+
 /// Everything that support wants to see. What is not there is left out.
 fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> Bundle {
     let mut bundle = Bundle::default();
     bundle.add("check.txt", format!("{lines}\n"));
     bundle.add("check.json", format!("{findings:#}\n"));
     bundle.add("status.json", format!("{status:#}\n"));
-    bundle.add(
-        "version.txt",
-        concat!("scand ", env!("CARGO_PKG_VERSION"), "\n"),
-    );
+    bundle.add("version.txt", format!("scand {VERSION}\n"));
     let mut file = |name: &str, path: &Path| {
         if std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < 1 << 30)
             && let Ok(contents) = std::fs::read(path)
@@ -297,8 +313,8 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
             ],
         ),
     ] {
-        if let Ok(output) = Command::new(program).args(arguments).output() {
-            bundle.add(name, [output.stdout, output.stderr].concat());
+        if let Ok(output) = output(program, arguments) {
+            bundle.add(name, output);
         }
     }
     bundle

@@ -2,7 +2,6 @@
 
 use super::status_table;
 use crate::commands::{EXIT_BUSY, wrong_usage};
-use crate::frame::Timestamp;
 use crate::level::Level;
 use crate::recording::{self, Recording, note_beside};
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
@@ -10,7 +9,7 @@ use crate::words::closest;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
 
 /// How long a client waits for an answer: a capture, its retry and a slow disk take less.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -232,7 +231,7 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
             text,
             author: args.author,
         };
-        let file = note_beside(&Recording::open(path)?, &note, now())?;
+        let file = note_beside(&Recording::open(path)?, &note, SystemTime::now().into())?;
         outln!("the note is in {}", file.display());
         return Ok(ExitCode::SUCCESS);
     }
@@ -274,14 +273,6 @@ fn kind_and_text(args: &NoteArgs) -> anyhow::Result<(String, String)> {
 
 /// The words that decide something about a capture.
 const KINDS: [&str; 3] = ["accept", "reject", "clear"];
-
-/// The time by the system's clock.
-fn now() -> Timestamp {
-    let since = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
-    Timestamp(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
-}
 
 /// Shows the status.
 pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {

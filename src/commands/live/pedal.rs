@@ -1,6 +1,7 @@
 //! `scand pedal`: a foot switch asks the daemon for captures.
 
 use crate::clock::Clock;
+use crate::frame::Timestamp;
 use crate::log;
 use crate::pedal::{Action, Daemon, Device, Error, Keys, Switch, Watch, key_code};
 use crate::trigger::{Reply, SOCKET};
@@ -8,7 +9,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, UNIX_EPOCH};
+use std::time::Duration;
 
 /// Ask the daemon for a capture at each press of a foot switch. Meanwhile the switch does not type into other
 /// programs.
@@ -71,8 +72,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             log::error!("the daemon does not answer: this press is ignored");
             continue;
         }
-        let since = input.time.duration_since(UNIX_EPOCH).unwrap_or_default();
-        let press_id = format!("pedal-{}", since.as_nanos());
+        let press_id = format!("pedal-{}", Timestamp::from(input.time).0);
         let (daemon, ended) = (daemon.clone(), running.clone());
         std::thread::Builder::new().spawn(move || {
             match action {

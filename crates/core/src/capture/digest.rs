@@ -53,7 +53,7 @@ pub fn input_digest(scene: &Scene) -> String {
 }
 
 fn hexadecimal(hash: Sha256) -> String {
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+    format!("{:x}", hash.finalize())
 }
 
 /// The pixels of one picture.

@@ -4,6 +4,7 @@
 use super::zip::{self, Entry};
 use super::{Error, known, unique_uv};
 use crate::description::{Description, clean};
+use crate::markup::escaped;
 use crate::output::encode_png;
 use crate::reconstruct::Model;
 use std::fmt::Write;
@@ -127,16 +128,8 @@ fn clean_long(text: &str) -> Option<String> {
     let words: Vec<String> = text.split("; ").filter_map(clean).collect();
     // What XML 1.0 cannot hold, even escaped.
     let allowed = |c: &char| !matches!(c, '\u{fffe}' | '\u{ffff}');
-    let mut escaped = String::new();
-    for letter in words.join("; ").chars().filter(allowed) {
-        match letter {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            letter => escaped.push(letter),
-        }
-    }
-    (!escaped.is_empty()).then_some(escaped)
+    let kept: String = words.join("; ").chars().filter(allowed).collect();
+    (!kept.is_empty()).then(|| escaped(&kept))
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 //! `Scene` for three dimensions; 3.0 knows the type `Model` and paints it on a canvas, which is what today's viewers
 //! of models read. A second canvas has a picture, for viewers of pictures. `docs/formats.md` has the reasons.
 
-use super::html::{escaped, without_markup};
 use super::{Exhibit, LevelFile, Picture};
+use crate::markup::{escaped, without_markup};
 use serde_json::{Value, json};
 
 const CONTEXT: &str = "http://iiif.io/api/presentation/3/context.json";

@@ -2,7 +2,6 @@
 //! from its report. What goes public is decided here. No I/O; the command line reads models and writes the folder.
 
 mod facts;
-mod html;
 mod manifest;
 mod page;
 mod scene;
@@ -11,7 +10,6 @@ mod scene;
 mod testing;
 
 pub use facts::{Facts, Reason, Share};
-pub use html::escaped;
 pub use manifest::{Address, collection, manifest};
 pub use page::{PageOptions, STYLE, gallery, object_page};
 pub use scene::scene;

@@ -1,9 +1,9 @@
 //! The pages of a published folder: a gallery, and a page for each object. No script is written into a page, none
 //! comes from elsewhere, and a page without its viewer still shows a picture and the files.
 
-use super::html::escaped;
 use super::{Exhibit, LevelFile};
 use crate::level::Level;
+use crate::markup::escaped;
 use std::fmt::Write;
 
 /// The style of all pages, `style.css`.

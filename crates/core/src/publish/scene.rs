@@ -1,8 +1,8 @@
 //! The scene file of Smithsonian's Voyager (`scene.svx.json`, document version 1.0): one model with its levels of
 //! detail. `docs/formats.md` says where it is from.
 
-use super::html::without_markup;
 use super::{Exhibit, LevelFile};
+use crate::markup::without_markup;
 use crate::output::y_up;
 use serde_json::{Value, json};
 

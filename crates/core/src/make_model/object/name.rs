@@ -24,9 +24,8 @@ pub fn object_folder_name(subject: &str) -> String {
     }
     let room = LONGEST - ENDING.len();
     if name.len() > room {
-        let digest = Sha256::digest(subject.as_bytes());
-        let digest = digest.iter().take(DIGEST_BYTES);
-        let digest: String = digest.map(|b| format!("{b:02x}")).collect();
+        let digest = format!("{:x}", Sha256::digest(subject));
+        let digest = &digest[..2 * DIGEST_BYTES];
         name.truncate(room - digest.len() - 1);
         name = format!("{name}-{digest}");
     }

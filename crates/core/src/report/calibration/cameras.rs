@@ -1,8 +1,8 @@
 //! The cameras: their figures as a table, and a picture for each with the board's positions and the residuals.
 
-use super::html::escaped;
 use super::{ARROW_PX, CalibrationPage, by_rms};
 use crate::calibration::fit::{Fit, FittedCamera};
+use crate::markup::escaped;
 use std::fmt::Write;
 
 /// Width of a camera's picture on the page, in its pixels.

@@ -1,9 +1,9 @@
 //! The depth cameras: bias by distance, before and after, and each board against its plane.
 
 use super::CalibrationPage;
-use super::html::escaped;
 use crate::calibration::fit::Limits;
 use crate::calibration::response::PlaneFit;
+use crate::markup::escaped;
 use std::fmt::Write;
 
 const WIDTH: f64 = 560.0;

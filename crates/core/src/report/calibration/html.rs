@@ -1,20 +1,4 @@
-//! Escapes text, encodes pictures and holds the style sheet for the calibration's page.
-
-/// Text with what HTML would take for its own made harmless.
-pub(super) fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => safe += "&amp;",
-            '<' => safe += "&lt;",
-            '>' => safe += "&gt;",
-            '"' => safe += "&quot;",
-            letter if letter.is_control() => safe.push(' '),
-            letter => safe.push(letter),
-        }
-    }
-    safe
-}
+//! Encodes pictures and holds the style sheet for the calibration's page.
 
 /// Bytes as text, for pictures that are part of the page (RFC 4648).
 pub(super) fn base64(bytes: &[u8]) -> String {

@@ -14,7 +14,8 @@ use crate::calibration::CalibrationLevel;
 use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
-use html::{escaped, style};
+use crate::markup::escaped;
+use html::style;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

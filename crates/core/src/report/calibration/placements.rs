@@ -1,8 +1,8 @@
 //! The placements: a plot of each camera's view of each placement, in which a bumped camera shows, and their figures.
 
-use super::html::escaped;
 use super::{CalibrationPage, by_rms};
 use crate::calibration::fit::Figures;
+use crate::markup::escaped;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 

@@ -1,7 +1,7 @@
 //! The rig: from above and to scale, and which cameras share how many views.
 
-use super::html::escaped;
 use crate::calibration::fit::Fit;
+use crate::markup::escaped;
 use nalgebra::{Point2, Point3, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};

@@ -1,9 +1,10 @@
 //! Pictures with what was found in them: the worst views, those that were left out, and pictures in which no board was
 //! found that could be used.
 
-use super::html::{base64, escaped};
+use super::html::base64;
 use super::{ARROW_PX, CalibrationPage};
 use crate::frame::CameraId;
+use crate::markup::escaped;
 use nalgebra::{Point2, Vector2};
 use std::fmt::Write;
 

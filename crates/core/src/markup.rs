@@ -1,6 +1,6 @@
-//! Escapes text for HTML.
+//! Text within HTML, XML, and JSON that a reader may take for HTML: what people wrote cannot become markup.
 
-/// Text with what HTML would take for markup made harmless. Letters that control a terminal or turn the direction of
+/// Text with what HTML or XML would take for markup made harmless. Letters that control a terminal or turn the direction of
 /// what follows become U+FFFD.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -25,7 +25,7 @@ fn turns_direction(letter: char) -> bool {
 }
 
 /// Text for a reader of JSON that may take it for HTML: nothing in it is markup, and no letter turns the direction.
-pub(super) fn without_markup(text: &str) -> String {
+pub fn without_markup(text: &str) -> String {
     let letter = |c: char| match c {
         '<' => '‹',
         '>' => '›',
@@ -38,8 +38,9 @@ pub(super) fn without_markup(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::HOSTILE;
     use super::*;
+
+    const HOSTILE: &str = "\"><script>alert(1)</script>'\u{1b}\u{202e}x";
 
     #[test]
     fn nothing_is_left_that_is_markup() {

@@ -1,0 +1,49 @@
+//! The options of commands that only other processes of scand call, by which they confine themselves before they read
+//! anything.
+
+use crate::process::{ConfineError, Limits, confine, part_from};
+use crate::workers::protocol;
+use std::path::PathBuf;
+
+/// What confines a process, as [`protocol::Confinement`] writes it.
+#[derive(Debug, clap::Args)]
+pub(super) struct ConfinementArgs {
+    /// The process that started this one. When it ends, this one ends too.
+    #[arg(long = protocol::PARENT, value_name = "PID")]
+    parent: u32,
+    /// Largest memory, in megabytes.
+    #[arg(long = protocol::MEMORY_MB, value_name = "N")]
+    memory_mb: u32,
+    /// Niceness, 0 to 19.
+    #[arg(long = protocol::NICE, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
+    nice: u32,
+}
+
+impl ConfinementArgs {
+    /// As [`part_from`], with the process that started this one.
+    pub(super) fn part_from_parent(&self) -> Result<(), ConfineError> {
+        part_from(self.parent)
+    }
+
+    /// As [`confine`]; tells the process that started this one what the system cannot do.
+    pub(super) fn confine(
+        &self,
+        reads: &[PathBuf],
+        writes: &[PathBuf],
+    ) -> Result<(), ConfineError> {
+        let limits = Limits {
+            memory_mb: self.memory_mb,
+            nice: self.nice,
+        };
+        for missing in confine(limits, reads, writes)? {
+            protocol::warn(&missing);
+        }
+        Ok(())
+    }
+
+    /// The parent's id, memory in megabytes, and niceness.
+    #[cfg(test)]
+    pub(super) fn numbers(&self) -> [u32; 3] {
+        [self.parent, self.memory_mb, self.nice]
+    }
+}
