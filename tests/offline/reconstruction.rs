@@ -133,32 +133,33 @@ fn simplified_models_stay_closed() {
     assert_eq!(model.provenance.len(), model.mesh.vertices.len());
 }
 
+#[test]
+fn sixty_six_views_that_say_nothing_new_change_no_vertex_of_a_hull() {
+    let simulated = simulation(Shape::Mug, |o| {
+        (o.width, o.height) = (320, 240);
+        o.masks = true;
+    });
+    let once = simulated.scene(0);
+    let mut often = once.clone();
+    often.colors = (0..6).flat_map(|_| once.colors.clone()).collect();
+    assert_eq!(often.colors.len(), 66);
+    let made = |scene: &Scene| {
+        let mut parameters = Parameters {
+            method: Method::Hull,
+            ..Parameters::default()
+        };
+        parameters.hull.fairing = Fairing::None;
+        reconstruct(scene, &parameters, &NoProgress).unwrap()
+    };
+    // More cameras than a cell has bits for: several share one.
+    let (once, often) = (made(&once), made(&often));
+    assert_eq!(once.model.mesh, often.model.mesh);
+    assert_eq!(once.model.provenance, often.model.provenance);
+}
+
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.
 mod long {
     use super::*;
-
-    #[test]
-    fn views_that_say_nothing_new_change_nothing_even_where_there_are_sixty_six_of_each() {
-        let simulated = simulation(Shape::Cup, |o| {
-            (o.width, o.height) = (320, 240);
-            o.masks = true;
-        });
-        let once = simulated.scene(0);
-        let mut often = once.clone();
-        often.colors = (0..6).flat_map(|_| once.colors.clone()).collect();
-        often.depths = (0..66).flat_map(|_| once.depths.clone()).collect();
-        assert_eq!((often.colors.len(), often.depths.len()), (66, 66));
-        let made = |scene: &Scene| {
-            let mut parameters = Parameters::default();
-            parameters.hull.fairing = Fairing::None;
-            reconstruct(scene, &parameters, &NoProgress).unwrap()
-        };
-        let (once, often) = (made(&once), made(&often));
-        assert_eq!(once.hull, often.hull);
-        assert_eq!(once.model.mesh, often.model.mesh);
-        assert_eq!(once.model.provenance, often.model.provenance);
-        assert!(often.model.provenance.contains(&Provenance::Restored));
-    }
 
     #[test]
     fn depth_takes_nothing_off_a_convex_body_from_wherever_and_with_whatever_bias() {
