@@ -5,6 +5,7 @@ use nalgebra::Point3;
 use scand::description::Description;
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
+use scand::reconstruct::hull::Fairing;
 use scand::reconstruct::{
     Method, NoProgress, Parameters, Provenance, Reconstruction, Scene, reconstruct, restore,
 };
@@ -130,6 +131,30 @@ fn simplified_models_stay_closed() {
         model.mesh.vertices.len()
     );
     assert_eq!(model.provenance.len(), model.mesh.vertices.len());
+}
+
+#[test]
+fn sixty_six_views_that_say_nothing_new_change_no_vertex_of_a_hull() {
+    let simulated = simulation(Shape::Mug, |o| {
+        (o.width, o.height) = (320, 240);
+        o.masks = true;
+    });
+    let once = simulated.scene(0);
+    let mut often = once.clone();
+    often.colors = (0..6).flat_map(|_| once.colors.clone()).collect();
+    assert_eq!(often.colors.len(), 66);
+    let made = |scene: &Scene| {
+        let mut parameters = Parameters {
+            method: Method::Hull,
+            ..Parameters::default()
+        };
+        parameters.hull.fairing = Fairing::None;
+        reconstruct(scene, &parameters, &NoProgress).unwrap()
+    };
+    // More cameras than a cell has bits for: several share one.
+    let (once, often) = (made(&once), made(&often));
+    assert_eq!(once.model.mesh, often.model.mesh);
+    assert_eq!(once.model.provenance, often.model.provenance);
 }
 
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.

@@ -35,6 +35,10 @@ pub fn level_of_detail(model: &Model, level: u32) -> Result<Model, SimplifyError
         normals: vertex_normals(&mesh),
         provenance: pick().map(|v| model.provenance[v]).collect(),
         expected_error: pick().map(|v| model.expected_error[v]).collect(),
+        captures: match model.captures.is_empty() {
+            true => Vec::new(),
+            false => pick().map(|v| model.captures[v]).collect(),
+        },
         texture,
         mesh,
     })

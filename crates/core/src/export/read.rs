@@ -123,6 +123,8 @@ struct Split {
     uv: Vec<[f32; 2]>,
     provenance: Vec<Provenance>,
     errors: Vec<f32>,
+    /// Empty where the model is that of one capture.
+    captures: Vec<u32>,
     seen: Vec<bool>,
     triangles: Vec<[u32; 3]>,
 }
@@ -145,6 +147,7 @@ impl Split {
         let normals = vectors(needed(find(Semantic::Normals), "NORMAL")?)?;
         let errors = file.numbers(needed(extra("ERROR"), "_ERROR")?)?;
         let provenance = file.numbers(needed(extra("PROVENANCE"), "_PROVENANCE")?)?;
+        let captures = extra("CAPTURES").map_or(Ok(Vec::new()), |index| file.numbers(index))?;
         let seen = extra("SEEN").map_or(Ok(Vec::new()), |index| file.numbers(index))?;
         let uv = match find(Semantic::TexCoords(0)) {
             Some(index) => file
@@ -160,6 +163,7 @@ impl Split {
                 .map(known_provenance)
                 .collect::<Result<_, _>>()?,
             errors: errors.into_iter().map(|e| e as f32).collect(),
+            captures: captures.into_iter().map(|bits| bits as u32).collect(),
             seen: seen.into_iter().map(|s| s > 0.5).collect(),
             positions,
             normals,
@@ -172,8 +176,8 @@ impl Split {
     fn check(&self) -> Result<(), String> {
         let count = self.positions.len();
         let of_each = [self.normals.len(), self.provenance.len(), self.errors.len()];
-        let textured = [self.uv.len(), self.seen.len()];
-        if of_each.iter().any(|&n| n != count) || textured.iter().any(|&n| n != 0 && n != count) {
+        let optional = [self.uv.len(), self.seen.len(), self.captures.len()];
+        if of_each.iter().any(|&n| n != count) || optional.iter().any(|&n| n != 0 && n != count) {
             return Err(format!("its attributes do not have {count} values each"));
         }
         if self.triangles.is_empty() {
@@ -194,7 +198,8 @@ impl Split {
         let welded: Vec<u32> = (0..self.positions.len())
             .map(|v| {
                 let shape = [self.positions[v], self.normals[v]].map(|p| p.map(f32::to_bits));
-                let known = (self.provenance[v], self.errors[v].to_bits());
+                let captures = self.captures.get(v);
+                let known = (self.provenance[v], self.errors[v].to_bits(), captures);
                 *numbers.entry((shape, known)).or_insert_with(|| {
                     first.push(v);
                     first.len() as u32 - 1
@@ -216,6 +221,9 @@ impl Split {
             normals: each().map(|&v| Vector3::from(self.normals[v])).collect(),
             provenance: each().map(|&v| self.provenance[v]).collect(),
             expected_error: each().map(|&v| self.errors[v]).collect(),
+            captures: each()
+                .filter_map(|&v| self.captures.get(v).copied())
+                .collect(),
             texture,
         }
     }

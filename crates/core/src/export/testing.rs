@@ -43,6 +43,7 @@ pub(super) fn painted_ball() -> Model {
         normals: vertex_normals(&mesh),
         provenance: vec![Provenance::Restored; vertices],
         expected_error: (0..vertices).map(|v| v as f32 * 1e-6).collect(),
+        captures: (0..vertices).map(|v| 1 + v as u32 % 3).collect(),
         texture: Some(Texture {
             atlas,
             corner_uv,

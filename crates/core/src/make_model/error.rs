@@ -1,5 +1,6 @@
 //! Why no model was made from a capture.
 
+use crate::reconstruct::MOST_CAPTURES;
 use crate::{capture, output, reconstruct, storage};
 use std::path::PathBuf;
 
@@ -25,6 +26,11 @@ pub enum Error {
     /// An object without captures.
     #[error("no capture of the object can be used")]
     NoCaptures,
+    /// An object of more captures than a vertex has bits for, and memory may hold.
+    #[error(
+        "{0} captures of the object are to be fused, expected {MOST_CAPTURES} at most: leave some out, or reject them"
+    )]
+    TooManyCaptures(usize),
     /// A capture has the name that the object's folder would have.
     #[error(
         "{}: a capture of this recording has this name, so the object's folder cannot have it: give another --out",

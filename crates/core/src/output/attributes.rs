@@ -97,6 +97,10 @@ pub fn unit(normal: Vector3<f32>) -> Vector3<f32> {
         .unwrap_or_else(Vector3::z)
 }
 
+/// What the bits of a vertex say that several captures made.
+pub(super) const CAPTURES: &str =
+    "bit i is 1 where the i-th capture, from 0, of fusion.captures in report.json made the surface";
+
 /// Checks that a model's vectors have the lengths they must have, that its indices are within them, and
 /// that its numbers are finite.
 pub(super) fn check(model: &Model) -> Result<(), Error> {
@@ -105,6 +109,9 @@ pub(super) fn check(model: &Model) -> Result<(), Error> {
     length("normals", model.normals.len(), vertices)?;
     length("provenance", model.provenance.len(), vertices)?;
     length("expected error", model.expected_error.len(), vertices)?;
+    if !model.captures.is_empty() {
+        length("captures", model.captures.len(), vertices)?;
+    }
     if let Some(texture) = &model.texture {
         length("corner uv", texture.corner_uv.len(), triangles)?;
         length("seen flags", texture.seen.len(), triangles)?;

@@ -1,7 +1,7 @@
 //! A model as glTF 2.0 in one binary file: metres, y up, one mesh with one primitive and one material, the
 //! texture embedded, provenance and expected error as custom attributes.
 
-use super::attributes::{SplitVertices, check, split_at_seams, unit, y_up};
+use super::attributes::{CAPTURES, SplitVertices, check, split_at_seams, unit, y_up};
 use super::gltf::{
     ARRAY_BUFFER, Accessor, Asset, Attributes, Buffer, BufferView, CLAMP_TO_EDGE,
     ELEMENT_ARRAY_BUFFER, FLOAT, Image, LINEAR, LINEAR_MIPMAP_LINEAR, Material, Mesh,
@@ -147,11 +147,7 @@ impl Root {
                 indices: body.indices(&split.triangles),
                 material: 0,
             }],
-            extras: json!({
-                "_PROVENANCE": Provenance::ALL,
-                "_ERROR": "expected distance to the true surface in metres",
-                "_SEEN": "1 where a camera saw the surface, 0 where its colour is spread from neighbours",
-            }),
+            extras: attributes_in_words(model),
         });
     }
 
@@ -190,6 +186,18 @@ impl Root {
     }
 }
 
+fn attributes_in_words(model: &Model) -> Value {
+    let mut words = json!({
+        "_PROVENANCE": Provenance::ALL,
+        "_ERROR": "expected distance to the true surface in metres",
+        "_SEEN": "1 where a camera saw the surface, 0 where its colour is spread from neighbours",
+    });
+    if !model.captures.is_empty() {
+        words["_CAPTURES"] = CAPTURES.into();
+    }
+    words
+}
+
 fn add_attributes(model: &Model, split: &SplitVertices, body: &mut Body) -> Attributes {
     let each = || split.welded.iter().map(|&v| v as usize);
     let positions = each().map(|v| y_up(model.mesh.vertices[v].into()));
@@ -197,6 +205,7 @@ fn add_attributes(model: &Model, split: &SplitVertices, body: &mut Body) -> Attr
     let errors = each().map(|v| [model.expected_error[v]]);
     // As floats: Blender's importer (4.2) fails on integers, and a vertex's attribute takes 4 bytes anyway.
     let provenance = each().map(|v| [f32::from(model.provenance[v] as u8)]);
+    let captures = (!model.captures.is_empty()).then(|| each().map(|v| [model.captures[v] as f32]));
     let seen = split.seen.iter().map(|&seen| [f32::from(seen)]);
     Attributes {
         position: body.floats(positions, "VEC3"),
@@ -204,6 +213,7 @@ fn add_attributes(model: &Model, split: &SplitVertices, body: &mut Body) -> Attr
         texcoord: (!split.uv.is_empty()).then(|| body.floats(split.uv.iter().copied(), "VEC2")),
         provenance: body.floats(provenance, "SCALAR"),
         error: body.floats(errors, "SCALAR"),
+        captures: captures.map(|captures| body.floats(captures, "SCALAR")),
         seen: (!split.seen.is_empty()).then(|| body.floats(seen, "SCALAR")),
     }
 }

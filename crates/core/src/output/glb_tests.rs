@@ -25,6 +25,7 @@ pub(crate) fn textured_square() -> Model {
             Provenance::Restored,
         ],
         expected_error: vec![0.0001, 0.0002, 0.0003, 0.0004],
+        captures: Vec::new(),
         texture: Some(Texture {
             atlas: RgbImage::filled(16, 8, [200, 100, 50]),
             corner_uv: vec![
@@ -248,6 +249,34 @@ fn a_model_that_does_not_hold_together_is_refused() {
         |m| m.texture.as_mut().unwrap().corner_uv.clear(),
         "corner uv",
     );
+}
+
+#[test]
+fn which_captures_made_a_vertex_is_written_of_several_captures_alone() {
+    let mut model = textured_square();
+    let captures = |model: &Model| {
+        let bytes = encode(model, &described("x"), &Parameters::default()).unwrap();
+        let (json, binary) = parse(&bytes);
+        let mesh = &json["meshes"][0];
+        assert_eq!(
+            mesh["extras"]["_CAPTURES"].is_string(),
+            !model.captures.is_empty()
+        );
+        let attributes = &mesh["primitives"][0]["attributes"];
+        let accessor = attributes.get("_CAPTURES")?;
+        let positions = read(&json, binary, &attributes["POSITION"]);
+        Some((positions, read(&json, binary, accessor)))
+    };
+    assert!(captures(&model).is_none());
+    model.captures = vec![1, 2, 3, 1 << 23];
+    let (positions, found) = captures(&model).unwrap();
+    for (position, found) in positions.iter().zip(&found) {
+        let is_at = |v: &&Point3<f32>| y_up((**v).into()).map(f64::from) == position[..];
+        let vertex = model.mesh.vertices.iter().position(|v| is_at(&v)).unwrap();
+        assert_eq!(found[..], [f64::from(model.captures[vertex])]);
+    }
+    model.captures.pop();
+    assert!(encode(&model, &described("x"), &Parameters::default()).is_err());
 }
 
 #[test]

@@ -86,6 +86,8 @@ pub(super) struct Attributes {
     pub provenance: u32,
     #[serde(rename = "_ERROR")]
     pub error: u32,
+    #[serde(rename = "_CAPTURES", skip_serializing_if = "Option::is_none")]
+    pub captures: Option<u32>,
     #[serde(rename = "_SEEN", skip_serializing_if = "Option::is_none")]
     pub seen: Option<u32>,
 }

@@ -2,12 +2,13 @@
 //! provenance and expected error of each vertex.
 
 use super::Error;
-use super::attributes::{check, unit};
+use super::attributes::{CAPTURES, check, unit};
 use crate::description::{Description, clean};
 use crate::reconstruct::{Model, Provenance};
 use std::fmt::Write;
 
-/// Bytes of one vertex: position, normal, colour, provenance, expected error.
+/// Bytes of one vertex: position, normal, colour, provenance, expected error. That of a model of several captures has
+/// four more.
 const VERTEX_BYTES: usize = 12 + 12 + 3 + 1 + 4;
 /// Bytes of one face: the count and three indices.
 const FACE_BYTES: usize = 1 + 12;
@@ -22,8 +23,9 @@ pub fn encode(model: &Model, about: &Description) -> Result<Vec<u8>, Error> {
     check(model)?;
     let vertices = model.mesh.vertices.len();
     let triangles = model.mesh.triangles.len();
-    let mut bytes = header(about, vertices, triangles).into_bytes();
-    bytes.reserve_exact(vertices * VERTEX_BYTES + triangles * FACE_BYTES);
+    let mut bytes = header(model, about).into_bytes();
+    let captures_bytes = 4 * model.captures.len();
+    bytes.reserve_exact(vertices * VERTEX_BYTES + captures_bytes + triangles * FACE_BYTES);
     for vertex in 0..vertices {
         push_vertex(&mut bytes, model, vertex);
     }
@@ -49,11 +51,16 @@ fn push_vertex(bytes: &mut Vec<u8>, model: &Model, vertex: usize) {
     bytes.extend_from_slice(&color);
     bytes.push(model.provenance[vertex] as u8);
     bytes.extend_from_slice(&model.expected_error[vertex].to_le_bytes());
+    if let Some(captures) = model.captures.get(vertex) {
+        bytes.extend_from_slice(&captures.to_le_bytes());
+    }
 }
 
-fn header(about: &Description, vertices: usize, triangles: usize) -> String {
+fn header(model: &Model, about: &Description) -> String {
+    let is_of_several = !model.captures.is_empty();
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     let names: Vec<_> = Provenance::ALL.iter().map(provenance_name).collect();
+    let captures = is_of_several.then(|| format!("captures {CAPTURES}"));
     let comments = [
         "frame rig, right-handed, z up; x y z in metres".to_owned(),
         "red green blue are sRGB-encoded".to_owned(),
@@ -63,10 +70,10 @@ fn header(about: &Description, vertices: usize, triangles: usize) -> String {
     // A line break in a comment would end it.
     let known = about.pairs().into_iter();
     let known = known.filter_map(|(name, text)| Some(format!("{name} {}", clean(text)?)));
-    for comment in known.chain(comments) {
+    for comment in known.chain(comments).chain(captures) {
         let _ = writeln!(text, "comment {comment}");
     }
-    let _ = writeln!(text, "element vertex {vertices}");
+    let _ = writeln!(text, "element vertex {}", model.mesh.vertices.len());
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         let _ = writeln!(text, "property float {name}");
     }
@@ -74,7 +81,10 @@ fn header(about: &Description, vertices: usize, triangles: usize) -> String {
         let _ = writeln!(text, "property uchar {name}");
     }
     text.push_str("property float expected_error\n");
-    let _ = writeln!(text, "element face {triangles}");
+    if is_of_several {
+        text.push_str("property uint captures\n");
+    }
+    let _ = writeln!(text, "element face {}", model.mesh.triangles.len());
     text.push_str("property list uchar int vertex_indices\nend_header\n");
     text
 }
@@ -131,6 +141,34 @@ mod tests {
         let faces = &body[4 * VERTEX_BYTES..];
         assert_eq!(faces[0], 3);
         assert_eq!(faces[1..5], 0i32.to_le_bytes());
+    }
+
+    #[test]
+    fn vertices_of_several_captures_say_which_made_them() {
+        let mut model = textured_square();
+        let alone = encode(&model, &described("cup")).unwrap();
+        model.captures = vec![1, 2, 3, 4];
+        let bytes = encode(&model, &described("cup")).unwrap();
+        let (header, body) = parts(&bytes);
+        let at = |line: &str| header.iter().position(|l| *l == line).unwrap();
+        assert_eq!(
+            at("property uint captures"),
+            at("property float expected_error") + 1
+        );
+        let alone = parts(&alone);
+        assert_eq!(
+            alone.0.len() + 2,
+            header.len(),
+            "a comment and a property more"
+        );
+        for vertex in 0..4 {
+            let record = &body[vertex * (VERTEX_BYTES + 4)..][..VERTEX_BYTES + 4];
+            assert_eq!(
+                record[..VERTEX_BYTES],
+                alone.1[vertex * VERTEX_BYTES..][..VERTEX_BYTES]
+            );
+            assert_eq!(record[VERTEX_BYTES..], model.captures[vertex].to_le_bytes());
+        }
     }
 
     #[test]

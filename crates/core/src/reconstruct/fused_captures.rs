@@ -2,7 +2,7 @@
 //! empty for a scene of one capture.
 
 use super::depth::EnhancedDepth;
-use super::hull::Plane;
+use super::hull::{Hull, Plane};
 use super::region::Regions;
 use super::{DepthView, Scene};
 use crate::calibration::Volume;
@@ -12,6 +12,10 @@ use nalgebra::{Isometry3, Point2, Point3};
 const COMMON: f64 = 0.3;
 /// Metres within which two cameras' readings are of one place.
 const SAME_PLACE: f64 = 0.012;
+/// Pixels within which an outline touches a point of the hull's surface.
+const TOUCHING_PX: f64 = 1.0;
+/// Captures that a model is fused of at most: so many bits a number of glTF holds exactly.
+pub const MOST_CAPTURES: usize = 24;
 
 /// How the object stood in the captures that a scene is fused of.
 #[derive(Clone, Debug, Default)]
@@ -25,6 +29,8 @@ pub struct FusedCaptures {
     pub ranks: Vec<u8>,
     /// For each colour view, then each depth view, the number of its capture; empty where there is one.
     pub captures: Vec<u16>,
+    /// The numbers of the captures of `tables`, after that of the capture whose frame the scene has.
+    pub table_captures: Vec<u16>,
 }
 
 /// A depth view in its own rig's frame.
@@ -46,6 +52,33 @@ impl FusedCaptures {
     /// Whether the scene is fused of several captures.
     pub(super) fn is_of_several(&self) -> bool {
         self.captures.windows(2).any(|pair| pair[0] != pair[1])
+    }
+
+    /// The capture of a depth view, as a bit.
+    pub(super) fn of_depth_view(&self, number: usize) -> u32 {
+        let colors = self.captures.len().saturating_sub(self.depths.len());
+        let capture = self.captures.get(colors + number);
+        capture.map_or(0, |&capture| bit(capture))
+    }
+
+    /// The captures whose outlines or table touch a point of the hull's surface, a bit each; the one that comes
+    /// nearest where none does.
+    pub(super) fn touching(&self, hull: &Hull, p: Point3<f64>) -> u32 {
+        let of_color = |camera: usize| self.captures.get(camera).map_or(0, |&capture| bit(capture));
+        let outlines = hull.outlines_near(p, TOUCHING_PX);
+        let touching = outlines.fold(0, |bits, (camera, _)| bits | of_color(camera));
+        let heights = hull.bounds().heights(p).zip(&self.table_captures);
+        let lowest = heights.min_by(|a, b| a.0.total_cmp(&b.0));
+        let footprint = hull.pixel_footprint(p);
+        match lowest {
+            Some((height, &capture)) if height < TOUCHING_PX * footprint => touching | bit(capture),
+            _ if touching != 0 => touching,
+            _ => match (hull.bounding_camera(p), lowest) {
+                (Some((camera, _)), _) => of_color(camera),
+                (None, Some((_, &capture))) => bit(capture),
+                (None, None) => 0,
+            },
+        }
     }
 
     /// A depth view with its table, both in the frame of its own rig.
@@ -120,6 +153,11 @@ impl FusedCaptures {
         }
         found
     }
+}
+
+/// A capture as a bit.
+fn bit(capture: u16) -> u32 {
+    1_u32.checked_shl(capture.into()).unwrap_or(0)
 }
 
 /// A concave region that one depth view sees.

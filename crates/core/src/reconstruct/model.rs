@@ -47,6 +47,9 @@ pub struct Model {
     pub provenance: Vec<Provenance>,
     /// Expected distance to the true surface, in metres.
     pub expected_error: Vec<f32>,
+    /// For each vertex which captures made it: bit i stands for capture i of those that the model is fused of. Empty
+    /// where the model is that of one capture.
+    pub captures: Vec<u32>,
     /// Colours; `None` until textured.
     pub texture: Option<Texture>,
 }

@@ -195,6 +195,7 @@ pub fn reconstruct_from(
     begin(Stage::Depth)?;
     let template = Template {
         hull: &hull,
+        fused_captures,
         solid,
         extracted: start,
         lattice: &lattice,
@@ -448,6 +449,10 @@ fn simplified(model: Model, vertices: usize) -> Result<Model, SimplifyError> {
             .iter()
             .map(|v| model.expected_error[of(v)])
             .collect(),
+        captures: match model.captures.is_empty() {
+            true => Vec::new(),
+            false => sources.iter().map(|v| model.captures[of(v)]).collect(),
+        },
         texture: None,
     })
 }
@@ -462,11 +467,15 @@ fn restore(
         .depths
         .iter()
         .zip(depths)
-        .map(|(view, DepthResult { enhanced, regions })| Source {
-            camera: &view.camera,
-            depth: enhanced,
-            regions,
-        })
+        .enumerate()
+        .map(
+            |(number, (view, DepthResult { enhanced, regions }))| Source {
+                number,
+                camera: &view.camera,
+                depth: enhanced,
+                regions,
+            },
+        )
         .collect();
     Ok(match parameters.method {
         Method::Hull => Restored::uncarved(restore::plain(template)),

@@ -104,6 +104,32 @@ impl Body {
         Ok(body)
     }
 
+    /// The same capture, if all lengths of its calibration were `scale` times as large.
+    pub(super) fn scaled(&self, scale: f64) -> Self {
+        let vertices = self.mesh.vertices.iter().map(|v| v * scale as f32);
+        let ray = |ray: &Ray| Ray {
+            eye: ray.eye * scale,
+            ..*ray
+        };
+        Self {
+            outlines: self.outlines.iter().map(|o| o.scaled(scale)).collect(),
+            cameras: self.cameras.clone(),
+            floor: self.floor * scale,
+            mesh: Mesh {
+                vertices: vertices.collect(),
+                triangles: self.mesh.triangles.clone(),
+            },
+            normals: self.normals.clone(),
+            field: self.field.scaled(scale),
+            surface: self.surface.iter().map(|p| p * scale).collect(),
+            center: self.center * scale,
+            radius: self.radius * scale,
+            pixel: self.pixel * scale,
+            cell_size: self.cell_size * scale,
+            rays: self.rays.iter().map(ray).collect(),
+        }
+    }
+
     /// How far in metres a point lies within all cones and above the table, as far as it matters: the least value of
     /// all, or one below `enough`.
     pub(super) fn value(&self, p: Point3<f64>, enough: f64) -> f64 {
@@ -189,6 +215,15 @@ impl Field {
             cell,
             size: size.into(),
             values,
+        }
+    }
+
+    fn scaled(&self, scale: f64) -> Self {
+        Self {
+            corner: self.corner * scale,
+            cell: self.cell * scale,
+            size: self.size,
+            values: self.values.iter().map(|v| v * scale as f32).collect(),
         }
     }
 

@@ -7,10 +7,12 @@ use super::depth::Depths;
 use super::determination::Determination;
 use super::motion::displacement;
 use super::noise::{self, Disagreement};
+use super::scale;
 use super::search;
 use super::skin::Skin;
 use super::touch::Target;
 use super::{Colours, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
+use crate::calibration::Camera;
 use nalgebra::{Isometry3, UnitVector3};
 use rayon::prelude::*;
 
@@ -21,6 +23,8 @@ pub(super) struct Prepared {
     pub(super) depths: Depths,
     /// What its silhouettes say against each other.
     pub(super) own: Disagreement,
+    /// The cameras as it was calibrated.
+    pub(super) cameras: Vec<Camera>,
 }
 
 /// What was found of two captures.
@@ -42,6 +46,8 @@ pub(super) struct Decision {
     pub(super) rivals: Vec<OtherPose>,
     pub(super) colours: Option<Colours>,
     pub(super) depth: Option<DepthWitness>,
+    /// By which share the second's lengths are larger than the first's, where the silhouettes agree without that alone.
+    pub(super) larger_by: Option<f64>,
     /// Standard deviations: degrees, and metres of the surface.
     pub(super) uncertainty: (f64, f64),
 }
@@ -59,6 +65,11 @@ pub(super) struct Two<'a> {
 
 /// Candidates of the search that are refined.
 const MOST_REFINED: usize = 24;
+/// Candidates that are refined by many rays, and rivals that are compared.
+const MOST_SETTLED: usize = 12;
+const MOST_RIVALS: usize = 24;
+/// They disagree, by few rays, by less than this many times the least, or what counts as no objection.
+const CLOSE: f64 = 1.5;
 /// Candidates that cost more than this many times the best are left out.
 const COSTLIER: f64 = 2.5;
 
@@ -97,29 +108,65 @@ impl Two<'_> {
 
     fn found(&self) -> Decision {
         let (a, b) = (&self.a.body, &self.b.body);
-        let refined = self.refined();
+        let refined = self.settled(self.refined());
         let Some(best) = refined.first() else {
             let nowhere = align(a, b, Isometry3::identity(), Rays::FEW, None);
             return self.state(&nowhere, Err(Refusal::NoPose));
         };
-        let best = align(a, b, best.pose, Rays::MANY, None);
-        let stated = self.state(&best, Ok(PoseEvidence::Silhouettes));
+        let stated = self.state(best, Ok(PoseEvidence::Silhouettes));
         if stated.verdict.is_err() {
-            return stated;
+            return self.at_another_scale(stated);
         }
-        let determination = Determination::of(a, b, &best, self.object);
+        let determination = Determination::of(a, b, best, self.object);
+        let is_free = determination.is_free();
+        let rivals = self.rivals(best, &refined, is_free);
+        if !is_free && rivals.is_empty() {
+            return self.unique(stated);
+        }
+        self.by_witnesses(stated, best, &determination, &rivals)
+    }
+
+    /// Other poses that the silhouettes bear. An object that looks the same after each of two turns looks the same
+    /// after both, so that what the search missed of a symmetry follows from what it found. Where a turn is free, all
+    /// turns are looked at later.
+    fn rivals(&self, best: &Aligned, refined: &[Aligned], is_free: bool) -> Vec<Aligned> {
+        let (a, b) = (&self.a.body, &self.b.body);
         let apart = limits::APART * a.radius;
+        let is_other =
+            |x: &Aligned, y: &Aligned| displacement(&x.pose, &y.pose, &a.surface) > apart;
         let bearable = refined
             .iter()
             .skip(1)
             .filter(|r| r.disagreement < self.object);
-        let rivals: Vec<&Aligned> = bearable
-            .filter(|r| displacement(&r.pose, &best.pose, &a.surface) > apart)
-            .collect();
-        if !determination.is_free() && rivals.is_empty() {
-            return self.unique(stated);
+        let mut rivals: Vec<Aligned> = bearable.filter(|r| is_other(r, best)).cloned().collect();
+        let mut known = 0;
+        while !is_free && known < rivals.len() && rivals.len() < MOST_RIVALS {
+            let turns: Vec<Isometry3<f64>> = rivals
+                .iter()
+                .map(|r| best.pose.inverse() * r.pose)
+                .collect();
+            let begin = std::mem::replace(&mut known, rivals.len());
+            let pairs = (0..turns.len()).flat_map(|i| (0..turns.len()).map(move |j| (i, j)));
+            let is_new = |&(i, j): &(usize, usize)| i.max(j) >= begin;
+            let tried: Vec<Aligned> = pairs
+                .filter(is_new)
+                .map(|(i, j)| best.pose * turns[i] * turns[j])
+                .filter(|pose| {
+                    let is_known = |r: &Aligned| displacement(&r.pose, pose, &a.surface) <= apart;
+                    !is_known(best) && !rivals.iter().any(is_known)
+                })
+                .collect::<Vec<_>>()
+                .par_iter()
+                .map(|pose| align(a, b, *pose, Rays::MANY, None))
+                .collect();
+            for found in tried {
+                let is_new = is_other(&found, best) && rivals.iter().all(|r| is_other(r, &found));
+                if found.disagreement < self.object && is_new && rivals.len() < MOST_RIVALS {
+                    rivals.push(found);
+                }
+            }
         }
-        self.by_witnesses(stated, &best, &determination, &rivals)
+        rivals
     }
 
     /// The survivors of the search on the silhouettes, each once, the best first.
@@ -145,6 +192,42 @@ impl Two<'_> {
             }
         }
         kept
+    }
+
+    /// The first of the survivors refined by more rays, the best first: few rays tell poses apart, but do not say which
+    /// of two that nearly agree is the right one.
+    fn settled(&self, refined: Vec<Aligned>) -> Vec<Aligned> {
+        let (a, b) = (&self.a.body, &self.b.body);
+        let least = refined.first().map_or(0.0, |best| best.disagreement);
+        let limit = CLOSE * least.max(self.object);
+        let near = refined.iter().enumerate();
+        let near = near.filter(|(i, r)| *i == 0 || r.disagreement < limit);
+        let near: Vec<&Aligned> = near.map(|(_, r)| r).take(MOST_SETTLED).collect();
+        let mut settled: Vec<Aligned> = near
+            .par_iter()
+            .map(|r| align(a, b, r.pose, Rays::MANY, None))
+            .collect();
+        settled.sort_by(|x, y| x.disagreement.total_cmp(&y.disagreement));
+        settled
+    }
+
+    /// Silhouettes that agree in no pose: whether they would, if the lengths of the calibrations were the same.
+    fn at_another_scale(&self, mut decision: Decision) -> Decision {
+        if self.a.cameras == self.b.cameras {
+            return decision;
+        }
+        let (scale, aligned) = scale::best(&self.a.body, &self.b.body, &decision.pose);
+        let resized = self.b.body.scaled(scale);
+        let stated = self.state_of(
+            [&self.a.body, &resized],
+            &aligned,
+            Ok(PoseEvidence::Silhouettes),
+        );
+        if stated.verdict.is_ok() {
+            decision.verdict = Err(Refusal::Scale);
+            decision.larger_by = Some(1.0 / scale - 1.0);
+        }
+        decision
     }
 
     /// A pose that the silhouettes alone hold.
@@ -174,7 +257,15 @@ impl Two<'_> {
         aligned: &Aligned,
         verdict: Result<PoseEvidence, Refusal>,
     ) -> Decision {
-        let (a, b) = (&self.a.body, &self.b.body);
+        self.state_of([&self.a.body, &self.b.body], aligned, verdict)
+    }
+
+    fn state_of(
+        &self,
+        [a, b]: [&Body; 2],
+        aligned: &Aligned,
+        verdict: Result<PoseEvidence, Refusal>,
+    ) -> Decision {
         let target = |body, body_from_ray| {
             [Target {
                 body,
@@ -210,6 +301,7 @@ impl Two<'_> {
             rivals: Vec::new(),
             colours: None,
             depth: None,
+            larger_by: None,
         }
     }
 

@@ -59,6 +59,12 @@ fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
         depths,
         own,
         body,
+        cameras: capture
+            .scene
+            .colors
+            .iter()
+            .map(|view| view.camera.clone())
+            .collect(),
     })
 }
 
@@ -237,6 +243,7 @@ impl Group<'_> {
             worst_stretch: None,
             depth: None,
             colours: None,
+            larger_by: None,
             rivals: Vec::new(),
             all_at_once_mm: None,
         };
@@ -284,6 +291,7 @@ impl Group<'_> {
         let stretch = decision.stretch.clone();
         into.worst_stretch =
             stretch.map(|(s, is_second)| (if is_second { index } else { against }, s));
+        into.larger_by = decision.larger_by;
         into.depth = decision.depth;
         into.colours = decision.colours;
         into.rivals.clone_from(&decision.rivals);

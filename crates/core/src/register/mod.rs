@@ -8,7 +8,8 @@
 //! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
-//! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice; `group` does so for all;
+//! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice, and with a `scale` where
+//!   their calibrations differ; `group` does so for all;
 //! - `unseen` measures what no camera faced.
 
 mod align;
@@ -22,6 +23,7 @@ mod limits;
 mod motion;
 mod noise;
 mod outline;
+mod scale;
 mod search;
 mod skin;
 mod touch;
@@ -82,6 +84,9 @@ pub enum Refusal {
     NoHull,
     /// In every pose its silhouettes contradict those of the others.
     NoPose,
+    /// Its silhouettes agree with those of the others in no pose, but would if the lengths of its calibration were
+    /// others.
+    Scale,
     /// A stretch of a contour contradicts the others.
     Stretch,
     /// Depth contradicts the pose that silhouettes or colours chose.
@@ -152,6 +157,9 @@ pub struct Registered {
     pub depth: Option<DepthWitness>,
     /// How well colours agree at the pose.
     pub colours: Option<Colours>,
+    /// By which share the lengths of its calibration are larger than those of the capture that it was compared with,
+    /// if the silhouettes would agree without that; `None` where that explains nothing.
+    pub larger_by: Option<f64>,
     /// Other poses that agree with the silhouettes.
     pub rivals: Vec<OtherPose>,
     /// How far all other captures together contradict its silhouettes, in millimetres.

@@ -101,6 +101,15 @@ impl Outline {
         })
     }
 
+    /// The same outline, if its camera were `scale` times as far from the rig's origin.
+    pub(super) fn scaled(&self, scale: f64) -> Self {
+        Self {
+            translation: self.translation * scale,
+            eye: self.eye * scale,
+            ..self.clone()
+        }
+    }
+
     /// A point of the rig's frame in the camera's.
     #[inline]
     pub(super) fn in_camera(&self, p: Point3<f64>) -> Vector3<f64> {

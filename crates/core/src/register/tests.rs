@@ -158,6 +158,32 @@ fn a_body_that_changed_is_refused_and_a_faulty_capture_is_left_out() {
 }
 
 #[test]
+fn captures_whose_calibrations_differ_in_scale_are_not_fused_and_say_so() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let mut captures = poses.map(|p| capture(&crooked(), &p));
+    for view in &mut captures[1].0.colors {
+        let mut longer = view.camera.rig_from_camera;
+        longer.translation.vector *= 1.012;
+        view.camera = Camera::new(view.camera.id.clone(), view.camera.intrinsics, longer);
+    }
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(second.verdict, Err(Refusal::Scale), "{second:?}");
+    let larger_by = second.larger_by.unwrap();
+    assert!((larger_by - 0.012).abs() < 0.002, "{larger_by}");
+    // Another object under the same cameras is not excused by a scale.
+    let mut changed = crooked();
+    for (center, radius) in &mut changed {
+        (*center, *radius) = (*center * 1.012, *radius * 1.012);
+    }
+    let captures = [capture(&crooked(), &poses[0]), capture(&changed, &poses[1])];
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(
+        (second.verdict, second.larger_by),
+        (Err(Refusal::NoPose), None)
+    );
+}
+
+#[test]
 fn the_turn_of_a_plain_body_of_revolution_is_not_claimed() {
     let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
     let captures = poses.map(|p| capture(&round(), &p));

@@ -60,7 +60,7 @@ impl Two<'_> {
         mut decision: Decision,
         best: &Aligned,
         determination: &Determination,
-        rivals: &[&Aligned],
+        rivals: &[Aligned],
     ) -> Decision {
         decision.rivals = rivals.iter().map(|r| self.rival(r, best)).collect();
         let is_free = determination.is_free();
@@ -108,7 +108,7 @@ impl Two<'_> {
         &self,
         best: &Aligned,
         determination: &Determination,
-        rivals: &[&Aligned],
+        rivals: &[Aligned],
     ) -> Candidates {
         let (a, b) = (&self.a.body, &self.b.body);
         if !determination.is_free() {

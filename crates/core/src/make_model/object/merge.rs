@@ -43,7 +43,10 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
             volume: captures[frame_of].scene.volume,
         },
         silhouettes: Vec::new(),
-        standing: FusedCaptures::default(),
+        standing: FusedCaptures {
+            table_captures: vec![frame_of as u16],
+            ..FusedCaptures::default()
+        },
         facts: CaptureFacts {
             colors: Vec::new(),
             depths: Vec::new(),
@@ -88,6 +91,7 @@ impl Merged {
                 point: pose * floor,
                 normal: pose.rotation * Vector3::z(),
             });
+            self.standing.table_captures.push(place.capture as u16);
         }
         for view in scene.colors {
             let camera = moved(&view.camera, &pose, renamed(&view.camera.id), number);

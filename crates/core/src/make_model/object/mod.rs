@@ -19,7 +19,7 @@ use super::{Error, Made, Model, ModelMaker, about, failure};
 use crate::capture;
 use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
-use crate::reconstruct::{self, FusedCaptures};
+use crate::reconstruct::{self, FusedCaptures, MOST_CAPTURES};
 use crate::register::{self, CaptureSilhouettes, PoseEvidence, Registered, Registration};
 use crate::report;
 use crate::storage::StagedFolder;
@@ -147,6 +147,9 @@ impl ModelMaker<'_> {
         into: &mut Option<Fusion>,
     ) -> Result<ObjectOutcome, Error> {
         let first = sources.first().ok_or(Error::NoCaptures)?;
+        if sources.len() > MOST_CAPTURES {
+            return Err(Error::TooManyCaptures(sources.len()));
+        }
         let folder = self.object_folder(request.subject);
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         if first

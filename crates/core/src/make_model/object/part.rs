@@ -62,6 +62,9 @@ pub struct FusedCapture {
     pub all_at_once_mm: Option<f64>,
     /// The stretch of contour that misses most.
     pub worst_stretch: Option<WorstStretch>,
+    /// By which share the lengths of its calibration are larger than those of `compared_with`, where that alone keeps
+    /// the silhouettes from agreeing.
+    pub larger_by: Option<f64>,
     /// What depth says.
     pub depth: Option<DepthWitness>,
     /// What colours say.
@@ -125,7 +128,13 @@ impl Fusion {
     pub fn left_out(&self) -> impl Iterator<Item = String> + '_ {
         let is_left = |c: &&FusedCapture| !c.is_fused && c.held_by != Some(PoseEvidence::Frame);
         let left = self.captures.iter().filter(is_left);
-        left.map(|c| format!("{}: {}", c.id, c.words))
+        left.map(|c| format!("{}: {}", self.name_of(c), c.words))
+    }
+
+    /// A capture's name, with that of its recording where two recordings have a capture of this name.
+    fn name_of(&self, capture: &FusedCapture) -> String {
+        let ids = self.captures.iter().map(|c| &c.id);
+        full_name(&capture.id, &capture.recording, ids)
     }
 
     /// What a person should know, as reasons of the verdict.
@@ -142,10 +151,21 @@ impl Fusion {
                 level,
                 code,
                 cameras: Vec::new(),
-                words: format!("capture {}: {}", c.id, c.words),
+                words: format!("capture {}: {}", self.name_of(c), c.words),
             })
         };
         self.captures.iter().filter_map(reason).collect()
+    }
+}
+
+fn full_name<'a>(
+    id: &CaptureId,
+    recording: &str,
+    ids: impl Iterator<Item = &'a CaptureId>,
+) -> String {
+    match ids.filter(|other| *other == id).count() {
+        0 | 1 => id.to_string(),
+        _ => format!("{id} of {recording}"),
     }
 }
 
@@ -202,6 +222,7 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
             length_px: s.length_px,
             miss_px: s.miss_px,
         }),
+        larger_by: found.larger_by,
         depth: found.depth,
         colours: found.colours,
         rivals: found.rivals.clone(),
@@ -211,16 +232,21 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
 
 /// What was found of a capture, and what a person can do about it.
 fn words(found: &Registered, known: &[Known]) -> String {
-    let to = found
-        .against
-        .map_or_else(|| "the others".to_owned(), |a| known[a].id.to_string());
+    let name = |i: usize| {
+        full_name(
+            &known[i].id,
+            &known[i].recording,
+            known.iter().map(|k| &k.id),
+        )
+    };
+    let to = found.against.map_or_else(|| "the others".to_owned(), name);
     let off = found.disagreement_mm.unwrap_or(0.0);
     let most = found.accepted_mm;
     let place = found
         .worst_stretch
         .as_ref()
         .map_or_else(String::new, |(of, s)| {
-            let (id, camera) = (&known[*of].id, &known[*of].cameras[s.camera]);
+            let (id, camera) = (name(*of), &known[*of].cameras[s.camera]);
             format!(
                 " (worst in camera {camera} of {id}: {:.0} px of contour are off by {:.1} px)",
                 s.length_px, s.miss_px
@@ -259,6 +285,11 @@ fn words(found: &Registered, known: &[Known]) -> String {
         Err(Refusal::NoPose) => format!(
             "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
              {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"
+        ),
+        Err(Refusal::Scale) => format!(
+            "its silhouettes agree with those of {to} only if lengths differ by {:.1} %: the calibrations may differ by that. \
+             Take all captures under one calibration; if both are right, it is another object",
+            100.0 * found.larger_by.unwrap_or(0.0).abs()
         ),
         Err(Refusal::Stretch) => format!(
             "a part of its outline disagrees with {to}{place}: the object changed there, or something hid it"

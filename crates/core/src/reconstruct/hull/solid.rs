@@ -52,6 +52,12 @@ impl Bounds {
         nearest
     }
 
+    /// How far a point is above each table, in metres: the volume's lower face, then the planes.
+    pub fn heights(&self, p: Point3<f64>) -> impl Iterator<Item = f64> + '_ {
+        let planes = self.planes.iter().map(move |plane| plane.distance(p));
+        std::iter::once(p.z - self.volume.min.z).chain(planes)
+    }
+
     /// The outward unit normal of a face or plane.
     fn normal(&self, face: usize) -> Vector3<f64> {
         match face.checked_sub(6).and_then(|i| self.planes.get(i)) {

@@ -151,6 +151,7 @@ mod tests {
         let cameras = [camera(0.8), camera(-0.8)];
         let evidence = [evidence(read), evidence(read)];
         let sources = [0, 1].map(|i| Source {
+            number: i,
             camera: &cameras[i],
             depth: &evidence[i].0,
             regions: &evidence[i].1,

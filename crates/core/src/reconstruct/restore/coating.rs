@@ -8,7 +8,7 @@
 
 use super::factor::solve;
 use super::laplacian::{Patch, ScreenedSystem, Singular};
-use super::{Parameters, Source};
+use super::{Parameters, Source, Template};
 use crate::image::Grid;
 use crate::mesh::{Mesh, vertex_normals};
 use crate::reconstruct::depth::DepthKind;
@@ -26,8 +26,10 @@ pub(super) fn restore(
     source: &Source,
     depth: &Grid<f32>,
     parameters: &Parameters,
-    front_threshold: f32,
+    template: &Template,
 ) -> Result<(), Singular> {
+    let front_threshold = template.front_threshold;
+    let maker = template.fused_captures.of_depth_view(source.number);
     let eye: Point3<f32> = source.camera.camera.center().cast();
     let front = front_vertices(&model.mesh, &model.normals, eye, front_threshold);
     let seen: Vec<Option<(usize, usize)>> = model
@@ -88,6 +90,9 @@ pub(super) fn restore(
                 Provenance::Bridged
             };
             model.expected_error[v] = source.depth.sigma[pixel];
+            if let Some(captures) = model.captures.get_mut(v) {
+                *captures = maker;
+            }
         }
     }
     model.normals = vertex_normals(&model.mesh);

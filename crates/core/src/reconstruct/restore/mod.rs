@@ -16,11 +16,11 @@ mod relax;
 
 pub use laplacian::Singular;
 
-use super::Model;
 use super::depth::EnhancedDepth;
 use super::hull::{self, Carved, Carving, ExtractedSurface, Hull, carving_of};
 use super::region::Regions;
 use super::surface::{Constraint, Lattice, Solid};
+use super::{FusedCaptures, Model};
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
 
@@ -76,6 +76,8 @@ impl Default for Parameters {
 /// What one depth camera contributes.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
+    /// The number of its view in the scene.
+    pub number: usize,
     /// The camera.
     pub camera: &'a DepthCamera,
     /// Its enhanced depth.
@@ -88,6 +90,8 @@ pub struct Source<'a> {
 pub struct Template<'a> {
     /// The plain hull, and its cones.
     pub hull: &'a Hull<'a>,
+    /// How the object stood in the captures that the hull is of.
+    pub fused_captures: &'a FusedCaptures,
     /// What is carved: the hull, plain or faired.
     pub solid: &'a dyn Solid,
     /// The surface of `solid`.
@@ -123,7 +127,7 @@ impl Restored {
 
 /// The hull as it is: for objects without concave regions, and as a baseline.
 pub fn plain(template: &Template) -> Model {
-    provenance::describe(template.extracted.surface.clone(), template.hull, &[], &[])
+    provenance::describe(template.extracted.surface.clone(), template, &[], &[])
 }
 
 /// Restores the regions of all `sources`. Without any region the result is [`plain`], bit for bit.
@@ -154,13 +158,7 @@ pub fn restore(
         Form::Coating => {
             let mut model = plain(template);
             for (source, depth) in sources.iter().zip(&depths) {
-                coating::restore(
-                    &mut model,
-                    source,
-                    depth,
-                    parameters,
-                    template.front_threshold,
-                )?;
+                coating::restore(&mut model, source, depth, parameters, template)?;
             }
             Ok(Restored::uncarved(model))
         }
@@ -239,7 +237,7 @@ fn carve_by(
         carvings = closed;
     }
     let constraints = extracted.surface.constraints.clone();
-    let model = provenance::describe(extracted.surface, template.hull, &carvings, sources);
+    let model = provenance::describe(extracted.surface, template, &carvings, sources);
     let restored = Restored {
         model,
         dropped_pieces: extracted.dropped_pieces,

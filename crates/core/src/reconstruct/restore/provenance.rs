@@ -1,9 +1,9 @@
 //! Decides the provenance of each vertex, and its expected error.
 
-use super::Source;
+use super::{Source, Template};
 use crate::mesh::vertex_normals;
 use crate::reconstruct::depth::DepthKind;
-use crate::reconstruct::hull::{Carving, Hull, carving_of, is_floor};
+use crate::reconstruct::hull::{Carving, carving_of, is_floor};
 use crate::reconstruct::surface::{Constraint, Surface};
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point2, Point3};
@@ -20,14 +20,15 @@ const STEP_PX: f32 = 4.0;
 /// narrower than its belly on the far side.
 const SHADOWED: f32 = 0.28;
 
-/// Makes a model of a surface of `hull` carved by `carvings`, which come from `sources` with regions, in
+/// Makes a model of a surface of the template's hull carved by `carvings`, which come from `sources` with regions, in
 /// their order.
 pub(super) fn describe(
     surface: Surface,
-    hull: &Hull,
+    template: &Template,
     carvings: &[Carving],
     sources: &[Source],
 ) -> Model {
+    let hull = template.hull;
     let normals = vertex_normals(&surface.mesh);
     let of_vertex = |(v, &constraint): (usize, &Constraint)| {
         let p = surface.mesh.vertices[v];
@@ -45,12 +46,22 @@ pub(super) fn describe(
         }
     };
     let vertices = surface.constraints.par_iter().enumerate();
-    let (provenance, expected_error) = vertices.map(of_vertex).unzip();
+    let (provenance, expected_error) = vertices.clone().map(of_vertex).unzip();
+    let fused = template.fused_captures;
+    let makers = |(v, &constraint): (usize, &Constraint)| match carving_of(constraint) {
+        Some(i) => fused.of_depth_view(sources[i].number),
+        None => fused.touching(hull, surface.mesh.vertices[v].cast()),
+    };
+    let captures = match fused.is_of_several() {
+        true => vertices.map(makers).collect(),
+        false => Vec::new(),
+    };
     Model {
         mesh: surface.mesh,
         normals,
         provenance,
         expected_error,
+        captures,
         texture: None,
     }
 }

@@ -91,6 +91,7 @@ fn model(mesh: Mesh) -> Model {
         normals: mesh::vertex_normals(&mesh),
         provenance: vec![Provenance::Hull; mesh.vertices.len()],
         expected_error: vec![0.0; mesh.vertices.len()],
+        captures: Vec::new(),
         texture: None,
         mesh,
     }
