@@ -5,6 +5,7 @@
 
 use super::labels::{UNSEEN, regions};
 use super::outline::Outline;
+use super::specks::Specks;
 use super::{Parameters, Surface, Unseen};
 use crate::array::two;
 use crate::image::{CellShape, pack_shapes};
@@ -37,6 +38,8 @@ pub(super) struct Chart {
 /// All charts with their places.
 pub(super) struct Layout {
     pub charts: Vec<Chart>,
+    /// What is too small for a chart.
+    specks: Specks,
     /// Texels a pixel of the pictures.
     pub scale: f32,
     /// Texels around each chart.
@@ -58,10 +61,16 @@ const WIDTHS: [f64; 5] = [1.0, 1.04, 1.08, 1.13, 1.2];
 
 impl Layout {
     /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller.
-    pub(super) fn new(surface: &Surface, labels: &[u16], parameters: &Parameters) -> Self {
+    pub(super) fn new(
+        surface: &Surface,
+        labels: &[u16],
+        specks: Specks,
+        parameters: &Parameters,
+    ) -> Self {
         let largest = parameters.largest_side;
         let mut layout = Self {
-            charts: charts(surface, labels, parameters.unseen),
+            charts: charts(surface, labels, &specks, parameters.unseen),
+            specks,
             scale: 1.0,
             gutter: parameters.gutter_px,
             size: [1, 1],
@@ -195,12 +204,18 @@ impl Layout {
                 });
             }
         }
+        for (triangles, (lender, corner)) in &self.specks {
+            let place = uv[*lender as usize][*corner];
+            for &triangle in triangles {
+                uv[triangle as usize] = [place; 3];
+            }
+        }
         uv
     }
 }
 
-/// Connected regions of one label; unseen regions are one chart, or are split by the axis that they face.
-fn charts(surface: &Surface, labels: &[u16], unseen: Unseen) -> Vec<Chart> {
+/// Connected regions of one label but for specks; unseen regions are one chart, or are split by the axis that they face.
+fn charts(surface: &Surface, labels: &[u16], specks: &Specks, unseen: Unseen) -> Vec<Chart> {
     let views = surface.views.len() as u16;
     let faced = |(triangle, &label): (usize, &u16)| match label {
         UNSEEN if unseen == Unseen::Continued => views + facing_axis(surface, triangle),
@@ -214,7 +229,13 @@ fn charts(surface: &Surface, labels: &[u16], unseen: Unseen) -> Vec<Chart> {
             None => Plane::View(label.into()),
         },
     };
-    let regions = regions(&faced, &surface.across).into_iter();
+    let mut is_speck = vec![false; labels.len()];
+    for &triangle in specks.iter().flat_map(|(triangles, _)| triangles) {
+        is_speck[triangle as usize] = true;
+    }
+    let mut regions = regions(&faced, &surface.across);
+    regions.retain(|region| !is_speck[region[0] as usize]);
+    let regions = regions.into_iter();
     let regions = regions.map(|triangles| (plane(&triangles), triangles));
     let (nowhere, mut charts): (Vec<_>, Vec<_>) =
         regions.partition(|(plane, _)| *plane == Plane::Nowhere);

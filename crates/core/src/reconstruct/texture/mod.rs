@@ -8,6 +8,7 @@ mod exposure;
 mod labels;
 mod outline;
 mod rings;
+mod specks;
 mod unseen;
 mod view;
 mod visibility;
@@ -144,13 +145,18 @@ pub fn paint_in_order(
         let samples = exposure::samples(&surface, &gains);
         (gains, samples)
     };
-    let ((gains, samples), labels) = rayon::join(even, || labels::choose(&surface, parameters));
+    let label = || {
+        let mut labels = labels::choose(&surface, parameters);
+        let specks = specks::find(&surface, &mut labels);
+        (labels, specks)
+    };
+    let ((gains, samples), (labels, specks)) = rayon::join(even, label);
     let blend = || {
         let blend = blend::Blend::new(&surface, &labels, &samples, parameters);
         let vertex_colors = unseen::vertex_colors(&surface, &blend, &samples, parameters.unseen);
         (blend, vertex_colors)
     };
-    let lay_out = || charts::Layout::new(&surface, &labels, parameters);
+    let lay_out = || charts::Layout::new(&surface, &labels, specks, parameters);
     let ((blend, vertex_colors), layout) = rayon::join(blend, lay_out);
     let painted = atlas::Paint {
         surface: &surface,

@@ -539,6 +539,29 @@ fn charts_fill_the_atlas() {
 }
 
 #[test]
+fn what_is_too_small_for_a_chart_takes_a_color_beside_it_or_is_unseen() {
+    let model = sphere();
+    let scene = rendered(ring(2, 480, 1500.0), &model.mesh, pattern);
+    let parameters = Parameters::default();
+    let surface = Surface::new(&model.mesh, &scene, &[], &Order::default(), &parameters);
+    let mut labels = vec![0; model.mesh.triangles.len()];
+    let [speck, other] = [100, surface.across[100][0]];
+    labels[speck as usize] = 1;
+    let found = specks::find(&surface, &mut labels);
+    assert_eq!(found.len(), 1);
+    let (triangles, (lender, corner)) = &found[0];
+    assert_eq!(triangles, &[speck]);
+    assert!(surface.across[speck as usize].contains(lender));
+    let shared = model.mesh.triangles[*lender as usize][*corner];
+    assert!(model.mesh.triangles[speck as usize].contains(&shared));
+    // One of two specks in the unseen lends to the other only what it has itself: nothing.
+    let mut labels = vec![labels::UNSEEN; labels.len()];
+    (labels[speck as usize], labels[other as usize]) = (1, 0);
+    assert!(specks::find(&surface, &mut labels).is_empty());
+    assert!(labels.iter().all(|&label| label == labels::UNSEEN));
+}
+
+#[test]
 fn texture_coordinates_of_a_triangle_hold_its_own_colors() {
     // Every corner lies in the atlas, and no two triangles of different charts share texels.
     let model = sphere();
