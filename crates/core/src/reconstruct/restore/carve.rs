@@ -16,9 +16,13 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     let bias = regions.bias.metres as f32;
     let (width, height) = (depth.depth.width(), depth.depth.height());
     let mut carving = Grid::from_fn_parallel(width, height, |x, y| {
-        let usable = regions.contains(x, y) && depth.kind[(x, y)] != DepthKind::None;
-        if usable {
-            depth.depth[(x, y)] - bias
+        let carved = depth.depth[(x, y)] - bias;
+        if depth.kind[(x, y)] == DepthKind::None {
+            0.0
+        } else if regions.contains(x, y) {
+            carved
+        } else if is_top_of_wall(source, x, y, carved) {
+            carved.max(regions.front.depth[(x, y)])
         } else {
             0.0
         }
@@ -26,6 +30,20 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     keep_walls(&mut carving, source, cell_size, parameters);
     add_ring(&mut carving, regions);
     carving
+}
+
+/// Whether a pixel beside a region is where a wall begins that is too steep to be read. Its filled depth lies so little
+/// behind the hull that it does not belong to the region; without it, the wall would begin a pixel farther in.
+fn is_top_of_wall(source: &Source, x: usize, y: usize, carved: f32) -> bool {
+    let Source { depth, regions, .. } = source;
+    let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)].iter().any(|(dx, dy)| {
+        let label = regions.labels.get(x as isize + dx, y as isize + dy);
+        label.is_some_and(|&label| label != 0)
+    });
+    beside
+        && depth.kind[(x, y)] == DepthKind::Filled
+        && regions.front.depth[(x, y)].is_finite()
+        && carved < regions.front.exit[(x, y)]
 }
 
 /// Keeps walls standing: [`break_through`] finds the rays that may open the object, [`keep_across`] what all others
