@@ -1,5 +1,5 @@
-//! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, and names as a
-//! shell takes them.
+//! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, and names as
+//! a shell takes them.
 
 use std::path::Path;
 

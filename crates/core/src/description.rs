@@ -38,8 +38,8 @@ pub struct Description {
     pub rig: Option<String>,
     /// When the capture was triggered, in ISO 8601 (UTC).
     pub time: String,
-    /// SHA-256 of what the model is made of: pictures, cameras and volume. The same at the rig and in a later replay. Of a
-    /// model of several captures, the SHA-256 of their digests in hexadecimal digits, a line each.
+    /// SHA-256 of what the model is made of: pictures, cameras and volume. The same at the rig and in a later replay.
+    /// Of a model of several captures, the SHA-256 of their digests in hexadecimal digits, a line each.
     pub input_sha256: String,
     /// SHA-256 of the calibration that was used, of which `input_sha256` is a function too. Of several captures with
     /// different calibrations, the SHA-256 of their digests, as above.

@@ -27,8 +27,8 @@ pub fn metres(text: &str) -> Option<f64> {
     with_unit.or_else(plain)
 }
 
-/// The same of what is shorter than `most` metres: a longer one needs a unit, because a plain number is then most likely one
-/// of millimetres.
+/// The same of what is shorter than `most` metres: a longer one needs a unit, because a plain number is then most
+/// likely one of millimetres.
 pub fn metres_below(most: f64, text: &str) -> Option<f64> {
     metres(text).filter(|metres| has_unit(text) || metres.abs() < most)
 }

@@ -86,7 +86,8 @@ const DOCUMENTS: [(&str, &str); 7] = [
     ),
 ];
 
-/// Makes the package. The exit code is 3 if a recording in it is damaged, or one that was to be searched cannot be read.
+/// Makes the package. The exit code is 3 if a recording in it is damaged, or one that was to be searched cannot be
+/// read.
 ///
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
@@ -231,7 +232,8 @@ impl Packing<'_> {
         Ok(())
     }
 
-    /// The report of a capture's model and the model's input, if the model goes into the package; a warning says why not.
+    /// The report of a capture's model and the model's input, if the model goes into the package; a warning says why
+    /// not.
     fn report(
         &mut self,
         chosen: &SelectedCaptures,

@@ -1,4 +1,5 @@
-//! Finds the models that belong to the captures of a package, and checks from what they were made. Nothing is written here.
+//! Finds the models that belong to the captures of a package, and checks from what they were made. Nothing is written
+//! here.
 
 use super::select::{ChosenCapture, SelectedCaptures};
 use crate::capture::{CaptureSession, CaptureSummary, calibration_digest, input_digest};
