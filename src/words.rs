@@ -1,9 +1,22 @@
-//! Text that several rooms need: counts with their plurals, and the known word that is closest to a wrong one.
+//! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, and names as
+//! a shell takes them.
+
+use std::path::Path;
 
 /// A count with its noun: `1 capture`, `2 captures`.
 pub fn count(number: usize, noun: &str) -> String {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")
+}
+
+/// A file's name as a person can paste it into a shell.
+pub fn shell_word(path: &Path) -> String {
+    let name = path.display().to_string();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+@%:=,".contains(c);
+    match !name.is_empty() && name.chars().all(is_plain) {
+        true => name,
+        false => format!("'{}'", name.replace('\'', r"'\''")),
+    }
 }
 
 /// The known word that is closest to `word`, if it is close: at most a third of the letters differ, and at most three.
@@ -57,6 +70,18 @@ mod tests {
         }
         assert_eq!(distance("", "abc"), 3);
         assert_eq!(distance("xy", "yx"), 1);
+    }
+
+    #[test]
+    fn a_name_is_one_word_of_a_shell() {
+        for (name, word) in [
+            ("a/cup-1.mcap", "a/cup-1.mcap"),
+            ("Größe.mcap", "Größe.mcap"),
+            ("my cup", "'my cup'"),
+            ("it's; rm x", r"'it'\''s; rm x'"),
+        ] {
+            assert_eq!(shell_word(Path::new(name)), word);
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Rates the cameras' status: that of the daemon, or of cameras that were opened for this check.
 
 use super::{Finding, State};
+use crate::words::count;
 use serde_json::Value;
 
 /// Rates the cameras of a status (`cameras` in docs/socket.md).
@@ -32,7 +33,10 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
     }
     let lost = camera["lost_frames"].as_u64().unwrap_or(0);
     if lost > 0 {
-        let found = format!("lost {lost} frames since the daemon started");
+        let found = format!(
+            "lost {} since the daemon started",
+            count(lost as usize, "frame")
+        );
         let remedy = "check its link: cable, switch, packet_delay_ns, receive buffers";
         findings.push(Finding::not_ok(State::Advice, subject, found, remedy));
     }

@@ -1,6 +1,7 @@
 //! Checks the recordings' folder: whether the daemon can write there, and its free space and speed.
 
 use super::{Finding, State};
+use crate::words::count;
 use std::io::Write;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
@@ -52,7 +53,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
     let Some(captures) = usable.checked_div(capture_bytes) else {
         return Finding::ok(subject, found);
     };
-    found += &format!(", space for {captures} captures");
+    found += &format!(", space for {}", count(captures as usize, "capture"));
     let remedy = "move old recordings elsewhere; recording.keep_free_mb sets the space that captures never use";
     match captures {
         0 => Finding::not_ok(State::Wrong, subject, found, remedy),
@@ -138,7 +139,7 @@ pub fn plates(recordings: &Path) -> Finding {
         return Finding::not_ok(State::Wrong, subject, found, remedy);
     }
     let hours = age.unwrap_or_default().as_secs() / 3600;
-    let found = format!("{hours} hours old");
+    let found = format!("{} old", count(hours as usize, "hour"));
     if hours < 12 {
         return Finding::ok(subject, found);
     }

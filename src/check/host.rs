@@ -1,6 +1,7 @@
 //! Checks the machine by the kernel's own files: network, kernel modules, USB.
 
 use super::{Finding, State};
+use crate::words::count;
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 
@@ -154,13 +155,13 @@ impl Host {
         if let Some(minutes) = connected.map(|ms| ms / 60_000) {
             let (subject, found) = (
                 "Kinect: warm-up",
-                format!("{minutes} minutes on USB port {name}"),
+                format!("{} on USB port {name}", count(minutes as usize, "minute")),
             );
             findings.push(if minutes >= WARM_MINUTES {
                 Finding::ok(subject, found)
             } else {
-                let rest = WARM_MINUTES - minutes;
-                let remedy = format!("its depth drifts while it warms up: wait {rest} minutes");
+                let rest = count((WARM_MINUTES - minutes) as usize, "minute");
+                let remedy = format!("its depth drifts while it warms up: wait {rest}");
                 Finding::not_ok(State::Advice, subject, found, remedy)
             });
         }

@@ -11,6 +11,7 @@ pub use cameras::cameras;
 pub use disk::{folder, plates, space, speed};
 pub use host::Host;
 
+use crate::words::count;
 use std::time::{Duration, SystemTime};
 
 /// The result of a check.
@@ -93,13 +94,11 @@ pub fn calibration(modified: Option<std::io::Result<SystemTime>>) -> Finding {
     };
     let age = modified.map(|time| time.elapsed().unwrap_or_default());
     match age {
-        Ok(age) if age <= Duration::from_secs(90 * 86_400) => {
-            Finding::ok(subject, format!("{} days old", age.as_secs() / 86_400))
-        }
+        Ok(age) if age <= Duration::from_secs(90 * 86_400) => Finding::ok(subject, days_old(age)),
         Ok(age) => Finding::not_ok(
             State::Advice,
             subject,
-            format!("{} days old", age.as_secs() / 86_400),
+            days_old(age),
             "calibrate again if anything was touched since: docs/calibration.md",
         ),
         Err(cause) => {
@@ -107,6 +106,11 @@ pub fn calibration(modified: Option<std::io::Result<SystemTime>>) -> Finding {
             Finding::not_ok(State::Wrong, subject, cause.to_string(), remedy)
         }
     }
+}
+
+fn days_old(age: Duration) -> String {
+    let days = age.as_secs() / 86_400;
+    format!("{} old", count(days as usize, "day"))
 }
 
 #[cfg(test)]

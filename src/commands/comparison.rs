@@ -1,6 +1,6 @@
 //! What the commands that compare two models share: their arguments, and how they print their results.
 
-use super::refuse_to_replace;
+use super::{check_folder_of, refuse_to_replace};
 use crate::image::RgbImage;
 use crate::output::encode_png;
 use crate::range;
@@ -43,12 +43,14 @@ fn parse_samples(text: &str) -> anyhow::Result<usize> {
 }
 
 impl ComparisonArgs {
-    /// Refuses a picture that already exists, before anything is computed.
+    /// Refuses a picture that already exists or cannot be written, before anything is computed.
     ///
     /// # Errors
     /// If it is, and is not to be replaced.
     pub(super) fn check(&self) -> anyhow::Result<()> {
-        refuse_to_replace("--picture", self.picture.as_deref(), self.force)
+        refuse_to_replace("--picture", self.picture.as_deref(), self.force)?;
+        self.picture.as_deref().map_or(Ok(()), check_folder_of)?;
+        Ok(())
     }
 
     /// Draws what was found, if asked to, and prints it.

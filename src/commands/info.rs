@@ -1,6 +1,6 @@
 //! `scand info`: lists the contents of a recording, its cameras and captures, and its damage.
 
-use super::{EXIT_INCOMPLETE, refuse_to_replace, wrong_usage};
+use super::{EXIT_INCOMPLETE, first_aid, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
 use crate::capture::{
@@ -406,18 +406,7 @@ impl Info {
 
     /// What is missing, and what to do about it.
     fn first_aid(&self) -> Option<String> {
-        if self.cut_off {
-            return Some(cut_off_words(&self.file));
-        }
-        let bytes: u64 = self.damage.iter().map(|damage| damage.length).sum();
-        (!self.damage.is_empty()).then(|| {
-            format!(
-                "{}: damaged in {} ({bytes} of {} bytes). Copy it again from its source; what is intact can be replayed",
-                self.file.display(),
-                count(self.damage.len(), "place"),
-                self.bytes
-            )
-        })
+        first_aid::words(&self.file, self.bytes, self.cut_off, &self.damage)
     }
 
     fn in_words(&self) -> String {
@@ -568,13 +557,4 @@ impl CalibrationInfo {
             self.width, self.height, self.focal_px[0], self.focal_px[1]
         )
     }
-}
-
-/// Says that a recording is cut off, and what to do.
-pub(super) fn cut_off_words(file: &Path) -> String {
-    let file = file.display();
-    format!(
-        "{file}: cut off: its end is missing, and scand cannot know how much that is. Copy it again from its source, or complete \
-         a copy of what is there with `scand recover {file}`"
-    )
 }

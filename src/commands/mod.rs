@@ -19,6 +19,7 @@ pub mod demo;
 pub mod diff;
 pub mod evaluate;
 pub mod export;
+mod first_aid;
 #[cfg(feature = "fleet")]
 pub mod fleet;
 #[cfg(feature = "fleet")]
@@ -49,8 +50,8 @@ pub use parse::parse;
 use std::path::Path;
 use std::process::ExitCode;
 
-use crate::trigger;
 pub use crate::workers::protocol::EXIT_INCOMPLETE;
+use crate::{storage, trigger};
 
 /// Exit code of a call with wrong arguments, the same as clap's.
 pub const EXIT_USAGE: u8 = 2;
@@ -83,6 +84,15 @@ fn refuse_to_replace(option: &str, file: Option<&Path>, force: bool) -> anyhow::
         ),
         None => Ok(()),
     }
+}
+
+/// Finds out before long work whether a file can be written: its folder is made, if there is none.
+///
+/// # Errors
+/// If the folder cannot be made or written to.
+fn check_folder_of(file: &Path) -> Result<(), storage::Error> {
+    let folder = file.parent().filter(|folder| *folder != Path::new(""));
+    storage::check_writable(folder.unwrap_or(Path::new(".")))
 }
 
 /// A configuration or calibration that is refused.

@@ -1,6 +1,7 @@
 //! Reads the command line, and adds a suggestion to clap's errors.
 
 use super::Cli;
+use crate::words::shell_word;
 use clap::Parser;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
 use std::ffi::OsString;
@@ -31,7 +32,8 @@ fn tip(error: &Error) -> Option<String> {
         .iter()
         .any(|ending| word.ends_with(ending));
     if is_recording || Path::new(word).exists() {
-        return Some(format!("to reconstruct a recording: scand replay {word}"));
+        let file = shell_word(Path::new(word));
+        return Some(format!("to reconstruct a recording: scand replay {file}"));
     }
     let known = match word.as_str() {
         "version" => "scand --version",

@@ -4,6 +4,7 @@ use super::EXIT_INCOMPLETE;
 use crate::recording::{
     Error, Recovered, finished_name, interrupted, recover, recover_copy, unfinished,
 };
+use crate::words::count;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -87,5 +88,6 @@ fn words(recovered: &Recovered) -> String {
         )
     });
     let kept = kept.unwrap_or_default();
-    format!("{}: recovered, {messages} messages{kept}", path.display())
+    let messages = count(*messages as usize, "message");
+    format!("{}: recovered, {messages}{kept}", path.display())
 }

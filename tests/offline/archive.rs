@@ -111,3 +111,111 @@ fn a_package_that_is_not_whole_is_told_so() {
     assert!(line["findings"].as_array().unwrap().len() >= 2);
     assert_eq!(desk.run(&["verify", "nowhere"]).status.code(), Some(1));
 }
+
+#[test]
+fn a_package_says_of_each_model_whether_it_was_made_of_its_recording() {
+    let desk = Desk::with_a_model();
+    let sheet = |package: &str| -> Value {
+        let path = desk.path(package).join("data/paradata/ball/ball-000.json");
+        serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+    };
+    let told = desk.done(&["archive", "ball-000", "-o", "same"]);
+    assert!(!told.contains("made from"), "{told}");
+    let input = sheet("same")["processing"]["input"].clone();
+    assert!(input.as_str().unwrap().contains("digest was compared"));
+    // The calibration with which a model was made is not that of the recording.
+    desk.done(&["info", "ball.mcap", "--calibration", "other.toml"]);
+    let text = std::fs::read_to_string(desk.path("other.toml")).unwrap();
+    let start = text.find("center_px = [").unwrap() + "center_px = [".len();
+    let end = start + text[start..].find(',').unwrap();
+    let moved = text[start..end].parse::<f64>().unwrap() + 0.25;
+    let text = format!("{}{moved:?}{}", &text[..start], &text[end..]);
+    std::fs::write(desk.path("other.toml"), text).unwrap();
+    #[rustfmt::skip]
+    desk.done(&[
+        "replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q", "--force",
+        "--calibration", "other.toml",
+    ]);
+    let told = desk.done(&["archive", "ball-000", "-o", "calibrated"]);
+    assert!(told.contains("with another calibration"), "{told}");
+    let input = sheet("calibrated")["processing"]["input"].clone();
+    assert!(input.as_str().unwrap().contains("another calibration"));
+    // A model of a capture that has the same name in another recording.
+    let report = "out/ball/ball-000/report.json";
+    let text = std::fs::read_to_string(desk.path(report)).unwrap();
+    let time = "\"time_ns\": \"";
+    let at = text.find(time).unwrap() + time.len();
+    let text = format!("{}9{}", &text[..at], &text[at + 1..]);
+    std::fs::write(desk.path(report), text).unwrap();
+    let told = desk.done(&["archive", "ball-000", "-o", "foreign"]);
+    assert!(told.contains("of another recording"), "{told}");
+    let foreign = files(&desk.path("foreign"));
+    assert!(!foreign.keys().any(|name| name.starts_with("data/models")));
+    assert_eq!(
+        sheet("foreign")["processing"]["method"],
+        "no model is in the package"
+    );
+}
+
+#[test]
+fn a_model_of_several_captures_goes_with_them() {
+    let desk = Desk::new();
+    let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+    let poses = format!("{{\"rig_from_object\":[{pose},{pose}]}}");
+    std::fs::write(desk.path("poses.json"), poses).unwrap();
+    #[rustfmt::skip]
+    desk.done(&[
+        "fuse", "ball.mcap", "--capture", "ball-000", "--capture", "ball-001", "--poses", "poses.json",
+        "--set", "hull.resolution=40", "-q",
+    ]);
+    let model = "data/models/ball/ball-000.object/model.glb";
+    desk.done(&["archive", "ball", "-o", "both"]);
+    assert!(files(&desk.path("both")).contains_key(model));
+    let told = desk.done(&["archive", "ball-001", "-o", "one"]);
+    assert!(
+        told.contains("does not have ball-000 of ball.mcap"),
+        "{told}"
+    );
+    assert!(!files(&desk.path("one")).contains_key(model));
+    // Beside the models of its captures it has a name and a page of its own.
+    desk.done(&["replay", "ball.mcap", "--set", "hull.resolution=40", "-q"]);
+    desk.done(&["export", "out", "--format", "stl"]);
+    for name in ["ball-000", "ball-001", "ball-000.object"] {
+        let file = desk.path("export").join(format!("{name}.stl"));
+        assert!(file.is_file(), "{}", file.display());
+    }
+    let told = desk.done(&["publish", "out", "-o", "site"]);
+    assert!(told.contains("3 objects"), "{told}");
+    // What is made of a rejected capture is not published, either.
+    desk.done(&["note", "ball-001", "reject", "--recording", "ball.mcap"]);
+    let told = desk.done(&["publish", "out", "-o", "fewer"]);
+    assert!(told.contains("1 object;"), "{told}");
+    let told = desk.done(&["publish", "out", "-o", "blind", "--recordings", "site"]);
+    assert!(
+        told.contains("were not read, because site does not have ball.mcap"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_recording_that_cannot_be_read_hides_no_other_and_is_told() {
+    let desk = Desk::new();
+    std::fs::write(desk.path("another.mcap"), "#ROSBAG V2.0\n").unwrap();
+    let output = desk.run(&["archive", "ball-000", "-o", "bag"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(3), "{told}");
+    assert!(
+        told.contains("not looked into: ./another.mcap") && told.contains("ROS bag"),
+        "{told}"
+    );
+    assert!(desk.run(&["verify", "bag"]).status.success());
+    let output = desk.run(&["archive", "1884.3", "-o", "none"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("another.mcap"), "{told}");
+    // Nothing to keep is no package.
+    std::fs::write(desk.path("magic.mcap"), b"\x89MCAP0\r\n").unwrap();
+    let output = desk.run(&["archive", "magic.mcap", "-o", "empty"]);
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(!desk.path("empty").exists());
+}

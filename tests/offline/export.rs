@@ -404,3 +404,11 @@ fn a_file_is_replaced_only_with_force() {
         "the dataset was replaced whole"
     );
 }
+
+#[test]
+fn a_rejected_model_is_exported_with_a_remark() {
+    let home = Home::new();
+    home.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
+    home.done(&["replay", "ball.mcap"]);
+    home.hold("export out --format stl", 0, &["the capture was rejected"]);
+}

@@ -89,6 +89,7 @@ fn the_khronos_validator_finds_nothing() {
     // All that a model can say of its object.
     let about = |name: &str| Description {
         capture: name.into(),
+        captures: Some(format!("{name}, other")),
         subject: Some("1884.3".into()),
         title: Some("Krater \"with\" handles".into()),
         operator: Some("Ann".into()),

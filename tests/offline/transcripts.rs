@@ -14,6 +14,9 @@ fn desk_with_mistakes() -> Desk {
     let mut flipped = whole.clone();
     flipped[whole.len() / 2] ^= 4;
     std::fs::write(desk.path("flipped.mcap"), flipped).unwrap();
+    std::fs::write(desk.path("archive.mcap"), b"PK\x03\x04\x14\0\0\0").unwrap();
+    std::fs::write(desk.path("nothing.mcap"), "").unwrap();
+    std::fs::create_dir(desk.path("folder.mcap")).unwrap();
     std::fs::write(desk.path("camchain.yaml"), "cam0:\n  intrinsics: [1, 2]\n").unwrap();
     std::fs::create_dir(desk.path("empty")).unwrap();
     std::fs::create_dir(desk.path("other")).unwrap();
@@ -105,13 +108,31 @@ fn mistakes_are_answered_with_what_to_do() {
         ),
         ("replay ball.mcap other/ball.mcap", 1, &["the same name"]),
         ("replay empty", 1, &["has no recording"]),
+        ("replay absent.mcap", 1, &["absent.mcap", "No such file"]),
+        (
+            "replay ball.mcap -o /proc/none",
+            1,
+            &["nothing was reconstructed", "--out"],
+        ),
+        (
+            "simulate --shape ball --out ball.mcap/b.mcap",
+            1,
+            &["nothing was rendered", "--out"],
+        ),
         ("info picture.mcap", 1, &["is a PNG picture"]),
+        ("info archive.mcap", 1, &["is a ZIP"]),
+        ("info nothing.mcap", 1, &["nothing.mcap", "empty"]),
+        ("info folder.mcap", 1, &["folder.mcap", "folder"]),
         (
             "info ball.mcap other/ball.mcap",
             0,
             &["2 captures", "5 cameras"],
         ),
-        ("pack cut.mcap", 1, &["cut.mcap"]),
+        (
+            "pack cut.mcap",
+            1,
+            &["cut.mcap", "cut off", "was left unchanged"],
+        ),
         ("info flipped.mcap", 3, &["CRC"]),
         ("pack flipped.mcap", 1, &["CRC", "was left unchanged"]),
         ("info model.mcap", 1, &["is a PLY model"]),
@@ -216,15 +237,15 @@ fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
     hold(&desk, "recover cut.mcap", 1, &["cut.recovered.mcap"]);
 }
 
-/// A daemon that gives each press one answer.
-fn answering(desk: &Desk, answer: &'static str) -> std::thread::JoinHandle<()> {
+/// A daemon that gives one answer to the request of this kind.
+fn answering(desk: &Desk, kind: &'static str, answer: &'static str) -> std::thread::JoinHandle<()> {
     let _ = std::fs::remove_file(desk.path("s.sock"));
     let listener = UnixListener::bind(desk.path("s.sock")).unwrap();
     std::thread::spawn(move || {
         let (stream, _) = listener.accept().unwrap();
         let mut line = String::new();
         BufReader::new(&stream).read_line(&mut line).unwrap();
-        assert!(line.contains("trigger"), "{line}");
+        assert!(line.contains(kind), "{line}");
         writeln!(&stream, "{answer}").unwrap();
     })
 }
@@ -251,7 +272,7 @@ fn what_became_of_a_press_is_in_the_exit_code() {
             "durable",
         ),
     ] {
-        let daemon = answering(&desk, answer);
+        let daemon = answering(&desk, "trigger", answer);
         hold(&desk, "trigger --socket s.sock", code, &[word]);
         daemon.join().unwrap();
     }
@@ -359,4 +380,90 @@ fn every_line_of_the_readme_that_begins_with_cargo_is_a_command_line() {
             assert!(root.join(file).is_file(), "{file}");
         }
     }
+}
+
+#[test]
+fn a_status_that_is_not_understood_is_no_empty_table() {
+    let desk = Desk::new();
+    for (answer, code, word) in [
+        (
+            r#"{"type":"status","status":{"session":"a","cameras":[{"id":"c00"}]}}"#,
+            1,
+            "a form that this scand does not know",
+        ),
+        (
+            r#"{"type":"status","status":{"calibration_age_h":30.0,"cameras":{"c00":{"state":"ready"}}}}"#,
+            0,
+            "calibrated 1 day ago",
+        ),
+    ] {
+        let daemon = answering(&desk, "status", answer);
+        hold(&desk, "status --socket s.sock", code, &[word]);
+        daemon.join().unwrap();
+    }
+}
+
+#[test]
+fn one_file_configures_the_rig_and_the_replay() {
+    let desk = Desk::new();
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/rig.toml");
+    #[rustfmt::skip]
+    desk.done(&["replay", "ball.mcap", "-q", "--config", config, "--set", "hull.resolution=40"]);
+    assert!(desk.path("out/ball/ball-001/model.glb").is_file());
+}
+
+#[test]
+fn a_damaged_recording_is_never_called_packed() {
+    let desk = Desk::new();
+    let told = desk.done(&["pack", "ball.mcap", "--json"]);
+    let line: serde_json::Value = serde_json::from_str(&told).unwrap();
+    assert_eq!(line["result"], "packed", "{told}");
+    assert!(
+        line["bytes_after"].as_u64() < line["bytes_before"].as_u64(),
+        "{told}"
+    );
+    hold(&desk, "pack ball.mcap", 0, &["is already packed"]);
+    assert_eq!(desk.done(&["pack", "ball.mcap", "-q"]), "");
+    let mut packed = std::fs::read(desk.path("ball.mcap")).unwrap();
+    let middle = packed.len() / 2;
+    packed[middle] ^= 4;
+    std::fs::write(desk.path("ball.mcap"), &packed).unwrap();
+    let said = hold(
+        &desk,
+        "pack ball.mcap --quiet",
+        1,
+        &["Copy it again", "was left unchanged"],
+    );
+    assert!(!said.contains("already packed"), "{said}");
+    assert!(std::fs::read(desk.path("ball.mcap")).unwrap() == packed);
+}
+
+#[test]
+fn a_capture_whose_frames_are_lost_is_not_complete() {
+    let desk = desk_with_mistakes();
+    let output = desk.run(&["info", "cut.mcap", "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for capture in info["captures"].as_array().unwrap() {
+        let has_frames = capture["color_frames"] != 0;
+        assert_eq!(capture["failure"].is_null(), has_frames, "{capture}");
+    }
+}
+
+#[test]
+fn lengths_of_the_command_line_may_have_any_unit() {
+    let desk = Desk::with_a_model();
+    let model = "out/ball/ball-000";
+    let told = ["2", "2mm", "0.2cm", "0.002m"].map(|length| {
+        let output = desk.done(&["evaluate", model, model, "--floor-mm", length, "--json"]);
+        let same = desk.run(&["diff", model, model, "--tolerance-mm", length]);
+        assert!(same.status.success(), "{same:?}");
+        output
+    });
+    assert!(told.iter().all(|text| *text == told[0]), "{told:?}");
+    let inch = desk.done(&["evaluate", model, model, "--floor-mm", "1in", "--json"]);
+    assert_eq!(
+        inch,
+        desk.done(&["evaluate", model, model, "--floor-mm", "25.4", "--json"])
+    );
+    assert_ne!(inch, told[0]);
 }

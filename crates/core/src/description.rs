@@ -10,8 +10,11 @@ const LONGEST: usize = 400;
 /// What is known of a model.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Description {
-    /// The capture's id.
+    /// The capture's id; of a model of several captures, that of the capture whose rig is its frame.
     pub capture: String,
+    /// The ids of all captures of a model of several, in the order of their triggers, separated by commas.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub captures: Option<String>,
     /// The object's number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub subject: Option<String>,
@@ -36,8 +39,10 @@ pub struct Description {
     /// When the capture was triggered, in ISO 8601 (UTC).
     pub time: String,
     /// SHA-256 of what the model is made of: pictures, cameras and volume. The same at the rig and in a later replay.
+    /// Of a model of several captures, the SHA-256 of their digests in hexadecimal digits, a line each.
     pub input_sha256: String,
-    /// SHA-256 of the calibration that was used, of which `input_sha256` is a function too.
+    /// SHA-256 of the calibration that was used, of which `input_sha256` is a function too. Of several captures with
+    /// different calibrations, the SHA-256 of their digests, as above.
     pub calibration_sha256: String,
     /// Name and version of the program.
     pub program: String,
@@ -47,6 +52,7 @@ impl Description {
     /// Everything that is known, by name, in a fixed order.
     pub fn pairs(&self) -> Vec<(&'static str, &str)> {
         let known = [
+            ("captures", &self.captures),
             ("subject", &self.subject),
             ("title", &self.title),
             ("operator", &self.operator),
@@ -75,6 +81,7 @@ impl Description {
         let always = |name: &str| known(name).unwrap_or_default();
         Self {
             capture: always("capture"),
+            captures: known("captures"),
             subject: known("subject"),
             title: known("title"),
             operator: known("operator"),

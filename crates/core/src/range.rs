@@ -27,6 +27,12 @@ pub fn metres(text: &str) -> Option<f64> {
     with_unit.or_else(plain)
 }
 
+/// The same of what is shorter than `most` metres: a longer one needs a unit, because a plain number is then most
+/// likely one of millimetres.
+pub fn metres_below(most: f64, text: &str) -> Option<f64> {
+    metres(text).filter(|metres| has_unit(text) || metres.abs() < most)
+}
+
 /// Whether a length's text ends in a unit.
 pub fn has_unit(text: &str) -> bool {
     text.trim_end().ends_with(|c: char| c.is_ascii_alphabetic())
@@ -290,6 +296,9 @@ mod tests {
         ] {
             assert_eq!(metres(text), expected, "{text}");
         }
+        assert_eq!(metres_below(1.0, "0.025"), Some(0.025));
+        assert_eq!(metres_below(1.0, "25"), None);
+        assert_eq!(metres_below(1.0, "1200mm"), Some(1.2));
         assert_eq!([millimetres("2"), millimetres("0.2cm")], [Ok(2.0), Ok(2.0)]);
         assert!(millimetres("two").unwrap_err().contains("2mm"));
     }

@@ -1,18 +1,21 @@
 //! `scand archive`: puts recordings, notes, calibrations, models, reports and all that is needed to understand them
 //! into one package for an archive (BagIt, RFC 8493).
 
+mod models;
 mod page;
 mod paradata;
 mod select;
 
-use super::EXIT_INCOMPLETE;
+use super::{EXIT_INCOMPLETE, first_aid};
 use crate::bag::Bag;
 use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
 use crate::recording::beside;
 use crate::words::count;
 use anyhow::Context;
+use models::ModelInput;
 use select::{ChosenCapture, SelectedCaptures};
+use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -83,18 +86,20 @@ const DOCUMENTS: [(&str, &str); 7] = [
     ),
 ];
 
-/// Makes the package. The exit code is 3 if a recording in it is damaged.
+/// Makes the package. The exit code is 3 if a recording in it is damaged, or one that was to be searched cannot be
+/// read.
 ///
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let chosen = select::choose(&args.what, &args.recordings)?;
+    let select::Selection { chosen, unread } = select::choose(&args.what, &args.recordings)?;
     let mut packing = Packing {
         bag: Bag::create(&args.out)?,
         models: &args.models,
+        kept: models::kept(&chosen),
         names: BTreeSet::new(),
-        warnings: Vec::new(),
-        damaged: false,
+        damaged: !unread.is_empty(),
+        warnings: unread,
         identifiers: BTreeSet::new(),
     };
     for (path, text) in DOCUMENTS {
@@ -144,6 +149,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 struct Packing<'a> {
     bag: Bag,
     models: &'a Path,
+    /// The captures whose models it has: the file names of their recordings, and their ids.
+    kept: BTreeSet<(String, String)>,
     /// Names that recordings have in the package.
     names: BTreeSet<String>,
     warnings: Vec<String>,
@@ -170,6 +177,9 @@ impl Packing<'_> {
         }
         let recording = chosen.session.recording();
         let damage = recording.verify()?;
+        let bytes = recording.file_length();
+        let first_aid = first_aid::words(&chosen.path, bytes, recording.is_cut_off()?, &damage);
+        self.warnings.extend(first_aid);
         for damage in &damage {
             self.damaged = true;
             self.warnings
@@ -189,7 +199,7 @@ impl Packing<'_> {
         for capture in &chosen.captures {
             self.add_capture(chosen, &stem, &name, capture)?;
         }
-        Ok(())
+        self.add_objects(&stem, &name)
     }
 
     fn add_capture(
@@ -208,35 +218,72 @@ impl Packing<'_> {
                 .unwrap_or_else(|| id.to_owned()),
         );
         let folder = self.models.join(stem).join(id);
-        let left_out = capture.summary.notes.is_rejected() && !capture.is_named;
-        let report = std::fs::read(folder.join("report.json"))
-            .ok()
-            .filter(|_| !left_out);
-        let report = report.and_then(|bytes| serde_json::from_slice(&bytes).ok());
-        if report.is_none() {
-            self.warnings.push(match left_out {
-                true => format!("{id}: its model is left out, because the capture was rejected"),
-                false => format!(
-                    "{id}: no model is in {}: the package has the recording",
-                    folder.display()
-                ),
-            });
-        } else {
-            for file in ["model.glb", "model.ply", "preview.png", "report.json"] {
-                let path = folder.join(file);
-                if path.is_file() {
-                    self.bag
-                        .put_file(&format!("models/{name}/{id}/{file}"), &path)?;
-                }
-            }
+        let made = self.report(chosen, capture, &folder);
+        if made.is_some() {
+            self.add_model(&folder, name, id)?;
         }
-        let sheet = paradata::of(&chosen.session, &capture.summary, report.as_ref(), name);
+        let sheet = paradata::of(&chosen.session, &capture.summary, made.as_ref(), name);
         let text = serde_json::to_string_pretty(&sheet)? + "\n";
         self.bag
             .put(&format!("paradata/{name}/{id}.json"), text.as_bytes())?;
         let page = page::of(id, &sheet);
         self.bag
             .put(&format!("paradata/{name}/{id}.html"), page.as_bytes())?;
+        Ok(())
+    }
+
+    /// The report of a capture's model and the model's input, if the model goes into the package; a warning says why
+    /// not.
+    fn report(
+        &mut self,
+        chosen: &SelectedCaptures,
+        capture: &ChosenCapture,
+        folder: &Path,
+    ) -> Option<(Value, ModelInput)> {
+        let id = &capture.summary.id;
+        if models::is_left_out(capture) {
+            self.warnings.push(format!(
+                "{id}: its model is left out, because the capture was rejected"
+            ));
+            return None;
+        }
+        let Some(report) = models::report(folder) else {
+            self.warnings.push(format!(
+                "{id}: no model is in {}: the package has the recording",
+                folder.display()
+            ));
+            return None;
+        };
+        let input = ModelInput::of(&chosen.session, &capture.summary, &report);
+        self.warnings.extend(input.warning(id.as_str(), folder));
+        (input != ModelInput::OtherRecording).then_some((report, input))
+    }
+
+    /// Adds the models of several captures, if the package has all of their captures.
+    fn add_objects(&mut self, stem: &str, name: &str) -> anyhow::Result<()> {
+        for object in models::of_objects(&self.models.join(stem), &self.kept) {
+            if object.missing.is_empty() {
+                let folder = object.folder.file_name().unwrap_or_default();
+                self.add_model(&object.folder, name, &safe(&folder.to_string_lossy()))?;
+            } else {
+                self.warnings.push(format!(
+                    "{}: the model of several captures is left out, because the package does not have {}",
+                    object.folder.display(),
+                    object.missing.join(", ")
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn add_model(&mut self, folder: &Path, name: &str, model: &str) -> anyhow::Result<()> {
+        for file in models::FILES {
+            let path = folder.join(file);
+            if path.is_file() {
+                self.bag
+                    .put_file(&format!("models/{name}/{model}/{file}"), &path)?;
+            }
+        }
         Ok(())
     }
 

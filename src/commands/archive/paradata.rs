@@ -1,20 +1,22 @@
 //! Makes the sheet of paradata: how, with what, how exactly and by whom an object was digitised. The sections are those
 //! for which the EU's study of quality in 3D digitisation (VIGIE 2020/654) asks; unknown values are marked as unknown.
 
+use super::models::ModelInput;
 use crate::capture::{CaptureSession, CaptureSummary};
 use serde_json::{Value, json};
 
 /// What is not in the recording.
 const UNKNOWN: &str = "not recorded";
 
-/// The sheet of a capture, from its recording and the report of its model, if there is one.
+/// The sheet of a capture, from its recording, and the report and input of its model, if there is one.
 pub(super) fn of(
     session: &CaptureSession,
     capture: &CaptureSummary,
-    report: Option<&Value>,
+    made: Option<&(Value, ModelInput)>,
     name: &str,
 ) -> Value {
     let recording = session.recording();
+    let report = made.map(|(report, _)| report);
     let pair = |key: &str| {
         recording
             .session_pair(key)
@@ -74,6 +76,7 @@ pub(super) fn of(
                 "program": report["program"],
                 "digest": report["digest"],
             })),
+            "input": made.map(|(_, input)| input.words()),
             "description": of_report("description"),
         },
         "how_exact": {

@@ -20,11 +20,18 @@ pub(super) struct ChosenCapture {
     pub(super) is_named: bool,
 }
 
+/// What the words name.
+pub(super) struct Selection {
+    pub(super) chosen: Vec<SelectedCaptures>,
+    /// Recordings of the folder that cannot be read, and why: what they have is not known.
+    pub(super) unread: Vec<String>,
+}
+
 /// The recordings and captures that the words name.
 ///
 /// # Errors
-/// If a word names nothing, or a recording is not complete or cannot be read.
-pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<SelectedCaptures>> {
+/// If a word names nothing, or a recording that is named is not complete or cannot be read.
+pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selection> {
     let mut chosen: BTreeMap<PathBuf, SelectedCaptures> = BTreeMap::new();
     if let Some(folder) = words.iter().find(|word| Path::new(word).is_dir()) {
         anyhow::bail!(
@@ -41,7 +48,12 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Sele
                 "{file}: the recording is not complete: complete it with scand recover first"
             );
         }
-        take(&mut chosen, &path, open(&path)?, |_, _| Some(false));
+        let session = open(&path)?;
+        anyhow::ensure!(
+            !session.captures().is_empty(),
+            "{file}: has no capture that can be read: scand info {file} lists what it has"
+        );
+        take(&mut chosen, &path, session, |_, _| Some(false));
     }
     let recordings = if names.is_empty() {
         Vec::new()
@@ -49,8 +61,15 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Sele
         recordings(folder)?
     };
     let mut found = vec![false; names.len()];
+    let mut unread = Vec::new();
     for path in recordings {
-        let session = open(&path)?;
+        let session = match open(&path) {
+            Ok(session) => session,
+            Err(error) => {
+                unread.push(format!("not looked into: {error}"));
+                continue;
+            }
+        };
         let name = session.recording().session_pair("name").map(str::to_owned);
         take(&mut chosen, &path, session, |stem, capture| {
             let mut is_named = None;
@@ -67,13 +86,17 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Vec<Sele
         });
     }
     if let Some((word, _)) = names.iter().zip(&found).find(|(_, found)| !**found) {
+        let unread: String = unread.iter().map(|line| format!("\n  {line}")).collect();
         anyhow::bail!(
             "no capture, object or session in the recordings of {} is named {word:?}: give another folder with \
-             --recordings, or a recording's file",
+             --recordings, or a recording's file{unread}",
             folder.display()
         );
     }
-    Ok(chosen.into_values().collect())
+    Ok(Selection {
+        chosen: chosen.into_values().collect(),
+        unread,
+    })
 }
 
 /// Adds the captures of a recording that are wanted: `Some(true)` for one that is named by its id.

@@ -4,6 +4,7 @@ use super::bad_file;
 use super::files::FileArgs;
 use crate::calibrate;
 use crate::storage::write_atomically;
+use crate::words::count;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -27,7 +28,8 @@ pub(super) fn run(
     }
     files.write_exports(&calibration)?;
     if !quiet {
-        outln!("{}: {} cameras", from.display(), calibration.cameras.len());
+        let cameras = count(calibration.cameras.len(), "camera");
+        outln!("{}: {cameras}", from.display());
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -8,6 +8,10 @@ use crate::range;
 const RULER: f64 = 0.5e-3;
 const DISTANCE: f64 = 15e-3;
 
+/// Plain numbers of metres are below these: larger ones are most likely millimetres without their unit.
+const LONGEST_RULER: f64 = 1.0;
+const LONGEST_DISTANCE: f64 = 10.0;
+
 #[derive(Debug, clap::Args)]
 pub(super) struct MeasuredArgs {
     /// A length of the ruler that is printed on the board, and what you measured for it, such as 200mm=199.2mm or
@@ -28,7 +32,7 @@ impl MeasuredArgs {
         let distances = self.distance.chunks_exact(3).map(|given| {
             let id =
                 |name: &String| CameraId::new(name).map_err(|e| anyhow::anyhow!("--distance: {e}"));
-            let measured = measured(&given[2], DISTANCE);
+            let measured = measured(&given[2], LONGEST_DISTANCE, DISTANCE);
             anyhow::ensure!(
                 given[0] != given[1],
                 "--distance: {} twice, expected two cameras",
@@ -52,31 +56,32 @@ fn ruler(text: &str) -> Result<RulerReading, String> {
         .split_once('=')
         .ok_or_else(|| format!("{text:?} is not PRINTED=MEASURED, such as 200mm=199.2mm"))?;
     Ok(RulerReading {
-        printed: length(printed)?,
-        measured: measured(read, RULER)?,
+        printed: length(printed, LONGEST_RULER)?,
+        measured: measured(read, LONGEST_RULER, RULER)?,
     })
 }
 
 /// `1200mm±1mm`, `1200mm+-1mm` or `1200mm`.
-fn measured(text: &str, usual: f64) -> Result<Length, String> {
+fn measured(text: &str, longest: f64, usual: f64) -> Result<Length, String> {
     let parts = text.split_once('±').or_else(|| text.split_once("+-"));
     let (value, deviation) = match parts {
-        Some((value, deviation)) => (value, length(deviation)?),
+        Some((value, deviation)) => (value, length(deviation, longest)?),
         None => (text, usual),
     };
     Ok(Length {
-        metres: length(value)?,
+        metres: length(value, longest)?,
         deviation,
     })
 }
 
-/// A length with its unit, in metres.
-fn length(text: &str) -> Result<f64, String> {
+/// A length in metres: a number with its unit, or a plain number of metres that is below `longest`.
+fn length(text: &str, longest: f64) -> Result<f64, String> {
     let text = text.trim();
-    let expected = || format!("{text:?} is not a length with its unit, such as 199.2mm");
-    let metres = range::metres(text).filter(|_| range::has_unit(text));
-    let possible = metres.filter(|metres| *metres > 0.0 && *metres <= 1e3);
-    possible.ok_or_else(expected)
+    let possible =
+        range::metres_below(longest, text).filter(|metres| *metres > 0.0 && *metres <= 1e3);
+    possible.ok_or_else(|| {
+        format!("{text:?} is not a length with its unit, such as 199.2mm (a plain number counts metres, below {longest})")
+    })
 }
 
 #[cfg(test)]
@@ -89,12 +94,26 @@ mod tests {
             assert!((found.metres - metres).abs() < 1e-12, "{found:?}");
             assert!((found.deviation - deviation).abs() < 1e-12, "{found:?}");
         };
-        near(measured("1200mm±1mm", DISTANCE).unwrap(), 1.2, 0.001);
-        near(measured("1.2m +- 0.2cm", DISTANCE).unwrap(), 1.2, 0.002);
-        near(measured("1200mm", DISTANCE).unwrap(), 1.2, 0.015);
-        let reading = ruler("200mm=199.2mm").unwrap();
-        assert!((reading.printed - 0.2).abs() < 1e-12);
-        near(reading.measured, 0.1992, 0.0005);
+        near(
+            measured("1200mm±1mm", LONGEST_DISTANCE, DISTANCE).unwrap(),
+            1.2,
+            0.001,
+        );
+        near(
+            measured("1.2m +- 0.2cm", LONGEST_DISTANCE, DISTANCE).unwrap(),
+            1.2,
+            0.002,
+        );
+        near(
+            measured("1.2", LONGEST_DISTANCE, DISTANCE).unwrap(),
+            1.2,
+            0.015,
+        );
+        for text in ["200mm=199.2mm", "0.2=0.1992", "20cm=199.2 mm"] {
+            let reading = ruler(text).unwrap();
+            assert!((reading.printed - 0.2).abs() < 1e-12);
+            near(reading.measured, 0.1992, 0.0005);
+        }
         for bad in [
             "200mm",
             "200=199.2",

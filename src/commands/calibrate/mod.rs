@@ -10,14 +10,14 @@ mod pictures;
 mod report_pictures;
 mod summary;
 
-use super::{BadConfiguration, refuse_to_replace, wrong_usage};
+use super::{BadConfiguration, check_folder_of, refuse_to_replace, wrong_usage};
 use crate::calibrate::{self, Detections, Options, Outcome};
 use crate::calibration::fit::LensModel;
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::config::Config;
 use crate::frame::CameraId;
-use crate::storage::{check_writable, write_atomically};
+use crate::storage::write_atomically;
 use crate::sync;
 use acceptance::{Acceptance, doubtful_name};
 use anyhow::Context;
@@ -147,9 +147,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         refuse_to_replace("--out", Some(&doubtful_name(out)), args.force)?;
     }
     if let Some(out) = &args.out {
-        let parent = out.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = parent.unwrap_or(Path::new("."));
-        check_writable(folder).context("nothing was calibrated: give another file with --out")?;
+        check_folder_of(out).context("nothing was calibrated: give another file with --out")?;
     }
     let config = configuration(&args)?;
     let depth = args.depth.method(config.calibration.plane.clone())?;

@@ -3,6 +3,7 @@
 use super::depth;
 use crate::calibrate::Outcome;
 use crate::calibration::fit::{Fit, FittedCamera, FittedPlacement, Projection, scale_words};
+use crate::words::count;
 use std::path::Path;
 
 /// All that there is to say of a calibration.
@@ -16,11 +17,11 @@ impl Summary<'_> {
     pub(super) fn text(&self) -> String {
         let (fit, session) = (&self.outcome.fit, &self.outcome.detections.session);
         let mut lines = vec![format!(
-            "board {}: {} placements, {} views, {} cameras",
+            "board {}: {}, {}, {}",
             fit.board,
-            session.placements.len(),
-            session.views.len(),
-            session.cameras.len()
+            count(session.placements.len(), "placement"),
+            count(session.views.len(), "view"),
+            count(session.cameras.len(), "camera")
         )];
         let share = fit.left_out_share();
         if share.left_out > 0 {
@@ -64,7 +65,8 @@ impl Summary<'_> {
         let false_corners: usize = fit.cameras.iter().map(|c| c.false_corners).sum();
         if false_corners > 0 {
             lines.push(format!(
-                "left out: {false_corners} corners that are not where they should be"
+                "left out: {} found in a wrong place",
+                count(false_corners, "corner")
             ));
         }
         lines.extend(self.outcome.missing.iter().map(|m| format!("missing: {m}")));

@@ -3,6 +3,7 @@
 use super::{Args, exists, write};
 use crate::export::{self, Format, ReadModel, compress, level_of_detail};
 use crate::frame::CaptureId;
+use crate::make_model::object_folder_name;
 use crate::words::count;
 use anyhow::Context;
 use std::collections::BTreeSet;
@@ -98,11 +99,14 @@ pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> anyhow:
             path.display()
         );
         one(&read, &stem, format, args).with_context(|| path.display().to_string())?;
+        if let Some(remark) = remark(path) {
+            eprintln!("scand: {}: {remark}", path.display());
+        }
     }
     Ok(())
 }
 
-/// The name of a model's files, without their endings: its capture's.
+/// The name of a model's files, without their endings: its capture's or, of a model of several captures, its object's.
 fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
     let capture = read.about.capture.as_str();
     let capture = CaptureId::new(capture).map_err(|_| {
@@ -112,9 +116,13 @@ fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
             path.display()
         )
     })?;
+    let name = match &read.about.captures {
+        None => capture.to_string(),
+        Some(_) => object_folder_name(read.about.subject.as_deref().unwrap_or(capture.as_str())),
+    };
     Ok(match level {
-        0 => capture.to_string(),
-        level => format!("{capture}-lod{level}"),
+        0 => name,
+        level => format!("{name}-lod{level}"),
     })
 }
 
@@ -148,6 +156,21 @@ fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Res
         count(model.mesh.triangles.len(), "triangle")
     );
     Ok(())
+}
+
+/// What the report beside a model says that a person who hands the model on should know.
+fn remark(path: &Path) -> Option<&'static str> {
+    let bytes = std::fs::read(path.with_file_name("report.json")).ok()?;
+    let report: serde_json::Value = serde_json::from_slice(&bytes).ok()?;
+    match (&report["notes"]["decision"], &report["verdict"]["level"]) {
+        (decision, _) if decision == "rejected" => {
+            Some("the capture was rejected; its model is exported, as it was asked for")
+        }
+        (_, level) if level == "red" => {
+            Some("the verdict is red: do not use the model before you know why (report.json)")
+        }
+        _ => None,
+    }
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use crate::setup::Prepared;
 use crate::storage::free_bytes;
 use crate::trigger::{Client, Error, Reply, Request};
 use rustix::fs::{MemfdFlags, memfd_create};
+use crate::words::count;
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek};
@@ -109,9 +110,9 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
         ..
     } = prepared;
     let words = format!(
-        "{}, {} cameras",
+        "{}, {}",
         args.source.config.display(),
-        rig_cameras.len()
+        count(rig_cameras.len(), "camera")
     );
     let mut all = vec![Finding::ok("configuration", words)];
     all.push(check::calibration(calibration.as_deref().map(modified)));

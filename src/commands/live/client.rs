@@ -277,7 +277,10 @@ const KINDS: [&str; 3] = ["accept", "reject", "clear"];
 /// Shows the status.
 pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     let last = ask(&args.connection, &Request::Status {}, Until::default())?;
-    Ok(code(&last))
+    match last {
+        Reply::Status { status } if !status_table::is_known(&status) => Ok(ExitCode::FAILURE),
+        last => Ok(code(&last)),
+    }
 }
 
 /// Prints what happens.
@@ -408,8 +411,11 @@ fn words(event: &Event) -> String {
         } => format!("{capture}: {kind} {text}"),
         Event::Ending => "the daemon is ending: ask again with the same press id later".into(),
         Event::Lost { events } => format!(
-            "{events} events were lost, because this client reads \
-            too slowly"
+            "{} lost, because this client reads too slowly",
+            match events {
+                1 => "1 event was".to_owned(),
+                n => format!("{n} events were"),
+            }
         ),
     }
 }

@@ -12,6 +12,7 @@ use crate::daemon::{
 use crate::drivers::live::Backoff;
 use crate::log;
 use crate::setup::{ConfigSource, Prepared, Running};
+use crate::words::count;
 use anyhow::Context;
 use std::os::unix::net::UnixListener;
 use std::process::ExitCode;
@@ -42,9 +43,9 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let prepared = args.source.prepare(clock)?;
     if args.check {
         outln!(
-            "{}: {} cameras, {}",
+            "{}: {}, {}",
             args.source.config.display(),
-            prepared.rig_cameras.len(),
+            count(prepared.rig_cameras.len(), "camera"),
             match prepared.calibration {
                 Some(_) => "all of them calibrated",
                 None => "not calibrated: no models will be made",

@@ -14,10 +14,17 @@ pub(super) fn status(status: &Value) -> String {
         None => "background none (take it with scand background)\n".into(),
     };
     if let Some(hours) = status["calibration_age_h"].as_f64() {
-        text += &format!("calibrated {:.0} days ago\n", (hours / 24.0).floor());
+        let days = (hours / 24.0).floor() as usize;
+        text += &format!("calibrated {} ago\n", count(days, "day"));
     }
     text += &cameras(status);
     text
+}
+
+/// Whether the cameras are listed in the form that this program knows.
+pub(super) fn is_known(status: &Value) -> bool {
+    let cameras = &status["cameras"];
+    cameras.is_object() || cameras.is_null()
 }
 
 fn number(value: &Value, key: &str) -> u64 {
@@ -80,7 +87,7 @@ fn models(status: &Value) -> String {
 
 fn cameras(status: &Value) -> String {
     let cameras = &status["cameras"];
-    if !cameras.is_object() && !cameras.is_null() {
+    if !is_known(status) {
         return "cameras    unknown: the daemon's reply lists them in a form that this scand does not know; are both of one \
                 version?\n"
             .to_owned();

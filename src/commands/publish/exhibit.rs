@@ -1,19 +1,13 @@
 //! Makes an exhibit of a model: what may be public of it, its levels of detail and its pictures.
 
-use crate::capture::CaptureSession;
-use crate::export::{
-    self, Compression, Format, ReadModel, compress, describe, encode, level_of_detail,
-};
-use crate::frame::CaptureId;
+use super::notes;
+use crate::export::{self, Compression, Format, compress, describe, encode, level_of_detail};
 use crate::level::Level;
 use crate::mesh::bounding_box;
-use crate::notes::CaptureNotes;
 use crate::output::encode_jpeg;
 use crate::publish::{Exhibit, Extra, Facts, LevelFile, Picture, exhibit_id, public};
 use crate::reconstruct::Model;
-use crate::recording::Recording;
 use crate::report::picture_of;
-use crate::sync;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -30,6 +24,8 @@ const QUALITY: u8 = 88;
 pub(super) struct Made {
     pub(super) exhibit: Exhibit,
     pub(super) files: Vec<(String, Vec<u8>)>,
+    /// Recordings whose notes were not read, because they were not found.
+    pub(super) not_found: Vec<String>,
 }
 
 /// Makes the exhibit of the model in `path`; `None` if the capture was rejected and rejected ones are not wanted.
@@ -44,11 +40,11 @@ pub(super) fn make(
 ) -> anyhow::Result<Option<Made>> {
     let read = export::read(path)?;
     let report = report_beside(path);
-    let notes = notes(&read, &report, recordings);
-    if notes.is_rejected() && !rejected {
+    let found = notes::find(&report, &read.about.capture, recordings);
+    if found.is_rejected && !rejected {
         return Ok(None);
     }
-    let facts = Facts::of(&report, &notes, with);
+    let facts = Facts::of(&report, &found.notes, with);
     match facts.level {
         None => eprintln!(
             "scand: {}: no report.json with a verdict is beside it; the page says that it is unknown",
@@ -106,7 +102,11 @@ pub(super) fn make(
         picture,
         thumbnail,
     };
-    Ok(Some(Made { exhibit, files }))
+    Ok(Some(Made {
+        exhibit,
+        files,
+        not_found: found.not_found,
+    }))
 }
 
 fn level_file(name: &str, quality: &'static str, model: &Model, bytes: &[u8]) -> LevelFile {
@@ -125,24 +125,4 @@ fn report_beside(path: &Path) -> Value {
         .ok()
         .and_then(|bytes| serde_json::from_slice(&bytes).ok());
     report.unwrap_or_default()
-}
-
-/// The notes on the model's capture: those of its recording, if that is found, for they may be newer than the report's.
-fn notes(read: &ReadModel, report: &Value, recordings: &Path) -> CaptureNotes {
-    from_recording(read, report, recordings)
-        .or_else(|| serde_json::from_value(report["notes"].clone()).ok())
-        .unwrap_or_default()
-}
-
-fn from_recording(read: &ReadModel, report: &Value, recordings: &Path) -> Option<CaptureNotes> {
-    // Only a name: a report from elsewhere leads to no other folder.
-    let name = Path::new(report["recording"].as_str()?).file_name()?;
-    let path = recordings.join(name);
-    if !path.is_file() {
-        return None;
-    }
-    let recording = Recording::open(&path).ok()?;
-    let session = CaptureSession::of_any(recording, &sync::Parameters::default()).ok()?;
-    let capture = session.capture(&CaptureId::new(&read.about.capture).ok()?)?;
-    Some(capture.notes)
 }

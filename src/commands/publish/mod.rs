@@ -2,19 +2,20 @@
 //! levels of detail, and the files that other programs read. This file has the arguments and writes the folder.
 
 mod exhibit;
+mod notes;
 mod viewer;
 
 use super::export::find_models;
-use super::wrong_usage;
+use super::{check_folder_of, wrong_usage};
 use crate::publish::{
     Address, Extra, PageOptions, STYLE, collection, gallery, manifest, object_page, scene,
 };
-use crate::storage::{StagedFolder, check_writable};
-use crate::words::{closest, count};
+use crate::storage::StagedFolder;
+use crate::words::{closest, count, shell_word};
 use anyhow::Context;
 use exhibit::{Made, make};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Make a static folder for a web server: a gallery, and a page for each object with a viewer and its files
@@ -66,12 +67,7 @@ const MARK: &str = "style.css";
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace(&args)?;
     let models = find_models(&args.what)?;
-    check_writable(
-        args.out
-            .parent()
-            .filter(|p| *p != Path::new(""))
-            .unwrap_or(Path::new(".")),
-    )?;
+    check_folder_of(&args.out)?;
     let with: BTreeSet<Extra> = args.with.iter().copied().collect();
     let folder = StagedFolder::create(&args.out)?;
     let options = PageOptions {
@@ -80,17 +76,20 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         has_manifests: args.address.is_some(),
     };
     let mut exhibits = Vec::new();
+    let mut not_found = BTreeSet::new();
     let mut ids = BTreeSet::new();
     for path in &models {
         let made = make(path, &args.recordings, &with, args.rejected)
             .with_context(|| path.display().to_string())?;
-        let Some(Made { exhibit, files }) = made else {
+        let Some(made) = made else {
             eprintln!(
                 "scand: {}: left out, because the capture was rejected (--rejected takes it)",
                 path.display()
             );
             continue;
         };
+        let Made { exhibit, files, .. } = made;
+        not_found.extend(made.not_found);
         if !ids.insert(exhibit.id.clone()) {
             return Err(wrong_usage(format!(
                 "{}: the model of this capture was named before: name one of them",
@@ -133,6 +132,17 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     folder.commit(args.force)?;
+    if let Some(first) = not_found.first() {
+        let others = match not_found.len() - 1 {
+            0 => String::new(),
+            n => format!(" and {}", count(n, "other recording")),
+        };
+        eprintln!(
+            "scand: notes that are newer than the reports were not read, because {} does not have {first}{others}: give its \
+             folder with --recordings",
+            args.recordings.display()
+        );
+    }
     print_result(&args, exhibits.len());
     Ok(ExitCode::SUCCESS)
 }
@@ -161,7 +171,7 @@ fn print_result(args: &Args, published: usize) {
         "{}: {}; for a web server, or to look at with: python3 -m http.server --directory {}",
         args.out.display(),
         count(published, "object"),
-        args.out.display()
+        shell_word(&args.out)
     );
     if viewer::script().is_none() {
         eprintln!("scand: {}", viewer::MISSING);

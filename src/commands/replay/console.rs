@@ -2,7 +2,7 @@
 
 use super::outcome::{Outcome, ReplayResult};
 use crate::capture::CaptureSession;
-use crate::commands::info::cut_off_words;
+use crate::commands::first_aid;
 use crate::level::Level;
 use crate::reconstruct::Stage;
 use crate::words::count;
@@ -37,8 +37,11 @@ impl Console {
 
     /// A recording was opened.
     pub(super) fn file(&self, path: &Path, session: &CaptureSession, captures: usize) {
-        if session.recording().is_cut_off().unwrap_or(false) {
-            self.line(&cut_off_words(path));
+        let recording = session.recording();
+        let is_cut_off = recording.is_cut_off().unwrap_or(false);
+        let bytes = recording.file_length();
+        if let Some(words) = first_aid::words(path, bytes, is_cut_off, session.damage()) {
+            self.line(&words);
         }
         for warning in session.warnings() {
             self.line(&format!("{}: {warning}", path.display()));

@@ -11,6 +11,7 @@ mod shard;
 
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
+use crate::commands::first_aid::first_aid;
 use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::make_model::{ModelMaker, Settings, mark};
@@ -314,7 +315,20 @@ impl Replay<'_> {
             })
         };
         outcomes.extend(wanted.iter().zip(results).map(outcome));
+        if outcomes.iter().any(Outcome::is_failed) {
+            self.tell_damage(&session);
+        }
         Ok(outcomes)
+    }
+
+    /// Says of a recording with failed captures whether it is damaged. Opening it does not read everything.
+    fn tell_damage(&self, session: &CaptureSession) {
+        let is_told = !session.damage().is_empty();
+        if let Ok(Some(words)) = first_aid(session.recording())
+            && !is_told
+        {
+            self.console.line(&words);
+        }
     }
 
     fn is_in_shard(&self, session: &CaptureSession, id: &CaptureId) -> bool {

@@ -48,7 +48,7 @@ pub(super) struct BoardArgs {
     #[arg(long, value_name = "FILE.json", requires = "calibration_session")]
     placements_truth: Option<PathBuf>,
     /// Move the board during a placement (counted from 0).
-    #[arg(long, value_name = "PLACEMENT=MM", value_parser = parse_fault, requires = "calibration_session")]
+    #[arg(long, value_name = "PLACEMENT=MM", value_parser = parse_move, requires = "calibration_session")]
     moved_placement: Vec<PlacementFault>,
     /// Blur a placement, as if out of focus or shaken.
     #[arg(long, value_name = "PLACEMENT=PX", value_parser = parse_fault, requires = "calibration_session")]
@@ -65,18 +65,27 @@ pub(super) struct BoardArgs {
 }
 
 fn parse_fault(text: &str) -> Result<PlacementFault, String> {
-    let expected = || format!("{text:?} is not PLACEMENT=AMOUNT, such as 3=1.5");
-    let (placement, amount) = text.split_once('=').ok_or_else(expected)?;
-    Ok(PlacementFault {
-        placement: placement.parse().map_err(|_| expected())?,
-        amount: amount.parse().map_err(|_| expected())?,
+    let parsed = placement_fault(text, |amount| amount.parse().ok());
+    parsed.ok_or_else(|| format!("{text:?} is not PLACEMENT=AMOUNT, such as 3=1.5"))
+}
+
+fn parse_move(text: &str) -> Result<PlacementFault, String> {
+    let parsed = placement_fault(text, |amount| millimetres(amount).ok());
+    parsed.ok_or_else(|| format!("{text:?} is not PLACEMENT=LENGTH, such as 3=1.5mm"))
+}
+
+fn placement_fault(text: &str, amount: impl Fn(&str) -> Option<f64>) -> Option<PlacementFault> {
+    let (placement, of) = text.split_once('=')?;
+    Some(PlacementFault {
+        placement: placement.parse().ok()?,
+        amount: amount(of)?,
     })
 }
 
 fn parse_bend(text: &str) -> Result<[f64; 2], String> {
     let expected = || format!("{text:?} is not MM,MM, such as 0.5,0");
     let (along_rows, down_columns) = text.split_once(',').ok_or_else(expected)?;
-    let number = |part: &str| part.trim().parse().map_err(|_| expected());
+    let number = |part: &str| millimetres(part).map_err(|_| expected());
     Ok([number(along_rows)?, number(down_columns)?])
 }
 

@@ -4,8 +4,8 @@ mod board;
 mod poses;
 mod serve;
 
-use super::{refuse_to_replace, wrong_usage};
-use crate::range::millimetres;
+use super::{check_folder_of, refuse_to_replace, wrong_usage};
+use crate::range::{metres, millimetres};
 use crate::recording::Compression;
 use crate::storage::write_atomically;
 use crate::words::count;
@@ -124,7 +124,7 @@ struct DepthArgs {
     #[arg(long, value_name = "DEGREES")]
     depth_slant_deg: Option<f64>,
     /// Distance from a depth camera to the object.
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "LENGTH", value_parser = distance)]
     depth_distance: Option<f64>,
     /// Depth frames of a capture.
     #[arg(long, value_name = "N")]
@@ -197,6 +197,10 @@ fn parse_size(text: &str) -> Result<(usize, usize), String> {
     Ok((side(width)?, side(height)?))
 }
 
+fn distance(text: &str) -> Result<f64, String> {
+    metres(text).ok_or_else(|| "expected a length, such as 800mm or a number of metres".into())
+}
+
 fn parse_fault(text: &str) -> Result<CameraFault, String> {
     let expected = || format!("{text:?} is not CAMERA=AMOUNT, such as c03=1.5");
     let (camera, amount) = text.split_once('=').ok_or_else(expected)?;
@@ -222,6 +226,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         "{} already exists, and a recording is never replaced: give another --out",
         out.display()
     );
+    check_folder_of(&out).context("nothing was rendered: give another file with --out")?;
     let compression = match args.zstd {
         true => Compression::Zstd,
         false => Compression::None,

@@ -1,5 +1,6 @@
 //! `scand simulate --poses`: one object in several poses, a capture each, and what happens to it in between.
 
+use crate::range::millimetres;
 use scand_lab::{CaptureFault, Exchange, Options, Pose};
 use std::path::PathBuf;
 
@@ -70,10 +71,10 @@ fn split(text: &str) -> Option<(usize, &str)> {
 
 fn parse_fault(text: &str) -> Result<CaptureFault, String> {
     let parsed = split(text).and_then(|(capture, amount)| {
-        let amount = amount.parse().ok()?;
+        let amount = millimetres(amount).ok()?;
         Some(CaptureFault { capture, amount })
     });
-    parsed.ok_or_else(|| format!("{text:?} is not CAPTURE=MM, such as 1=6"))
+    parsed.ok_or_else(|| format!("{text:?} is not CAPTURE=LENGTH, such as 1=6mm"))
 }
 
 fn parse_exchange(text: &str) -> Result<Exchange, String> {

@@ -52,6 +52,16 @@ pub fn input_digest(scene: &Scene) -> String {
     hexadecimal(hash)
 }
 
+/// SHA-256 over digests, a line each.
+pub fn joint_digest(digests: &[String]) -> String {
+    let mut hash = Sha256::new();
+    for digest in digests {
+        hash.update(digest);
+        hash.update("\n");
+    }
+    hexadecimal(hash)
+}
+
 fn hexadecimal(hash: Sha256) -> String {
     format!("{:x}", hash.finalize())
 }

@@ -118,7 +118,7 @@ pub enum Error {
         details: String,
     },
     /// A message that is needed and not there, or not yet.
-    #[error("{path}: {topic} has no message at or before the trigger at {} ns{}", trigger.0,
+    #[error("{path}: {topic} has no message{}{}", until(*trigger),
             first.map_or_else(String::new, |t| format!(", its first is at {} ns", t.0)))]
     NothingYet {
         path: PathBuf,
@@ -147,4 +147,12 @@ pub enum Error {
         /// Timestamp of its frame.
         timestamp: Timestamp,
     },
+}
+
+/// Until when a message was looked for; nothing where it was looked for in the whole recording.
+pub(super) fn until(trigger: Timestamp) -> String {
+    match trigger {
+        Timestamp(u64::MAX) => String::new(),
+        Timestamp(ns) => format!(" at or before the trigger at {ns} ns"),
+    }
 }

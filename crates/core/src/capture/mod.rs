@@ -14,7 +14,7 @@ mod replacement;
 mod replay;
 mod rig;
 
-pub use digest::{calibration_digest, digest, input_digest};
+pub use digest::{calibration_digest, digest, input_digest, joint_digest};
 pub use error::Error;
 pub use extract::Extract;
 pub use facts::{CaptureFacts, ColorFacts, DepthFacts, LeftOutCamera, Silhouette};

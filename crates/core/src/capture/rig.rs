@@ -1,7 +1,7 @@
 //! The rig as it was at a trigger: the newest calibration, pose, response, setting and volume with a log time at or
 //! before the trigger.
 
-use super::error::Error;
+use super::error::{Error, until};
 use crate::calibration::{
     Camera, DepthCamera, DepthResponse, RigCalibration, Volume, check_distance,
 };
@@ -78,10 +78,7 @@ impl<'a> RigAt<'a> {
             problem,
         };
         let Some((_, pose)) = self.poses.get(id.as_str()) else {
-            return Err(bad(format!(
-                "there is none at or before the trigger at {} ns",
-                self.time.0
-            )));
+            return Err(bad(format!("there is none{}", until(self.time))));
         };
         if pose.parent != "rig" {
             let parent: String = pose.parent.chars().take(40).collect();

@@ -5,12 +5,16 @@ use crate::description::{Description, clean};
 use crate::reconstruct::Scene;
 use crate::recording::Recording;
 
+/// Ids that are listed where not all have room; an id has at most 64 letters.
+const MOST_LISTED: usize = 5;
+
 /// What is known of a capture that is loaded. The session's pairs `title`, `operator`, `project`, `rights`, `rig` and
 /// `subject` are those that files carry; others stay in the recording alone. The trigger's subject comes first.
 pub(super) fn describe(recording: &Recording, scene: &Scene, facts: &CaptureFacts) -> Description {
     let pair = |key: &str| recording.session_pair(key).and_then(clean);
     Description {
         capture: facts.id.to_string(),
+        captures: None,
         subject: facts
             .subject
             .as_deref()
@@ -27,4 +31,37 @@ pub(super) fn describe(recording: &Recording, scene: &Scene, facts: &CaptureFact
         calibration_sha256: capture::calibration_digest(scene),
         program: format!("scand {}", env!("CARGO_PKG_VERSION")),
     }
+}
+
+/// The same of a model of several captures: what it says of its input is about all of them, in this order.
+pub(super) fn of_several(about: Description, captures: &[(&Scene, &CaptureFacts)]) -> Description {
+    if captures.len() < 2 {
+        return about;
+    }
+    let ids = captures.iter().map(|(_, facts)| facts.id.as_str());
+    let all = |digest: fn(&Scene) -> String| -> Vec<String> {
+        captures.iter().map(|(scene, _)| digest(scene)).collect()
+    };
+    let inputs = all(capture::input_digest);
+    let mut calibrations = all(capture::calibration_digest);
+    calibrations.dedup();
+    Description {
+        captures: Some(listed(&ids.collect::<Vec<_>>())),
+        input_sha256: capture::joint_digest(&inputs),
+        calibration_sha256: match &calibrations[..] {
+            [only] => only.clone(),
+            several => capture::joint_digest(several),
+        },
+        ..about
+    }
+}
+
+/// The ids in a line; of so many that a text of a model's file has no room for them, the first ones.
+fn listed(ids: &[&str]) -> String {
+    let whole = ids.join(", ");
+    if clean(&whole).as_ref() == Some(&whole) {
+        return whole;
+    }
+    let shown = &ids[..MOST_LISTED.min(ids.len())];
+    format!("{} and {} more", shown.join(", "), ids.len() - shown.len())
 }

@@ -64,7 +64,8 @@ fn digitization(about: &Description) -> Value {
         }
     };
     put("@type", Some("crmdig:D2_Digitization_Process"));
-    put("dc:identifier", Some(&about.capture));
+    let captures = about.captures.as_ref().unwrap_or(&about.capture);
+    put("dc:identifier", Some(captures));
     put("crmdig:L1_digitized", about.subject.as_deref());
     put("crmdig:L12_happened_on_device", about.rig.as_deref());
     put("crmdig:L30_has_operator", about.operator.as_deref());

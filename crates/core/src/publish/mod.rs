@@ -153,6 +153,7 @@ pub fn public(about: &Description, id: &str, with: &BTreeSet<Extra>) -> Descript
             true => about.capture.clone(),
             false => id.to_owned(),
         },
+        captures: named(Extra::Session, &about.captures),
         operator: named(Extra::Operator, &about.operator),
         project: named(Extra::Project, &about.project),
         session: named(Extra::Session, &about.session),

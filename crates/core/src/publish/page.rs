@@ -169,6 +169,7 @@ fn known(exhibit: &Exhibit) -> Vec<(&'static str, String)> {
         ),
         ("Captured", Some(about.time.clone())),
         ("Capture", Some(about.capture.clone())),
+        ("Captures", about.captures.clone()),
         ("Session", about.session.clone()),
         ("Operator", about.operator.clone()),
         ("Project", about.project.clone()),
@@ -287,6 +288,7 @@ mod tests {
             &mut about.rights,
             &mut about.operator,
             &mut about.session,
+            &mut about.captures,
         ] {
             *text = Some(HOSTILE.into());
         }

@@ -10,6 +10,7 @@ pub(super) const HOSTILE: &str = "\"><script>alert(1)</script>'\u{1b}\u{202e}x";
 pub(super) fn described() -> Description {
     Description {
         capture: "annes-session-0001".into(),
+        captures: Some("annes-session-0001, annes-session-0002".into()),
         subject: Some("1884.3".into()),
         title: Some("A cup".into()),
         operator: Some("Ann".into()),

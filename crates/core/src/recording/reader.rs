@@ -94,10 +94,13 @@ impl Recording {
     /// # Errors
     /// If it cannot be read.
     pub fn is_cut_off(&self) -> Result<bool, Error> {
+        if self.source.being_written || self.index.complete {
+            return Ok(false);
+        }
         let end = mcap::MAGIC.len();
+        // The magic bytes at the begin are those at the end only if there is nothing else.
         let last = self.source.length.saturating_sub(end as u64);
-        let last = self.source.read(last, end)?;
-        Ok(!self.source.being_written && last != mcap::MAGIC)
+        Ok(last == 0 || self.source.read(last, end)? != mcap::MAGIC)
     }
 
     /// What could not be read, as far as opening the file showed. Contents of chunks are checked when they

@@ -127,8 +127,14 @@ impl<'a> Scan<'a> {
     fn behind_footer(&mut self) -> Result<Option<Event>, Error> {
         let is_complete = self.window.read(self.position, MAGIC.len())? == MAGIC;
         self.stage = Stage::Ended(is_complete);
-        let what = "the footer is not followed by the magic bytes";
-        Ok((!is_complete).then(|| self.damage(self.source.length, what.into())))
+        if !is_complete {
+            let what = "the footer is not followed by the magic bytes";
+            return Ok(Some(self.damage(self.source.length, what.into())));
+        }
+        self.position += MAGIC.len() as u64;
+        let what = "the recording ends here, and what follows belongs to another file";
+        let has_more = self.position < self.source.length;
+        Ok(has_more.then(|| self.damage(self.source.length, what.into())))
     }
 
     fn without_footer(&mut self) -> Option<Event> {

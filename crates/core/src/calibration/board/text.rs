@@ -196,11 +196,7 @@ fn metres(what: &'static str, text: &str) -> Result<f64, Error> {
 /// A length in metres. A number without a unit is one of metres, where a board can be so small: `25` is a mistake for
 /// `25mm`.
 fn length(what: &'static str, text: &str) -> Result<f64, Error> {
-    let has_unit = text
-        .trim()
-        .ends_with(|letter: char| letter.is_ascii_alphabetic());
-    let value =
-        crate::range::metres(text).filter(|&value| value >= 0.0 && (has_unit || value < 1.0));
+    let value = crate::range::metres_below(1.0, text).filter(|&value| value >= 0.0);
     value.map_or_else(|| bad(what, shown(text), LENGTH), Ok)
 }
 

@@ -185,6 +185,11 @@ impl ModelMaker<'_> {
             &loaded[found.frame_of].scene,
             &loaded[found.frame_of].facts,
         );
+        let placed = found.placed().into_iter();
+        let placed: Vec<_> = placed
+            .map(|i| (&loaded[i].scene, &loaded[i].facts))
+            .collect();
+        let about = about::of_several(about, &placed);
         let notes = match sources {
             [only] => only.session.notes().on(only.id.as_str()),
             _ => CaptureNotes::default(),

@@ -343,6 +343,7 @@ pub fn stamp(sheet: &mut RgbImage, notes: &CaptureNotes) {
 /// When, where and by whom the capture was taken.
 fn about_words(about: &Description) -> String {
     let known = [
+        ("captures", &about.captures),
         ("session", &about.session),
         ("project", &about.project),
         ("rig", &about.rig),

@@ -1,0 +1,145 @@
+//! Finds the models that belong to the captures of a package, and checks from what they were made. Nothing is written
+//! here.
+
+use super::select::{ChosenCapture, SelectedCaptures};
+use crate::capture::{CaptureSession, CaptureSummary, calibration_digest, input_digest};
+use crate::recording::finished_name;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// The files of a model's folder.
+pub(super) const FILES: [&str; 4] = ["model.glb", "model.ply", "preview.png", "report.json"];
+
+/// How the input of a model relates to the capture that is recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum ModelInput {
+    /// It is the same.
+    AsRecorded,
+    /// The pictures, with another calibration.
+    OtherCalibration,
+    /// Other pictures, although capture and calibration are the same.
+    OtherPictures,
+    /// A capture of the same name, of another recording.
+    OtherRecording,
+    /// Unknown, and why.
+    Unchecked(String),
+}
+
+impl ModelInput {
+    /// Compares what a report states with the recording. Decodes the capture's pictures.
+    pub(super) fn of(session: &CaptureSession, capture: &CaptureSummary, report: &Value) -> Self {
+        let time = report["capture"]["time_ns"].as_str();
+        if time.is_some_and(|time| time != capture.time.0.to_string()) {
+            return Self::OtherRecording;
+        }
+        let stated = |name: &str| report["description"][name].as_str();
+        let (Some(input), Some(calibration)) =
+            (stated("input_sha256"), stated("calibration_sha256"))
+        else {
+            return Self::Unchecked("the report does not state the model's input".into());
+        };
+        match session.load(&capture.id) {
+            Ok((scene, _)) if input_digest(&scene) == input => Self::AsRecorded,
+            Ok((scene, _)) if calibration_digest(&scene) != calibration => Self::OtherCalibration,
+            Ok(_) => Self::OtherPictures,
+            Err(error) => Self::Unchecked(error.to_string()),
+        }
+    }
+
+    /// The same for the sheet of paradata.
+    pub(super) fn words(&self) -> String {
+        match self {
+            Self::AsRecorded => "the recorded capture; its digest was compared".into(),
+            Self::OtherCalibration => {
+                "the recorded pictures with another calibration, which is not in the package".into()
+            }
+            Self::OtherPictures => "other pictures than those that are recorded".into(),
+            Self::OtherRecording => "a capture of another recording".into(),
+            Self::Unchecked(why) => format!("not compared with the recording: {why}"),
+        }
+    }
+
+    /// What a person should know of it.
+    pub(super) fn warning(&self, id: &str, folder: &Path) -> Option<String> {
+        let folder = folder.display();
+        match self {
+            Self::AsRecorded => None,
+            Self::OtherRecording => Some(format!(
+                "{id}: the model in {folder} is of another recording, in which a capture of this name was triggered at another \
+                 time; it is left out"
+            )),
+            Self::Unchecked(why) => Some(format!(
+                "{id}: the model in {folder} was not compared with the recording: {why}"
+            )),
+            _ => Some(format!(
+                "{id}: the model in {folder} was made from {}",
+                self.words()
+            )),
+        }
+    }
+}
+
+/// A report; `None` if there is none that can be read.
+pub(super) fn report(folder: &Path) -> Option<Value> {
+    let bytes = std::fs::read(folder.join("report.json")).ok()?;
+    serde_json::from_slice(&bytes).ok()
+}
+
+/// Whether a capture's model goes into the package, as far as notes decide it.
+pub(super) fn is_left_out(capture: &ChosenCapture) -> bool {
+    capture.summary.notes.is_rejected() && !capture.is_named
+}
+
+/// The captures whose models go into the package: the file names of their recordings, and their ids.
+pub(super) fn kept(chosen: &[SelectedCaptures]) -> BTreeSet<(String, String)> {
+    let of_recording = |chosen: &SelectedCaptures| {
+        let file = file_name(&chosen.path);
+        let kept = chosen.captures.iter().filter(|c| !is_left_out(c));
+        kept.map(|c| (file.clone(), c.summary.id.to_string()))
+            .collect::<Vec<_>>()
+    };
+    chosen.iter().flat_map(of_recording).collect()
+}
+
+fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+/// A model of several captures.
+pub(super) struct ObjectModel {
+    pub(super) folder: PathBuf,
+    /// Its captures that are not in the package.
+    pub(super) missing: Vec<String>,
+}
+
+/// The models of several captures in a recording's folder that have at least one of the captures of the package.
+pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> Vec<ObjectModel> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    folders.retain(|path| path.join("model.glb").is_file());
+    folders.sort();
+    folders
+        .into_iter()
+        .filter_map(|f| of_object(f, kept))
+        .collect()
+}
+
+fn of_object(folder: PathBuf, kept: &BTreeSet<(String, String)>) -> Option<ObjectModel> {
+    let report = report(&folder)?;
+    let captures = report["fusion"]["captures"].as_array()?.iter();
+    let fused: Vec<(String, String)> = captures
+        .filter(|capture| capture["is_fused"] == true)
+        .filter_map(|capture| {
+            let file = PathBuf::from(capture["recording"].as_str()?);
+            let file = file_name(&finished_name(&file).unwrap_or(file));
+            Some((file, capture["id"].as_str()?.to_owned()))
+        })
+        .collect();
+    let missing = fused.iter().filter(|capture| !kept.contains(capture));
+    let missing: Vec<String> = missing
+        .map(|(file, id)| format!("{id} of {file}"))
+        .collect();
+    (missing.len() < fused.len()).then_some(ObjectModel { folder, missing })
+}
