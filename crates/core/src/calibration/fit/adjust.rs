@@ -328,7 +328,7 @@ impl Bundle {
     }
 
     /// The cameras' system with the placements eliminated, damped by `lambda`; with each placement's inverse.
-    fn reduced(
+    pub(super) fn reduced(
         &self,
         normal: &Normal,
         lambda: f64,

@@ -5,6 +5,7 @@ mod adjust;
 mod appearance;
 mod as_calibrated;
 mod board_size;
+mod change;
 mod corners;
 mod coverage;
 mod diagnosis;
@@ -35,6 +36,7 @@ mod verdict_of_lens;
 mod verdict_of_shape;
 mod volume;
 
+pub use change::ViewChange;
 pub use corners::find_corners;
 pub use coverage::{CoverageLimits, missing};
 pub use diagnosis::{Finding, diagnose};

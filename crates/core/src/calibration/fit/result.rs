@@ -1,5 +1,6 @@
 //! The result of a fit: data, and the figures that are computed from residuals.
 
+use super::change::ViewChange;
 use super::projection::Projection;
 use super::session::View;
 use crate::calibration::{Board, BoardShape, Camera, Face, Volume};
@@ -36,6 +37,8 @@ pub struct Fit {
     pub views: Vec<View>,
     /// Residuals of each of these views.
     pub residuals: Vec<ViewResiduals>,
+    /// Cameras whose residuals say that something about them changed, the largest change first.
+    pub changes: Vec<ViewChange>,
     /// Links of the cameras' tree: pairs of indices into the cameras.
     pub links: Vec<[usize; 2]>,
 }

@@ -2,6 +2,7 @@
 //! outliers, the rig's frame, and uncertainties.
 
 use super::adjust::{Bundle, CAMERA, CameraState, Observation, PlacementState};
+use super::change::changes;
 use super::frame::{lowest_placement, rig_from_table};
 use super::holdout::hangs_together;
 use super::lens::PARAMETERS;
@@ -407,6 +408,7 @@ impl<'a> Solver<'a> {
                 camera.projection = projection;
             }
         }
+        let changes = changes(&self.bundle);
         let placements = self.placements(&residuals);
         let unseen = self.unseen(&left_out);
         left_out.extend(unseen);
@@ -420,6 +422,7 @@ impl<'a> Solver<'a> {
             table_is_lowest,
             held_out: settled.held_out,
             left_out,
+            changes,
             views: self.views(),
             links: self.links.clone(),
             cameras,

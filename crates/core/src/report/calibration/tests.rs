@@ -63,6 +63,7 @@ fn fit() -> Fit {
             folds: 5,
         }),
         volume: None,
+        changes: Vec::new(),
         left_out: vec![LeftOut {
             camera: None,
             placement: Some("p7".to_owned()),

@@ -1,8 +1,13 @@
 //! Tests whether cameras are, after a change, where other cameras were before it. Then the cables or names of two
-//! cameras, or of several in a ring, were exchanged.
+//! cameras, or of several in a ring, were exchanged. An exchange is found only if the session has no fault once it is
+//! undone.
 
+use super::super::outliers::LEAST_USUAL;
+use super::super::result::Fit;
+use super::super::session::Session;
+use super::super::{Parameters, solve};
 use super::split::{Split, is_near};
-use super::suspects::Reference;
+use super::suspects::{Reference, quick};
 
 /// Cameras that were exchanged with each other.
 pub(super) struct Exchange {
@@ -21,12 +26,56 @@ impl Exchange {
 /// Most cameras whose orders are tried where the reference itself may be one of them.
 const MOST_CAMERAS: usize = 5;
 
+/// Part of a session's views that may not fit after an exchange was undone.
+const MOST_LEFT_OUT: f64 = 0.1;
+/// How many times the residuals of the reference those of the session may then be.
+const AS_USUAL: f64 = 2.0;
+
 /// The first exchange among these changes, if there is one.
-pub(super) fn of(reference: &Reference, splits: &[Split]) -> Option<Exchange> {
-    let mut firsts = 0..splits.len();
-    firsts
-        .find_map(|first| ring(splits, first))
-        .or_else(|| with_reference(reference, splits))
+pub(super) fn of(
+    reference: &Reference,
+    splits: &[Split],
+    parameters: &Parameters,
+) -> Option<Exchange> {
+    let rings = (0..splits.len()).filter_map(|first| ring(splits, first));
+    let mut candidates = rings.chain(with_reference(reference, splits));
+    candidates.find(|found| is_confirmed(reference, found, splits, parameters))
+}
+
+/// Whether the session has no fault of these cameras once the exchange is undone.
+fn is_confirmed(
+    reference: &Reference,
+    found: &Exchange,
+    splits: &[Split],
+    parameters: &Parameters,
+) -> bool {
+    let undone = undone(reference.session, found, splits[found.split].first_late);
+    let Ok(fit) = solve::fit(&undone, &quick(parameters)) else {
+        return false;
+    };
+    let usual = reference.fit.figures.median_px.max(LEAST_USUAL);
+    let is_sound = |[own, _]: &[usize; 2]| is_sound(&fit, reference, *own, usual);
+    found.shows.iter().all(is_sound)
+}
+
+/// Whether a camera has kept its views, with residuals as are `usual` in pixels.
+fn is_sound(fit: &Fit, reference: &Reference, camera: usize, usual: f64) -> bool {
+    let id = reference.id(camera);
+    let fitted = fit.cameras.iter().find(|c| c.camera.id == *id);
+    fitted.is_some_and(|own| {
+        fit.left_out_share_of(own).part() <= MOST_LEFT_OUT
+            && own.figures.median_px <= AS_USUAL * usual
+    })
+}
+
+/// The session with the views from a placement on under the names of the cameras that they are of.
+fn undone(session: &Session, found: &Exchange, from: usize) -> Session {
+    let mut undone = session.clone();
+    for view in undone.views.iter_mut().filter(|v| v.placement >= from) {
+        let shows = found.shows.iter().find(|[own, _]| *own == view.camera);
+        view.camera = shows.map_or(view.camera, |[_, as_before]| *as_before);
+    }
+    undone
 }
 
 /// The ring of cameras that the change `first` begins: each is after it where the next was before it.

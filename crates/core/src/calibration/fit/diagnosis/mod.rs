@@ -10,6 +10,7 @@ mod suspects;
 mod tests;
 
 use super::Parameters;
+use super::change::ViewChange;
 use super::result::Fit;
 use super::session::Session;
 use crate::frame::CameraId;
@@ -45,8 +46,36 @@ pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -
         };
         let new: Vec<Finding> = possible.into_iter().filter(is_new).collect();
         findings.extend(new);
+        if findings.is_empty() {
+            let largest = fit.changes.first();
+            findings.extend(largest.map(|change| unexplained(fit, change)));
+        }
     }
     findings
+}
+
+/// A change that is seen in the residuals of a camera, and for which no cause was found.
+fn unexplained(fit: &Fit, change: &ViewChange) -> Finding {
+    let id = &fit.cameras[change.camera].camera.id;
+    let [before, after] = change.placements.map(|p| &fit.placements[p].name);
+    let displaced = format!(
+        "camera {id}: its views from {after} on do not fit the earlier ones: they are displaced by {:.2} px",
+        change.by_px
+    );
+    let cause = match fit.cameras.len() {
+        1 => format!(
+            "its lens may have been refocused or zoomed after {before} (its focal length would have changed by {:+.1} %), \
+             or its pictures cut, mirrored or taken by another camera",
+            100.0 * change.focal_part
+        ),
+        _ => format!("it or a camera beside it may have been moved or refocused after {before}"),
+    };
+    Finding {
+        cameras: vec![id.clone()],
+        words: format!(
+            "{displaced}; {cause}: show the board again, or calibrate from {after} on (--from-placement {after})"
+        ),
+    }
 }
 
 /// The causes on which the suspected cameras' views agree, compared with this rig of the others.
@@ -59,7 +88,7 @@ fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> 
             None => splits.extend(split::of(reference, camera, parameters)),
         }
     }
-    while let Some(found) = exchange::of(reference, &splits) {
+    while let Some(found) = exchange::of(reference, &splits, parameters) {
         findings.push(exchanged(reference, &found, &splits));
         splits.retain(|split| !found.takes_part(split.camera));
     }
@@ -70,30 +99,51 @@ fn of_reference(reference: &Reference, parameters: &Parameters) -> Vec<Finding> 
 
 fn of_moment(reference: &Reference, camera: usize, moment: &PictureFault) -> Finding {
     let id = reference.id(camera);
+    // Of two cameras, either may be at fault.
+    let other = reference
+        .is_relative
+        .then(|| reference.id(reference.cameras[0]));
+    let on = |from: &Option<usize>| match from {
+        Some(from) => format!(" from {} on", reference.session.placements[*from]),
+        None => String::new(),
+    };
     let words = match moment {
-        PictureFault::Mirrored => format!(
-            "camera {id}: its pictures are mirrored: mirrored back they agree with the other cameras'; switch its \
-             mirroring off and show the board again"
-        ),
+        PictureFault::Mirrored { from } => match other {
+            None => format!(
+                "camera {id}: its pictures are mirrored{}: mirrored back they agree with the other cameras'; switch its \
+                 mirroring off and show the board again",
+                on(from)
+            ),
+            Some(other) => format!(
+                "the pictures of camera {other} or of camera {id} are mirrored{}: with either mirrored back they agree; \
+                 switch the mirroring off and show the board again",
+                on(from)
+            ),
+        },
         PictureFault::Shifted { by, from } => {
-            let order = if *by < 0 { "late" } else { "early" };
+            let orders = ["late", "early"];
+            let order = orders[usize::from(*by > 0)];
             let moment = if *by < 0 { "before" } else { "after" };
-            let from = match from {
-                Some(from) => format!(" from {} on", reference.session.placements[*from]),
-                None => String::new(),
-            };
+            let from = on(from);
             let count = match by.abs() {
                 1 => "one placement".to_owned(),
                 more => format!("{more} placements"),
             };
-            format!(
-                "camera {id}: its pictures are {count} {order}{from}: each shows the board where it was {count} {moment}; \
-                 press the pedal with all cameras ready, and show the board again"
-            )
+            match other {
+                None => format!(
+                    "camera {id}: its pictures are {count} {order}{from}: each shows the board where it was {count} \
+                     {moment}; press the pedal with all cameras ready, and show the board again"
+                ),
+                Some(other) => format!(
+                    "camera {id}: its pictures are {count} {order}{from}, or those of camera {other} are {count} {}: \
+                     press the pedal with both cameras ready, and show the board again",
+                    orders[usize::from(*by < 0)]
+                ),
+            }
         }
     };
     Finding {
-        cameras: vec![id.clone()],
+        cameras: other.into_iter().chain([id]).cloned().collect(),
         words,
     }
 }

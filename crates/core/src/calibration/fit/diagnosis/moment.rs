@@ -11,8 +11,8 @@ use nalgebra::Isometry3;
 pub(super) enum PictureFault {
     /// They are of a placement this many before (less than 0) or after, all of them or from a placement on.
     Shifted { by: isize, from: Option<usize> },
-    /// They are mirrored.
-    Mirrored,
+    /// They are mirrored, all of them or from a placement on.
+    Mirrored { from: Option<usize> },
 }
 
 /// By how many placements pictures may be late (less than 0) or early, the likeliest first.
@@ -56,10 +56,34 @@ pub(super) fn of(
             });
         }
     }
-    let mirrored: Vec<View> = views.iter().map(|v| mirrored(reference, v)).collect();
-    let solo = IndependentFit::of(reference, subject, &mirrored, parameters)?;
-    let is_mirrored = is_unlikely && agrees(vote(reference, &comparison, &solo, 0));
-    is_mirrored.then_some(PictureFault::Mirrored)
+    // Mirrored views agree on a place, and as they are they do not.
+    let are_mirrored = |views: &[View]| {
+        let seen = |view: &View| mirrored(reference, view);
+        let mirrored: Vec<View> = views.iter().map(seen).collect();
+        let solo = IndependentFit::of(reference, subject, &mirrored, parameters);
+        agrees(solo.and_then(|solo| vote(reference, &comparison, &solo, 0)))
+    };
+    if is_unlikely && are_mirrored(&views) {
+        return Some(PictureFault::Mirrored { from: None });
+    }
+    let (from, late) = contradicting_part(&solo, &plain?)?;
+    let as_seen = IndependentFit::of(reference, subject, &late, parameters);
+    let as_seen = as_seen.and_then(|solo| vote(reference, &comparison, &solo, 0));
+    let is_unlikely = as_seen.is_none_or(|vote| vote.part() <= FEW_AGREE);
+    let is_mirrored = is_unlikely && are_mirrored(&late);
+    is_mirrored.then_some(PictureFault::Mirrored { from: Some(from) })
+}
+
+/// The placement from which on most views contradict the pose on which the others agree, and the views since then.
+fn contradicting_part(solo: &IndependentFit, plain: &PoseVote) -> Option<(usize, Vec<View>)> {
+    let contradicts = |index: &usize| !plain.agreeing.contains(index);
+    let first = (0..solo.views.len()).find(contradicts)?;
+    let late: Vec<View> = solo.views[first..].iter().map(|(v, _)| v.clone()).collect();
+    let contradicting = (first..solo.views.len()).filter(contradicts).count();
+    let enough = plain.agreeing.len() >= FEWEST_VIEWS
+        && late.len() >= FEWEST_VIEWS
+        && contradicting as f64 >= MOST_AGREE * late.len() as f64;
+    enough.then(|| (late[0].placement, late))
 }
 
 /// The views that agree on one place of their camera.

@@ -23,6 +23,8 @@ const FEWEST_FOR_BOTH: usize = 3;
 const MOST_AGREE: f64 = 0.75;
 /// How many times better one explanation must be than another that would do as well.
 const CLEARLY: f64 = 1.5;
+/// How many times better than no change a change must be, for views that agree without one.
+const BETTER: f64 = 1.25;
 /// Turn in degrees and shift in metres below which a camera that was refocused has not moved.
 const STILL: [f64; 2] = [0.05, 2e-3];
 
@@ -93,10 +95,11 @@ fn change_of([early, late]: &[Isometry3<f64>; 2]) -> [f64; 2] {
     ]
 }
 
-/// Whether two poses are the same, to a tenth of how far their camera went.
+/// Whether two poses are the same, to a quarter of how far their camera went: the other camera's lens, of which the
+/// pose takes no account, displaces and turns it.
 pub(super) fn is_near(a: &Isometry3<f64>, b: &Isometry3<f64>, went: f64) -> bool {
     let [degrees, metres] = change_of(&[*a, *b]);
-    went > 0.02 && metres < 0.1 * went && degrees < 3.0
+    went > 0.02 && metres < 0.25 * went && degrees < 8.0
 }
 
 /// The splits after which a camera's views agree, at most two; empty if they agree without a split, or with no split.
@@ -338,15 +341,17 @@ impl Resection<'_> {
             let median = upper_median(&mut residuals).unwrap_or(f64::MAX);
             (state, agrees, median)
         };
-        if tried(&held, FreeParameters::Nothing).1 {
-            return None;
-        }
+        let unchanged = tried(&held, FreeParameters::Nothing);
         let elsewhere = CameraState {
             camera_from_rig: self.start(shorter)?.camera_from_rig,
             ..held.clone()
         };
         let moved = tried(&elsewhere, FreeParameters::Pose);
         let refocused = tried(&held, FreeParameters::Lens);
+        // Views that agree without a change may still show a small one.
+        if unchanged.1 && unchanged.2 < BETTER * moved.2.min(refocused.2) {
+            return None;
+        }
         let both = tried(&elsewhere, FreeParameters::Both);
         let poses = |state: &CameraState| match is_mostly_early {
             true => [held.camera_from_rig, state.camera_from_rig],

@@ -12,6 +12,8 @@ use nalgebra::Isometry3;
 
 /// Views that a camera must have lost before it is asked why.
 const FEWEST_LEFT_OUT: usize = 2;
+/// Part of the largest change from which on a camera's own counts: a camera that changes pulls its neighbours along.
+const AS_LARGE: f64 = 0.5;
 /// Most cameras that are tried as the one that is sound.
 const MOST_CANDIDATES: usize = 4;
 /// Fewest views of a camera from which a cause is derived.
@@ -63,11 +65,7 @@ impl<'a> Reference<'a> {
         mut suspects: Vec<usize>,
         parameters: &Parameters,
     ) -> Option<Self> {
-        let quick = Parameters {
-            folds: 0,
-            table_placement: None,
-            ..parameters.clone()
-        };
+        let quick = quick(parameters);
         while !suspects.is_empty() {
             let cameras: Vec<usize> = (0..session.cameras.len())
                 .filter(|c| !suspects.contains(c))
@@ -101,6 +99,15 @@ impl<'a> Reference<'a> {
         let mut views: Vec<View> = own.cloned().collect();
         views.sort_by_key(|v| v.placement);
         views
+    }
+}
+
+/// The parameters of a fit that is not judged.
+pub(super) fn quick(parameters: &Parameters) -> Parameters {
+    Parameters {
+        folds: 0,
+        table_placement: None,
+        ..parameters.clone()
     }
 }
 
@@ -150,6 +157,11 @@ fn suspects(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Ve
     };
     let mut medians: Vec<f64> = fit.cameras.iter().map(|c| c.figures.median_px).collect();
     let usual = upper_median(&mut medians).unwrap_or(0.0).max(LEAST_USUAL);
+    let largest = fit.changes.first().map_or(0.0, |change| change.by_px);
+    let changes = |id: &CameraId| {
+        let own = (fit.changes.iter()).find(|c| fit.cameras[c.camera].camera.id == *id);
+        own.is_some_and(|change| change.by_px >= AS_LARGE * largest)
+    };
     let suspicion = |camera: usize| {
         let id = &session.cameras[camera].id;
         let Some(fitted) = fit.cameras.iter().find(|c| c.camera.id == *id) else {
@@ -157,7 +169,7 @@ fn suspects(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Ve
         };
         let share = fit.left_out_share_of(fitted);
         let is_off = fitted.figures.rms_px > parameters.outlier_ratio * usual;
-        let suspected = share.left_out >= FEWEST_LEFT_OUT || is_off;
+        let suspected = share.left_out >= FEWEST_LEFT_OUT || is_off || changes(id);
         suspected.then(|| share.part() + if is_off { 1.0 } else { 0.0 })
     };
     let all = (0..session.cameras.len()).filter_map(|c| Some((suspicion(c)?, c)));
