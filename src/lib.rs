@@ -14,8 +14,8 @@
 
 pub use scand_core::{
     array, bag, calibrate, calibration, capture, dataset, description, evaluate, export, frame,
-    gltf_file, image, level, make_model, mesh, notes, output, publish, queue, range, reconstruct,
-    recording, register, report, statistics, storage, sync,
+    gltf_file, image, level, look, make_model, mesh, notes, output, publish, queue, range,
+    reconstruct, recording, register, report, statistics, storage, sync,
 };
 
 #[cfg(feature = "live")]
