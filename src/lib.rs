@@ -14,7 +14,7 @@
 
 pub use scand_core::{
     array, bag, calibrate, calibration, capture, dataset, description, evaluate, export, frame,
-    gltf_file, image, level, make_model, markup, mesh, notes, output, publish, queue, range,
+    gltf_file, image, level, look, make_model, markup, mesh, notes, output, publish, queue, range,
     reconstruct, recording, register, report, statistics, storage, sync,
 };
 

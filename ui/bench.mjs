@@ -1,11 +1,11 @@
 // `make page-bench`: how much later a capture is taken because of the page. Presses alternate in blocks between a rig without
-// the page, with one person who looks, and with twenty clients who follow the events and read the history. It prints the
+// the page, with one client, with one who looks at the cameras, and with twenty clients who follow the events and read the history. It prints the
 // times from a press to `captured`, and the processor time and memory of the page. It measures; it judges nothing.
 import { readFileSync } from "node:fs";
 import { request } from "node:http";
 import { createConnection } from "node:net";
 import { cpus } from "node:os";
-import { Rig } from "./tests/rig.mjs";
+import { Rig, until } from "./tests/rig.mjs";
 
 const EACH = Number(process.env.PRESSES ?? 200);
 const BLOCK = 20;
@@ -89,7 +89,37 @@ function usage(pid) {
 
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(values.length * q))];
 
-const CLIENTS = { "without the page": null, "one client": 1, "twenty clients": 20 };
+/** One who looks at the cameras. */
+class Looker extends Client {
+  async open(rig, number) {
+    await super.open(rig, number);
+    this.pictures = 0;
+    void this.look(rig, cookies[number]);
+    return this;
+  }
+
+  async look(rig, cookie) {
+    for (let number = 0; !this.isClosed; ) {
+      const answer = await ask(rig, `/api/look?since=${number}`, cookie).catch(() => null);
+      let text = "";
+      if (answer?.statusCode === 200) for await (const piece of answer) text += piece;
+      if (text === "") {
+        await wait(100);
+        continue;
+      }
+      const found = JSON.parse(text);
+      number = found.number;
+      this.pictures += Object.values(found.cameras).filter(({ picture }) => picture).length;
+    }
+  }
+
+  close() {
+    this.isClosed = true;
+    super.close();
+  }
+}
+
+const CLIENTS = { "without the page": null, "one client": 1, "one who looks": 1, "twenty clients": 20 };
 
 /** One block of presses; the page, if there is one, runs for this block alone. */
 async function block(rig, name, number) {
@@ -97,21 +127,32 @@ async function block(rig, name, number) {
   const clients = [];
   if (count !== null) {
     await rig.startPage();
-    for (let n = 0; n < count; n++) clients.push(await new Client().open(rig, n));
+    for (let n = 0; n < count; n++) clients.push(await new (name === "one who looks" ? Looker : Client)().open(rig, n));
+    const isSeen = () => clients.every((client) => client.pictures !== 0);
+    await until("the first picture", isSeen);
   }
   const pid = count === null ? null : rig.children.get("page").pid;
   const before = pid ? usage(pid) : null;
   const begin = performance.now();
   const times = [];
-  for (let n = 0; n < BLOCK; n++) times.push(await press(rig, `bench-${number}-${n}`));
+  for (let n = 0; n < BLOCK; n++) {
+    // Presses come at any moment of what else is going on.
+    await wait((n * 97) % 300);
+    times.push(await press(rig, `bench-${number}-${n}`));
+  }
   const seconds = (performance.now() - begin) / 1000;
   const cpu = pid ? (usage(pid).cpu_s - before.cpu_s) / seconds : null;
   const heard = clients.every((client) => client.events > 0);
+  const pictures = clients[0]?.pictures;
+  if (pictures !== undefined) seen.push(pictures / seconds);
   clients.forEach((client) => client.close());
   if (pid) await rig.stop("page");
   if (!heard) throw new Error("a client heard no event");
   return { times, cpu };
 }
+
+/** Pictures a second that the one who looks saw. */
+const seen = [];
 
 const rig = new Rig({ cameras: 6, size: "640x480", models: false });
 try {
@@ -135,6 +176,7 @@ try {
     const share = shares.length ? `, the page takes ${(quantile(shares, 0.5)).toFixed(2)} of a processor` : "";
     console.log(`${name}: press to captured: median ${median.toFixed(1)} ms, p95 ${p95.toFixed(1)} ms${later}${share}`);
   }
+  console.log(`the one who looks saw ${quantile(seen, 0.5).toFixed(1)} pictures a second (median of the blocks)`);
   await rig.startPage();
   const clients = [];
   for (let n = 0; n < 20; n++) clients.push(await new Client().open(rig, n));

@@ -1,15 +1,19 @@
 //! `scand make-view`, which only the operator's page calls: it reads a model or a preview from its standard input and
 //! writes a small form of it for browsers to its standard output, in a process that can open no file.
 
+use crate::evaluate::load::load_glb;
+use crate::evaluate::picture::{self, Row};
+use crate::evaluate::{DifferenceParameters, difference};
 use crate::export::{Compression, compress};
 use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::output::encode_jpeg;
-use crate::page::make_view::{FORM, LARGEST_SOURCE, PARENT, View};
+use crate::page::make_view::{DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
 use crate::process::{Limits, confine, part_from};
 use anyhow::Context;
 use flate2::Compression as Level;
 use flate2::write::GzEncoder;
 use std::io::{Read, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Make a small form of a model's file in a confined process. Only the page calls this.
@@ -19,7 +23,7 @@ pub struct Args {
     /// The process that started this one. When it ends, this one ends too.
     #[arg(long = PARENT, value_name = "PID")]
     parent: u32,
-    /// What is made: model or thumbnail.
+    /// What is made: model, thumbnail or difference.
     #[arg(long = FORM, value_name = "FORM")]
     form: String,
 }
@@ -30,6 +34,8 @@ const NICE: u32 = 10;
 /// Longest side of a thumbnail in pixels, and its quality.
 const LONGEST: usize = 480;
 const QUALITY: u8 = 82;
+/// Points on each of two surfaces that are compared, beside their vertices.
+const SAMPLES: usize = 20_000;
 /// Most pixels of a preview.
 const MOST_PIXELS: usize = 40_000_000;
 
@@ -46,13 +52,6 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     for missing in confine(limits, &[], &[])? {
         crate::workers::protocol::warn(&missing);
     }
-    let view = View::of_form(&args.form);
-    let view = view.with_context(|| {
-        format!(
-            "{:?} is not a form of a file, expected model or thumbnail",
-            args.form
-        )
-    })?;
     let mut source = Vec::new();
     let mut input = std::io::stdin().lock().take(LARGEST_SOURCE + 1);
     input.read_to_end(&mut source)?;
@@ -63,8 +62,52 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     );
     std::io::stdout()
         .lock()
-        .write_all(&view_of(view, &source)?)?;
+        .write_all(&form_of(&args.form, &source)?)?;
     Ok(ExitCode::SUCCESS)
+}
+
+fn form_of(form: &str, source: &[u8]) -> anyhow::Result<Vec<u8>> {
+    if form == DIFFERENCE {
+        return difference_of(source);
+    }
+    let view = View::of_form(form);
+    let view = view.with_context(|| {
+        format!("{form:?} is not a form of a file, expected model, thumbnail or difference")
+    })?;
+    view_of(view, source)
+}
+
+/// How far two models are apart, as a line of JSON and a picture.
+fn difference_of(source: &[u8]) -> anyhow::Result<Vec<u8>> {
+    let (length, both) = source.split_first_chunk().context("no length")?;
+    let length = usize::try_from(u64::from_le_bytes(*length))?;
+    let (a, b) = both
+        .split_at_checked(length)
+        .context("the first model is cut off")?;
+    let a = load_glb(a, Path::new("the model"))?;
+    let b = load_glb(b, Path::new("the other model"))?;
+    let parameters = DifferenceParameters {
+        samples: SAMPLES,
+        ..DifferenceParameters::default()
+    };
+    let found = difference(&a, &b, &parameters)?;
+    let rows = [(&a, &b, "this model"), (&b, &a, "the other")].map(|(one, other, title)| {
+        (
+            title,
+            &one.mesh,
+            picture::vertex_distances(&one.mesh, &other.mesh),
+        )
+    });
+    let rows = rows.each_ref().map(|row| Row {
+        title: row.0,
+        mesh: row.1,
+        signed_mm: &row.2,
+    });
+    let picture = picture::draw("distance to the other surface", &rows);
+    let mut output = serde_json::to_vec(&found)?;
+    output.push(b'\n');
+    output.extend(encode_jpeg(&picture, QUALITY)?);
+    Ok(output)
 }
 
 fn view_of(view: View, source: &[u8]) -> anyhow::Result<Vec<u8>> {
@@ -136,6 +179,8 @@ mod tests {
         for bytes in [&b""[..], b"glTF", b"\x89PNG\r\n\x1a\n", &[0xff; 300]] {
             assert!(view_of(View::Model, bytes).is_err());
             assert!(view_of(View::Thumbnail, bytes).is_err());
+            assert!(form_of(DIFFERENCE, bytes).is_err());
+            assert!(form_of("other", bytes).is_err());
         }
     }
 }

@@ -29,6 +29,8 @@ pub mod generate;
 pub mod info;
 pub mod live;
 #[cfg(feature = "live")]
+pub mod make_look;
+#[cfg(feature = "live")]
 pub mod make_model;
 #[cfg(feature = "live")]
 pub mod make_object;
@@ -243,6 +245,9 @@ enum Command {
     Generate(generate::Args),
     Info(info::Args),
     #[cfg(feature = "live")]
+    #[command(hide = true, name = crate::daemon::look::protocol::COMMAND)]
+    MakeLook(make_look::Args),
+    #[cfg(feature = "live")]
     #[command(hide = true, name = crate::workers::protocol::COMMAND)]
     MakeModel(Box<make_model::Args>),
     #[cfg(feature = "live")]
@@ -316,6 +321,8 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Fuse(args)) => fuse::run(*args),
         Some(Command::Generate(args)) => generate::run(args),
         Some(Command::Info(args)) => info::run(args),
+        #[cfg(feature = "live")]
+        Some(Command::MakeLook(args)) => make_look::run(args),
         #[cfg(feature = "live")]
         Some(Command::MakeModel(args)) => make_model::run(*args),
         #[cfg(feature = "live")]

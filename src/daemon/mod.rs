@@ -21,6 +21,7 @@ cfg_if::cfg_if! {
         mod dispatcher;
         pub mod events;
         mod hooks;
+        pub mod look;
         #[cfg(test)]
         mod hostile_tests;
         mod names;

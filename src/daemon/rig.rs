@@ -1,6 +1,8 @@
 //! All cameras' threads: sends a shot to each of them, collects their answers, and tracks their state between
 //! shots. It never waits for a camera longer than a shot may take.
 
+mod looking;
+
 use super::systemd::Heartbeat;
 use crate::clock::Clock;
 use crate::drivers::live::{
@@ -13,6 +15,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+pub(super) use looking::RigLook;
 
 /// What a camera contributes to a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -32,6 +36,8 @@ pub struct RigCamera {
     pub id: CameraId,
     /// What it is to a capture.
     pub kind: Kind,
+    /// Whether it takes its pictures only at a signal of its line, whenever that comes.
+    pub needs_signal: bool,
     /// Opens it.
     pub driver: Box<dyn Driver>,
 }
@@ -66,10 +72,12 @@ pub struct Rig {
     shots: u64,
     /// Frames that arrived after their shot had ended.
     late_frames: u64,
+    looking: looking::Looking,
 }
 
 struct Camera {
     kind: Kind,
+    needs_signal: bool,
     thread: Supervised,
     state: State,
     /// Its last report of its health.
@@ -100,6 +108,7 @@ impl Rig {
             clock,
             shots: 0,
             late_frames: 0,
+            looking: looking::Looking::default(),
         })
     }
 
@@ -130,6 +139,10 @@ impl Rig {
 
     /// Records what a camera reports between shots; true if its state changed.
     pub(super) fn note(&mut self, message: Message) -> bool {
+        if let CameraEvent::Looked { shot, outcome } = message.event {
+            self.note_look(message.camera, shot, outcome);
+            return false;
+        }
         let Some(camera) = self.cameras.get_mut(&message.camera) else {
             return false;
         };
@@ -150,7 +163,7 @@ impl Rig {
                 self.late_frames += 1;
                 return false;
             }
-            CameraEvent::Answered { .. } => return false,
+            CameraEvent::Answered { .. } | CameraEvent::Looked { .. } => return false,
         }
         true
     }
@@ -303,6 +316,7 @@ fn start_camera(
     let thread = supervise(id.clone(), rig_camera.driver, events.clone(), backoff)?;
     Ok(Camera {
         kind: rig_camera.kind,
+        needs_signal: rig_camera.needs_signal,
         thread,
         state: State::Opening,
         health: Vec::new(),

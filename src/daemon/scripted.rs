@@ -175,7 +175,7 @@ impl Device for ScriptedCamera {
 pub(super) struct TestBench {
     pub(super) folder: tempfile::TempDir,
     pub(super) capturing: Arc<Capturing>,
-    behaviours: BTreeMap<String, Arc<AtomicU32>>,
+    behaviours: Behaviours,
     pub(super) pool: Pool,
     presses: AtomicU32,
 }
@@ -207,6 +207,7 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> CapturePlan {
         events: events::Events::default(),
         models: None,
         jobs: None,
+        look: None,
         watchdog: Watchdog::default(),
     }
 }
@@ -237,15 +238,16 @@ pub(super) fn start_at(
     start_on(clock, 1_000_000, cameras, folder, memory, change)
 }
 
-fn start_on(
+/// How each camera behaves, by its name.
+type Behaviours = BTreeMap<String, Arc<AtomicU32>>;
+
+/// The cameras alone.
+pub(super) fn rig(
     clock: Clock,
     later_ns: u64,
     cameras: &[(&str, Kind)],
-    folder: tempfile::TempDir,
-    memory: usize,
-    change: impl FnOnce(&mut CapturePlan),
-) -> TestBench {
-    let pool = Pool::new(memory);
+    pool: &Pool,
+) -> (Rig, Behaviours) {
     let mut behaviours = BTreeMap::new();
     let mut rig_cameras = Vec::new();
     for &(name, kind) in cameras {
@@ -270,6 +272,7 @@ fn start_on(
         rig_cameras.push(RigCamera {
             id,
             kind,
+            needs_signal: name.starts_with("line"),
             driver: Box::new(driver),
         });
     }
@@ -277,7 +280,22 @@ fn start_on(
         first: Duration::from_millis(20),
         longest: Duration::from_millis(40),
     };
-    let rig = Rig::start(rig_cameras, clock, 64, backoff).unwrap();
+    (
+        Rig::start(rig_cameras, clock, 64, backoff).unwrap(),
+        behaviours,
+    )
+}
+
+fn start_on(
+    clock: Clock,
+    later_ns: u64,
+    cameras: &[(&str, Kind)],
+    folder: tempfile::TempDir,
+    memory: usize,
+    change: impl FnOnce(&mut CapturePlan),
+) -> TestBench {
+    let pool = Pool::new(memory);
+    let (rig, behaviours) = rig(clock, later_ns, cameras, &pool);
     let mut plan = plan(folder.path(), &pool);
     change(&mut plan);
     let interrupted =

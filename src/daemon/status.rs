@@ -48,6 +48,8 @@ pub struct Status {
     pub takes_ms: BTreeMap<&'static str, Percentiles>,
     /// Presses that were refused for lack of memory or disk space, or because the recorder's queue was full.
     pub refused: u64,
+    /// Clients that look at the cameras.
+    pub looking: usize,
     /// Frames that arrived after their capture had ended.
     pub late_frames: u64,
     /// Bytes of one capture with the cameras' present settings.

@@ -1,5 +1,6 @@
-//! The page's client of the daemon's socket: at most eight connections, however many people look. Two are the page's
-//! own (the events and the status, see `watch`), the others carry people's requests.
+//! The page's client of the daemon's socket: at most eight connections, however many people look. Three are the page's
+//! own (the events and the status, see `watch`, and the cameras' pictures, see `look`), the others carry people's
+//! requests.
 
 use crate::trigger::{Event, LONGEST_REPLY, Reply, Request, Until};
 use std::path::{Path, PathBuf};
@@ -11,7 +12,7 @@ use tokio::sync::{Semaphore, SemaphorePermit};
 use tokio::time::timeout;
 
 /// Connections for people's requests.
-const REQUESTS: usize = 6;
+const REQUESTS: usize = 5;
 /// How long a request waits for one of the connections.
 const QUEUE: Duration = Duration::from_secs(2);
 /// How long a press may wait until it is accepted; later, hands are in the picture again.
@@ -32,6 +33,8 @@ pub(super) enum Error {
     Slow,
     #[error("the daemon says {0:?}, which is no reply")]
     Senseless(String),
+    #[error("{0}")]
+    Refused(String),
     #[error("the page has {REQUESTS} requests with the daemon already: try again")]
     Full,
 }

@@ -1,6 +1,7 @@
-//! The operator's page: a process of its own that serves a web page on loopback and is a client of the daemon's socket.
-//! It lists and sends the files of models, and stores sessions. It parses no recording, decodes no picture (a confined
-//! process does), opens no camera, and writes nothing but its own state and its cache. design/page.md has the reasons.
+//! The operator's page: a process of its own that serves a web page, on loopback or with TLS, and is a client of the
+//! daemon's socket. It lists and sends the files of models, and stores sessions. It parses no recording, decodes no
+//! picture (a confined process does), opens no camera, and writes nothing but its own state and its cache.
+//! design/page.md has the reasons.
 
 mod assets;
 mod control;
@@ -8,6 +9,9 @@ mod daemon;
 #[cfg(test)]
 mod hostile_tests;
 mod http;
+mod look;
+#[cfg(test)]
+mod look_tests;
 mod metrics;
 mod models;
 mod now;
@@ -18,6 +22,11 @@ mod secrets;
 mod serve;
 mod sessions;
 mod summary;
+#[cfg(test)]
+mod testing;
+mod tls;
+#[cfg(test)]
+mod tls_tests;
 mod views;
 mod watch;
 
@@ -26,8 +35,9 @@ pub use control::{Answer, Ask, ask};
 pub use parameters::{DEFAULT_CONFIGURATION, Error as ParametersError, Parameters};
 pub use serve::{Error, run};
 pub use sessions::Role;
+pub use tls::TlsParameters;
 
 /// What `scand make-view` is asked for.
 pub mod make_view {
-    pub use super::views::{COMMAND, FORM, LARGEST_SOURCE, PARENT, View};
+    pub use super::views::{COMMAND, DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
 }

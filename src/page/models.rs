@@ -4,6 +4,7 @@
 use super::summary::{Report, Summary};
 use rustix::fs::{Mode, OFlags, ResolveFlags, openat2};
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -106,6 +107,28 @@ impl Models {
         Some(summaries.collect())
     }
 
+    /// How sharp each camera's picture was in the newest capture with a green model, in percent; empty if none is among
+    /// the newest 50 models of the three newest recordings.
+    pub(super) fn good_sharpness(&self) -> BTreeMap<String, u32> {
+        const RECORDINGS: usize = 3;
+        const CAPTURES: usize = 50;
+        for recording in self.recordings().into_iter().take(RECORDINGS) {
+            let mut names: Vec<_> = folders(&self.folder.join(&recording.name)).collect();
+            names.sort_by(|a, b| (b.1, &b.0).cmp(&(a.1, &a.0)));
+            for (name, _) in names.into_iter().take(CAPTURES) {
+                // An object's model has cameras of several captures.
+                let of_capture = !name.ends_with(".object");
+                let report = of_capture
+                    .then(|| self.report(&recording.name, &name))
+                    .flatten();
+                if let Some(found) = report.and_then(|report| report.sharpness_of_green()) {
+                    return found;
+                }
+            }
+        }
+        BTreeMap::new()
+    }
+
     fn summary(&self, recording: &str, capture: &str) -> Summary {
         let has = |file| self.open(recording, capture, file).is_some();
         let mut summary = Summary {
@@ -187,6 +210,29 @@ mod tests {
         std::fs::write(root.path().join("secret"), "secret").unwrap();
         let models = Models::new(&root.path().join("models"));
         (root, models)
+    }
+
+    #[test]
+    fn the_last_good_sharpness_is_that_of_the_newest_green_model() {
+        let (root, models) = models();
+        assert!(models.good_sharpness().is_empty());
+        let write = |name: &str, level: &str, sharpness: u32| {
+            let folder = root.path().join("models/amphora").join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            let report = format!(
+                r#"{{"verdict":{{"level":"{level}"}},"color_cameras":[{{"camera":"c00","sharpness_percent":{sharpness}}},
+                {{"camera":"c01","sharpness_percent":null}}]}}"#
+            );
+            std::fs::write(folder.join("report.json"), report).unwrap();
+        };
+        write("amphora-0002", "green", 61);
+        write("amphora-0003", "amber", 20);
+        write("amphora.object", "green", 10);
+        let good = models.good_sharpness();
+        assert_eq!(
+            good.into_iter().collect::<Vec<_>>(),
+            [("c00".to_owned(), 61)]
+        );
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! rig's configuration, and nothing of who may look at a page belongs into a recording.
 
 use super::origin::Origins;
+use super::tls::TlsParameters;
 use crate::{range, storage};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -16,8 +17,10 @@ const LARGEST_FILE: u64 = 64 << 10;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// The address and port that the page listens on; loopback only.
+    /// The address and port that the page listens on; one of loopback without `tls`.
     pub listen: SocketAddr,
+    /// The administrator's certificate; `None` for the page without TLS.
+    pub tls: Option<TlsParameters>,
     /// How browsers reach the page, such as `https://rig.example`; empty: under `localhost` and the address of
     /// `listen`.
     pub origins: Vec<String>,
@@ -45,6 +48,7 @@ impl Default for Parameters {
     fn default() -> Self {
         Self {
             listen: SocketAddr::from(([127, 0, 0, 1], 8437)),
+            tls: None,
             origins: Vec::new(),
             rig: String::new(),
             socket: crate::trigger::SOCKET.into(),
@@ -77,9 +81,17 @@ pub enum Error {
     /// The address is one of the network.
     #[error(
         "listen is {0}, expected an address of loopback, such as 127.0.0.1:8437: from other computers the page is reached \
-         through a reverse proxy with TLS (docs/page.md)"
+         with TLS, by a certificate (`tls`) or through a reverse proxy (docs/page.md)"
     )]
     NotLoopback(SocketAddr),
+    /// TLS under a name that browsers do not know.
+    #[error(
+        "origins is empty, expected the names of the certificate, such as https://rig.example, because `tls` is set"
+    )]
+    NoOrigin,
+    /// TLS and an origin without.
+    #[error("origins: {0:?} is http, expected https, because `tls` is set")]
+    NoTls(String),
     /// An origin that is refused.
     #[error("origins: {0}")]
     Origin(String),
@@ -112,8 +124,17 @@ impl Parameters {
     }
 
     fn check(&self) -> Result<(), Error> {
-        if !self.listen.ip().is_loopback() {
-            return Err(Error::NotLoopback(self.listen));
+        match &self.tls {
+            None if !self.listen.ip().is_loopback() => return Err(Error::NotLoopback(self.listen)),
+            Some(_) if self.origins.is_empty() => return Err(Error::NoOrigin),
+            Some(_) => {
+                let plain = self
+                    .origins
+                    .iter()
+                    .find(|origin| origin.starts_with("http:"));
+                plain.map_or(Ok(()), |origin| Err(Error::NoTls(origin.clone())))?;
+            }
+            None => {}
         }
         self.origins().map(|_| ())
     }
@@ -184,5 +205,19 @@ mod tests {
             assert!(words.contains("expected a scheme and a host"), "{words}");
         }
         of(&|p| p.origins = vec!["https://rig.example".into()]).unwrap();
+        let with_tls = |origins: &[&str]| {
+            of(&|p| {
+                p.listen = SocketAddr::from(([0, 0, 0, 0], 8443));
+                p.origins = origins.iter().map(|&origin| origin.into()).collect();
+                p.tls = Some(TlsParameters {
+                    certificate: "a".into(),
+                    key: "b".into(),
+                });
+            })
+        };
+        with_tls(&["https://rig.example:8443"]).unwrap();
+        assert!(matches!(with_tls(&[]), Err(Error::NoOrigin)));
+        let mixed = with_tls(&["https://rig.example:8443", "http://localhost"]);
+        assert!(matches!(mixed, Err(Error::NoTls(_))));
     }
 }

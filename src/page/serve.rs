@@ -7,6 +7,7 @@ use super::http::{App, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::sessions::{self, Sessions};
+use super::tls::Tls;
 use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
@@ -45,6 +46,8 @@ pub enum Error {
     Parameters(#[from] parameters::Error),
     #[error("this program was built without the page's files: run `make ui`, and build it again")]
     NoFiles,
+    #[error("tls: {0}")]
+    Tls(String),
     #[error("sessions: {0}")]
     Sessions(String),
     #[error("{what}: {cause}")]
@@ -77,6 +80,15 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
     };
     std::fs::create_dir_all(&parameters.state).map_err(at(&parameters.state))?;
     let app = app(parameters)?;
+    let tls = parameters.tls.as_ref().map(Tls::open).transpose();
+    let tls = tls.map_err(Error::Tls)?;
+    let renewal = tls.clone();
+    let renewal = async {
+        match renewal {
+            Some(tls) => tls.renew().await,
+            None => std::future::pending().await,
+        }
+    };
     let listener = TcpListener::bind(parameters.listen).await;
     let listener = listener.map_err(|cause| Error::Io {
         what: parameters.listen.to_string(),
@@ -92,7 +104,9 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = control::serve(control, sessions, origin) => {}
         () = app.watch.keep_events(&app.daemon) => {}
         () = app.watch.keep_status(&app.daemon) => {}
-        () = accept(listener, router(app.clone())) => {}
+        () = app.look.keep(&app.daemon, &app.models) => {}
+        () = accept(listener, tls, router(app.clone())) => {}
+        () = renewal => {}
         () = prepare(&app) => {}
         () = told_to_end() => {}
     }
@@ -160,7 +174,7 @@ async fn told_to_end() {
 }
 
 /// Accepts connections, for ever.
-pub(super) async fn accept(listener: TcpListener, router: Router) {
+pub(super) async fn accept(listener: TcpListener, tls: Option<Arc<Tls>>, router: Router) {
     let slots = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -171,19 +185,34 @@ pub(super) async fn accept(listener: TcpListener, router: Router) {
         let Ok(slot) = slots.clone().try_acquire_owned() else {
             continue;
         };
-        let service = TowerToHyperService::new(router.clone());
+        let router = router.clone();
+        let acceptor = tls.as_ref().map(|tls| tls.acceptor());
+        let stream = StallGuard::new(stream);
         tokio::spawn(async move {
-            let connection = hyper::server::conn::http1::Builder::new()
-                .timer(TokioTimer::new())
-                .header_read_timeout(HEADERS)
-                .max_headers(MOST_HEADERS)
-                .max_buf_size(BUFFER)
-                .serve_connection(TokioIo::new(StallGuard::new(stream)), service);
-            // A connection that breaks, or is broken off, is its other side's affair.
-            let _ = connection.await;
+            match acceptor {
+                None => serve_one(stream, router).await,
+                Some(acceptor) => {
+                    // One that greets too slowly, or not at all, is left as one with slow headers is.
+                    let greeted = tokio::time::timeout(HEADERS, acceptor.accept(stream)).await;
+                    if let Ok(Ok(stream)) = greeted {
+                        serve_one(stream, router).await;
+                    }
+                }
+            }
             drop(slot);
         });
     }
+}
+
+async fn serve_one(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+    let connection = hyper::server::conn::http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADERS)
+        .max_headers(MOST_HEADERS)
+        .max_buf_size(BUFFER)
+        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    // A connection that breaks, or is broken off, is its other side's affair.
+    let _ = connection.await;
 }
 
 /// A stream that is broken off when the other side has not read for [`STALL`].

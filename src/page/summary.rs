@@ -2,9 +2,12 @@
 //! anybody's, and so may be the words in its report.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Longest text that is passed on from a report, in characters.
 pub(super) const LONGEST_TEXT: usize = 500;
+/// Cameras of a report that are looked at.
+const MOST_CAMERAS: usize = 64;
 /// Reasons, and notes, that are passed on of a capture.
 const MOST_WORDS: usize = 50;
 
@@ -50,6 +53,26 @@ pub(super) struct Report {
     reason: Option<String>,
     capture: Option<Capture>,
     notes: Option<Notes>,
+    #[serde(default)]
+    color_cameras: Vec<ColorCamera>,
+}
+
+/// A colour camera's figures, as far as a look at it is compared with them.
+#[derive(Deserialize)]
+struct ColorCamera {
+    camera: String,
+    #[serde(default)]
+    sharpness_percent: Option<u32>,
+}
+
+impl Report {
+    /// How sharp each camera's picture was, in percent, if the model is green.
+    pub(super) fn sharpness_of_green(&self) -> Option<BTreeMap<String, u32>> {
+        let level = self.verdict.as_ref()?.level.as_str();
+        let figures = self.color_cameras.iter().take(MOST_CAMERAS);
+        let known = figures.filter_map(|c| Some((c.camera.clone(), c.sharpness_percent?)));
+        (level == "green").then(|| known.collect())
+    }
 }
 
 #[derive(Deserialize)]

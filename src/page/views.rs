@@ -1,6 +1,7 @@
-//! Small forms of a model's files for browsers: the model in whole numbers and compressed, and a thumbnail of the
-//! preview. A confined process makes each once (`scand make-view`, which has no file but its input and its output), and
-//! it lies in a cache of a bounded size, which may be removed at any time. This process decodes nothing.
+//! Small forms of a model's files for browsers: the model in whole numbers and compressed, a thumbnail of the preview,
+//! and how far it is from another model. A confined process makes each once (`scand make-view`, which has no file but
+//! its input and its output), and it lies in a cache of a bounded size, which may be removed at any time. This process
+//! decodes nothing.
 
 use super::models::{ModelFile, Models};
 use crate::clock::Clock;
@@ -11,7 +12,7 @@ use sha2::{Digest, Sha256};
 use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fs::File;
-use std::io;
+use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
@@ -22,6 +23,8 @@ pub const COMMAND: &str = "make-view";
 pub const PARENT: &str = "parent";
 /// The option for the view that is wanted.
 pub const FORM: &str = "form";
+/// The form that tells how far two models are apart.
+pub const DIFFERENCE: &str = "difference";
 
 /// Largest file of which a view is made, in bytes.
 pub const LARGEST_SOURCE: u64 = 64 << 20;
@@ -125,7 +128,57 @@ impl Views {
         view: View,
     ) -> Option<(File, u64, String)> {
         let (source, size, tag) = models.open(recording, capture, view.source())?;
+        let of = format!("{recording}/{capture}");
         let text = format!("{VERSION} {recording} {capture} {} {tag}", view.form());
+        self.obtain(&text, &of, view.form(), size, || Ok(source))
+    }
+
+    /// How far the surfaces of two models of a recording are apart, as [`Self::get`] gives a view.
+    pub(super) fn difference(
+        &self,
+        models: &Models,
+        recording: &str,
+        [a, b]: [&str; 2],
+    ) -> Option<(File, u64, String)> {
+        let (of_a, size_a, tag_a) = models.open(recording, a, ModelFile::Glb)?;
+        let (of_b, size_b, tag_b) = models.open(recording, b, ModelFile::Glb)?;
+        let of = format!("{recording}/{a} and {b}");
+        let text = format!("{VERSION} {recording} {a} {b} {DIFFERENCE} {tag_a} {tag_b}");
+        let size = size_a.saturating_add(size_b);
+        self.obtain(&text, &of, DIFFERENCE, size, || {
+            self.both([(of_a, size_a), (of_b, size_b)])
+        })
+    }
+
+    /// One file with two models: how many bytes the first has, it, and the second.
+    fn both(&self, [(mut a, size_a), (mut b, _)]: [(File, u64); 2]) -> io::Result<File> {
+        let path = self.folder.join("both.part");
+        let mut options = File::options();
+        let mut both = options
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(&path)?;
+        // It has no name while it is used, so that nothing is left of it.
+        std::fs::remove_file(&path)?;
+        both.write_all(&size_a.to_le_bytes())?;
+        for model in [&mut a, &mut b] {
+            io::copy(&mut model.take(LARGEST_SOURCE), &mut both)?;
+        }
+        both.rewind()?;
+        Ok(both)
+    }
+
+    /// What is in the cache under a text, which is made of a source if it is not there yet.
+    fn obtain(
+        &self,
+        text: &str,
+        of: &str,
+        form: &str,
+        size: u64,
+        source: impl FnOnce() -> io::Result<File>,
+    ) -> Option<(File, u64, String)> {
         let key = format!("{:x}", Sha256::digest(text));
         let tag = format!("\"{}\"", &key[..32]);
         let made = self.made(&key).or_else(|| {
@@ -140,11 +193,10 @@ impl Views {
             if failed.contains(&key) {
                 return None;
             }
-            if let Err(words) = self.make(source, &key, view) {
-                log::warning!(
-                    "{recording}/{capture}: no {} for browsers: {words}",
-                    view.form()
-                );
+            let source = source().map_err(|error| error.to_string());
+            let made = source.and_then(|source| self.make(source, &key, form));
+            if let Err(words) = made {
+                log::warning!("{of}: no {form} for browsers: {words}");
                 failed.truncate(MOST_FAILED - 1);
                 failed.push_front(key.clone());
                 return None;
@@ -167,9 +219,9 @@ impl Views {
         (found.is_file() && found.len() > 0).then_some((file, found.len()))
     }
 
-    fn make(&self, source: File, key: &str, view: View) -> Result<(), String> {
+    fn make(&self, source: File, key: &str, form: &str) -> Result<(), String> {
         let part = self.folder.join(format!("{key}.part"));
-        let made = self.fill(source, &part, view);
+        let made = self.fill(source, &part, form);
         let named = made.and_then(|()| {
             std::fs::rename(&part, self.folder.join(key)).map_err(|error| error.to_string())
         });
@@ -180,11 +232,11 @@ impl Views {
         named
     }
 
-    fn fill(&self, source: File, part: &Path, view: View) -> Result<(), String> {
+    fn fill(&self, source: File, part: &Path, form: &str) -> Result<(), String> {
         let said = |error: io::Error| error.to_string();
         let output = File::create(part).map_err(said)?;
         let mut command = Command::new(&self.program);
-        command.args(arguments(view));
+        command.args(arguments(form));
         let child = Child::start_between(&mut command, source, output).map_err(said)?;
         let ended = child.wait(PATIENCE, Clock::system(), &self.cancel);
         match ended.map_err(said)? {
@@ -226,14 +278,14 @@ impl Drop for Views {
 }
 
 /// What [`COMMAND`] is called with.
-fn arguments(view: View) -> Vec<OsString> {
+fn arguments(form: &str) -> Vec<OsString> {
     let option = |name: &str| OsString::from(format!("--{name}"));
     vec![
         COMMAND.into(),
         option(PARENT),
         std::process::id().to_string().into(),
         option(FORM),
-        view.form().into(),
+        form.into(),
     ]
 }
 
@@ -256,7 +308,6 @@ fn files(folder: &Path) -> impl Iterator<Item = (PathBuf, SystemTime, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::Read;
     use std::os::unix::fs::PermissionsExt;
 
     /// A cache whose program is a script, and a folder of models with one model.
@@ -307,6 +358,22 @@ mod tests {
         assert!(views.get(&models, "a", "a-0001", View::Thumbnail).is_none());
         assert!(views.get(&models, "..", "a-0001", View::Model).is_none());
         assert_eq!(runs(&root), 2);
+    }
+
+    #[test]
+    fn a_difference_is_made_of_both_models_and_once() {
+        let (root, views, models) = stand("cat; echo \"$5\"");
+        let other = root.path().join("models/a/a-0002");
+        std::fs::create_dir_all(&other).unwrap();
+        std::fs::write(other.join("model.glb"), "glTFother").unwrap();
+        let get = |a, b| text(views.difference(&models, "a", [a, b]));
+        let expected = "\u{4}\0\0\0\0\0\0\0glTFglTFotherdifference\n";
+        assert_eq!(get("a-0001", "a-0002").unwrap(), expected);
+        assert_eq!(get("a-0001", "a-0002").unwrap(), expected);
+        assert_eq!(runs(&root), 1);
+        assert!(get("a-0001", "a-0003").is_none());
+        assert!(get("a-0001", "../a-0002").is_none());
+        assert_eq!(files(&root.path().join("cache")).count(), 1);
     }
 
     #[test]

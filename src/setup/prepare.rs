@@ -7,6 +7,7 @@ use crate::calibration::{
 };
 use crate::clock::Clock;
 use crate::config::{self, Config};
+use crate::daemon::look::protocol::CuttingSettings;
 use crate::daemon::{Kind, RigCamera};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
@@ -56,6 +57,8 @@ pub struct Prepared {
     pub pool: Pool,
     /// Where the calibration is; `None` of a rig that is not calibrated yet.
     pub calibration: Option<PathBuf>,
+    /// What a look cuts objects out with; `None` of a rig that is not calibrated yet.
+    pub cutting: Option<CuttingSettings>,
 }
 
 impl ConfigSource {
@@ -110,12 +113,22 @@ impl ConfigSource {
                 file_sha256: Some(sha256),
             });
         }
+        let silhouette = serde_json::to_value(&config.silhouette).unwrap_or_default();
+        let cutting = calibration.map(|calibration| CuttingSettings {
+            calibration: RigCalibration {
+                volume: header.volume,
+                ..calibration.clone()
+            }
+            .to_toml(),
+            silhouette,
+        });
         Ok(Prepared {
             config,
             rig_cameras,
             header,
             pool,
             calibration: file,
+            cutting,
         })
     }
 

@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::daemon::{Kind, RigCamera};
 #[cfg(feature = "aravis")]
 use crate::drivers::aravis;
-use crate::drivers::aravis::Parameters as GigeParameters;
+use crate::drivers::aravis::{Parameters as GigeParameters, TriggerMode as GigeTrigger};
 use crate::drivers::link::{Transmission, budget};
 use crate::drivers::live::{Driver, Pool};
 use crate::drivers::pixel_format::PixelFormat;
@@ -49,14 +49,28 @@ pub(super) fn rig_cameras(
     let mut rig_cameras: BTreeMap<CameraId, RigCamera> = BTreeMap::new();
     let gige = staggered(config, calibration)?;
     for (id, parameters) in gige {
+        let needs_signal = parameters.trigger_mode() == GigeTrigger::Line;
         let driver = gige_driver(&id, parameters, &shared)?;
-        add(&mut rig_cameras, calibration, id, Kind::Color, driver)?;
+        let camera = RigCamera {
+            id,
+            kind: Kind::Color,
+            needs_signal,
+            driver,
+        };
+        add(&mut rig_cameras, calibration, camera)?;
     }
     let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
     duplicate_devices::check_unique_v4l2(&videos)?;
     for (id, parameters) in videos {
+        let needs_signal = parameters.trigger() == v4l2::TriggerMode::Line;
         let driver = v4l2_driver(&id, parameters, &shared)?;
-        add(&mut rig_cameras, calibration, id, Kind::Color, driver)?;
+        let camera = RigCamera {
+            id,
+            kind: Kind::Color,
+            needs_signal,
+            driver,
+        };
+        add(&mut rig_cameras, calibration, camera)?;
     }
     let depths = checked(
         "openni2",
@@ -72,7 +86,13 @@ pub(super) fn rig_cameras(
             Kind::Depth
         };
         let driver = openni2_driver(&id, parameters, &shared)?;
-        add(&mut rig_cameras, calibration, id, kind, driver)?;
+        let camera = RigCamera {
+            id,
+            kind,
+            needs_signal: false,
+            driver,
+        };
+        add(&mut rig_cameras, calibration, camera)?;
     }
     if rig_cameras
         .values()
@@ -107,10 +127,9 @@ fn checked<P>(
 fn add(
     rig_cameras: &mut BTreeMap<CameraId, RigCamera>,
     calibration: Option<&RigCalibration>,
-    id: CameraId,
-    kind: Kind,
-    driver: Box<dyn Driver>,
+    rig_camera: RigCamera,
 ) -> Result<(), String> {
+    let id = rig_camera.id.clone();
     if let Some(calibration) = calibration
         && !calibration.cameras.contains_key(&id)
     {
@@ -120,11 +139,6 @@ fn add(
             known.join(", ")
         ));
     }
-    let rig_camera = RigCamera {
-        id: id.clone(),
-        kind,
-        driver,
-    };
     match rig_cameras.insert(id.clone(), rig_camera) {
         Some(_) => Err(format!("camera {id} is configured for two drivers")),
         None => Ok(()),

@@ -1,6 +1,7 @@
 //! The one type for everything that the daemon reports. The stream of events and the hooks get it whole; the
 //! replies to a client and the journal of presses are a view of it, [`Event::to_reply`].
 
+use super::seen::Seen;
 use crate::level::Level;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -165,6 +166,24 @@ pub enum Event {
     },
     /// Events follow from here on; only in a reply.
     Listening,
+    /// Pictures follow from here on, a line of [`Event::Looked`] each; only in a reply.
+    Looking,
+    /// A picture of a camera that somebody looks at; only in a reply.
+    Looked {
+        /// The camera.
+        camera: String,
+        /// How long ago it was exposed, when this line was written.
+        age_ms: u64,
+        /// The picture, a JPEG in base64; without it where there is none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        picture: Option<String>,
+        /// What is seen in it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seen: Option<Box<Seen>>,
+        /// Why there is no picture.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        words: Option<String>,
+    },
     /// A camera came, or went away.
     Camera {
         /// The camera.

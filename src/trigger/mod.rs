@@ -3,9 +3,11 @@
 
 mod client;
 mod event;
+mod seen;
 
 pub use client::{Client, Error, LONGEST_REPLY};
 pub use event::{Event, Reply, Until};
+pub use seen::{Polygon, Seen};
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -72,6 +74,8 @@ pub enum Request {
         /// Settings of a list, each within its range, as docs/socket.md has them.
         settings: BTreeMap<String, serde_json::Value>,
     },
+    /// Show pictures of the cameras: `looking`, and then a line of [`Event::Looked`] each, until the client goes away.
+    Look {},
     /// Complete the session.
     Close {},
 }

@@ -111,6 +111,7 @@ impl Jobs {
             }
         }
         let cancel = Cancel::new().map_err(io)?;
+        let remakes = folder.join("remakes.json");
         let state = State {
             waiting,
             ..State::default()
@@ -122,7 +123,7 @@ impl Jobs {
             changed: Condvar::new(),
             cancel,
             objects: ObjectJobs::open(recordings),
-            remakes: Remakes::default(),
+            remakes: Remakes::open(&remakes),
         })
     }
 

@@ -1,14 +1,19 @@
-//! Models that people want made again with other settings: which settings may be chosen, and a short queue in memory.
-//! The queue is lost when the daemon stops; people must then ask again.
+//! Models that people want made again with other settings: which settings may be chosen, and a short queue. A file
+//! holds what waits and what is being made, so that a daemon that starts again goes on with it.
 
 use crate::frame::CaptureId;
+use crate::log;
+use crate::storage::{read_text, write_atomically};
 use parking_lot::{Condvar, Mutex};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Remakes that may wait.
 const MOST_WAITING: usize = 10;
+/// Largest file of those that wait, in bytes.
+const LARGEST_FILE: u64 = 64 << 10;
 /// How often something is looked for that nobody tells of.
 const LOOK_AGAIN: Duration = Duration::from_millis(300);
 
@@ -57,6 +62,16 @@ pub struct Remake {
     pub(super) capture: String,
     /// `KEY=VALUE` each.
     pub(super) settings: Vec<String>,
+    /// The same, as they were chosen.
+    chosen: BTreeMap<String, Value>,
+}
+
+/// A remake as the file has it.
+#[derive(serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Saved {
+    capture: String,
+    settings: BTreeMap<String, Value>,
 }
 
 impl Remake {
@@ -72,10 +87,11 @@ impl Remake {
                     .into(),
             );
         }
-        let settings = settings.iter().map(|(key, value)| chosen(key, value));
+        let pairs = settings.iter().map(|(key, value)| chosen(key, value));
         Ok(Self {
             capture: capture.into(),
-            settings: settings.collect::<Result<_, _>>()?,
+            settings: pairs.collect::<Result<_, _>>()?,
+            chosen: settings.clone(),
         })
     }
 }
@@ -108,8 +124,8 @@ fn chosen(key: &str, value: &Value) -> Result<String, String> {
 }
 
 /// Those that wait.
-#[derive(Default)]
 pub struct Remakes {
+    file: PathBuf,
     state: Mutex<State>,
     changed: Condvar,
 }
@@ -117,15 +133,36 @@ pub struct Remakes {
 #[derive(Default)]
 struct State {
     waiting: VecDeque<Remake>,
-    is_running: bool,
+    running: Option<Remake>,
     is_stopped: bool,
 }
 
 impl Remakes {
-    /// Takes in a remake; returns how many are before it.
+    /// Those that a file has, the one that was being made first. Without the file, or with one that cannot be read,
+    /// there are none.
+    pub(super) fn open(file: &Path) -> Self {
+        let waiting = load(file).unwrap_or_else(|why| {
+            log::warning!(
+                "{}: {why}: models that were to be made again are forgotten",
+                file.display()
+            );
+            VecDeque::new()
+        });
+        let state = State {
+            waiting,
+            ..State::default()
+        };
+        Self {
+            file: file.into(),
+            state: Mutex::new(state),
+            changed: Condvar::new(),
+        }
+    }
+
+    /// Takes in a remake, and writes it to the disk; returns how many are before it.
     ///
     /// # Errors
-    /// If too many wait, the same one waits already, or the daemon is ending.
+    /// If too many wait, the same one waits already, it cannot be written, or the daemon is ending.
     pub fn offer(&self, remake: Remake) -> Result<usize, String> {
         let mut state = self.state.lock();
         if state.is_stopped {
@@ -139,16 +176,19 @@ impl Remakes {
                 "{MOST_WAITING} remakes wait already: try again when one is done"
             ));
         }
-        let before = state.waiting.len() + usize::from(state.is_running);
+        let before = state.count();
         state.waiting.push_back(remake);
+        if let Err(error) = self.save(&state) {
+            state.waiting.pop_back();
+            return Err(format!("the remake cannot be kept: {error}"));
+        }
         self.changed.notify_all();
         Ok(before)
     }
 
     /// How many wait or are being made.
     pub fn len(&self) -> usize {
-        let state = self.state.lock();
-        state.waiting.len() + usize::from(state.is_running)
+        self.state.lock().count()
     }
 
     /// Whether none waits and none is being made.
@@ -159,15 +199,17 @@ impl Remakes {
     /// The next one, once `may` says so; `None` at the end.
     pub(super) fn take(&self, may: impl Fn() -> bool) -> Option<Remake> {
         let mut state = self.state.lock();
-        state.is_running = false;
+        if state.running.take().is_some() {
+            self.save_or_warn(&state);
+        }
         loop {
             if state.is_stopped {
                 return None;
             }
             if !state.waiting.is_empty() && may() {
-                let taken = state.waiting.pop_front();
-                state.is_running = taken.is_some();
-                return taken;
+                // The file stays as it is: it has this one first until it is made.
+                state.running = state.waiting.pop_front();
+                return state.running.clone();
             }
             self.changed.wait_for(&mut state, LOOK_AGAIN);
         }
@@ -178,6 +220,52 @@ impl Remakes {
         self.state.lock().is_stopped = true;
         self.changed.notify_all();
     }
+
+    fn save(&self, state: &State) -> Result<(), String> {
+        let saved: Vec<Saved> = state.all().map(Saved::from).collect();
+        let text = serde_json::to_vec(&saved).map_err(|error| error.to_string())?;
+        write_atomically(&self.file, &text).map_err(|error| error.to_string())
+    }
+
+    fn save_or_warn(&self, state: &State) {
+        if let Err(error) = self.save(state) {
+            log::warning!(
+                "a model that was made again may be made once more after the next start: {error}"
+            );
+        }
+    }
+}
+
+impl State {
+    /// What is being made, and then what waits.
+    fn all(&self) -> impl Iterator<Item = &Remake> {
+        self.running.iter().chain(&self.waiting)
+    }
+
+    fn count(&self) -> usize {
+        self.all().count()
+    }
+}
+
+impl From<&Remake> for Saved {
+    fn from(remake: &Remake) -> Self {
+        Self {
+            capture: remake.capture.clone(),
+            settings: remake.chosen.clone(),
+        }
+    }
+}
+
+fn load(file: &Path) -> Result<VecDeque<Remake>, String> {
+    if !file.exists() {
+        return Ok(VecDeque::new());
+    }
+    let text = read_text(file, LARGEST_FILE).map_err(|error| error.to_string())?;
+    let saved: Vec<Saved> = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    let remakes = saved
+        .iter()
+        .map(|saved| Remake::new(&saved.capture, &saved.settings));
+    remakes.collect()
 }
 
 #[cfg(test)]
@@ -220,7 +308,8 @@ mod tests {
 
     #[test]
     fn ten_wait_and_no_more_and_none_twice() {
-        let remakes = Remakes::default();
+        let folder = tempfile::tempdir().unwrap();
+        let remakes = Remakes::open(&folder.path().join("remakes.json"));
         let remake = |n: usize| {
             let one = settings(json!({ "hull.resolution": 120 }));
             Remake::new(&format!("a-{n:04}"), &one).unwrap()
@@ -245,5 +334,51 @@ mod tests {
         remakes.stop();
         assert!(remakes.take(|| true).is_none());
         assert!(remakes.offer(remake(7)).is_err());
+    }
+
+    #[test]
+    fn what_waits_and_what_is_being_made_is_there_after_the_next_start() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("remakes.json");
+        let remake = |capture: &str| {
+            let one = settings(json!({ "hull.resolution": 120, "hull.fairing": "none" }));
+            Remake::new(capture, &one).unwrap()
+        };
+        let remakes = Remakes::open(&file);
+        for capture in ["a-0001", "a-0002", "a-0003"] {
+            remakes.offer(remake(capture)).unwrap();
+        }
+        assert_eq!(remakes.take(|| true), Some(remake("a-0001")));
+        assert_eq!(remakes.take(|| true), Some(remake("a-0002")));
+        // Killed while the second one is being made.
+        drop(remakes);
+        let remakes = Remakes::open(&file);
+        assert_eq!(remakes.len(), 2);
+        assert_eq!(remakes.take(|| true), Some(remake("a-0002")));
+        assert_eq!(remakes.take(|| true), Some(remake("a-0003")));
+        remakes.stop();
+        assert_eq!(remakes.take(|| true), None);
+        assert!(Remakes::open(&file).is_empty());
+    }
+
+    #[test]
+    fn a_file_that_makes_no_sense_and_a_disk_that_takes_none_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("remakes.json");
+        for bad in [
+            "[",
+            "[{\"capture\":\"../a\",\"settings\":{\"hull.resolution\":120}}]",
+        ] {
+            std::fs::write(&file, bad).unwrap();
+            assert!(load(&file).is_err(), "{bad}");
+            assert!(Remakes::open(&file).is_empty());
+        }
+        let remakes = Remakes::open(&folder.path().join("missing/remakes.json"));
+        let one = settings(json!({ "hull.resolution": 120 }));
+        let refused = remakes
+            .offer(Remake::new("a-0001", &one).unwrap())
+            .unwrap_err();
+        assert!(refused.contains("cannot be kept"), "{refused}");
+        assert!(remakes.is_empty());
     }
 }

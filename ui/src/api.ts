@@ -95,6 +95,39 @@ export interface Summary {
   has_model: boolean;
 }
 
+/** A closed polygon in pixels of a look's picture. */
+export type Polygon = [number, number][];
+
+/** What is seen in a picture of a camera. */
+export interface Seen {
+  width: number;
+  height: number;
+  scale: number;
+  clipped_ppm?: number;
+  clipped?: Polygon[];
+  sharpness_percent?: number;
+  outline?: Polygon[];
+  touches?: string[];
+  no_outline?: string;
+  readings_percent?: number;
+}
+
+/** What a camera showed last; without a picture, why there is none. */
+export interface CameraLook {
+  age_ms: number;
+  picture: string | null;
+  seen: Seen | null;
+  words: string | null;
+}
+
+export interface Look {
+  number: number;
+  problem: string | null;
+  cameras: Record<string, CameraLook>;
+  /** How sharp each camera's picture was in the last capture with a green model. */
+  good: Record<string, number>;
+}
+
 export interface Answer {
   type: string;
   capture?: string;
@@ -181,6 +214,11 @@ export async function state(): Promise<{ status: Record<string, unknown> | null;
   return (await get("/api/state")) as { status: Record<string, unknown> | null; age_ms: number | null };
 }
 
+/** What the cameras showed after a number; waits for something new. */
+export async function look(since: number): Promise<Look> {
+  return (await get(`/api/look?since=${since}`)) as Look;
+}
+
 /** Where a file of a model is. */
 export function file(recording: string, capture: string, name: string): string {
   return `/api/models/${encodeURIComponent(recording)}/${encodeURIComponent(capture)}/${name}`;
@@ -188,6 +226,33 @@ export function file(recording: string, capture: string, name: string): string {
 
 export async function report(recording: string, capture: string): Promise<Record<string, unknown>> {
   return (await get(file(recording, capture, "report.json"))) as Record<string, unknown>;
+}
+
+/** How far two surfaces are apart, in mm; without `places` of an older page's process. */
+export interface Apart {
+  same: boolean;
+  a_to_b: { mean_mm: number; median_mm: number; p90_mm: number; max_mm: number };
+  b_to_a: { mean_mm: number; median_mm: number; p90_mm: number; max_mm: number };
+  growth_mm: number;
+}
+
+/** How far a model's surface is from that of another model of its recording, and a picture of that. */
+export async function difference(recording: string, capture: string, other: string): Promise<[Apart, Blob]> {
+  const address = file(recording, capture, `difference/${encodeURIComponent(other)}`);
+  let bytes: Uint8Array<ArrayBuffer>;
+  try {
+    const response = await fetch(address, { signal: AbortSignal.timeout(60_000) });
+    if (!response.ok) {
+      const { code, words } = (await response.json()) as { code: string; words: string };
+      throw new Refused(code, words, response.status);
+    }
+    bytes = new Uint8Array(await response.arrayBuffer());
+  } catch (error) {
+    throw error instanceof Refused ? error : new Refused("network", String(error), 0);
+  }
+  const end = bytes.indexOf(10);
+  const found = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end))) as Apart;
+  return [found, new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" })];
 }
 
 export async function plates(): Promise<Answer> {

@@ -20,12 +20,16 @@ class ComparePart extends Part {
     chosen: { state: true },
     models: { state: true },
     error: { state: true },
+    apart: { state: true },
+    isBusy: { state: true },
   };
   declare summary: api.Summary;
   declare others: api.Summary[];
   declare chosen: string;
   declare models: [Model, Model] | null;
   declare error: string;
+  declare apart: [api.Apart, string] | null;
+  declare isBusy: boolean;
 
   constructor() {
     super();
@@ -33,11 +37,40 @@ class ComparePart extends Part {
     this.chosen = "";
     this.models = null;
     this.error = "";
+    this.apart = null;
+    this.isBusy = false;
   }
+
+  disconnectedCallback(): void {
+    this.forget();
+    super.disconnectedCallback();
+  }
+
+  private forget(): void {
+    if (this.apart) URL.revokeObjectURL(this.apart[1]);
+    this.apart = null;
+  }
+
+  /** Has the surfaces compared, which takes some seconds. */
+  private readonly measure = async () => {
+    const { recording, capture } = this.summary;
+    const other = this.chosen;
+    this.isBusy = true;
+    this.error = "";
+    try {
+      const [found, picture] = await api.difference(recording, capture, other);
+      this.forget();
+      if (other === this.chosen) this.apart = [found, URL.createObjectURL(picture)];
+    } catch (error) {
+      this.error = error instanceof api.Refused ? error.words() : String(error);
+    }
+    this.isBusy = false;
+  };
 
   private readonly choose = async (event: Event) => {
     this.chosen = (event.target as HTMLSelectElement).value;
     this.models = null;
+    this.forget();
     this.error = "";
     if (this.chosen === "") return;
     const { recording, capture } = this.summary;
@@ -63,6 +96,43 @@ class ComparePart extends Part {
       </p>
       ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
       ${other && this.models ? this.table(other, this.models) : nothing}
+      ${other && this.models ? this.surfaces(other) : nothing}
+    `;
+  }
+
+  private surfaces(other: api.Summary): TemplateResult {
+    if (!other.has_model || !this.summary.has_model) return html``;
+    if (!this.apart) {
+      return html`<p><button data-measure-surfaces ?disabled=${this.isBusy} @click=${this.measure}>
+        ${t(this.isBusy ? "apart_busy" : "apart_measure")}
+      </button></p>`;
+    }
+    const [found, picture] = this.apart;
+    const larger = found.growth_mm >= 0;
+    const words = t(larger ? "apart_larger" : "apart_smaller", { mm: Math.abs(found.growth_mm).toFixed(2) });
+    const row = (name: string, key: "a_to_b" | "b_to_a") => {
+      const { mean_mm, median_mm, p90_mm, max_mm } = found[key];
+      return html`<tr>
+        <th scope="row">${name}</th>
+        ${[mean_mm, median_mm, p90_mm, max_mm].map((mm) => html`<td>${mm.toFixed(2)}</td>`)}
+      </tr>`;
+    };
+    return html`
+      <table data-apart>
+        <caption>${t("apart_caption")}</caption>
+        <thead>
+          <tr>
+            <th scope="col">${t("apart_from")}</th>
+            <th scope="col">${t("apart_mean")}</th>
+            <th scope="col">${t("apart_median")}</th>
+            <th scope="col">${t("apart_p90")}</th>
+            <th scope="col">${t("apart_max")}</th>
+          </tr>
+        </thead>
+        <tbody>${row(this.summary.capture, "a_to_b")} ${row(other.capture, "b_to_a")}</tbody>
+      </table>
+      <p>${words}</p>
+      <img class="preview" src=${picture} alt=${t("apart_picture", { other: other.capture })} />
     `;
   }
 

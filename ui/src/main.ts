@@ -4,13 +4,14 @@ import * as api from "./api";
 import "./capture";
 import "./history";
 import { live } from "./live";
+import "./look";
 import "./now";
 import { isOn, play, turn } from "./sound";
 import "./state";
 import "./style.css";
 import { choose, type Key, language, others, t } from "./words";
 
-const PARTS: Key[] = ["now", "history", "state"];
+const PARTS: Key[] = ["now", "look", "history", "state"];
 const LOOK_MS = 5000;
 
 class Page extends LitElement {
@@ -159,6 +160,7 @@ class Page extends LitElement {
       return html`<scand-capture .recording=${recording} .capture=${capture} ?operator=${operator}></scand-capture>`;
     }
     if (part === "history") return html`<scand-history .recording=${recording ?? ""}></scand-history>`;
+    if (part === "look") return html`<scand-look></scand-look>`;
     if (part === "state") return html`<scand-state .me=${this.me}></scand-state>`;
     return html`<scand-now ?operator=${operator}></scand-now>`;
   }

@@ -34,7 +34,7 @@ export function watch(page) {
   page.on("dialog", (dialog) => watched.errors.push(`dialog: ${dialog.message()}`));
   page.on("request", (request) => {
     const url = new URL(request.url());
-    if (url.protocol !== "blob:" && url.hostname !== "127.0.0.1") watched.foreign.push(request.url());
+    if (url.protocol !== "blob:" && !["127.0.0.1", "localhost"].includes(url.hostname)) watched.foreign.push(request.url());
   });
   return watched;
 }

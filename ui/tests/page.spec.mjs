@@ -1,13 +1,13 @@
 // The page as people use it, against the real daemon and simulated cameras.
 import AxeBuilder from "@axe-core/playwright";
 import { readFileSync, readdirSync, statSync } from "node:fs";
-import { enter, expect, shot, sign, test } from "./fixtures.mjs";
-import { SCAND } from "./rig.mjs";
+import { enter, expect, shot, sign, test, watch } from "./fixtures.mjs";
+import { SCAND, until } from "./rig.mjs";
 
 const MARKUP = `<img src=x onerror="alert(1)"><script>alert(2)</script>`;
 
 /** How many captures the rig took since the daemon began. */
-const taken = (rig) => JSON.parse(rig.scand("status", "--socket", "scand.sock", "--json")).status.complete;
+const taken = (rig) => rig.status().complete;
 
 test("a link begins one session, its token leaves the address, and without a session nothing is shown", async ({ page, rig, browser, expected }) => {
   expected.push("401", "403");
@@ -91,6 +91,54 @@ test("plates, a session, a press with a scanned number, and the model in the vie
   const download = page.waitForEvent("download");
   await page.getByRole("link", { name: "model.glb" }).click();
   expect((await download).suggestedFilename()).toBe("amphora-0001.model.glb");
+});
+
+test("a look shows every camera with its outline, is not recorded, and ends by itself", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const before = taken(rig);
+  await page.getByRole("link", { name: "Look" }).click();
+  const cards = page.locator(".looks .look");
+  await expect(cards).toHaveCount(rig.options.cameras);
+  for (const card of await cards.all()) {
+    await expect(card.locator("img")).toHaveJSProperty("naturalWidth", 320);
+    await expect(card).toContainText("Clipped highlights: ");
+    await expect(card).toContainText("The object is within the frame");
+    await expect(card).toContainText(/Sharpness \d+/);
+    await expect(card.locator("path.outline")).toHaveAttribute("d", /^M\d+ \d+L/);
+    await expect(card).toContainText(/\d\.\d s old/);
+  }
+  const source = () => cards.first().locator("img").getAttribute("src");
+  const first = await source();
+  await expect.poll(source).not.toBe(first);
+  await cards.first().getByRole("button", { name: "Large" }).click();
+  await expect(cards.first().getByRole("button", { name: "Large" })).toHaveAttribute("aria-pressed", "true");
+  await shot(page, "look");
+  // A press comes between the pictures.
+  const pressed = JSON.parse(rig.scand("trigger", "--socket", "scand.sock", "--until", "captured", "--json").trim().split("\n").pop());
+  expect(pressed.type).toBe("captured");
+  await expect.poll(() => taken(rig)).toBe(before + 1);
+  await page.getByRole("link", { name: "Now" }).click();
+  await until("the end of the look", () => rig.status().looking === 0, 20);
+});
+
+test("a look says why there is no outline and no picture", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  await rig.show("background");
+  await page.getByRole("link", { name: "Look" }).click();
+  const cards = page.locator(".looks .look");
+  await expect(cards).toHaveCount(rig.options.cameras);
+  await expect(cards.first()).toContainText("no object is found");
+  await rig.stop("cameras", "SIGKILL");
+  await expect(cards.first()).toContainText("No picture: ", { timeout: 40_000 });
+  await expect(cards.first().locator("img")).toHaveCount(0);
+  await rig.stop("daemon");
+  await expect(page.getByRole("alert")).toContainText("There are no pictures");
+  await expect(cards).toHaveCount(0);
+  await rig.startCamerasAgain();
+  await rig.startDaemon();
+  await expect(cards.first().locator("img")).toHaveJSProperty("naturalWidth", 320);
 });
 
 test("a double tap, and a connection that breaks in the middle, take one capture each", async ({ page, rig, expected }) => {
@@ -256,6 +304,9 @@ test("a model is made again with other settings, beside the first", async ({ pag
   await page.getByLabel("Compare with another model").selectOption(name);
   await expect(page.locator("[data-compared]")).toContainText("cm³");
   await expect(page.locator("[data-compared] thead")).toContainText(name);
+  await page.locator("[data-measure-surfaces]").click();
+  await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
+  await expect.poll(() => page.locator("scand-compare img").evaluate((img) => img.naturalWidth)).toBeGreaterThan(500);
   await shot(page, "compared");
   // What people say of the capture holds for its other models too.
   rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");
@@ -292,9 +343,10 @@ test("axe finds nothing serious at three sizes, in light and dark, and nothing i
   for (const [width, height, colorScheme] of sizes) {
     await page.setViewportSize({ width, height });
     await page.emulateMedia({ colorScheme });
-    for (const part of ["now", "history", "state", `history/${recording}/${capture}`]) {
+    for (const part of ["now", "look", "history", "state", `history/${recording}/${capture}`]) {
       await page.goto(`http://127.0.0.1:${rig.port}/#/${part}`);
       await expect(page.locator("main h1")).toBeVisible();
+      if (part === "look") await expect(page.locator(".looks img")).toHaveCount(rig.options.cameras);
       await page.waitForTimeout(400);
       const found = await new AxeBuilder({ page }).analyze();
       const serious = found.violations.filter(({ impact }) => ["serious", "critical"].includes(impact));
@@ -312,6 +364,23 @@ test("axe finds nothing serious at three sizes, in light and dark, and nothing i
   await page.setViewportSize({ width: 360, height: 740 });
   await page.goto(`http://127.0.0.1:${rig.port}/#/now`);
   await shot(page, "phone");
+});
+
+test("over TLS, with a certificate of the administrator's, the session's cookie never leaves TLS", async ({ browser, rig }) => {
+  const origin = await rig.startPageWithTls();
+  const context = await browser.newContext({ ignoreHTTPSErrors: true });
+  const page = await context.newPage();
+  const watched = watch(page);
+  await page.goto(`${origin}/${rig.token("viewer", "page-tls.toml")}`);
+  await sign(page, "ready", "green", "amber", "red");
+  const [cookie] = await context.cookies();
+  expect(cookie).toMatchObject({ name: "__Host-scand", secure: true, httpOnly: true, sameSite: "Strict" });
+  const plain = await page.request.get(origin.replace("https", "http")).catch(() => null);
+  expect(plain).toBe(null);
+  expect(watched.foreign).toEqual([]);
+  expect(watched.errors).toEqual([]);
+  await context.close();
+  await rig.stop("page-tls");
 });
 
 test("the keyboard alone presses, and the page speaks German", async ({ page, rig }) => {

@@ -107,6 +107,17 @@ export class Rig {
     await until("the cameras", () => this.log("cameras").includes("serving"));
   }
 
+  /** Starts the cameras again after they were stopped. */
+  async startCamerasAgain() {
+    this.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap"]);
+    await wait(300);
+  }
+
+  /** What the daemon says of itself. */
+  status() {
+    return JSON.parse(this.scand("status", "--socket", "scand.sock", "--json")).status;
+  }
+
   /** Puts the object into the rig, or takes it out. */
   async show(what) {
     this.children.get("cameras").stdin.write(`${what}\n`);
@@ -203,15 +214,44 @@ control = "control.sock"
     await until("the page", () => starts() > before);
   }
 
+  /** A second page beside the first, which is reached over TLS alone; its origin. */
+  async startPageWithTls() {
+    const port = await freePort();
+    for (const name of ["page-certificate.pem", "page-key.pem"]) {
+      const text = readFileSync(join(ROOT, "tests/support", name));
+      writeFileSync(this.path(name), text, { mode: 0o600 });
+    }
+    const origin = `https://localhost:${port}`;
+    writeFileSync(
+      this.path("page-tls.toml"),
+      `listen = "0.0.0.0:${port}"
+origins = ["${origin}"]
+tls = { certificate = "page-certificate.pem", key = "page-key.pem" }
+socket = "scand.sock"
+models = "models"
+state = "page-tls-state"
+cache = "page-tls-cache"
+control = "control-tls.sock"
+`,
+    );
+    this.run("page-tls", SCAND, ["page", "--config", "page-tls.toml"]);
+    await until("the page with TLS", () => this.log("page-tls").includes("the page is at"));
+    return origin;
+  }
+
+  /** The token that begins a session, as a link has it. */
+  token(role, config = "page.toml") {
+    const said = this.scand("page", "pair", "--role", role, "--config", config);
+    return /#pair=[0-9a-f]{64}/.exec(said)[0];
+  }
+
   /** The link that begins a session. */
   link(role = "operator", port = this.port) {
-    const said = this.scand("page", "pair", "--role", role, "--config", "page.toml");
-    const token = /#pair=[0-9a-f]{64}/.exec(said)[0];
-    return `http://127.0.0.1:${port}/${token}`;
+    return `http://127.0.0.1:${port}/${this.token(role)}`;
   }
 
   async end() {
-    for (const name of ["page", "daemon", "cameras", "network"]) await this.stop(name);
+    for (const name of ["page", "page-tls", "daemon", "cameras", "network"]) await this.stop(name);
     this.wire?.close();
     if (!this.options.keep) rmSync(this.folder, { recursive: true, force: true });
   }

@@ -27,6 +27,7 @@ pub mod frame;
 pub mod gltf_file;
 pub mod image;
 pub mod level;
+pub mod look;
 pub mod make_model;
 pub mod markup;
 pub mod mesh;

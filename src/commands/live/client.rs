@@ -401,6 +401,15 @@ fn words(event: &Event) -> String {
         Event::Ok { words } | Event::Plates { words } => words.clone(),
         Event::Status { status } => status_table::status(status),
         Event::Listening => "listening".into(),
+        Event::Looking => "pictures of the cameras follow".into(),
+        Event::Looked {
+            camera,
+            words: Some(words),
+            ..
+        } => format!("camera {camera}: no picture: {words}"),
+        Event::Looked { camera, age_ms, .. } => {
+            format!("camera {camera}: a picture, {age_ms} ms old")
+        }
         Event::Camera { id, state, words } => format!("camera {id}: {state}: {words}"),
         Event::Session { name: Some(name) } => format!("session {name}"),
         Event::Session { name: None } => "the session is completed".into(),

@@ -5,6 +5,7 @@ use super::models::Models;
 use crate::clock::Clock;
 use crate::commands::EXIT_INCOMPLETE;
 use crate::daemon::events::Events;
+use crate::daemon::look::LookPlan;
 use crate::daemon::{
     CapturePlan, Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Rig, RigCamera,
     Service, Watchdog, handed_over, serve,
@@ -69,6 +70,7 @@ fn serve_rig(
         header,
         pool,
         calibration,
+        cutting,
     } = prepared;
     // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
     let _ = rustix::thread::clear_ambient_capability_set();
@@ -87,6 +89,11 @@ fn serve_rig(
         watchdog: watchdog.clone(),
         models: models.as_ref().map(|_| config.workers.folder.clone()),
         jobs: models.as_ref().map(|models| models.jobs.clone()),
+        look: Some(LookPlan {
+            // This very program, also when another version has been installed meanwhile.
+            program: "/proc/self/exe".into(),
+            cutting,
+        }),
     };
     let jobs = plan.jobs.clone();
     let frames = frames_a_shot(&rig_cameras, plan.sync.depth_frames);

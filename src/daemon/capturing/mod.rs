@@ -7,6 +7,7 @@ mod capture_thread;
 
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
+use super::look::{LookMaker, LookPlan, Looker, Looking, Looks, Turns};
 use super::notes::NoteEffects;
 use super::presses::{Input, Press};
 use super::recorder::{Answer, Recorder};
@@ -83,6 +84,8 @@ pub struct CapturePlan {
     pub models: Option<PathBuf>,
     /// Where the jobs of making models go; `None` where none are made.
     pub jobs: Option<Arc<Jobs>>,
+    /// How pictures are made for those who look at the cameras; `None` where nobody can.
+    pub look: Option<LookPlan>,
 }
 
 /// The thread, from outside.
@@ -96,6 +99,8 @@ pub struct Capturing {
     models: bool,
     jobs: Option<Arc<Jobs>>,
     note_effects: Arc<NoteEffects>,
+    /// `None` where nobody can look.
+    looks: Option<Looks>,
     thread: Mutex<Option<JoinHandle<Vec<CameraId>>>>,
 }
 
@@ -133,6 +138,14 @@ impl Capturing {
         let status: Arc<Mutex<Status>> = Arc::default();
         let recorder = Recorder::start(plan.capture.waiting, plan.watchdog.heartbeat("recorder"))
             .map_err(io)?;
+        let looks = Looks::new(rig.clock());
+        let start = |plan: &LookPlan| LookMaker::start(plan.clone(), looks.clone());
+        let looking = Looking {
+            maker: plan.look.as_ref().map(start).transpose().map_err(io)?,
+            looks: looks.clone(),
+            turns: Turns::default(),
+        };
+        let can_look = looking.maker.is_some();
         let capture_thread = CaptureThread::new(
             rig,
             plan,
@@ -140,6 +153,7 @@ impl Capturing {
             dispatcher.clone(),
             note_effects.clone(),
             status.clone(),
+            looking,
         );
         let thread = std::thread::Builder::new().name("capturing".into());
         let thread = thread.spawn(move || capture_thread.run(&queue));
@@ -151,6 +165,7 @@ impl Capturing {
             models,
             jobs,
             note_effects,
+            looks: can_look.then_some(looks),
             thread: Mutex::new(Some(thread.map_err(io)?)),
         })
     }
@@ -207,6 +222,11 @@ impl Capturing {
         self.dispatcher.events()
     }
 
+    /// Looks at the cameras, until what is returned is dropped; `None` where nobody can.
+    pub(super) fn look(&self) -> Option<Looker> {
+        self.looks.as_ref().map(Looks::begin)
+    }
+
     /// Whether an order is being carried out.
     pub(super) fn is_busy(&self) -> bool {
         self.dispatcher.presses().is_busy()
@@ -257,6 +277,7 @@ impl Capturing {
             failed: figures.failed,
             refused: figures.refused,
             takes_ms: figures.latency_ms,
+            looking: self.looks.as_ref().map_or(0, Looks::count),
             models: self.jobs.as_ref().map(|jobs| jobs.backlog()),
             ..status
         }

@@ -3,6 +3,7 @@
 
 use super::super::capturing::Order;
 use super::super::dispatcher::ReplyStream;
+use super::super::look::Looker;
 use super::super::recorder::Answer;
 use super::Shared;
 use crate::recording::Note;
@@ -113,11 +114,22 @@ impl Client<'_> {
                 Err(reason) => self.refuse(reason).await,
             },
             Request::Remake { capture, settings } => {
-                match self.shared.capturing.remake(&capture, &settings) {
-                    Ok(words) => self.send(&Reply::Ok { words }).await,
-                    Err(reason) => self.refuse(reason).await,
+                // It is written to the disk, for which no other client waits.
+                let capturing = self.shared.capturing.clone();
+                let kept = move || capturing.remake(&capture, &settings);
+                match tokio::task::spawn_blocking(kept).await {
+                    Ok(Ok(words)) => self.send(&Reply::Ok { words }).await,
+                    Ok(Err(reason)) => self.refuse(reason).await,
+                    Err(_) => {
+                        self.refuse("internal error: the remake was not taken".into())
+                            .await
+                    }
                 }
             }
+            Request::Look {} => match self.shared.capturing.look() {
+                Some(looker) => self.tell_looks(looker).await,
+                None => self.refuse("this daemon shows no pictures".into()).await,
+            },
             Request::Close {} => self.ask(Order::Close).await,
         }
     }
@@ -155,6 +167,24 @@ impl Client<'_> {
             };
             self.send(&event).await?;
             if event == Event::Ending {
+                return Err(ErrorKind::BrokenPipe.into());
+            }
+        }
+    }
+
+    /// Shows pictures until the client goes away, does not read any more, or the daemon ends.
+    async fn tell_looks(&mut self, mut looker: Looker) -> std::io::Result<()> {
+        let mut ending = self.shared.ending.subscribe();
+        self.send(&Reply::Looking).await?;
+        loop {
+            let look = tokio::select! {
+                biased;
+                _ = ending.wait_for(|ends| *ends) => Event::Ending,
+                look = looker.next() => look,
+                () = self.gone() => return Err(ErrorKind::BrokenPipe.into()),
+            };
+            self.send(&look).await?;
+            if look == Event::Ending {
                 return Err(ErrorKind::BrokenPipe.into());
             }
         }

@@ -106,6 +106,15 @@ pub trait Device {
     /// If the camera is away. Lost frames are no error; they are counted in the result.
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault>;
 
+    /// Takes a picture for a look: as [`Device::shoot`], but a depth camera gives one frame instead of a burst. It is
+    /// called between shots, only where a picture needs no signal of a line, and nothing that it takes is recorded.
+    ///
+    /// # Errors
+    /// If the camera is away.
+    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        self.shoot(shot, take)
+    }
+
     /// Called every [`Device::idle_period`] between shots: drains the frames of a free-running camera, keeps its clock
     /// mapped, and detects that it is away.
     ///

@@ -14,6 +14,8 @@ use std::time::{Duration, Instant};
 pub enum Command {
     /// Take the frames of a shot.
     Shoot(Shot),
+    /// Take a picture that is looked at and not recorded.
+    Look(Shot),
 }
 
 /// What a camera's thread reports.
@@ -34,6 +36,13 @@ pub enum CameraEvent {
         shot: u64,
         /// Its result, or why the camera took none.
         outcome: Result<ShotStats, Fault>,
+    },
+    /// A look has ended.
+    Looked {
+        /// The number of its shot.
+        shot: u64,
+        /// The newest frame of each stream, and what was lost in words; or why the camera took none.
+        outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
     },
     /// What the camera reports about itself while idle: names and values.
     Health(Vec<[String; 2]>),
@@ -91,6 +100,11 @@ impl Supervised {
     /// Asks for a shot; false if the thread is still busy with the previous one, or has ended.
     pub fn shoot(&self, shot: Shot) -> bool {
         self.commands.try_send(Command::Shoot(shot)).is_ok()
+    }
+
+    /// Asks for a picture that is not recorded; false as for [`Self::shoot`].
+    pub fn look(&self, shot: Shot) -> bool {
+        self.commands.try_send(Command::Look(shot)).is_ok()
     }
 
     /// Asks the thread to stop after its current work; does not join it.
@@ -202,11 +216,19 @@ impl Supervisor {
     fn serve(&mut self, device: &mut dyn Device) -> Result<Stop, Fault> {
         let longest = Duration::from_secs(5);
         let mut asked: Option<Instant> = None;
+        let mut rests_since = Instant::now();
         loop {
             let period = device.idle_period().min(longest);
-            match self.commands.recv_timeout(period) {
-                Ok(Command::Shoot(shot)) => self.shoot(device, &shot)?,
+            let left = period.saturating_sub(rests_since.elapsed());
+            match self.commands.recv_timeout(left) {
+                Ok(Command::Shoot(shot)) => {
+                    self.shoot(device, &shot)?;
+                    rests_since = Instant::now();
+                }
+                // However often somebody looks, what has to be done between shots is done.
+                Ok(Command::Look(shot)) => self.look(device, &shot)?,
                 Err(RecvTimeoutError::Timeout) => {
+                    rests_since = Instant::now();
                     device.idle()?;
                     if asked.is_none_or(|asked| asked.elapsed() >= longest) {
                         asked = Some(Instant::now());
@@ -250,6 +272,21 @@ impl Supervisor {
         fault.map_or(Ok(()), Err)
     }
 
+    fn look(&mut self, device: &mut dyn Device, shot: &Shot) -> Result<(), Fault> {
+        let mut newest: BTreeMap<Stream, Frame> = BTreeMap::new();
+        let outcome = guarded(|| {
+            device.look(shot, &mut |frame| {
+                newest.insert(frame.stream, frame);
+            })
+        });
+        let fault = outcome.as_ref().err().cloned();
+        self.report(CameraEvent::Looked {
+            shot: shot.number,
+            outcome: outcome.map(|stats| (newest.into_values().collect(), stats.lost)),
+        });
+        fault.map_or(Ok(()), Err)
+    }
+
     fn hand_over(&mut self, shot: u64, frame: Frame) -> Result<(), String> {
         let time = frame.timestamp;
         let newest = self.newest.insert(frame.stream, time);
@@ -280,6 +317,10 @@ impl Supervisor {
         loop {
             match self.commands.recv_deadline(until) {
                 Ok(Command::Shoot(shot)) => self.report(CameraEvent::Answered {
+                    shot: shot.number,
+                    outcome: Err(fault.clone()),
+                }),
+                Ok(Command::Look(shot)) => self.report(CameraEvent::Looked {
                     shot: shot.number,
                     outcome: Err(fault.clone()),
                 }),

@@ -61,11 +61,22 @@ impl Device for Camera {
         } else if !self.is_file() {
             self.drop_old_frames()?;
         }
-        let outcome = self.burst(shot, take);
+        let outcome = self.burst(shot, self.parameters.burst(), take);
         if self.parameters.take_turns() {
             self.stop();
         }
         outcome
+    }
+
+    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        // A stream that does not run would take longer to start than a press may wait.
+        if !self.runs {
+            return Ok(ShotStats::default());
+        }
+        if !self.is_file() {
+            self.drop_old_frames()?;
+        }
+        self.burst(shot, 1, take)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {
@@ -126,8 +137,12 @@ impl Camera {
         Ok(())
     }
 
-    fn burst(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
-        let each = self.parameters.burst();
+    fn burst(
+        &mut self,
+        shot: &Shot,
+        each: u32,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<ShotStats, Fault> {
         let mut burst = Burst {
             stats: ShotStats::default(),
             anchor: None,

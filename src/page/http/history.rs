@@ -103,6 +103,33 @@ pub(super) async fn file(
     answer(sent.await)
 }
 
+/// How far the surface of a capture's model is from that of another model of its recording: a line of JSON, and a
+/// picture (JPEG) behind it.
+pub(super) async fn difference(
+    State(app): State<Arc<App>>,
+    Path((recording, capture, other)): Path<(String, String, String)>,
+    request: Asked,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let headers = request.headers().clone();
+    let sent = async {
+        allowed?;
+        let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
+        let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
+        let (models, views) = (app.models.clone(), app.views.clone());
+        let made = move || views?.difference(&models, &recording, [&capture, &other]);
+        let (file, size, tag) = blocking(made).await?.ok_or_else(no_model)?;
+        let mut response = if is_known(&headers, &tag) {
+            unchanged()
+        } else {
+            send(file, size, "application/octet-stream", Coding::None, slot)
+        };
+        mark(&mut response, &tag, None);
+        Ok(response)
+    };
+    answer(sent.await)
+}
+
 /// A file as it is, compressed on its way if that helps.
 async fn whole(
     app: &App,

@@ -4,11 +4,13 @@ mod act;
 mod files;
 mod guard;
 mod history;
+mod look;
 mod reply;
 mod stream;
 
 use super::assets::{Asset, assets};
 use super::daemon::Daemon;
+use super::look::Look;
 use super::models::Models;
 use super::origin::Origins;
 use super::sessions::Sessions;
@@ -32,6 +34,9 @@ const DOWNLOADS: usize = 12;
 /// Small forms of them that are made and sent at a time; others wait.
 const SMALL: usize = 4;
 
+/// Requests for pictures of the cameras that wait at a time.
+const LOOKING: usize = 16;
+
 /// What all requests share.
 pub(super) struct App {
     pub(super) origins: Origins,
@@ -39,11 +44,13 @@ pub(super) struct App {
     pub(super) sessions: Arc<Sessions>,
     pub(super) daemon: Arc<Daemon>,
     pub(super) watch: Arc<Watch>,
+    pub(super) look: Look,
     pub(super) models: Models,
     pub(super) views: Option<Arc<Views>>,
     assets: BTreeMap<&'static str, Asset>,
     downloads: Arc<Semaphore>,
     small: Arc<Semaphore>,
+    looking: Semaphore,
     streams: Arc<stream::Streams>,
 }
 
@@ -63,11 +70,13 @@ impl App {
             sessions,
             daemon,
             watch,
+            look: Look::new(),
             models,
             views: views.map(Arc::new),
             assets: assets(),
             downloads: Arc::new(Semaphore::new(DOWNLOADS)),
             small: Arc::new(Semaphore::new(SMALL)),
+            looking: Semaphore::new(LOOKING),
             streams: Arc::default(),
         }
     }
@@ -91,9 +100,14 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/note", post(act::note))
         .route("/api/remake", post(act::remake))
         .route("/api/events", get(stream::events))
+        .route("/api/look", get(look::look))
         .route("/api/state", get(history::state))
         .route("/api/recordings", get(history::recordings))
         .route("/api/recordings/{recording}", get(history::captures))
+        .route(
+            "/api/models/{recording}/{capture}/difference/{other}",
+            get(history::difference),
+        )
         .route(
             "/api/models/{recording}/{capture}/{file}",
             get(history::file),

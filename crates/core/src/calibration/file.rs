@@ -145,14 +145,21 @@ impl RigCalibration {
     /// # Errors
     /// If it cannot be read, or a camera in it cannot be; the message names line or camera and field.
     pub fn load(path: &Path) -> Result<Self, FileError> {
+        refuse_other_kinds(path)?;
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// Reads the text of a file, which is called `path` in messages.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn parse(path: &Path, text: &str) -> Result<Self, FileError> {
         let parse = |message: String| FileError::Parse {
             path: path.into(),
             message,
         };
-        refuse_other_kinds(path)?;
-        let text = read_text(path)?;
         let contents: Contents =
-            toml::from_str(&text).map_err(|e| parse(e.to_string().trim_end().into()))?;
+            toml::from_str(text).map_err(|e| parse(e.to_string().trim_end().into()))?;
         if contents.format != 1 {
             return Err(parse(format!("format is {}, expected 1", contents.format)));
         }

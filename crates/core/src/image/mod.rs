@@ -9,6 +9,7 @@ mod grid;
 mod pack;
 mod pack_shapes;
 mod rect;
+mod sharpness;
 pub mod srgb;
 mod text;
 
@@ -21,6 +22,7 @@ pub use grid::Grid;
 pub use pack::pack;
 pub use pack_shapes::{CellShape, pack_shapes};
 pub use rect::PixelRect;
+pub use sharpness::sharpness_percent;
 pub use text::{draw_text, text_size};
 
 /// An sRGB-encoded colour picture.

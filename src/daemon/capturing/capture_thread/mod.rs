@@ -2,6 +2,7 @@
 
 mod admission;
 mod background;
+mod looking;
 mod press;
 mod sessions;
 mod shot;
@@ -10,6 +11,7 @@ use super::{CapturePlan, Order, ReloadedSettings};
 use crate::daemon::backgrounds;
 use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
+use crate::daemon::look::{LookMaker, Looking};
 use crate::daemon::notes::NoteEffects;
 use crate::daemon::recorder::{Recorder, RecorderTask};
 use crate::daemon::rig::{Rig, ShotResult, State};
@@ -46,6 +48,7 @@ pub(super) struct CaptureThread {
     note_effects: Arc<NoteEffects>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
+    looking: Looking,
     heartbeat: Heartbeat,
 }
 
@@ -63,6 +66,7 @@ impl CaptureThread {
         dispatcher: Arc<Dispatcher>,
         note_effects: Arc<NoteEffects>,
         shared: Arc<Mutex<Status>>,
+        looking: Looking,
     ) -> Self {
         // Each turn has a window of its own length.
         plan.sync.window_ms *= rig.turns() as f64;
@@ -81,6 +85,7 @@ impl CaptureThread {
             note_effects,
             session: None,
             lost: BTreeMap::new(),
+            looking,
         }
     }
 
@@ -89,8 +94,15 @@ impl CaptureThread {
         let events = self.rig.events().clone();
         let ticks = crossbeam_channel::tick(Heartbeat::INTERVAL);
         self.publish();
+        let look_made = self
+            .looking
+            .maker
+            .as_ref()
+            .map(|maker| maker.done().clone());
+        let look_made = look_made.unwrap_or_else(crossbeam_channel::never);
         loop {
             self.heartbeat.tick();
+            let look = self.next_look();
             select! {
                 recv(orders) -> order => {
                     let Ok(order) = order else { break };
@@ -101,9 +113,18 @@ impl CaptureThread {
                     self.publish();
                 },
                 recv(ticks) -> _ => self.publish(),
+                recv(look_made) -> _ => self.looking.maker.iter_mut().for_each(LookMaker::finished),
+                recv(look) -> _ => {}
             }
+            self.look_on(!orders.is_empty());
         }
-        let Self { rig, recorder, .. } = self;
+        let Self {
+            rig,
+            recorder,
+            looking,
+            ..
+        } = self;
+        looking.maker.into_iter().for_each(LookMaker::stop);
         recorder.stop();
         drop(events);
         rig.stop(Instant::now() + Duration::from_secs(5))

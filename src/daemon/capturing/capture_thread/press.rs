@@ -34,6 +34,7 @@ impl CaptureThread {
     }
 
     fn take(&mut self, id: CaptureId, asked: &Press) -> FinishedCapture {
+        self.end_look();
         let trigger = Trigger {
             id,
             time: self.rig.clock().timestamp(),

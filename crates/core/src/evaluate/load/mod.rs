@@ -68,6 +68,20 @@ pub fn load(path: &Path) -> Result<LoadedModel, Error> {
     Ok(weld_if_open(model))
 }
 
+/// Reads the bytes of a GLB, which are called `name` in messages.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_glb(bytes: &[u8], name: &Path) -> Result<LoadedModel, Error> {
+    let what = |what: String| Error::Format {
+        path: name.to_owned(),
+        what,
+    };
+    let model = glb::parse(bytes).map_err(what)?;
+    examine(&model.mesh).map_err(what)?;
+    Ok(weld_if_open(model))
+}
+
 /// What every reader owes: triangles, indices within range and finite coordinates.
 fn examine(mesh: &Mesh) -> Result<(), String> {
     if mesh.triangles.is_empty() {

@@ -5,7 +5,7 @@
 use super::outline;
 use crate::calibration::{Camera, Volume};
 use crate::frame::CameraId;
-use crate::image::{Grid, PixelRect};
+use crate::image::{Grid, PixelRect, sharpness_percent};
 use crate::mesh::{Fragment, Mesh, cuboid, rasterize};
 use crate::reconstruct::ColorView;
 use crate::reconstruct::silhouette::{Facts, Silhouette};
@@ -22,6 +22,9 @@ pub struct ColorMeasures {
     pub camera: CameraId,
     /// Width and height in pixels of the object in its picture.
     pub object_px: [usize; 2],
+    /// How sharp the edges of the object are in its picture, 0 to 100, to be compared between captures of this camera;
+    /// `None` if there are too few. See [`sharpness_percent`].
+    pub sharpness_percent: Option<u32>,
     /// Its silhouette, compared with the hull.
     pub consistency: Consistency,
     /// What was found of its silhouette alone.
@@ -52,6 +55,7 @@ impl ColorMeasures {
         Self {
             camera: view.camera.id.clone(),
             object_px: [bounds.width(), bounds.height()],
+            sharpness_percent: sharpness_percent(&view.image, bounds),
             consistency: Consistency::of(&view.camera, silhouette, hull, volume),
             silhouette: silhouette.facts.clone(),
         }

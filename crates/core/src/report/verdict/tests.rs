@@ -17,6 +17,7 @@ fn id(name: &str) -> CameraId {
 fn camera(name: &str, missing: f64) -> ColorMeasures {
     ColorMeasures {
         camera: id(name),
+        sharpness_percent: Some(60),
         object_px: [800, 1000],
         consistency: Consistency {
             coverage: 1.0 - missing,

@@ -1,0 +1,153 @@
+//! Pictures that are taken to be looked at, one camera at a time and never recorded. A shot waits for the picture that
+//! is in transfer, and for no other.
+
+use super::{Kind, Rig, State};
+use crate::daemon::systemd::Heartbeat;
+use crate::drivers::live::{Fault, Shot};
+use crate::frame::{CameraId, Frame};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// How much longer than its camera's last one a picture may take while a press waits for it.
+const GRACE: Duration = Duration::from_millis(100);
+
+/// What came of a look at a camera.
+#[derive(Debug)]
+pub(in crate::daemon) struct RigLook {
+    /// The camera.
+    pub(in crate::daemon) camera: CameraId,
+    /// The newest frame of each of its streams, and what was lost in words; or why there is none.
+    pub(in crate::daemon) outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
+}
+
+/// The picture that is in transfer, and what became of the last one.
+#[derive(Default)]
+pub(super) struct Looking {
+    now: Option<InTransfer>,
+    done: Option<RigLook>,
+    /// How long each camera's last picture took.
+    took: BTreeMap<CameraId, Duration>,
+}
+
+struct InTransfer {
+    camera: CameraId,
+    begun: Instant,
+    shot: Shot,
+}
+
+impl Rig {
+    /// Why no picture of a camera can be taken for a look now, in words; `None` if one can.
+    pub(in crate::daemon) fn cannot_look(&self, id: &CameraId) -> Option<String> {
+        if let Some((camera, _)) = self.cameras.iter().find(|(_, c)| c.needs_signal) {
+            return Some(format!(
+                "camera {camera} takes its pictures at a signal of its line, which a look must not keep waiting: press \
+                 to see pictures"
+            ));
+        }
+        let camera = self.cameras.get(id)?;
+        match (&camera.state, camera.kind) {
+            (State::Opening, _) => Some("it has not been opened yet".into()),
+            (State::Away(fault), _) => Some(fault.to_string()),
+            (State::Ready(_), Kind::DepthInTurn) => Some(
+                "it runs only while a capture is taken, because depth cameras take turns (take_turns)".into(),
+            ),
+            (State::Ready(_), Kind::Color | Kind::Depth) => None,
+        }
+    }
+
+    /// Asks a camera for a picture, which is there `at_most` so long later; false if one is in transfer already, or the
+    /// camera is busy.
+    pub(in crate::daemon) fn begin_look(&mut self, id: &CameraId, at_most: Duration) -> bool {
+        if self.looking.now.is_some() {
+            return false;
+        }
+        let Some(camera) = self.cameras.get(id) else {
+            return false;
+        };
+        self.shots += 1;
+        let begun = self.clock.now();
+        let shot = Shot {
+            number: self.shots,
+            trigger: self.clock.timestamp(),
+            deadline: begun + at_most,
+            clock: self.clock,
+            abandoned: Arc::new(AtomicBool::new(false)),
+        };
+        if !camera.thread.look(shot.clone()) {
+            return false;
+        }
+        let camera = id.clone();
+        self.looking.now = Some(InTransfer {
+            camera,
+            begun,
+            shot,
+        });
+        true
+    }
+
+    /// Whether a picture is in transfer. One that has not come by its deadline is given up.
+    pub(in crate::daemon) fn is_looking(&mut self) -> bool {
+        let overdue = self.looking.now.as_ref();
+        if overdue.is_some_and(|look| self.clock.until(look.shot.deadline).is_zero()) {
+            self.abandon_look();
+        }
+        self.looking.now.is_some()
+    }
+
+    /// What became of the last picture, once.
+    pub(in crate::daemon) fn take_look(&mut self) -> Option<RigLook> {
+        self.looking.done.take()
+    }
+
+    /// Waits until no picture is in transfer: until the end of the one that is, but not much longer than the camera
+    /// took for the one before, for it may never come. The picture itself is dropped.
+    /// Returns the cameras whose state changed meanwhile.
+    pub(in crate::daemon) fn end_look(&mut self, heartbeat: &Heartbeat) -> BTreeSet<CameraId> {
+        let mut changed = BTreeSet::new();
+        while let Some(look) = &self.looking.now {
+            heartbeat.tick();
+            let took = self.looking.took.get(&look.camera);
+            let expected = took.map(|&took| look.begun + 2 * took + GRACE);
+            let until = expected.map_or(look.shot.deadline, |e| e.min(look.shot.deadline));
+            let left = self.clock.until(until);
+            let wait = left.min(Heartbeat::INTERVAL);
+            match self.clock.recv_timeout(&self.events, wait) {
+                Ok(message) => {
+                    let camera = message.camera.clone();
+                    if self.note(message) {
+                        changed.insert(camera);
+                    }
+                }
+                Err(_) if left.is_zero() => self.abandon_look(),
+                Err(_) => {}
+            }
+        }
+        self.looking.done = None;
+        changed
+    }
+
+    /// Notes the end of a look, if it is the one that is in transfer.
+    pub(super) fn note_look(
+        &mut self,
+        camera: CameraId,
+        number: u64,
+        outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
+    ) {
+        let Some(look) = self.looking.now.take_if(|look| look.shot.number == number) else {
+            return;
+        };
+        if outcome.as_ref().is_ok_and(|(frames, _)| !frames.is_empty()) {
+            let took = self.clock.elapsed(look.begun);
+            self.looking.took.insert(camera.clone(), took);
+        }
+        self.looking.done = Some(RigLook { camera, outcome });
+    }
+
+    fn abandon_look(&mut self) {
+        if let Some(look) = self.looking.now.take() {
+            look.shot.abandoned.store(true, Ordering::Relaxed);
+        }
+    }
+}
