@@ -47,6 +47,7 @@ pub(super) fn ball() -> Model {
         normals: vertex_normals(&mesh),
         provenance: vec![Provenance::Hull; count],
         expected_error: vec![1e-4; count],
+        captures: Vec::new(),
         texture: None,
         mesh,
     }

@@ -1,7 +1,7 @@
 //! Tests sessions with one fault each, and sessions without faults.
 
 use super::super::synthetic::{Random, Truth, color_lens, looking, placements};
-use super::super::{Error, Finding, Limits, Parameters, Session, diagnose, fit, judge};
+use super::super::{Error, Finding, Limits, Parameters, Session, View, diagnose, fit, judge};
 use crate::calibration::{Board, CalibrationLevel, Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use std::collections::BTreeMap;
