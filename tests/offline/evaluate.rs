@@ -172,6 +172,7 @@ fn textured(mesh: Mesh) -> Model {
         normals: vertex_normals(&mesh),
         provenance: (0..count).map(|v| Provenance::ALL[v % 6]).collect(),
         expected_error: (0..count).map(|v| v as f32 * 1e-4).collect(),
+        captures: Vec::new(),
         texture: Some(Texture {
             atlas: RgbImage::filled(16, 16, [90, 120, 150]),
             corner_uv: (0..triangles)

@@ -46,6 +46,7 @@ fn tetrahedron() -> Model {
         normals: scand::mesh::vertex_normals(&mesh),
         provenance: Provenance::ALL[..4].to_vec(),
         expected_error: vec![0.0001, 0.0003, 0.1, 0.0],
+        captures: Vec::new(),
         texture: None,
         mesh,
     }
