@@ -83,6 +83,7 @@ fn first_fit(rendered: &BoardSession, placement: usize, camera: usize, face: Fac
         front_from_back: rendered.front_from_back() * of_face(Face::Back),
         shape: FittedShape::default(),
         table: "one".to_owned(),
+        changes: Vec::new(),
         table_is_lowest: true,
         figures: Figures::default(),
         held_out: None,
