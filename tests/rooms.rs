@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 const ARCHITECTURE: &str = include_str!("../ARCHITECTURE.md");
 
-/// The rows of ARCHITECTURE.md's tables whose first heading is `heading`: each name of the first column, with the names of
-/// the last one, which it may use. `None` means that it may use all. What stands in parentheses is an explanation.
+/// The rows of ARCHITECTURE.md's tables whose first heading is `heading`: each name of the first column, with the names
+/// of the last one, which it may use. `None` means that it may use all. What stands in parentheses is an explanation.
 fn rows(heading: &str) -> BTreeMap<String, Option<Vec<String>>> {
     let names = |cell: &str| {
         let outside = cell.split('(').enumerate().map(|(i, part)| match i {

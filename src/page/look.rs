@@ -98,16 +98,21 @@ impl Look {
             let good = tokio::task::spawn_blocking(move || models.good_sharpness()).await;
             self.state.lock().good = good.unwrap_or_default();
             let ended = self.listen(daemon).await;
-            let mut state = self.state.lock();
-            state.cameras.clear();
-            state.problem = ended.err().map(|error| error.to_string());
-            let is_problem = state.problem.is_some();
-            drop(state);
-            self.changed.send_modify(|number| *number += 1);
-            if is_problem {
+            let has_failed = ended.is_err();
+            self.forget(ended.err());
+            if has_failed {
                 sleep(PAUSE).await;
             }
         }
+    }
+
+    /// Drops all pictures, and keeps why there are no more.
+    fn forget(&self, problem: Option<Error>) {
+        let mut state = self.state.lock();
+        state.cameras.clear();
+        state.problem = problem.map(|error| error.to_string());
+        drop(state);
+        self.changed.send_modify(|number| *number += 1);
     }
 
     /// Listens to the daemon's pictures until nobody looks any more.

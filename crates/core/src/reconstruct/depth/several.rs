@@ -1,6 +1,6 @@
 //! Fuses the depths that several cameras measured of one surface, before any of them carves: the mean of their signed
-//! distances to it, weighted by their noise (Curless and Levoy 1996). If each carved for itself, the deepest error would
-//! win, and the surface would sink with every camera. Knows nothing of hulls; a bias is what its caller says.
+//! distances to it, weighted by their noise (Curless and Levoy 1996). If each carved for itself, the deepest error
+//! would win, and the surface would sink with every camera. Knows nothing of hulls; its caller says what the biases are.
 
 use super::{DepthKind, EnhancedDepth};
 use crate::calibration::DepthCamera;
@@ -46,9 +46,9 @@ struct Patch {
     variance: f64,
 }
 
-/// For each camera its depth and error with the other cameras' readings of the same surfaces taken into account, each in
-/// the camera's own terms, that is with its bias. The depth of a single camera, and places that one camera alone read,
-/// are as they were. The errors are those of noise: a bias that the cameras share does not become smaller.
+/// For each camera its depth and error with the other cameras' readings of the same surfaces taken into account, each
+/// in the camera's own terms, that is with its bias. The depth of a single camera, and places that one camera alone
+/// read, are as they were. The errors are those of noise: a bias that the cameras share does not become smaller.
 pub fn fuse(seen: &[Seen]) -> Vec<(Grid<f32>, Grid<f32>)> {
     let patches: Vec<Grid<Option<Patch>>> = seen.iter().map(patches).collect();
     (0..seen.len()).map(|i| fused(seen, &patches, i)).collect()

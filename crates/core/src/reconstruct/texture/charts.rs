@@ -214,7 +214,7 @@ impl Layout {
     }
 }
 
-/// Connected regions of one label but for specks; unseen regions are one chart, or are split by the axis that they face.
+/// Connected regions of one label but for specks. Unseen regions are one chart, or are split by the axis they face.
 fn charts(surface: &Surface, labels: &[u16], specks: &Specks, unseen: Unseen) -> Vec<Chart> {
     let views = surface.views.len() as u16;
     let faced = |(triangle, &label): (usize, &u16)| match label {
