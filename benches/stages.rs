@@ -13,8 +13,8 @@ use scand::mesh::vertex_normals;
 use scand::output;
 use scand::reconstruct::restore::{self, Restored, Source, Template};
 use scand::reconstruct::{
-    DepthView, NoProgress, Reconstruction, Scene, depth, fairing, hull, reconstruct, region,
-    silhouette, texture,
+    DepthView, FusedCaptures, NoProgress, Reconstruction, Scene, depth, fairing, hull, reconstruct,
+    region, silhouette, texture,
 };
 use scand::report;
 use scand::storage::StagedFolder;
@@ -150,6 +150,7 @@ fn f_restoration(bencher: Bencher) {
     let extracted = hull::extract(&hull, &lattice, parameters).expect("a hull");
     let template = Template {
         hull: &hull,
+        fused_captures: &FusedCaptures::default(),
         solid: &hull,
         extracted: &extracted,
         lattice: &lattice,
@@ -162,7 +163,9 @@ fn f_restoration(bencher: Bencher) {
 fn restored(template: &Template) -> Restored {
     let views = LOADED.0.depths.iter().zip(&MADE.depths);
     let sources: Vec<Source> = views
-        .map(|(view, found)| Source {
+        .enumerate()
+        .map(|(number, (view, found))| Source {
+            number,
             camera: &view.camera,
             depth: &found.enhanced,
             regions: &found.regions,
