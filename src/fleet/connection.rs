@@ -20,7 +20,7 @@ const CREDENTIAL: &str = "fleet";
 /// What a process does in a fleet; the server's permissions are by role.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Dispatcher captures and takes results in: a rig, or the replay of an archive.
+    /// Offers captures and takes results in: a rig, or the replay of an archive.
     Rig,
     /// Does jobs.
     Worker,

@@ -299,6 +299,11 @@ impl Dispatcher {
         self.fleet.erase(subjects::result(rig, digest)).await;
     }
 
+    /// Waits a little until the server has what was sent. The last call before the process ends.
+    pub async fn flush(&self) {
+        self.fleet.flush().await;
+    }
+
     pub(super) fn add_defect(&self) {
         self.defects.fetch_add(1, Ordering::Relaxed);
     }

@@ -38,7 +38,7 @@ pub struct RigPlan {
     pub parameters: Parameters,
 }
 
-/// Dispatcher a rig's jobs until `stop` is ready.
+/// Offers a rig's jobs to the fleet until `stop` is ready.
 ///
 /// # Errors
 /// If a folder cannot be used.
@@ -86,6 +86,7 @@ pub async fn serve_rig(
     offers.stop();
     let all = async { while rig.jobs.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(Duration::from_secs(10), all).await;
+    offers.flush().await;
     Ok(())
 }
 

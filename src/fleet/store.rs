@@ -8,9 +8,12 @@ use async_nats::StatusCode;
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy};
 use bytes::Bytes;
 use std::time::Duration;
+use tokio::time::timeout;
 
 const DAY: Duration = Duration::from_secs(86_400);
 const MEGABYTE: i64 = 1_000_000;
+/// How long the end of a process waits for the server.
+const FLUSH: Duration = Duration::from_secs(2);
 
 /// Why the server did not do what it was asked. Whoever gets it waits and asks again.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -111,5 +114,11 @@ impl FleetClient {
             return;
         }
         let _ = self.client.publish(subject, Bytes::new()).await;
+    }
+
+    /// Waits until the server has what was sent, for two seconds at most. A process that ends without it leaves there
+    /// what it has just erased.
+    pub(super) async fn flush(&self) {
+        let _ = timeout(FLUSH, self.client.flush()).await;
     }
 }

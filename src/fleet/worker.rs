@@ -116,8 +116,7 @@ pub async fn work(
     let all = async { while slots.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(Duration::from_secs(10), all).await;
     living.abort();
-    let flushed = worker.fleet.client.flush();
-    let _ = tokio::time::timeout(Duration::from_secs(2), flushed).await;
+    worker.fleet.flush().await;
     let _ = std::fs::remove_dir_all(&own);
     ended
 }

@@ -59,6 +59,26 @@ fn the_same_bytes_come_from_one_two_and_four_workers_and_are_not_made_again() {
         status()["waiting"] == serde_json::json!([])
     });
     assert_eq!(status()["failed"], serde_json::json!([]));
+    for stream in ["SCAND_CAPTURES", "SCAND_RESULTS"] {
+        crate::support::wait::until(&format!("{stream} is empty"), || {
+            stored_bytes(&bench, stream) < 20_000
+        });
+    }
+}
+
+/// The bytes that a stream of the server keeps. The empty message that stands for an erased one takes some, too.
+fn stored_bytes(bench: &TestBench, stream: &str) -> u64 {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let answer = runtime.block_on(async {
+        let client = async_nats::connect(bench.address()).await.unwrap();
+        let subject = format!("$JS.API.STREAM.INFO.{stream}");
+        client.request(subject, "".into()).await.unwrap()
+    });
+    let answer: serde_json::Value = serde_json::from_slice(&answer.payload).unwrap();
+    answer["state"]["bytes"].as_u64().unwrap()
 }
 
 #[test]

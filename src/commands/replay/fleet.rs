@@ -175,7 +175,7 @@ impl FleetReplay<'_> {
         }
     }
 
-    /// Dispatcher all, and returns the outcomes of those that ended, and how many differences were found.
+    /// Offers all captures to the fleet, and returns the outcomes of those that ended, and how many differences were found.
     async fn offer(
         &self,
         address: &FleetAddress,
@@ -218,6 +218,7 @@ impl FleetReplay<'_> {
             }
         }
         listening.abort();
+        offers.flush().await;
         self.console.line(&progress.words());
         Ok((outcomes, offers.defects()))
     }
