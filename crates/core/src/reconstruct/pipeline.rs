@@ -295,14 +295,14 @@ fn faired_by_touch(
     use fairing::Refusal::{Open, OtherHandles, TooThin};
     let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
     let surface = hull::extract_solid(&faired.body, lattice, parameters).ok_or(TooThin)?;
+    if !check(&surface.surface.mesh).is_watertight() {
+        return Err(Open);
+    }
     // A handle or a piece more or less is no rounding of the hull.
     let after = handles(&surface.surface.mesh);
     let before = handles(&extracted.surface.mesh);
     if after != before && !(is_fused && is_simpler(&after, &before)) {
         return Err(OtherHandles { before, after });
-    }
-    if !check(&surface.surface.mesh).is_watertight() {
-        return Err(Open);
     }
     Ok((faired, surface))
 }

@@ -130,8 +130,8 @@ pub enum Refusal {
         /// Handles of the faired surface's pieces.
         after: Vec<i64>,
     },
-    /// The faired surface has a border.
-    #[error("the faired surface is not closed")]
+    /// The faired surface has a border: it leaves the lattice of the hull, as it may over the mouth of a bowl.
+    #[error("the faired surface bulges out of the volume that bounds the object")]
     Open,
 }
 
