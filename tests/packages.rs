@@ -29,13 +29,16 @@ fn packages(options: &[&str]) -> BTreeSet<String> {
 
 #[test]
 fn only_the_feature_fleet_brings_its_client() {
-    let has_client = |options: &[&str]| {
+    let has = |names: [&str; 2], options: &[&str]| {
         let packages = all_packages(options);
-        ["async_nats", "rustls", "ring", "nkeys"].map(|name| packages.contains(name))
+        names.map(|name| packages.contains(name))
     };
-    assert_eq!(has_client(&[]), [false; 4]);
-    assert_eq!(has_client(&["--features", "rig,page"]), [false; 4]);
-    assert_eq!(has_client(&["--features", "fleet"]), [true; 4]);
+    let (client, ciphers) = (["async_nats", "nkeys"], ["rustls", "ring"]);
+    assert_eq!(has(client, &["--features", "rig,page"]), [false; 2]);
+    assert_eq!(has(client, &["--features", "fleet"]), [true; 2]);
+    // The page has TLS of its own.
+    assert_eq!(has(ciphers, &[]), [false; 2]);
+    assert_eq!(has(ciphers, &["--features", "rig"]), [false; 2]);
 }
 
 #[test]

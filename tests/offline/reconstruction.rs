@@ -149,6 +149,7 @@ fn sixty_six_views_that_say_nothing_new_change_no_vertex_of_a_hull() {
             ..Parameters::default()
         };
         parameters.hull.fairing = Fairing::None;
+        parameters.hull.resolution = 80.0;
         reconstruct(scene, &parameters, &NoProgress).unwrap()
     };
     // More cameras than a cell has bits for: several share one.

@@ -8,15 +8,18 @@ const ACROSS: usize = 4;
 const EDGE: i32 = 24;
 /// Edges below which nothing can be said.
 const FEWEST: u64 = 500;
+/// Pixels around an object in which its outline's edge lies, however blurred it is.
+const MARGIN: usize = 8;
 
 /// How much of the contrast of strong edges lies between neighbouring pixels, in percent: 100 if every edge is a step
-/// from one pixel to the next, 0 if every one is a ramp of four pixels and more. `None` if `part` has fewer than 500
-/// pixels on strong edges.
+/// from one pixel to the next, 0 if every one is a ramp of four pixels and more. What counts is `part`, the extent of an
+/// object, and eight pixels around it. `None` if that has fewer than 500 pixels on strong edges.
 ///
 /// Along rows and columns, wherever two pixels four apart differ by at least 24 grey values, the sum of the squared
 /// differences of the neighbours between them is divided by the square of the whole difference: 1 for a step, 1/4 for
 /// a ramp.
 pub fn sharpness_percent(picture: &RgbImage, part: PixelRect) -> Option<u32> {
+    let part = part.grown(MARGIN, picture.width(), picture.height());
     let mut sums = Sums::default();
     let row =
         |y: usize| -> Vec<i32> { picture.row(y)[part.x0..part.x1].iter().map(grey).collect() };
