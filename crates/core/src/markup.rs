@@ -1,7 +1,7 @@
 //! Text within HTML, XML, and JSON that a reader may take for HTML: what people wrote cannot become markup.
 
-/// Text with what HTML or XML would take for markup made harmless. Letters that control a terminal or turn the direction
-/// of what follows become U+FFFD.
+/// Text with what HTML or XML would take for markup made harmless. Letters that control a terminal or turn the
+/// direction of what follows become U+FFFD.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for letter in text.chars() {

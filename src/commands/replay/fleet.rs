@@ -175,7 +175,7 @@ impl FleetReplay<'_> {
         }
     }
 
-    /// Offers all captures to the fleet, and returns the outcomes of those that ended, and how many differences were found.
+    /// Offers all captures to the fleet. Returns the outcomes of those that ended, and how many differences were found.
     async fn offer(
         &self,
         address: &FleetAddress,

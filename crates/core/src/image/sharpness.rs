@@ -12,8 +12,8 @@ const FEWEST: u64 = 500;
 const MARGIN: usize = 8;
 
 /// How much of the contrast of strong edges lies between neighbouring pixels, in percent: 100 if every edge is a step
-/// from one pixel to the next, 0 if every one is a ramp of four pixels and more. What counts is `part`, the extent of an
-/// object, and eight pixels around it. `None` if that has fewer than 500 pixels on strong edges.
+/// from one pixel to the next, 0 if every one is a ramp of four pixels and more. What counts is `part`, the extent of
+/// an object, and eight pixels around it. `None` if that has fewer than 500 pixels on strong edges.
 ///
 /// Along rows and columns, wherever two pixels four apart differ by at least 24 grey values, the sum of the squared
 /// differences of the neighbours between them is divided by the square of the whole difference: 1 for a step, 1/4 for

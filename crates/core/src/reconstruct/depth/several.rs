@@ -1,6 +1,6 @@
 //! Fuses the depths that several cameras measured of one surface, before any of them carves: the mean of their signed
 //! distances to it, weighted by their noise (Curless and Levoy 1996). If each carved for itself, the deepest error
-//! would win, and the surface would sink with every camera. Knows nothing of hulls; its caller says what the biases are.
+//! would win, and the surface would sink with every camera. Knows nothing of hulls; its caller knows the biases.
 
 use super::{DepthKind, EnhancedDepth};
 use crate::calibration::DepthCamera;
