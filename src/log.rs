@@ -19,7 +19,6 @@ pub enum Priority {
 }
 
 /// Logs an error, in the form of `format!`.
-#[cfg(feature = "live")]
 macro_rules! error {
     ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Error, format_args!($($words)*)) };
 }
@@ -37,8 +36,8 @@ macro_rules! info {
     ($($words:tt)*) => { $crate::log::write($crate::log::Priority::Info, format_args!($($words)*)) };
 }
 #[cfg(feature = "live")]
-pub(crate) use {error, info};
-pub(crate) use {notice, warning};
+pub(crate) use info;
+pub(crate) use {error, notice, warning};
 
 /// Writes a message. The daemon goes on if the log cannot be written.
 pub fn write(level: Priority, words: Arguments<'_>) {
