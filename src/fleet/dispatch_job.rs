@@ -221,8 +221,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                     match self.is_there(offer).await {
                         Ok(true) => missing = 0,
                         Ok(false) => missing += 1,
-                        Err(problem) if !self.is_stream_gone(&problem) => {}
-                        Err(_) => missing += 1,
+                        // A server that has lost its streams does not say so: a question to one that is not there stays
+                        // without an answer. Once they are there again, the next question finds the job missing.
+                        Err(_) => drop(self.offers.fleet.make_streams().await),
                     }
                     self.result(offer).await.ok().flatten()
                 }
@@ -242,11 +243,6 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 }
             }
         }
-    }
-
-    /// Whether the server is there and its streams are not.
-    fn is_stream_gone(&self, problem: &ServerError) -> bool {
-        self.offers.fleet.is_connected() && problem.cause.contains("no responders")
     }
 
     async fn over_or_lost(&mut self, offer: &JobOffer) -> Option<JobOutcome> {

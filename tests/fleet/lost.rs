@@ -4,7 +4,7 @@
 use crate::support::wait::until;
 use crate::test_bench::{Process, TestBench, finished, models, program, said, simulated, told};
 use crate::wire::Wire;
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -21,6 +21,18 @@ const ONE: [&str; 5] = [
 fn spawned(mut command: Command) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     command.spawn().unwrap()
+}
+
+/// Waits until the one job of a replay is on the server.
+fn until_offered(bench: &TestBench, replay: &mut Child) {
+    let waiting = || -> serde_json::Value {
+        let mut command = program();
+        command.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
+        serde_json::from_slice(&command.output().unwrap().stdout).unwrap_or_default()
+    };
+    until("the job is offered", || {
+        waiting()["waiting"][0]["jobs"] == 1 || replay.try_wait().unwrap().is_some()
+    });
 }
 
 /// What befalls the worker `first` in its job moves the job to another one within 15 s; when it is over, both have made
@@ -79,6 +91,64 @@ fn a_worker_that_is_cut_off_loses_its_job_and_its_late_result_changes_nothing() 
     moves_elsewhere(&bench, || wire.cut(), || wire.mend());
 }
 
+/// Nothing new is offered then, so nothing but the job that waits can notice that the streams are gone.
+#[test]
+fn a_server_that_loses_everything_when_all_is_offered_gets_it_again() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let mut replay = spawned(bench.by_fleet(&recording, "out", &["--capture", "ball-000"]));
+    until_offered(&bench, &mut replay);
+    bench.kill_server();
+    bench.wipe_store();
+    bench.start_server();
+    let _worker = bench.worker("w", &[]);
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(told(&output)[0]["result"], "done");
+}
+
+/// The process in which a worker of this bench makes a model.
+fn making(bench: &TestBench) -> Option<Pid> {
+    let scratch = bench.path("scratch").display().to_string();
+    let processes = std::fs::read_dir("/proc").unwrap().flatten();
+    let mut numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let makes_it = |number: &i32| {
+        let said = std::fs::read(format!("/proc/{number}/cmdline")).unwrap_or_default();
+        let said = String::from_utf8_lossy(&said);
+        said.contains("fleet-step\0make\0") && said.contains(&scratch)
+    };
+    numbers.find(makes_it).and_then(Pid::from_raw)
+}
+
+#[test]
+fn a_job_that_takes_longer_than_its_limit_is_given_to_the_next_one() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let mut arguments = ONE.to_vec();
+    arguments.extend(["--set", "workers.time_limit_s=15"]);
+    // Problems are told where progress is.
+    arguments.retain(|argument| *argument != "--quiet");
+    let mut replay = bench.by_fleet(&recording, "out", &arguments);
+    let log = std::fs::File::create(bench.path("replay.log")).unwrap();
+    replay.stdout(Stdio::piped()).stderr(log);
+    let replay = replay.spawn().unwrap();
+    let _worker = bench.worker("w", &[]);
+    until("a model is being made", || making(&bench).is_some());
+    let child = making(&bench).expect("it takes longer than this");
+    rustix::process::kill_process(child, Signal::STOP).unwrap();
+    let since = Instant::now();
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", bench.log("replay"));
+    assert_eq!(told(&output)[0]["result"], "done");
+    assert!(since.elapsed() > Duration::from_secs(13));
+    let log = bench.log("replay") + &bench.log("w");
+    assert!(log.contains("it did not finish within 15 s"), "{log}");
+}
+
 #[test]
 fn a_worker_that_is_told_to_stop_says_why_and_ends_as_failed() {
     let Some(bench) = TestBench::start("") else {
@@ -114,14 +184,7 @@ fn a_job_whose_workers_go_away_for_ever_ends_as_failed() {
     };
     let one = ["--capture", "ball-000"];
     let mut replay = spawned(bench.by_fleet(&simulated(6), "out", &one));
-    let waiting = || -> serde_json::Value {
-        let mut command = program();
-        command.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
-        serde_json::from_slice(&command.output().unwrap().stdout).unwrap_or_default()
-    };
-    until("the job is offered", || {
-        waiting()["waiting"][0]["jobs"] == 1 || replay.try_wait().unwrap().is_some()
-    });
+    until_offered(&bench, &mut replay);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
