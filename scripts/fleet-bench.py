@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Measures what a fleet costs on this machine: processor time, bytes on the wire and wall time for the same captures made
 locally, by one worker and by two, in alternating order. Packing, hashing, checking and committing are counted; the
-server's time is stated apart. Prints a line for each run and then the best run of each way.
+server's time is stated apart. Prints a line for each run, then the best run of each way, and how long it takes until the model of
+a capture is heard of when no other one waits.
 
     scripts/fleet-bench.py [--captures 100] [--rounds 3] [--size 1280x960] [--scand target/release/scand]
 
@@ -14,6 +15,7 @@ import os
 import shutil
 import signal
 import socket
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -56,19 +58,28 @@ class Bench:
         command = [self.scand, "--replay", str(self.recording), "--out", str(out), "--json", "--quiet", *more]
         began = time.monotonic()
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=self.environment)
-        results = [json.loads(line)["result"] for line in process.stdout]
+        results, heard = [], [began]
+        for line in process.stdout:
+            results.append(json.loads(line)["result"])
+            heard.append(time.monotonic())
         processor = wait(process)
-        if process.returncode != 0 or results != ["done"] * self.options.captures:
+        if process.returncode != 0 or set(results) != {"done"}:
             sys.exit(f"fleet-bench: the replay ended with {process.returncode}: {results}")
-        return {"processor_s": processor, "wall_s": time.monotonic() - began}
+        # From one capture to the next; the first has to wait for the program, too.
+        apart = [b - a for a, b in zip(heard[1:], heard[2:])]
+        return {
+            "processor_s": processor,
+            "wall_s": time.monotonic() - began,
+            "median_s_apart": statistics.median(apart) if apart else 0.0,
+        }
 
-    def local(self):
+    def local(self, *more):
         out = self.home / "local"
-        found = self.replay(out)
+        found = self.replay(out, *more)
         shutil.rmtree(out)
         return found
 
-    def fleet(self, workers):
+    def fleet(self, workers, *more):
         port, monitor = free_port(), free_port()
         store, out = self.home / "store", self.home / "fleet"
         command = ["nats-server", "--jetstream", "--addr", "127.0.0.1", "--port", str(port), "--http_port", str(monitor)]
@@ -85,7 +96,7 @@ class Bench:
             command = [self.scand, "worker", "--fleet", address, "--name", f"w{number}"]
             command += ["--scratch", str(self.home / "scratch")]
             running.append(subprocess.Popen(command, env=self.environment, stderr=subprocess.DEVNULL))
-        found = self.replay(out, "--fleet", address, "--name", "bench")
+        found = self.replay(out, "--fleet", address, "--name", "bench", *more)
         found["processor_s"] += sum(stop(worker) for worker in running)
         with urllib.request.urlopen(f"http://127.0.0.1:{monitor}/varz") as answer:
             counts = json.load(answer)
@@ -108,6 +119,10 @@ class Bench:
         local = best["local"]["processor_s"]
         for name, found in best.items():
             print(f"best, {name}: {words(found)}; {100 * (found['processor_s'] / local - 1):+.1f} % processor time")
+        some = [f"--capture=cup-{number:03}" for number in range(min(8, self.options.captures))]
+        alone = {"local": self.local(*some), "one worker": self.fleet(1, "--in-flight", "1", *some)}
+        for name, found in alone.items():
+            print(f"{len(some)} captures one after the other, {name}: {found['median_s_apart']:.2f} s until a model is heard of")
 
 
 def words(found):

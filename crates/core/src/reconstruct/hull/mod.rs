@@ -180,6 +180,18 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
 /// Cells that a hull's surface may cross, as a multiple of the square of those along its diagonal: a cube
 /// crosses twice the square, speckled silhouettes most cells there are.
 const MOST_CELLS: f64 = 10.0;
+/// Where pixels are coarser than cells, a silhouette decides nothing about the cells within about two pixels of its
+/// contour: so many times more cells count as crossed, for pixels of one cell's size. At most `MOST_UNDECIDED` times.
+const UNDECIDED_A_PIXEL: f64 = 2.0;
+const MOST_UNDECIDED: f64 = 8.0;
+
+fn most_cells(hull: &Hull, lattice: &Lattice) -> usize {
+    let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
+    let middle = lattice.corner(lattice.cells.map(|n| n / 2));
+    let pixel_in_cells = hull.pixel_footprint(middle) / lattice.cell_size;
+    let undecided = (UNDECIDED_A_PIXEL * pixel_in_cells).clamp(1.0, MOST_UNDECIDED);
+    (MOST_CELLS * undecided * cells.norm_squared()) as usize
+}
 
 /// Extracts the hull's surface and drops stray pieces.
 ///
@@ -190,8 +202,7 @@ pub fn extract(
     lattice: &Lattice,
     parameters: &Parameters,
 ) -> Result<ExtractedSurface, Error> {
-    let cells = nalgebra::Vector3::from(lattice.cells.map(f64::from));
-    let most = (MOST_CELLS * cells.norm_squared()) as usize;
+    let most = most_cells(hull, lattice);
     match surface::extract(hull, lattice, most) {
         Ok((surface, _)) if surface.mesh.triangles.is_empty() => Err(Error::Thin {
             cell_size: lattice.cell_size,

@@ -96,6 +96,19 @@ fn the_hull_of_a_ball_is_the_intersection_of_its_tangent_cones() {
     assert!(worst < 300e-6, "worst {worst}");
 }
 
+/// A cell of a third of a pixel: the contour leaves many of them undecided, which are no speckles.
+#[test]
+fn pixels_much_coarser_than_cells_are_no_speckles() {
+    let cameras = ring(6, 64, 48);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
+    let parameters = Parameters {
+        smallest_cell_px: 0.3,
+        ..Parameters::default()
+    };
+    let found = surface_of(&cameras, &levels, cube(0.08), &parameters);
+    assert!(mesh::check(&found.surface.mesh).is_watertight());
+}
+
 #[test]
 fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
     let cameras = ring(5, 320, 240);

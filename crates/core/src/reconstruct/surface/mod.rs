@@ -83,7 +83,7 @@ impl Lattice {
 
     /// Where corner (x, y, z) is.
     #[inline]
-    fn corner(&self, at: [u32; 3]) -> Point3<f64> {
+    pub(in crate::reconstruct) fn corner(&self, at: [u32; 3]) -> Point3<f64> {
         self.origin + Vector3::from(at.map(f64::from)) * self.cell_size
     }
 }

@@ -1,0 +1,249 @@
+#!/usr/bin/env python3
+"""Measures whether a fleet delays captures: the time from a press to `durable`, in blocks that take turns, while the
+process of the fleet does not run, while its server is there, while it is away, and while it is slow (each answer 0.3 s
+late, 200 kB/s). The rig is simulated, on this machine; the server's jobs wait, so that no worker takes processor time.
+After each block its jobs are withdrawn, so that each begins with none. It measures; it judges nothing. No root: it runs
+in a network namespace of its own.
+
+    scripts/fleet-presses.py [--presses 200] [--scand target/release/scand]
+
+Needs Debian's nats-server, and a scand with the features aravis and fleet.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+CAMERAS = 6
+BLOCK = 20
+SERVER_PORT = 4222
+SLOW_PORT = 4223
+WAYS = ["without the fleet", "server there", "server away", "server slow"]
+
+
+class SlowWire:
+    """Leads to the server, and carries each way at most 200 kB/s, 0.3 s late."""
+
+    RATE, LATE = 200_000, 0.3
+
+    def __init__(self):
+        listener = socket.create_server(("127.0.0.1", SLOW_PORT))
+        threading.Thread(target=self.listen, args=[listener], daemon=True).start()
+
+    def listen(self, listener):
+        while True:
+            near = listener.accept()[0]
+            try:
+                far = socket.create_connection(("127.0.0.1", SERVER_PORT))
+            except OSError:
+                near.close()
+                continue
+            for ends in [(near, far), (far, near)]:
+                threading.Thread(target=self.carry, args=ends, daemon=True).start()
+
+    def carry(self, near, far):
+        try:
+            while data := near.recv(20_000):
+                time.sleep(self.LATE if len(data) < 2000 else len(data) / self.RATE)
+                far.sendall(data)
+        except OSError:
+            pass
+        near.close()
+        far.close()
+
+
+class Rig:
+    def __init__(self, options):
+        self.scand = str(Path(options.scand).resolve())
+        self.home = Path(tempfile.mkdtemp(prefix="fleet-presses-", dir=options.folder))
+        self.size = options.size
+        self.running = {}
+
+    def environment(self):
+        # A debug build of changes that are not committed has no name that others could have; a release build ignores this.
+        return {**os.environ, "SCAND_FLEET_TEST_PROGRAM": "bench"}
+
+    def command(self, *arguments):
+        made = subprocess.run([self.scand, *arguments], cwd=self.home, capture_output=True, text=True)
+        if made.returncode != 0:
+            sys.exit(f"fleet-presses: scand {' '.join(arguments)}: {made.stderr}")
+
+    def start(self, name, *command, said=None):
+        with open(self.home / f"{name}.log", "ab") as log:
+            self.running[name] = subprocess.Popen(
+                command, cwd=self.home, stdin=subprocess.PIPE, stdout=log, stderr=log, env=self.environment()
+            )
+        for words in said or []:
+            self.until(name, words)
+
+    def until(self, name, words):
+        end = time.monotonic() + 60
+        while words not in (self.home / f"{name}.log").read_text():
+            if time.monotonic() > end:
+                sys.exit(f"fleet-presses: {name} does not say {words!r}:\n{(self.home / f'{name}.log').read_text()}")
+            time.sleep(0.05)
+
+    def stop(self, name, by=signal.SIGTERM):
+        if process := self.running.pop(name, None):
+            process.send_signal(by)
+            process.wait()
+
+    def configure(self, address):
+        sections = [f'[aravis.cameras.c{n:02}]\naddress = "127.0.1.{n + 1}"' for n in range(CAMERAS)]
+        (self.home / f"{address.rsplit(':')[-1]}.toml").write_text(
+            f"""[rig]
+name = "loopback"
+calibration = "calibration.toml"
+[sync]
+window_ms = 3000.0
+[capture]
+largest_skew_ms = 500.0
+patience_ms = 4000
+retry = 0
+[recording]
+folder = "recordings"
+keep_free_mb = 200
+[workers]
+folder = "models"
+fleet = "{address}"
+[socket]
+path = "scand.sock"
+[aravis.defaults]
+trigger = "software"
+transfer = "srgb"
+packet_size = 9000
+"""
+            + "\n".join(sections)
+        )
+
+    def prepare(self):
+        for port in [SERVER_PORT, SLOW_PORT]:
+            self.configure(f"nats://127.0.0.1:{port}")
+        shape = ["--shape", "mug", "--cameras", str(CAMERAS), "--size", self.size, "--depth-cameras", "0", "--textured"]
+        self.command("simulate", *shape, "--out", "served.mcap")
+        self.command("info", "served.mcap", "--calibration", "calibration.toml")
+        self.start("cameras", self.scand, "simulate", "--serve", "served.mcap", "--empty", said=["serving"])
+        ready = [f"camera c{n:02}: ready" for n in range(CAMERAS)]
+        self.start("daemon", self.scand, "run", "--config", f"{SERVER_PORT}.toml", said=ready)
+        self.command("background", "--socket", "scand.sock")
+        self.running["cameras"].stdin.write(b"captures\n")
+        self.running["cameras"].stdin.flush()
+        time.sleep(0.3)
+        self.command("session", "start", "bench", "--socket", "scand.sock")
+
+    def press(self, number):
+        """One press; milliseconds until `durable`."""
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(self.home / "scand.sock"))
+            began = time.monotonic()
+            request = {"type": "trigger", "source": "bench", "press_id": f"bench-{number}"}
+            client.sendall(json.dumps(request).encode() + b"\n")
+            for line in client.makefile():
+                reply = json.loads(line)
+                if reply["type"] == "durable":
+                    return 1000 * (time.monotonic() - began)
+                if reply["type"] not in ["accepted", "captured"]:
+                    sys.exit(f"fleet-presses: {line}")
+        sys.exit("fleet-presses: the daemon hung up")
+
+    def jobs(self):
+        return list((self.home / "recordings/jobs").glob("*.job"))
+
+    def withdraw_jobs(self):
+        """Says of each job that it failed, as the process of the fleet would; the daemon ends it."""
+        for job in self.jobs():
+            answer = {"failed": {"reason": "the measurement is over", "words": ""}}
+            written = job.with_suffix(".part")
+            written.write_text(json.dumps(answer))
+            written.rename(job.with_suffix(".answer"))
+        end = time.monotonic() + 60
+        while self.jobs():
+            if time.monotonic() > end:
+                sys.exit("fleet-presses: the daemon does not end its jobs")
+            time.sleep(0.05)
+
+    def block(self, way, number):
+        server = ["nats-server", "--jetstream", "--addr", "127.0.0.1", "--port", str(SERVER_PORT)]
+        if way in ["server there", "server slow"]:
+            self.start("server", *server, "--store_dir", str(self.home / "store"))
+            while True:
+                try:
+                    socket.create_connection(("127.0.0.1", SERVER_PORT)).close()
+                    break
+                except OSError:
+                    time.sleep(0.05)
+        if way != "without the fleet":
+            port = SLOW_PORT if way == "server slow" else SERVER_PORT
+            self.start("fleet", self.scand, "fleet", "run", "--config", f"{port}.toml", "--name", "hall")
+            time.sleep(1)
+        # Not in step with anything else that comes again and again.
+        dice = random.Random(number)
+        times = []
+        for press in range(BLOCK):
+            times.append(self.press(number * BLOCK + press))
+            time.sleep(dice.uniform(0.2, 0.5))
+        self.withdraw_jobs()
+        self.stop("fleet")
+        self.stop("server", signal.SIGKILL)
+        shutil.rmtree(self.home / "store", ignore_errors=True)
+        return times
+
+    def end(self):
+        for name in ["fleet", "daemon", "cameras", "server"]:
+            self.stop(name)
+        shutil.rmtree(self.home)
+
+
+def quantile(values, share):
+    return sorted(values)[min(len(values) - 1, int(len(values) * share))]
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Measures whether a fleet delays captures.")
+    parser.add_argument("--presses", type=int, default=200, help="each way, in blocks of 20")
+    parser.add_argument("--size", default="640x480")
+    parser.add_argument("--scand", default="target/release/scand")
+    parser.add_argument("--folder", help="where recordings are meanwhile (default: temporary files)")
+    options = parser.parse_args()
+    if "SCAND_IN_NAMESPACE" not in os.environ:
+        os.environ["SCAND_IN_NAMESPACE"] = "1"
+        os.execvp("unshare", ["unshare", "--user", "--map-root-user", "--net", sys.executable, *sys.argv])
+    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+    for n in range(CAMERAS):
+        subprocess.run(["ip", "address", "add", f"127.0.1.{n + 1}/8", "dev", "lo"], check=True)
+    SlowWire()
+    rig = Rig(options)
+    try:
+        rig.prepare()
+        found = {way: [] for way in WAYS}
+        number = 0
+        for turn in range(options.presses // BLOCK):
+            # Each way comes at each place.
+            for way in WAYS[turn % len(WAYS) :] + WAYS[: turn % len(WAYS)]:
+                found[way] += rig.block(way, number)
+                number += 1
+    finally:
+        rig.end()
+    there = found["server there"]
+    for way, times in found.items():
+        median, p95 = statistics.median(times), quantile(times, 0.95)
+        compared = (median / statistics.median(there) - 1, p95 / quantile(there, 0.95) - 1)
+        print(
+            f"{way}: {len(times)} presses, press to durable: median {median:.1f} ms, p95 {p95:.1f} ms; against the server "
+            f"there {100 * compared[0]:+.1f} % and {100 * compared[1]:+.1f} %"
+        )
+
+
+if __name__ == "__main__":
+    main()
