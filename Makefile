@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-simulation fleet-demo deps check test calibration-trial error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fleet-simulation fleet-demo deps check test calibration-trial error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -40,11 +40,15 @@ fleet-bench: ## processor time, bytes and wall time of 100 captures made here an
 	$(if $(SCAND),,$(CARGO) build --release --locked --features fleet)
 	scripts/fleet-bench.py --scand $(or $(SCAND),target/release/scand)
 
+fleet-presses: ## time from a press to the disk with the server there, away and slow (PRESSES=200; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked --features aravis,fleet)
+	scripts/fleet-presses.py --presses $(or $(PRESSES),200) --scand $(or $(SCAND),target/release/scand)
+
 fleet-simulation: ## how many jobs a second one server passes on, without making models
 	$(CARGO) test --locked --package scand --features fleet --test fleet -- simulation:: --ignored --nocapture
 
-fleet-demo: ## a server, two workers and an archive on this machine (SCAND=PROGRAM needs no build)
-	$(if $(SCAND),,$(CARGO) build --release --locked --features fleet)
+fleet-demo: ## a server, a simulated rig and two workers on this machine, then an archive (SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked --features aravis,fleet)
 	SCAND=$(or $(SCAND),target/release/scand) scripts/fleet-demo.sh
 
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
