@@ -91,7 +91,7 @@ pub(super) fn check_session(name: &str) -> Result<(), String> {
         .map(drop)
         .ok_or_else(|| {
             let shown: String = name.chars().take(80).collect();
-            format!("session {shown:?} is not 1 to {LONGEST} of A-Z, a-z, 0-9, ., _ and - not starting with a dot")
+            format!("{shown:?} is not a valid name for a session: expected 1 to {LONGEST} characters of A-Z, a-z, 0-9, ., _ and -, the first one not a dot")
         })
 }
 

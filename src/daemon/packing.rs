@@ -102,7 +102,7 @@ impl Packer {
 
     fn run(&mut self) {
         for missing in lower_thread_priority(19) {
-            log::warning!("packing: {missing}");
+            log::warning!("the thread that packs recordings cannot set {missing}");
         }
         while !self.stopped.load(Ordering::Acquire) {
             if !self.step() {

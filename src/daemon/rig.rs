@@ -232,7 +232,10 @@ impl Rig {
         self.collect(&shot, heartbeat, &mut waiting, result);
         shot.abandoned.store(true, Ordering::Relaxed);
         for id in waiting {
-            let fault = Fault::Away(format!("no answer within {} ms", at_most.as_millis()));
+            let fault = Fault::Away(format!(
+                "it did not answer within {} ms",
+                at_most.as_millis()
+            ));
             result.answers.insert(id, Err(fault));
         }
     }

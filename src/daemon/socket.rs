@@ -26,7 +26,7 @@ use tokio::sync::watch;
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum SocketError {
     /// Another daemon is there.
-    #[error("{}: another daemon listens there", path.display())]
+    #[error("{}: another daemon already listens on this socket: stop that one, or set socket.path", path.display())]
     Taken { path: PathBuf },
     /// The socket cannot be created, or signals cannot be received.
     #[error("{}: {cause}", path.display())]

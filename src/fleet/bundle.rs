@@ -35,7 +35,7 @@ pub enum BundleError {
         cause: std::io::Error,
     },
     /// It is no bundle, or holds what none may hold.
-    #[error("{}: it is no result: {what}", path.display())]
+    #[error("{}: the file is not a valid result: {what}", path.display())]
     NotABundle { path: PathBuf, what: String },
 }
 
@@ -163,7 +163,7 @@ pub(super) fn stated_contents(path: &Path) -> Result<String, BundleError> {
         Some(said) => Ok(said.to_owned()),
         None => Err(BundleError::NotABundle {
             path: path.to_owned(),
-            what: "it does not begin as one".into(),
+            what: "it does not begin with the first line of a result".into(),
         }),
     }
 }

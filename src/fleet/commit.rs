@@ -79,7 +79,7 @@ fn problem(
 ) -> Option<String> {
     let found = bundle.contents_sha256();
     if found.as_deref() != Ok(contents) {
-        return Some("its contents are not those that its worker named".into());
+        return Some("the SHA-256 of its contents is not the one that its worker reported".into());
     }
     let Some(report) = bundle.file(REPORT) else {
         return Some("it has no report".into());
@@ -102,7 +102,9 @@ fn problem(
         return (!alone).then(|| "the report of a failure comes with a model".into());
     }
     if names != OF_A_MODEL {
-        return Some(format!("a model has {OF_A_MODEL:?}, but it has {names:?}"));
+        return Some(format!(
+            "it has the files {names:?}, expected {OF_A_MODEL:?}"
+        ));
     }
     let says_open = report["verdict"]["reasons"]
         .as_array()
@@ -239,7 +241,7 @@ mod tests {
         );
         refused(
             &place.commit(&bundle, OF, &"0".repeat(64)),
-            "its worker named",
+            "its worker reported",
         );
         let with = |files: Vec<(&'static str, Vec<u8>)>| {
             let bundle = Bundle { files };

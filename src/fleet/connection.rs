@@ -76,7 +76,7 @@ pub enum AccessError {
     },
     /// Others can read the file of credentials.
     #[error(
-        "credentials {}: other users can read the file (mode {mode:o}): chmod 600 it, and think of who has read it",
+        "credentials {}: other users can read the file (mode {mode:o}): run chmod 600 on it, and make a new key if somebody may have read this one",
         .path.display()
     )]
     Readable { path: PathBuf, mode: u32 },
@@ -218,10 +218,14 @@ fn log_connection(address: &FleetAddress, event: &Event, connections: &AtomicU64
             connections.fetch_add(1, Ordering::AcqRel);
             log::notice!("{address}: connected");
         }
-        Event::Disconnected => log::warning!("{address}: the server is away; it is waited for"),
+        Event::Disconnected => log::warning!(
+            "{address}: the connection to the server is lost; scand keeps trying to reconnect"
+        ),
         Event::ServerError(error) => log::error!("{address}: {error}"),
         Event::ClientError(error) => log::error!("{address}: {error}"),
-        Event::SlowConsumer(_) => log::warning!("{address}: news came faster than they were read"),
+        Event::SlowConsumer(_) => log::warning!(
+            "{address}: messages arrived faster than scand read them, and the client dropped some"
+        ),
         _ => {}
     }
 }

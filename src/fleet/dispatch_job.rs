@@ -58,7 +58,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             return JobOutcome::Unchanged;
         }
         if known.is_none() && has_model(&self.task.target) && !plan.replace {
-            let reason = "a model that did not come from the fleet is there".into();
+            let reason = "its folder already has a model that the fleet did not make".into();
             return JobOutcome::MakeLocally { reason };
         }
         let packed = match self.pack().await {
@@ -256,7 +256,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         self.offers.fleet.erase(self.subject(offer)).await;
         self.erase_capture(offer).await;
         let reason = format!(
-            "{lost} workers went away for ever while they did it: it may end the machines that do it, and is not offered \
+            "{lost} workers disappeared while they worked on this job, which may have crashed their machines: it is not offered \
              any more"
         );
         let words = String::new();

@@ -198,7 +198,7 @@ impl Dispatcher {
         for subject in subjects {
             match self.fleet.client.subscribe(subject).await {
                 Ok(subscriber) => heard.push(subscriber),
-                Err(error) => log::error!("workers cannot be heard: {error}"),
+                Err(error) => log::error!("cannot subscribe to the workers' messages: {error}"),
             }
         }
         while let Some(message) = heard.next().await {
@@ -264,7 +264,9 @@ impl Dispatcher {
         let reported = match JobReport::parse(payload) {
             Ok(reported) => reported,
             Err(problem) => {
-                log::error!("job {digest}: what a worker reported makes no sense: {problem}");
+                log::error!(
+                    "job {digest}: a worker sent a report that is not valid, and scand ignores it: {problem}"
+                );
                 return;
             }
         };
@@ -289,8 +291,8 @@ impl Dispatcher {
             if contents_sha256 != known {
                 self.add_defect();
                 log::error!(
-                    "job {digest}: worker {worker} made another model than the one in place, of the same inputs, settings \
-                     and program: one of the two machines is broken, or the program is (scand --replay makes it again)"
+                    "job {digest}: worker {worker} made a model that differs from the existing one, although the inputs, settings \
+                     and program are the same: one of the two machines is faulty, or scand has a bug; make the model again with scand replay --force"
                 );
             }
             let part = |piece| subjects::part(rig, digest, instance, piece);

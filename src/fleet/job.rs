@@ -93,7 +93,7 @@ impl JobOffer {
             ));
         }
         if !is_digest(&offer.digest) || !is_digest(&offer.sha256) {
-            return Err("its digest is not one".into());
+            return Err("its digest is not 64 hexadecimal digits".into());
         }
         let most = offer.bytes.div_ceil(PIECE as u64) as usize;
         if offer.bytes > LARGEST_CAPTURE || offer.pieces != most {
@@ -179,7 +179,7 @@ impl JobReport {
                     ));
                 }
                 if !is_digest(sha256) || !is_digest(contents_sha256) {
-                    return Err("its digest is not one".into());
+                    return Err("its digest is not 64 hexadecimal digits".into());
                 }
             }
             Self::Crashed {

@@ -61,7 +61,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                         Ok(()) => break,
                         Err(TransferError::Gone | TransferError::Differs) => {
                             fleet.erase(subject).await;
-                            self.report_problem("the server has lost a part of its result");
+                            self.report_problem(
+                                "the server lost a part of the result; scand offers the job again",
+                            );
                             return Received::Again;
                         }
                         Err(problem) => self.report_problem(&problem.to_string()),
@@ -97,7 +99,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             return Received::Again;
         }
         self.erase_capture(offer).await;
-        let reason = format!("it failed {MAX_CRASHES} times, at last on {reason}");
+        let reason = format!("the job failed {MAX_CRASHES} times; the last time: {reason}");
         let words = words.to_owned();
         Received::Done(JobOutcome::Failed { reason, words })
     }
@@ -271,8 +273,8 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         let models = self.task.target.parent().and_then(Path::parent);
         let marked = models.map_or(0, |models| mark_all(models, worker));
         let reason = format!(
-            "worker {worker} made another model than this machine does ({other}): nothing is taken from it any more, and \
-             {marked} models of it are marked with {MARK}"
+            "worker {worker} made a model that differs from the one that this machine makes ({other}): this rig accepts no more results from that worker, and \
+             has marked {marked} of its models with the file {MARK}, which says how to make them again"
         );
         log::error!("capture {capture}: {reason}");
         JobOutcome::Failed {

@@ -200,7 +200,7 @@ async fn hear_retries(fleet: FleetClient, recordings: PathBuf) {
             Ok(count) => count.to_string(),
             Err(error) => error.to_string(),
         };
-        log::notice!("failed jobs that are offered again: {answer}");
+        log::notice!("somebody asked for failed jobs to be offered again; offered: {answer}");
         if let Some(reply) = message.reply {
             let _ = fleet.client.publish(reply, Bytes::from(answer)).await;
         }

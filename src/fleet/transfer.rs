@@ -23,7 +23,7 @@ pub(super) enum TransferError {
     #[error("a piece is not on the server any more")]
     Gone,
     /// It is another one.
-    #[error("what arrived is not what was sent")]
+    #[error("the received file differs from the one that was sent")]
     Differs,
     /// The disk refuses.
     #[error("{0}")]

@@ -59,7 +59,7 @@ pub enum WorkerError {
     },
     /// A rig made one of its models again and got another.
     #[error(
-        "a rig made one of this worker's models again and got another one ({0}): check this machine's memory, then start \
+        "a rig repeated one of this worker's models and got a different one ({0}): check this machine's memory, then start \
          the worker again"
     )]
     Distrusted(String),
@@ -303,7 +303,7 @@ impl Worker {
         let folder = self.own.display();
         (free < needed).then(|| {
             format!(
-                "{folder} has less than {} MB left, and jobs wait",
+                "the disk of {folder} has less than {} MB free: this worker takes no job until you free some",
                 needed / 1_000_000
             )
         })

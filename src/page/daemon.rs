@@ -31,11 +31,15 @@ pub(super) enum Error {
     Away(std::io::Error),
     #[error("the daemon does not answer in time")]
     Slow,
-    #[error("the daemon says {0:?}, which is no reply")]
+    #[error(
+        "the daemon sent {0:?}, which is not a reply that this page knows: check that both have the same version"
+    )]
     Senseless(String),
     #[error("{0}")]
     Refused(String),
-    #[error("the page has {REQUESTS} requests with the daemon already: try again")]
+    #[error(
+        "{REQUESTS} requests of this page are already waiting for the daemon: try again in a moment"
+    )]
     Full,
 }
 

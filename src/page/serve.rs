@@ -138,7 +138,12 @@ fn views(cache: &Path) -> Option<Views> {
     // Also after an upgrade it is this program, whatever the file is called now.
     let views = Views::open(cache, Path::new("/proc/self/exe"));
     views
-        .map_err(|error| log::warning!("cache {}: {error}", cache.display()))
+        .map_err(|error| {
+            log::warning!(
+                "cannot use the cache {}, so the page sends model files in full size: {error}",
+                cache.display()
+            )
+        })
         .ok()
 }
 

@@ -113,7 +113,7 @@ fn check_is_closed(key: &Path) -> Result<(), String> {
         .map_err(|error| format!("{}: {error}", key.display()))?;
     if found.mode() & 0o007 != 0 {
         return Err(format!(
-            "{}: everybody may open the private key: chmod o= {0}",
+            "{}: every user of this computer may read the private key: run chmod o= {0}",
             key.display()
         ));
     }

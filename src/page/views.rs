@@ -196,7 +196,7 @@ impl Views {
             let source = source().map_err(|error| error.to_string());
             let made = source.and_then(|source| self.make(source, &key, form));
             if let Err(words) = made {
-                log::warning!("{of}: no {form} for browsers: {words}");
+                log::warning!("{of}: cannot make its {form} for browsers: {words}");
                 failed.truncate(MOST_FAILED - 1);
                 failed.push_front(key.clone());
                 return None;

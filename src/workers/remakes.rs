@@ -143,7 +143,7 @@ impl Remakes {
     pub(super) fn open(file: &Path) -> Self {
         let waiting = load(file).unwrap_or_else(|why| {
             log::warning!(
-                "{}: {why}: models that were to be made again are forgotten",
+                "cannot read the waiting remakes in {}: {why}; ask for them again",
                 file.display()
             );
             VecDeque::new()

@@ -114,7 +114,7 @@ fn a_run_that_was_stopped_goes_on_where_it_was() {
     let stopped = finished(started);
     assert_eq!(stopped.status.code(), Some(3), "{}", said(&stopped));
     assert!(
-        said(&stopped).contains("left: run it again"),
+        said(&stopped).contains("left: run the same command again"),
         "{}",
         said(&stopped)
     );

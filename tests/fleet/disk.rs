@@ -65,7 +65,7 @@ fn full_disks_are_named_and_jobs_wait_for_space_or_go_to_other_workers() {
         .unwrap();
     until("both say that there is no space", || {
         let (worker, replay) = (bench.log("full"), bench.log("replay"));
-        worker.contains("MB left, and jobs wait") && replay.contains("has less than 200 MB left")
+        worker.contains("this worker takes no job") && replay.contains("has less than 200 MB left")
     });
     assert!(!bench.log("full").contains("started"));
     out.resize("500m");

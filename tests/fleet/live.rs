@@ -113,7 +113,7 @@ fn captures_of_a_rig_come_back_as_models_and_are_told_as_done() {
     assert!(here.status.success(), "{}", said(&here));
     assert!(models(&bench.path("models")) == models(&bench.path("here")));
     assert!(
-        !bench.log("fleet").contains("another model"),
+        !bench.log("fleet").contains("made a model that differs"),
         "{}",
         bench.log("fleet")
     );
@@ -256,7 +256,7 @@ fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
     let ended = next(&rig, &bench);
     let reason = ended.model.unwrap_err();
     assert!(
-        reason.contains("made another model than this machine does"),
+        reason.contains("made a model that differs from the one that this machine makes"),
         "{reason}"
     );
     assert_eq!(

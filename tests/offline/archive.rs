@@ -205,7 +205,8 @@ fn a_recording_that_cannot_be_read_hides_no_other_and_is_told() {
     let told = super::desk::said(&output);
     assert_eq!(output.status.code(), Some(3), "{told}");
     assert!(
-        told.contains("not looked into: ./another.mcap") && told.contains("ROS bag"),
+        told.contains("a recording was skipped, because it cannot be read: ./another.mcap")
+            && told.contains("ROS bag"),
         "{told}"
     );
     assert!(desk.run(&["verify", "bag"]).status.success());

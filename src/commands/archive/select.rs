@@ -66,7 +66,9 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
         let session = match open(&path) {
             Ok(session) => session,
             Err(error) => {
-                unread.push(format!("not looked into: {error}"));
+                unread.push(format!(
+                    "a recording was skipped, because it cannot be read: {error}"
+                ));
                 continue;
             }
         };

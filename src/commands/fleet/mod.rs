@@ -256,11 +256,11 @@ fn print(status: &Status) {
         let nobody = if waiting.has_worker {
             ""
         } else {
-            ": no worker here can do them"
+            ": no worker of the fleet can do them; start one with this program and enough memory (--memory-mb)"
         };
         let jobs = count(waiting.jobs, "job");
         outln!(
-            "{jobs} of {} wait for {} {}{nobody}",
+            "{jobs} of rig {} wait for a worker with program {} and memory class {}{nobody}",
             waiting.rig,
             waiting.program,
             waiting.needs

@@ -53,7 +53,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     block_on(async {
         let fleet = args.access.connect(&args.fleet, Role::Worker).await?;
-        log::notice!("worker of program {program}, {} at a time", args.jobs);
+        log::notice!(
+            "this worker runs program {program} and makes {} models at a time",
+            args.jobs
+        );
         work(fleet, plan, termination()).await?;
         Ok(ExitCode::SUCCESS)
     })

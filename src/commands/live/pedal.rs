@@ -119,7 +119,9 @@ fn press(daemon: &Daemon, press_id: &str) {
 
 fn reject(daemon: &Daemon) {
     match daemon.reject_last() {
-        Ok(None) => log::warning!("no capture to reject since this program began"),
+        Ok(None) => log::warning!(
+            "there is no capture to reject: none became durable since this program started"
+        ),
         Ok(Some((capture, Reply::Refused { reason }))) => {
             log::error!("{capture} is not marked as rejected: {reason}");
         }

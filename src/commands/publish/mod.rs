@@ -178,7 +178,7 @@ fn print_result(args: &Args, published: usize) {
     }
     if args.address.is_none() {
         eprintln!(
-            "scand: there are no manifests of IIIF, which need the folder's address: give it with --address"
+            "scand: no IIIF manifests were written, because they contain the folder's web address: give it with --address"
         );
     }
 }

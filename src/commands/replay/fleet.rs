@@ -89,14 +89,14 @@ impl FleetReplay<'_> {
         self.console.summary(&outcomes, &self.options.out);
         if defects > 0 {
             eprintln!(
-                "scand: {} between models of the same job",
+                "scand: found {} between models of the same job: a machine of the fleet is faulty; the log names the workers",
                 count(defects as usize, "difference")
             );
             return Ok(ExitCode::FAILURE);
         }
         if stopped > 0 {
             eprintln!(
-                "scand: stopped; {} left: run it again",
+                "scand: stopped before all models were made; {} left: run the same command again",
                 count(stopped, "capture")
             );
             return Ok(ExitCode::from(EXIT_INCOMPLETE));

@@ -112,7 +112,7 @@ struct Maker {
 impl Maker {
     fn run(&self, queue: &Receiver<LookTask>, tell: &Sender<()>) {
         for missing in lower_thread_priority(19) {
-            log::warning!("looking: {missing}");
+            log::warning!("the thread that makes pictures for looks cannot set {missing}");
         }
         while let Ok(task) = queue.recv() {
             let (camera, time) = (task.frame.camera.to_string(), task.frame.timestamp);

@@ -184,7 +184,7 @@ impl OpenCamera {
             Err(error) => {
                 self.control_lost.store(true, Ordering::Relaxed);
                 Err(Fault::Away(format!(
-                    "no answer from {} ({error})",
+                    "the camera at {} did not answer ({error})",
                     self.found.address
                 )))
             }

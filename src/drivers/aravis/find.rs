@@ -73,7 +73,11 @@ fn local_address(camera: Ipv4Addr) -> std::io::Result<IpAddr> {
 
 fn ask(address: Ipv4Addr) -> Result<Found, Fault> {
     let identity = identify(address);
-    let identity = identity.map_err(|e| Fault::Away(format!("no answer from {address} ({e})")))?;
+    let identity = identity.map_err(|e| {
+        Fault::Away(format!(
+            "no camera answered at {address} ({e}): check its power, cable and address"
+        ))
+    })?;
     Ok(Found { address, identity })
 }
 

@@ -154,7 +154,9 @@ pub(super) async fn session(State(app): State<Arc<App>>, request: Asked) -> Resp
         let mut about = BTreeMap::new();
         for (key, value) in asked.about {
             if !ABOUT.contains(&key.as_str()) {
-                return Err(Refusal::bad(format!("about: {key:?} is not known here")));
+                return Err(Refusal::bad(format!(
+                    "about: the page does not accept the key {key:?}, expected operator, project, title or rights"
+                )));
             }
             let value = line(&key, &value, LONGEST_NAME)?;
             if !value.is_empty() {
@@ -184,7 +186,7 @@ pub(super) async fn note(State(app): State<Arc<App>>, request: Asked) -> Respons
         let kinds = ["accept", "reject", "clear", "text"];
         if !is_name(&asked.capture) || !kinds.contains(&asked.kind.as_str()) {
             return Err(Refusal::bad(
-                "a note wants a capture's name and a kind: accept, reject, clear or text",
+                "a note needs a capture's name and a kind: accept, reject, clear or text",
             ));
         }
         let author = asked.author.filter(|author| !author.trim().is_empty());
@@ -215,7 +217,7 @@ pub(super) async fn remake(State(app): State<Arc<App>>, request: Asked) -> Respo
         let is_value = |value: &Value| value.is_number() || value.is_string();
         if !is_name(&asked.capture) || !asked.settings.values().all(is_value) {
             return Err(Refusal::bad(
-                "a remake wants a capture's name, and numbers or words as settings",
+                "a remake needs a capture's name, and settings whose values are numbers or words",
             ));
         }
         let request = Request::Remake {

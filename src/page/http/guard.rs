@@ -79,8 +79,7 @@ fn origin(app: &App, request: &Asked) -> Result<Origin, Refusal> {
     let mut hosts = request.headers().get_all(header::HOST).iter();
     let host = hosts.next().and_then(|host| host.to_str().ok());
     let stranger = || {
-        let words =
-            "the page does not go by this name: it has to be among its origins (docs/page.md)";
+        let words = "the page is not served under this name: add it to `origins` in the page's configuration (docs/page.md)";
         Refusal::new(StatusCode::MISDIRECTED_REQUEST, "host", words)
     };
     let origin = host.and_then(|host| app.origins.of_host(host));

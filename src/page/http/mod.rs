@@ -127,5 +127,10 @@ async fn nothing() -> Response {
 
 async fn no_method() -> Response {
     let status = StatusCode::METHOD_NOT_ALLOWED;
-    Refusal::new(status, "method", "this cannot be asked in this way").response()
+    Refusal::new(
+        status,
+        "method",
+        "this address does not accept this HTTP method",
+    )
+    .response()
 }

@@ -83,7 +83,7 @@ def ready():
 @chapter.step("scand check finds nothing wrong but that there are no backgrounds, which are taken then")
 def plates():
     until("only the backgrounds are wrong", lambda: [f["subject"] for f in wrong()] == ["backgrounds"])
-    until("backgrounds are taken", lambda: "backgrounds in" in scand.ask("background", expected=None))
+    until("backgrounds are taken", lambda: "background pictures in" in scand.ask("background", expected=None))
     until("nothing is wrong", lambda: not wrong())
 
 

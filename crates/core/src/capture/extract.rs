@@ -44,7 +44,7 @@ impl CaptureSession {
         let small = Self::of(Recording::open(to)?, parameters)?;
         if !self.says_the_same(&small, id) {
             return Err(alone(
-                "in a recording of its own it would not be the same capture",
+                "its copy in a recording of its own does not read the same",
             ));
         }
         Ok(Extract { content_sha256 })

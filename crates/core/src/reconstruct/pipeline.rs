@@ -70,7 +70,7 @@ pub enum Error {
     #[error(transparent)]
     Simplify(#[from] SimplifyError),
     /// Too few cameras.
-    #[error("{found} colour camera(s) with a silhouette: a visual hull needs two or more")]
+    #[error("only {found} colour camera(s) gave a silhouette: a visual hull needs two or more")]
     TooFewCameras {
         /// How many there are.
         found: usize,

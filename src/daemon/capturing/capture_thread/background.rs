@@ -52,7 +52,11 @@ impl CaptureThread {
         let plan = &self.plan;
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
-        let words = format!("{} backgrounds in {}", backgrounds.len(), path.display());
+        let words = format!(
+            "saved {} background pictures in {}",
+            backgrounds.len(),
+            path.display()
+        );
         self.plan.header.backgrounds = backgrounds::detached(backgrounds);
         self.header_changed();
         let told = words.clone();

@@ -75,7 +75,7 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
         code: ReasonCode::NoDepth,
         cameras: blind.iter().map(|d| d.camera.clone()).collect(),
         words: format!(
-            "no depth reading of the object from {}: {consequence}",
+            "depth camera {} has no reading of the object: {consequence}",
             names.join(", ")
         ),
     }
@@ -164,7 +164,7 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         ReasonCode::DepthDisagrees,
         &parameters.disagreement_mm,
         each(|r| 1e3 * r.disagreement).into_iter(),
-        |v| format!("a tenth beyond {v:.1} mm"),
+        |v| format!("a tenth of the pixels are off by more than {v:.1} mm"),
         |names| {
             format!("the restored surface does not lie where the depth camera read it: {names}")
         },

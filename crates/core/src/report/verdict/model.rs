@@ -22,13 +22,16 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     let beyond = |limits: &Limits, value: f64| limits.level(value).map(|level| (level, value));
     let bridged = model.share(Provenance::Bridged);
     into.extend(beyond(&parameters.bridged, bridged).map(|(level, v)| {
-        let words = format!("{} of the model bridges holes of the depth", percent(v));
+        let words = format!(
+            "{} of the model is interpolated over holes in the depth readings",
+            percent(v)
+        );
         reason(level, ReasonCode::HolesBridged, words)
     }));
     let expected_mm = 1e3 * model.mean_expected_error();
     into.extend(
         beyond(&parameters.expected_mm, expected_mm).map(|(level, v)| {
-            let words = format!("the model expects to be off by {v:.1} mm on average");
+            let words = format!("the expected error of the model is {v:.1} mm on average");
             reason(level, ReasonCode::ErrorLarge, words)
         }),
     );

@@ -95,7 +95,7 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
         code: ReasonCode::CalibrationForeign,
         cameras: Vec::new(),
         words: format!(
-            "the calibration is not of this recording: half of the silhouettes lie {} of the object's size or more beside \
+            "the calibration does not belong to this recording: half of the silhouettes lie {} of the object's size or more beside \
             the model",
             percent(shift)
         ),

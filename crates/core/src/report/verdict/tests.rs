@@ -255,7 +255,7 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
     );
     let words = &foreign.reasons[0].words;
     assert!(
-        words.contains("not of this recording") && words.contains("1.4 %"),
+        words.contains("does not belong to this recording") && words.contains("1.4 %"),
         "{words}"
     );
     // One camera that moved may displace all, and is to blame if the others agree without it.
