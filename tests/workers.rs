@@ -10,7 +10,7 @@ use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
 use scand::workers::{
-    Ended, Job, Jobs, Limits, Parameters, Remake, WorkerPlan, Workers, confine, start_models,
+    FinishedJob, Job, Jobs, Limits, Parameters, Remake, WorkerPlan, Workers, confine, start_models,
     start_remakes,
 };
 use std::io::{Read, Write};
@@ -88,13 +88,13 @@ fn jobs(folder: &Path) -> Arc<Jobs> {
     Arc::new(Jobs::open(&folder.join("recordings")).unwrap())
 }
 
-fn start(jobs: &Arc<Jobs>, plan: WorkerPlan) -> (Workers, Receiver<Ended>) {
+fn start(jobs: &Arc<Jobs>, plan: WorkerPlan) -> (Workers, Receiver<FinishedJob>) {
     let (ended, heard) = channel();
     let workers = start_models(jobs, plan, move |e| drop(ended.send(e)));
     (workers.unwrap(), heard)
 }
 
-fn next(heard: &Receiver<Ended>) -> Ended {
+fn next(heard: &Receiver<FinishedJob>) -> FinishedJob {
     heard.recv_timeout(Duration::from_secs(120)).unwrap()
 }
 

@@ -1,7 +1,7 @@
 //! The options of commands that only other processes of scand call, by which they confine themselves before they read
 //! anything.
 
-use crate::process::{ConfineError, Limits, confine, part_from};
+use crate::process::{ConfineError, Limits, bind_to_parent, confine};
 use crate::workers::protocol;
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ pub(super) struct ConfinementArgs {
 impl ConfinementArgs {
     /// As [`part_from`], with the process that started this one.
     pub(super) fn part_from_parent(&self) -> Result<(), ConfineError> {
-        part_from(self.parent)
+        bind_to_parent(self.parent)
     }
 
     /// As [`confine`]; tells the process that started this one what the system cannot do.

@@ -9,8 +9,8 @@ use crate::image::{
 };
 use crate::look::{self, Cutting};
 use crate::output::encode_jpeg;
-use crate::process::{Limits, confine, part_from};
-use crate::trigger::Seen;
+use crate::process::{Limits, bind_to_parent, confine};
+use crate::trigger::LookFigures;
 use anyhow::Context;
 use std::io::{BufRead, Read, Write};
 use std::path::Path;
@@ -40,7 +40,7 @@ const QUALITY: u8 = 80;
 /// # Errors
 /// If it cannot be confined, or the input is not what the daemon writes.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    part_from(args.parent)?;
+    bind_to_parent(args.parent)?;
     let limits = Limits {
         memory_mb: MEMORY_MB,
         nice: NICE,
@@ -92,13 +92,13 @@ fn made(mut input: impl BufRead) -> anyhow::Result<Vec<u8>> {
     Ok(output)
 }
 
-fn color(picture: &RgbImage, cutting: Result<Cutting, String>) -> (Seen, RgbImage) {
+fn color(picture: &RgbImage, cutting: Result<Cutting, String>) -> (LookFigures, RgbImage) {
     let look = look::color(picture, cutting.as_ref().map_err(Clone::clone));
     let (outline, touches, no_outline) = match look.outline {
         Ok(outline) => (Some(outline.polygons), outline.touches, None),
         Err(words) => (None, Vec::new(), Some(words)),
     };
-    let seen = Seen {
+    let seen = LookFigures {
         clipped_ppm: Some(look.clipped_ppm),
         clipped: look.clipped,
         sharpness_percent: look.sharpness_percent,
@@ -110,23 +110,23 @@ fn color(picture: &RgbImage, cutting: Result<Cutting, String>) -> (Seen, RgbImag
     (seen, look.picture)
 }
 
-fn depth(pixels: &Pixels, frame: &[u8]) -> anyhow::Result<(Seen, RgbImage)> {
+fn depth(pixels: &Pixels, frame: &[u8]) -> anyhow::Result<(LookFigures, RgbImage)> {
     let readings = readings_from_raw(&raw(pixels, frame), size(pixels)?)?;
     let (picture, percent) = look::depth(&readings);
     let scale = readings.width() / picture.width();
-    let seen = Seen {
+    let seen = LookFigures {
         readings_percent: Some(percent),
         ..of_size(&picture, scale)
     };
     Ok((seen, picture))
 }
 
-fn of_size(picture: &RgbImage, scale: usize) -> Seen {
-    Seen {
+fn of_size(picture: &RgbImage, scale: usize) -> LookFigures {
+    LookFigures {
         width: picture.width() as u32,
         height: picture.height() as u32,
         scale: scale as u32,
-        ..Seen::default()
+        ..LookFigures::default()
     }
 }
 
@@ -216,7 +216,7 @@ mod tests {
         }
     }
 
-    fn seen_of(output: &[u8]) -> (Seen, (usize, usize)) {
+    fn seen_of(output: &[u8]) -> (LookFigures, (usize, usize)) {
         let end = output.iter().position(|&byte| byte == b'\n').unwrap();
         let picture = &output[end + 1..];
         let size = size_of_file("jpeg", picture).unwrap();

@@ -8,7 +8,7 @@ use crate::export::{Compression, compress};
 use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::output::encode_jpeg;
 use crate::page::make_view::{DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
-use crate::process::{Limits, confine, part_from};
+use crate::process::{Limits, bind_to_parent, confine};
 use anyhow::Context;
 use flate2::Compression as Level;
 use flate2::write::GzEncoder;
@@ -44,7 +44,7 @@ const MOST_PIXELS: usize = 40_000_000;
 /// # Errors
 /// If it cannot be confined, or the input is not what was asked for.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    part_from(args.parent)?;
+    bind_to_parent(args.parent)?;
     let limits = Limits {
         memory_mb: MEMORY_MB,
         nice: NICE,

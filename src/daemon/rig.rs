@@ -72,7 +72,7 @@ pub struct Rig {
     shots: u64,
     /// Frames that arrived after their shot had ended.
     late_frames: u64,
-    looking: looking::Looking,
+    looking: looking::LookProgress,
 }
 
 struct Camera {
@@ -108,7 +108,7 @@ impl Rig {
             clock,
             shots: 0,
             late_frames: 0,
-            looking: looking::Looking::default(),
+            looking: looking::LookProgress::default(),
         })
     }
 

@@ -134,7 +134,7 @@ impl Watchdog {
     }
 
     /// Lets the start take so much longer from now on.
-    pub fn start_takes(&self, more: Duration) {
+    pub fn extend_start_timeout(&self, more: Duration) {
         let more = more.as_micros();
         self.notifier.notify(&format!("EXTEND_TIMEOUT_USEC={more}"));
     }

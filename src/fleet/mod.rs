@@ -33,6 +33,6 @@ pub use memory_class::MemoryClass;
 pub use model_origin::ModelOrigin;
 pub use program::{Program, ProgramError};
 pub use rig::{RigPlan, serve_rig};
-pub use status::{Failed, Status, Waiting, retry, status};
+pub use status::{JobFailure, Status, Waiting, retry, status};
 pub use subjects::{InvalidName, token};
 pub use worker::{WorkerError, WorkerPlan, work};

@@ -26,7 +26,7 @@ pub struct Status {
     /// The workers that are there, with what they do.
     pub workers: Vec<Heartbeat>,
     /// Jobs that failed.
-    pub failed: Vec<Failed>,
+    pub failed: Vec<JobFailure>,
 }
 
 /// Jobs of one rig that wait for the same kind of worker.
@@ -46,7 +46,7 @@ pub struct Waiting {
 
 /// A job that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Failed {
+pub struct JobFailure {
     /// The rig.
     pub rig: String,
     /// The capture.
@@ -64,7 +64,7 @@ impl Dispatcher {
     pub async fn tell_failure(&self, task: &Task, reason: &str) {
         let rig = self.fleet.name.clone();
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
-        let failed = Failed {
+        let failed = JobFailure {
             capture: task.capture.clone(),
             recording: task.name.clone(),
             reason: clean(reason, 1000),
@@ -112,8 +112,8 @@ pub async fn status(fleet: &FleetClient) -> Result<Status, String> {
     for subject in failures.iter().take(MAX_FAILURES) {
         let stored = fleet.stored(FAILURES, subject).await;
         let stored = stored.map_err(|e| e.to_string())?;
-        let parsed = stored.and_then(|bytes| serde_json::from_slice::<Failed>(&bytes).ok());
-        failed.extend(parsed.map(|failed| Failed {
+        let parsed = stored.and_then(|bytes| serde_json::from_slice::<JobFailure>(&bytes).ok());
+        failed.extend(parsed.map(|failed| JobFailure {
             rig: clean(&failed.rig, 60),
             capture: clean(&failed.capture, 200),
             recording: clean(&failed.recording, 200),
@@ -165,7 +165,7 @@ async fn subjects(fleet: &FleetClient, stream: &str, filter: &str) -> Result<Vec
         .client
         .request(format!("$JS.API.STREAM.INFO.{stream}"), asked.into())
         .await
-        .map_err(|e| ServerError::because("answer")(&e).to_string())?;
+        .map_err(|e| ServerError::error_while("answer")(&e).to_string())?;
     let answer: Value = serde_json::from_slice(&answer.payload).map_err(|e| e.to_string())?;
     const NO_SUCH_STREAM: u64 = 404;
     match answer["error"]["code"].as_u64() {

@@ -24,7 +24,7 @@ pub(super) struct ServerError {
 }
 
 impl ServerError {
-    pub(super) fn because(
+    pub(super) fn error_while(
         doing: &'static str,
     ) -> impl FnOnce(&dyn std::fmt::Display) -> Self + Copy {
         move |cause| Self {
@@ -68,7 +68,7 @@ impl FleetClient {
         if self.is_connected() {
             Ok(())
         } else {
-            Err(ServerError::because("answer")(&"it is away"))
+            Err(ServerError::error_while("answer")(&"it is away"))
         }
     }
 
@@ -77,7 +77,7 @@ impl FleetClient {
         self.is_there()?;
         for config in streams() {
             let made = self.context.get_or_create_stream(config).await;
-            made.map_err(|e| ServerError::because("keep streams")(&e))?;
+            made.map_err(|e| ServerError::error_while("keep streams")(&e))?;
         }
         Ok(())
     }
@@ -85,7 +85,7 @@ impl FleetClient {
     /// Stores a message; it is on the server when this returns.
     pub(super) async fn store(&self, subject: String, bytes: Bytes) -> Result<(), ServerError> {
         self.is_there()?;
-        let failed = ServerError::because("store");
+        let failed = ServerError::error_while("store");
         let stored = self.context.publish(subject, bytes).await;
         let stored = stored.map_err(|e| failed(&e))?;
         stored.await.map(drop).map_err(|e| failed(&e))
@@ -100,11 +100,11 @@ impl FleetClient {
         self.is_there()?;
         let asked = format!("$JS.API.DIRECT.GET.{stream}.{subject}");
         let answer = self.client.request(asked, Bytes::new()).await;
-        let answer = answer.map_err(|e| ServerError::because("answer")(&e))?;
+        let answer = answer.map_err(|e| ServerError::error_while("answer")(&e))?;
         match answer.status {
             None | Some(StatusCode::OK) => Ok(Some(answer.payload).filter(|p| !p.is_empty())),
             Some(StatusCode::NOT_FOUND) => Ok(None),
-            Some(status) => Err(ServerError::because("answer")(&status)),
+            Some(status) => Err(ServerError::error_while("answer")(&status)),
         }
     }
 

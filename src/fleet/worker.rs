@@ -198,7 +198,7 @@ impl Worker {
             self.consumers.lock().clear();
         }
         for (i, needs) in classes.into_iter().enumerate() {
-            let failed = ServerError::because("give jobs");
+            let failed = ServerError::error_while("give jobs");
             let consumer = self.consumer(needs).await?;
             let batch = consumer.batch().max_messages(1);
             let patience = if i == last {
@@ -247,7 +247,7 @@ impl Worker {
             .context
             .create_consumer_on_stream(config, JOBS)
             .await;
-        let made = made.map_err(|e| ServerError::because("give jobs")(&e))?;
+        let made = made.map_err(|e| ServerError::error_while("give jobs")(&e))?;
         self.consumers.lock().insert(needs, made.clone());
         Ok(made)
     }

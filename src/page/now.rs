@@ -74,7 +74,7 @@ struct Shown {
 
 /// A capture, as far as events told of it.
 #[derive(Clone, Debug)]
-pub(super) struct Seen {
+pub(super) struct CaptureEntry {
     pub(super) capture: String,
     pub(super) recording: Option<String>,
     pub(super) subject: Option<String>,
@@ -92,7 +92,7 @@ pub(super) struct Now {
     listening: bool,
     status: Option<(Instant, Value)>,
     shown: Option<Shown>,
-    captures: VecDeque<Seen>,
+    captures: VecDeque<CaptureEntry>,
     objects: Objects,
     /// Grows with each change of what the history shows.
     history: u64,
@@ -121,7 +121,7 @@ impl Now {
         (self.listening && age < FRESH).then_some((status, age))
     }
 
-    pub(super) fn captures(&self) -> impl DoubleEndedIterator<Item = &Seen> {
+    pub(super) fn captures(&self) -> impl DoubleEndedIterator<Item = &CaptureEntry> {
         self.captures.iter()
     }
 
@@ -177,7 +177,7 @@ impl Now {
         if self.captures.len() == MOST_CAPTURES {
             self.captures.pop_front();
         }
-        self.captures.push_back(Seen {
+        self.captures.push_back(CaptureEntry {
             capture: capture.into(),
             recording: None,
             subject,

@@ -38,7 +38,7 @@ pub struct Daemon {
 
 /// What the watch found.
 #[derive(Debug)]
-pub enum Watch {
+pub enum DaemonState {
     /// The daemon answers.
     There,
     /// The daemon does not answer, and why.
@@ -151,14 +151,14 @@ impl Daemon {
     /// Follows the daemon's events for as long as `go_on` returns true; reconnects when the daemon is away. A daemon
     /// that was told to stop is not contacted until its socket changes or a press was answered: a connect would start
     /// it.
-    pub fn watch(&self, mut go_on: impl FnMut(Watch) -> bool) {
+    pub fn watch(&self, mut go_on: impl FnMut(DaemonState) -> bool) {
         let longest = Duration::from_secs(5);
         let mut pause = PAUSE;
         loop {
             let mut was_there = false;
             let listened = self.listen(&mut || {
                 was_there = true;
-                go_on(Watch::There)
+                go_on(DaemonState::There)
             });
             pause = if was_there {
                 PAUSE
@@ -169,11 +169,11 @@ impl Daemon {
                 Ok(ListeningEnd::Enough) => false,
                 Ok(ListeningEnd::Ending) => {
                     self.answered.store(false, Ordering::Release);
-                    let goes_on = go_on(Watch::Ended);
+                    let goes_on = go_on(DaemonState::Ended);
                     self.wait_for_another();
                     goes_on
                 }
-                Err(error) => go_on(Watch::Away(error)),
+                Err(error) => go_on(DaemonState::Away(error)),
             };
             if !goes_on {
                 return;
@@ -381,7 +381,7 @@ mod tests {
         let mut found = Vec::new();
         let mut requests = None;
         daemon.watch(|watch| {
-            found.push(matches!(watch, Watch::There));
+            found.push(matches!(watch, DaemonState::There));
             if found.len() == 1 {
                 let listening = r#"{"type":"listening"}"#;
                 requests = Some(serve(&socket, &[&[listening, DURABLE], &[listening]]));

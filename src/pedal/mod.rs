@@ -6,7 +6,7 @@ mod daemon;
 mod device;
 mod switch;
 
-pub use daemon::{Daemon, Watch};
+pub use daemon::{Daemon, DaemonState};
 #[cfg(feature = "pedal")]
 pub use device::{Device, Error, Input, key_code};
 pub use switch::{Action, Keys, Switch};

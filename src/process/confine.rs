@@ -50,7 +50,7 @@ pub enum ConfineError {
 ///
 /// # Errors
 /// If that one is gone already, or the system refuses.
-pub fn part_from(parent: u32) -> Result<(), ConfineError> {
+pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
     let refused = |cause: rustix::io::Errno| limit("its end with its parent", cause.into());
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(refused)?;
     // It may have died before it could be bound to.

@@ -10,6 +10,6 @@ mod system;
 
 pub use cancel::Cancel;
 pub use child::{Child, ChildExit};
-pub use confine::{ConfineError, Limits, confine, part_from};
+pub use confine::{ConfineError, Limits, bind_to_parent, confine};
 pub use priority::{lower_priority, lower_thread_priority};
 pub use system::close_inherited;

@@ -8,4 +8,4 @@ mod reload;
 mod rig_cameras;
 
 pub use prepare::{ConfigSource, Error, Prepared};
-pub use reload::Running;
+pub use reload::ReloadableConfig;

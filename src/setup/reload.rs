@@ -36,7 +36,7 @@ const MAY_CHANGE: &[&str] = &[
 ];
 
 /// What the daemon was started with.
-pub struct Running {
+pub struct ReloadableConfig {
     /// Where its configuration is.
     pub source: ConfigSource,
     /// The configuration.
@@ -49,7 +49,7 @@ pub struct Running {
     pub keep_free: Arc<AtomicU64>,
 }
 
-impl Running {
+impl ReloadableConfig {
     /// Reads configuration and calibration again.
     ///
     /// # Errors

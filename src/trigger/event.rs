@@ -1,7 +1,7 @@
 //! The one type for everything that the daemon reports. The stream of events and the hooks get it whole; the
 //! replies to a client and the journal of presses are a view of it, [`Event::to_reply`].
 
-use super::seen::Seen;
+use super::seen::LookFigures;
 use crate::level::Level;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -179,7 +179,7 @@ pub enum Event {
         picture: Option<String>,
         /// What is seen in it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        seen: Option<Box<Seen>>,
+        seen: Option<Box<LookFigures>>,
         /// Why there is no picture.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         words: Option<String>,

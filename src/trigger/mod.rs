@@ -7,7 +7,7 @@ mod seen;
 
 pub use client::{Client, Error, LONGEST_REPLY};
 pub use event::{Event, Reply, Until};
-pub use seen::{Polygon, Seen};
+pub use seen::{LookFigures, Polygon};
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -8,7 +8,7 @@ pub type Polygon = Vec<[u16; 2]>;
 
 /// What is seen in a picture. Members that do not concern the camera, or are not known, are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct LookFigures {
     /// Width of the picture.
     pub width: u32,
     /// Height of the picture.

@@ -58,7 +58,7 @@ pub struct Backlog {
     /// Jobs that wait.
     pub waiting: usize,
     /// Jobs that are being done.
-    pub running: Vec<Running>,
+    pub running: Vec<RunningJob>,
     /// Seconds until all are done; `None` before the first one was.
     pub expected_s: Option<f64>,
     /// Models made since the start.
@@ -73,7 +73,7 @@ pub struct Backlog {
 
 /// A job that is being done.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Running {
+pub struct RunningJob {
     /// File name of the recording, when it is complete.
     pub recording: String,
     /// The capture.
@@ -83,7 +83,7 @@ pub struct Running {
 }
 
 /// A job that was taken and is to be given back or finished.
-pub(super) struct Taken {
+pub(super) struct ClaimedJob {
     name: String,
     pub(super) job: Job,
 }
@@ -274,7 +274,7 @@ impl Jobs {
     pub fn backlog(&self) -> Backlog {
         let objects = self.objects.len();
         let state = self.state.lock();
-        let running: Vec<Running> = state.running.values().map(running).collect();
+        let running: Vec<RunningJob> = state.running.values().map(running).collect();
         let expected = |each: f64| {
             let left = running.iter().map(|r| (each - r.seconds).max(0.0));
             (left.sum::<f64>() + each * state.waiting as f64) / state.workers.max(1) as f64
@@ -315,7 +315,7 @@ impl Jobs {
     }
 
     /// The oldest job that no worker has begun, as soon as there is one; `None` after the queue was closed.
-    pub(super) fn take(&self) -> Option<Taken> {
+    pub(super) fn take(&self) -> Option<ClaimedJob> {
         let mut state = self.state.lock();
         while !state.stopped {
             if state.waiting == 0 {
@@ -328,7 +328,7 @@ impl Jobs {
                     if let Some(job) = self.read(&name) {
                         let running = (job.clone(), Instant::now());
                         state.running.insert(name.clone(), running);
-                        return Some(Taken { name, job });
+                        return Some(ClaimedJob { name, job });
                     }
                 }
                 // A person has removed them.
@@ -345,7 +345,7 @@ impl Jobs {
     }
 
     /// The oldest job whose file is as `wanted`, if there is one that nobody does.
-    pub(super) fn take_where(&self, wanted: impl Fn(&Path) -> bool) -> Option<Taken> {
+    pub(super) fn take_where(&self, wanted: impl Fn(&Path) -> bool) -> Option<ClaimedJob> {
         // Files are looked at without the lock, because a capture that is enqueued waits for it.
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();
         let paths = files.flatten().map(|file| file.path());
@@ -366,13 +366,13 @@ impl Jobs {
             state.waiting = state.waiting.saturating_sub(1);
             let running = (job.clone(), Instant::now());
             state.running.insert(name.clone(), running);
-            return Some(Taken { name, job });
+            return Some(ClaimedJob { name, job });
         }
         None
     }
 
     /// A job's file.
-    pub(super) fn file(&self, taken: &Taken) -> PathBuf {
+    pub(super) fn file(&self, taken: &ClaimedJob) -> PathBuf {
         self.folder.join(&taken.name)
     }
 
@@ -396,7 +396,7 @@ impl Jobs {
     }
 
     /// Notes on the disk how often a job was begun.
-    pub(super) fn note(&self, taken: &Taken) {
+    pub(super) fn note(&self, taken: &ClaimedJob) {
         let written = write_atomically(&self.folder.join(&taken.name), &as_bytes(&taken.job));
         if let Err(error) = written {
             log::warning!("{error}");
@@ -404,7 +404,7 @@ impl Jobs {
     }
 
     /// Lets a job wait again.
-    pub(super) fn requeue(&self, taken: &Taken) {
+    pub(super) fn requeue(&self, taken: &ClaimedJob) {
         let mut state = self.state.lock();
         state.running.remove(&taken.name);
         state.waiting += 1;
@@ -412,7 +412,7 @@ impl Jobs {
     }
 
     /// Removes a job that has come to its end.
-    pub(super) fn finish(&self, taken: &Taken, done: bool) {
+    pub(super) fn finish(&self, taken: &ClaimedJob, done: bool) {
         let path = self.folder.join(&taken.name);
         if let Err(error) = std::fs::remove_file(&path) {
             log::warning!("{}: {error}", path.display());
@@ -474,8 +474,8 @@ fn is_hidden(path: &Path) -> bool {
     name.as_encoded_bytes().starts_with(b".")
 }
 
-fn running((job, since): &(Job, Instant)) -> Running {
-    Running {
+fn running((job, since): &(Job, Instant)) -> RunningJob {
+    RunningJob {
         recording: job.recording.clone(),
         capture: job.capture.clone(),
         seconds: since.elapsed().as_secs_f64(),

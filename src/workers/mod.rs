@@ -31,13 +31,13 @@ cfg_if::cfg_if! {
         #[cfg(test)]
         mod tests;
 
-        pub use crate::process::{ConfineError, Limits, confine, part_from};
+        pub use crate::process::{ConfineError, Limits, confine, bind_to_parent};
         pub use find::find;
         pub use job::Job;
-        pub use jobs::{Backlog, Error, Jobs, Running};
+        pub use jobs::{Backlog, Error, Jobs, RunningJob};
         pub use object_jobs::{ObjectJob, ObjectJobs};
         pub use object_pool::{ObjectNews, start_objects};
-        pub use pool::{Ended, WorkerPlan, start_models};
+        pub use pool::{FinishedJob, WorkerPlan, start_models};
         pub use remake_pool::{Remade, start_remakes};
         pub use remakes::{Remake, Remakes};
         pub use threads::Workers;

@@ -56,7 +56,7 @@ struct Entry {
 }
 
 /// A job that was taken, to be given back or finished.
-pub(super) struct TakenObject {
+pub(super) struct ClaimedObjectJob {
     name: String,
     generation: u64,
     pub(super) job: ObjectJob,
@@ -238,7 +238,11 @@ impl ObjectJobs {
 
     /// The oldest job that is registered or not, as soon as there is one and `may` says that it may begin; `None` after
     /// the end.
-    pub(super) fn take(&self, is_registered: bool, may: impl Fn() -> bool) -> Option<TakenObject> {
+    pub(super) fn take(
+        &self,
+        is_registered: bool,
+        may: impl Fn() -> bool,
+    ) -> Option<ClaimedObjectJob> {
         let mut state = self.state.lock();
         while !state.is_stopped {
             let waiting = state.entries.iter_mut();
@@ -248,7 +252,7 @@ impl ObjectJobs {
             match oldest {
                 Some((name, entry)) if may() => {
                     entry.is_running = true;
-                    return Some(TakenObject {
+                    return Some(ClaimedObjectJob {
                         name: name.clone(),
                         generation: entry.generation,
                         job: entry.job.clone(),
@@ -264,7 +268,7 @@ impl ObjectJobs {
     }
 
     /// Notes on the disk how far a job is, unless a newer one replaced it.
-    pub(super) fn note(&self, taken: &TakenObject) {
+    pub(super) fn note(&self, taken: &ClaimedObjectJob) {
         let mut state = self.state.lock();
         let entry = state.entries.get_mut(&taken.name);
         let Some(entry) = entry.filter(|e| e.generation == taken.generation) else {
@@ -277,7 +281,7 @@ impl ObjectJobs {
     }
 
     /// Lets a job wait again.
-    pub(super) fn requeue(&self, taken: &TakenObject) {
+    pub(super) fn requeue(&self, taken: &ClaimedObjectJob) {
         let mut state = self.state.lock();
         let entry = state.entries.get_mut(&taken.name);
         if let Some(entry) = entry.filter(|e| e.generation == taken.generation) {
@@ -287,7 +291,7 @@ impl ObjectJobs {
     }
 
     /// Removes a job that has come to its end, unless a newer one replaced it.
-    pub(super) fn finish(&self, taken: &TakenObject) {
+    pub(super) fn finish(&self, taken: &ClaimedObjectJob) {
         let mut state = self.state.lock();
         let of = state.entries.get(&taken.name);
         if of.is_some_and(|e| e.generation == taken.generation) {

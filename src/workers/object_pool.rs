@@ -3,7 +3,7 @@
 
 use super::jobs::{Error, Jobs};
 use super::object_find::of_session;
-use super::object_jobs::TakenObject;
+use super::object_jobs::ClaimedObjectJob;
 use super::object_protocol::{Found, FoundPoses, ObjectModelRequest};
 use super::outcome;
 use super::pool::{MAX_STARTS, WorkerPlan};
@@ -112,7 +112,7 @@ impl Shared {
     }
 
     /// Finds poses. Whether nothing more is to be done for the object; `None` if this is to be done again.
-    fn register(&self, taken: &mut TakenObject) -> Option<bool> {
+    fn register(&self, taken: &mut ClaimedObjectJob) -> Option<bool> {
         let Some(recordings) = of_session(self.jobs.recordings(), &taken.job.newest) else {
             log::warning!(
                 "object {}: no recording has its captures any more",
@@ -146,7 +146,7 @@ impl Shared {
     }
 
     /// Makes the model.
-    fn fuse(&self, taken: &mut TakenObject) -> Option<bool> {
+    fn fuse(&self, taken: &mut ClaimedObjectJob) -> Option<bool> {
         let Some(recordings) = of_session(self.jobs.recordings(), &taken.job.newest) else {
             self.fused(
                 taken,
@@ -193,7 +193,7 @@ impl Shared {
     /// Starts a process and waits for its end; `None` if the job is to be done again.
     fn process(
         &self,
-        taken: &mut TakenObject,
+        taken: &mut ClaimedObjectJob,
         recordings: &[PathBuf],
         registers: bool,
     ) -> Option<Ended> {
@@ -282,7 +282,13 @@ impl Shared {
     }
 
     /// Reports that no model was made, and why, if the process could not write that report itself.
-    fn failed(&self, taken: &TakenObject, recordings: &[PathBuf], reason: String, words: &str) {
+    fn failed(
+        &self,
+        taken: &ClaimedObjectJob,
+        recordings: &[PathBuf],
+        reason: String,
+        words: &str,
+    ) {
         let job = &taken.job.newest;
         let written = || -> Result<(), String> {
             let recording = recordings.first().ok_or("it has no recording")?;
@@ -310,7 +316,7 @@ impl Shared {
         self.fused(taken, Err(reason), None);
     }
 
-    fn fused(&self, taken: &TakenObject, model: Result<Model, String>, folder: Option<&Path>) {
+    fn fused(&self, taken: &ClaimedObjectJob, model: Result<Model, String>, folder: Option<&Path>) {
         let subject = &taken.job.subject;
         match &model {
             Ok(model) => log::notice!(

@@ -2,7 +2,7 @@
 
 use super::find::find;
 use super::handover::{self, Answer};
-use super::jobs::{Error, Jobs, Taken};
+use super::jobs::{ClaimedJob, Error, Jobs};
 use super::outcome;
 use super::threads::Workers;
 use super::{Job, Parameters, protocol};
@@ -49,7 +49,7 @@ pub struct WorkerPlan {
 
 /// A job that came to its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Ended {
+pub struct FinishedJob {
     /// The capture.
     pub capture: String,
     /// Its recording, under the name that it has when it is complete.
@@ -66,7 +66,7 @@ pub struct Ended {
 pub fn start_models(
     jobs: &Arc<Jobs>,
     plan: WorkerPlan,
-    ended: impl Fn(Ended) + Send + Sync + 'static,
+    ended: impl Fn(FinishedJob) + Send + Sync + 'static,
 ) -> Result<Workers, Error> {
     let models = plan.parameters.folder.clone();
     std::fs::create_dir_all(&models).map_err(|cause| Error::Io {
@@ -109,7 +109,7 @@ struct Shared {
     plan: WorkerPlan,
     /// Warnings about the system that were already logged.
     told: Mutex<BTreeSet<String>>,
-    ended: Box<dyn Fn(Ended) + Send + Sync>,
+    ended: Box<dyn Fn(FinishedJob) + Send + Sync>,
 }
 
 impl Shared {
@@ -159,7 +159,7 @@ impl Shared {
     }
 
     /// What the answer of the fleet says of a job.
-    fn answer_to(&self, job: &Job, answer: Option<Answer>) -> Ended {
+    fn answer_to(&self, job: &Job, answer: Option<Answer>) -> FinishedJob {
         let folder = self.jobs.recordings();
         let found = find(folder, job).unwrap_or_else(|| folder.join(&job.recording));
         let complete = recording::finished_name(&found).unwrap_or(found);
@@ -169,14 +169,14 @@ impl Shared {
             }
             _ => outcome::of_folder(&self.target(&complete, job)),
         };
-        Ended {
+        FinishedJob {
             capture: job.capture.clone(),
             recording: complete,
             model,
         }
     }
 
-    fn carry_out_or_requeue(&self, mut taken: Taken) {
+    fn carry_out_or_requeue(&self, mut taken: ClaimedJob) {
         match self.carry_out(&mut taken) {
             Some(ended) => self.end(&taken, ended),
             None => self.jobs.requeue(&taken),
@@ -184,7 +184,7 @@ impl Shared {
     }
 
     /// Tells how a job ended, and removes it.
-    fn end(&self, taken: &Taken, ended: Ended) {
+    fn end(&self, taken: &ClaimedJob, ended: FinishedJob) {
         match &ended.model {
             Ok(model) => log::notice!(
                 "capture {}: {}, {}",
@@ -208,7 +208,7 @@ impl Shared {
     }
 
     /// Does a job; `None` if it is to be done again.
-    fn carry_out(&self, taken: &mut Taken) -> Option<Ended> {
+    fn carry_out(&self, taken: &mut ClaimedJob) -> Option<FinishedJob> {
         let folder = self.jobs.recordings();
         let Some(path) = find(folder, &taken.job) else {
             let reason = format!(
@@ -264,7 +264,7 @@ impl Shared {
         };
         self.tell_missing(&words);
         Some(match model {
-            Ok(model) => Ended {
+            Ok(model) => FinishedJob {
                 capture: taken.job.capture.clone(),
                 recording: complete,
                 model: Ok(model),
@@ -343,14 +343,14 @@ impl Shared {
     }
 
     /// The end of a job that failed, with a report in the place of its model.
-    fn failed(&self, job: &Job, recording: &Path, reason: String, words: &str) -> Ended {
+    fn failed(&self, job: &Job, recording: &Path, reason: String, words: &str) -> FinishedJob {
         if let Err(problem) = self.report(job, recording, &reason, words) {
             log::error!(
                 "capture {}: cannot write the report of its failure: {problem}",
                 job.capture
             );
         }
-        Ended {
+        FinishedJob {
             capture: job.capture.clone(),
             recording: recording.into(),
             model: Err(reason),

@@ -130,10 +130,10 @@ impl Place {
 }
 
 /// Jobs that ended.
-struct Heard(Receiver<Ended>);
+struct Heard(Receiver<FinishedJob>);
 
 impl Heard {
-    fn next(&self) -> Ended {
+    fn next(&self) -> FinishedJob {
         self.0.recv_timeout(Duration::from_secs(60)).unwrap()
     }
 

@@ -5,7 +5,7 @@ use crate::test_bench::{Process, TestBench, models, program, said, simulated};
 use scand::config::Config;
 use scand::workers::handover::{self, Answer};
 use scand::workers::{
-    Ended, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
+    FinishedJob, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
 };
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use std::time::Duration;
 struct Rig {
     jobs: Arc<Jobs>,
     _workers: Workers,
-    heard: Receiver<Ended>,
+    heard: Receiver<FinishedJob>,
 }
 
 fn settings() -> String {
@@ -81,7 +81,7 @@ fn capture(bench: &TestBench, rig: &Rig) -> PathBuf {
     path
 }
 
-fn next(rig: &Rig, bench: &TestBench) -> Ended {
+fn next(rig: &Rig, bench: &TestBench) -> FinishedJob {
     let heard = rig.heard.recv_timeout(Duration::from_secs(100));
     heard.unwrap_or_else(|_| panic!("{}", bench.log("fleet")))
 }

@@ -30,11 +30,11 @@ use std::process::ExitCode;
   scand fleet key worker.key")]
 pub struct Args {
     #[command(subcommand)]
-    what: What,
+    what: FleetCommand,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum What {
+enum FleetCommand {
     /// Offer the captures of the rig on this machine, and take their models in, until SIGTERM or Ctrl-C
     Run(RunArgs),
     /// Show jobs, workers and failures
@@ -190,9 +190,9 @@ struct RetryArgs {
 /// If the server or the configuration is refused, or does not answer.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match args.what {
-        What::Run(args) => serve(&args),
-        What::Status(args) => block_on(print_status(&args)),
-        What::Retry(args) => block_on(async {
+        FleetCommand::Run(args) => serve(&args),
+        FleetCommand::Status(args) => block_on(print_status(&args)),
+        FleetCommand::Retry(args) => block_on(async {
             let server = &args.server;
             let fleet = server.access.connect(&server.fleet, Role::Viewer).await?;
             let answer = retry(&fleet, &args.rig, args.capture.as_deref()).await;
@@ -200,7 +200,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             outln!("rig {}: {answer} offered again", args.rig);
             Ok(ExitCode::SUCCESS)
         }),
-        What::Key { file } => make_key(&file),
+        FleetCommand::Key { file } => make_key(&file),
     }
 }
 

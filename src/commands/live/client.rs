@@ -44,11 +44,11 @@ pub struct TriggerArgs {
     press_id: Option<String>,
     /// Which answer to wait for.
     #[arg(long, value_name = "WHAT", value_enum, default_value = "durable")]
-    until: Wait,
+    until: UntilArgument,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
-enum Wait {
+enum UntilArgument {
     /// All frames have arrived: hands may move.
     Captured,
     /// The capture is on the disk.
@@ -57,12 +57,12 @@ enum Wait {
     Done,
 }
 
-impl From<Wait> for Until {
-    fn from(wait: Wait) -> Self {
+impl From<UntilArgument> for Until {
+    fn from(wait: UntilArgument) -> Self {
         match wait {
-            Wait::Captured => Self::Captured,
-            Wait::Durable => Self::Durable,
-            Wait::Done => Self::Done,
+            UntilArgument::Captured => Self::Captured,
+            UntilArgument::Durable => Self::Durable,
+            UntilArgument::Done => Self::Done,
         }
     }
 }

@@ -5,8 +5,8 @@ use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
 use crate::workers::{
-    Ended, Jobs, ObjectNews, Remade, WorkerPlan, Workers, object_protocol, protocol, start_models,
-    start_objects, start_remakes,
+    FinishedJob, Jobs, ObjectNews, Remade, WorkerPlan, Workers, object_protocol, protocol,
+    start_models, start_objects, start_remakes,
 };
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -64,8 +64,8 @@ impl Models {
     }
 }
 
-fn event(ended: Ended) -> Event {
-    let Ended {
+fn event(ended: FinishedJob) -> Event {
+    let FinishedJob {
         capture,
         recording,
         model,

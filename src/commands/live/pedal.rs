@@ -3,7 +3,7 @@
 use crate::clock::Clock;
 use crate::frame::Timestamp;
 use crate::log;
-use crate::pedal::{Action, Daemon, Device, Error, Keys, Switch, Watch, key_code};
+use crate::pedal::{Action, Daemon, DaemonState, Device, Error, Keys, Switch, key_code};
 use crate::trigger::{Reply, SOCKET};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -88,12 +88,12 @@ fn tell_whether_there(daemon: &Daemon) {
     // Once when it changes.
     let mut there = None;
     daemon.watch(|watch| {
-        let now = matches!(watch, Watch::There);
+        let now = matches!(watch, DaemonState::There);
         if there != Some(now) {
             match watch {
-                Watch::There => log::notice!("the daemon answers"),
-                Watch::Away(error) => log::warning!("the daemon does not answer: {error}"),
-                Watch::Ended => log::notice!("the daemon was told to stop and has ended"),
+                DaemonState::There => log::notice!("the daemon answers"),
+                DaemonState::Away(error) => log::warning!("the daemon does not answer: {error}"),
+                DaemonState::Ended => log::notice!("the daemon was told to stop and has ended"),
             }
         }
         there = Some(now);

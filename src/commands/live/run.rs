@@ -12,7 +12,7 @@ use crate::daemon::{
 };
 use crate::drivers::live::Backoff;
 use crate::log;
-use crate::setup::{ConfigSource, Prepared, Running};
+use crate::setup::{ConfigSource, Prepared, ReloadableConfig};
 use crate::words::count;
 use anyhow::Context;
 use std::os::unix::net::UnixListener;
@@ -116,7 +116,7 @@ fn serve_rig(
     let workers = models.map(start).transpose()?;
     interrupted.forget();
     let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
-    let running = Running {
+    let running = ReloadableConfig {
         source,
         config,
         header,

@@ -7,7 +7,7 @@ mod capture_thread;
 
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
-use super::look::{LookMaker, LookPlan, Looker, Looking, Looks, Turns};
+use super::look::{LookMaker, LookPlan, LookScheduler, LookSubscription, Looks, Turns};
 use super::notes::NoteEffects;
 use super::presses::{Input, Press};
 use super::recorder::{Answer, Recorder};
@@ -140,7 +140,7 @@ impl Capturing {
             .map_err(io)?;
         let looks = Looks::new(rig.clock());
         let start = |plan: &LookPlan| LookMaker::start(plan.clone(), looks.clone());
-        let looking = Looking {
+        let looking = LookScheduler {
             maker: plan.look.as_ref().map(start).transpose().map_err(io)?,
             looks: looks.clone(),
             turns: Turns::default(),
@@ -223,7 +223,7 @@ impl Capturing {
     }
 
     /// Looks at the cameras, until what is returned is dropped; `None` where nobody can.
-    pub(super) fn look(&self) -> Option<Looker> {
+    pub(super) fn look(&self) -> Option<LookSubscription> {
         self.looks.as_ref().map(Looks::begin)
     }
 
@@ -373,7 +373,7 @@ fn recover_one(part: &Path, watchdog: &Watchdog) {
     const SLOWEST_BYTES_A_SECOND: u64 = 5_000_000;
     const BESIDE: Duration = Duration::from_secs(60);
     let bytes = part.metadata().map_or(0, |part| part.len());
-    watchdog.start_takes(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
+    watchdog.extend_start_timeout(BESIDE + Duration::from_secs(bytes / SLOWEST_BYTES_A_SECOND));
     match recover(part) {
         Ok(recovered) => log::notice!("recovered {}", recovered.path.display()),
         Err(error) => log::error!("{error}; {} was left unchanged", part.display()),

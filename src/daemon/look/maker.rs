@@ -7,7 +7,7 @@ use crate::clock::Clock;
 use crate::frame::{Frame, Picture, Stream};
 use crate::log;
 use crate::process::{Cancel, Child, ChildExit, lower_thread_priority};
-use crate::trigger::Seen;
+use crate::trigger::LookFigures;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustix::fs::{MemfdFlags, memfd_create};
 use std::fs::File;
@@ -154,7 +154,7 @@ impl Maker {
         write().map_err(|error| error.to_string())
     }
 
-    fn make(&self, input: File) -> Result<(Vec<u8>, Seen), String> {
+    fn make(&self, input: File) -> Result<(Vec<u8>, LookFigures), String> {
         let said = |error: io::Error| error.to_string();
         let mut output = in_memory("scand look output").map_err(said)?;
         let mut command = Command::new(&self.plan.program);
@@ -184,7 +184,7 @@ impl Maker {
 }
 
 /// The picture, and what is seen in it.
-fn parsed(made: &[u8]) -> Result<(Vec<u8>, Seen), String> {
+fn parsed(made: &[u8]) -> Result<(Vec<u8>, LookFigures), String> {
     let end = made.iter().position(|&byte| byte == b'\n');
     let (line, picture) = made.split_at(end.ok_or("it wrote no line")?);
     if made.len() as u64 > LARGEST_OUTPUT || picture.len() < 2 {

@@ -16,7 +16,7 @@ pub(super) use turns::Turns;
 
 use crate::clock::Clock;
 use crate::frame::Timestamp;
-use crate::trigger::{Event, Seen};
+use crate::trigger::{Event, LookFigures};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use tokio::sync::watch;
 
 /// What the capturing thread looks with.
-pub(super) struct Looking {
+pub(super) struct LookScheduler {
     pub(super) looks: Looks,
     /// `None` where nobody can look.
     pub(super) maker: Option<LookMaker>,
@@ -37,7 +37,7 @@ pub(super) struct CameraLook {
     /// When it was exposed, or asked.
     pub(super) time: Timestamp,
     /// The picture, a JPEG, and what is seen in it; or why there is none.
-    pub(super) outcome: Result<(Vec<u8>, Seen), String>,
+    pub(super) outcome: Result<(Vec<u8>, LookFigures), String>,
 }
 
 /// What all cameras showed last, shared by those who take the pictures and those who look.
@@ -68,9 +68,9 @@ impl Looks {
     }
 
     /// Looks, until what is returned is dropped.
-    pub(super) fn begin(&self) -> Looker {
+    pub(super) fn begin(&self) -> LookSubscription {
         self.0.lookers.fetch_add(1, Ordering::AcqRel);
-        Looker {
+        LookSubscription {
             changed: self.0.changed.subscribe(),
             looks: self.clone(),
             told: BTreeMap::new(),
@@ -98,14 +98,14 @@ impl Looks {
 }
 
 /// Somebody who looks. A slow one misses pictures, and holds up nobody.
-pub(super) struct Looker {
+pub(super) struct LookSubscription {
     looks: Looks,
     changed: watch::Receiver<u64>,
     /// The number of what was told of each camera.
     told: BTreeMap<String, u64>,
 }
 
-impl Looker {
+impl LookSubscription {
     /// The next picture that was not told yet, of the camera that was told longest ago.
     pub(super) async fn next(&mut self) -> Event {
         loop {
@@ -145,7 +145,7 @@ impl Looker {
     }
 }
 
-impl Drop for Looker {
+impl Drop for LookSubscription {
     /// What the last one leaves is forgotten, so that the next one sees no old picture.
     fn drop(&mut self) {
         let mut newest = self.looks.0.newest.lock();

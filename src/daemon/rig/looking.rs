@@ -24,7 +24,7 @@ pub(in crate::daemon) struct RigLook {
 
 /// The picture that is in transfer, and what became of the last one.
 #[derive(Default)]
-pub(super) struct Looking {
+pub(super) struct LookProgress {
     now: Option<InTransfer>,
     done: Option<RigLook>,
     /// How long each camera's last picture took.

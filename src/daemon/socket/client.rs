@@ -3,7 +3,7 @@
 
 use super::super::capturing::Order;
 use super::super::dispatcher::ReplyStream;
-use super::super::look::Looker;
+use super::super::look::LookSubscription;
 use super::super::recorder::Answer;
 use super::Shared;
 use crate::recording::Note;
@@ -173,7 +173,7 @@ impl Client<'_> {
     }
 
     /// Shows pictures until the client goes away, does not read any more, or the daemon ends.
-    async fn tell_looks(&mut self, mut looker: Looker) -> std::io::Result<()> {
+    async fn tell_looks(&mut self, mut looker: LookSubscription) -> std::io::Result<()> {
         let mut ending = self.shared.ending.subscribe();
         self.send(&Reply::Looking).await?;
         loop {

@@ -8,7 +8,7 @@ use super::find::{Found, find, take_control};
 use super::gvcp::identify;
 use super::parameters::{Parameters, TriggerMode};
 use super::precision_time::PrecisionTime;
-use super::settings::{Set, Setting};
+use super::settings::{AppliedSettings, Setting};
 use super::stream::{Frames, Layout};
 use crate::clock::Clock;
 use crate::drivers::live::{CameraInfo, Device, Driver, Fault, Pool, Shot, ShotStats};
@@ -307,7 +307,7 @@ impl Drop for OpenedCamera {
     }
 }
 
-fn info(found: &Found, set: Set, table: Vec<[String; 3]>) -> CameraInfo {
+fn info(found: &Found, set: AppliedSettings, table: Vec<[String; 3]>) -> CameraInfo {
     let identity = &found.identity;
     CameraInfo {
         identity: format!(

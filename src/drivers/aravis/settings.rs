@@ -20,7 +20,7 @@ pub(super) struct Setting<'a, 'b> {
 }
 
 /// How a camera is set, as far as its frames show it.
-pub(super) struct Set {
+pub(super) struct AppliedSettings {
     /// For the recording.
     pub settings: CameraSettings,
     /// Of its frames.
@@ -36,7 +36,7 @@ impl Setting<'_, '_> {
     ///
     /// # Errors
     /// If the camera does not take something that was asked for, or is away.
-    pub(super) fn all(&mut self) -> Result<Set, Fault> {
+    pub(super) fn all(&mut self) -> Result<AppliedSettings, Fault> {
         self.quiet()?;
         let features = self.parameters.features.iter().flatten();
         for (name, value) in features {
@@ -51,7 +51,7 @@ impl Setting<'_, '_> {
         let trigger = self.trigger()?;
         let payload = self.features.camera.payload();
         let payload = payload.map_err(|e| fault("PayloadSize", "a number", &e))?;
-        Ok(Set {
+        Ok(AppliedSettings {
             settings: CameraSettings {
                 transfer: self.parameters.transfer.unwrap_or(Transfer::Linear),
                 exposure,

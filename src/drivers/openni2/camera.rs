@@ -5,7 +5,7 @@ use super::clock::{SETTLING, StreamClock};
 use super::device::{Device, is_open};
 use super::ffi;
 use super::frame_check::ExpectedFrame;
-use super::library::{Failed, Library};
+use super::library::{Library, OpenNiError};
 use super::parameters::{Parameters, is_file};
 use super::recorder::Recorder;
 use super::settings::{self, Readback};
@@ -189,7 +189,7 @@ impl Camera {
     ///
     /// # Errors
     /// If the file cannot be made.
-    pub fn record(&self, path: &Path) -> Result<Option<Recorder>, Failed> {
+    pub fn record(&self, path: &Path) -> Result<Option<Recorder>, OpenNiError> {
         let streams: Vec<&Stream> = self.streams.iter().collect();
         Recorder::start(path, &streams)
     }

@@ -3,7 +3,7 @@
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
-use super::library::{Failed, LIBRARY, Library, OPEN, checked, field, model};
+use super::library::{LIBRARY, Library, OPEN, OpenNiError, checked, field, model};
 use super::property::{Calls, Properties};
 use std::ffi::{CString, c_char, c_int};
 
@@ -24,9 +24,9 @@ impl Device {
     ///
     /// # Errors
     /// If it is not there, or a camera of this process has it: the library would share one device among both.
-    pub fn open(_: Library, uri: &str) -> Result<Self, Failed> {
+    pub fn open(_: Library, uri: &str) -> Result<Self, OpenNiError> {
         let doing = || format!("opening {uri}");
-        let refused = |words: &str| Failed {
+        let refused = |words: &str| OpenNiError {
             doing: doing(),
             words: words.into(),
         };
@@ -94,7 +94,7 @@ impl Device {
     ///
     /// # Errors
     /// If its driver has no such thing.
-    pub fn synchronise(&self) -> Result<(), Failed> {
+    pub fn synchronise(&self) -> Result<(), OpenNiError> {
         // SAFETY: the device is open.
         let status = unsafe { ffi::oniDeviceEnableDepthColorSync(self.handle) };
         checked(status, "synchronising depth and colour")

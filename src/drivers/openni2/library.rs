@@ -13,13 +13,13 @@ use std::time::{Duration, Instant};
 /// What the library refused or could not do, in its own words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{doing}: {words}")]
-pub struct Failed {
+pub struct OpenNiError {
     pub(super) doing: String,
     pub(super) words: String,
 }
 
-impl From<Failed> for Fault {
-    fn from(failed: Failed) -> Self {
+impl From<OpenNiError> for Fault {
+    fn from(failed: OpenNiError) -> Self {
         Self::Away(failed.to_string())
     }
 }
@@ -45,14 +45,14 @@ unsafe impl Send for Callbacks {}
 /// while it is being started and ended.
 pub(super) static OPEN: Mutex<BTreeMap<String, Option<&'static str>>> = Mutex::new(BTreeMap::new());
 
-pub(super) fn checked(status: c_int, doing: impl Into<String>) -> Result<(), Failed> {
+pub(super) fn checked(status: c_int, doing: impl Into<String>) -> Result<(), OpenNiError> {
     if status == ffi::STATUS_OK {
         return Ok(());
     }
     // SAFETY: the library returns a string that ends in zero and is this thread's own until its next call.
     let words = unsafe { text(ffi::oniGetExtendedError()) };
     let words: Vec<&str> = words.split_whitespace().collect();
-    Err(Failed {
+    Err(OpenNiError {
         doing: doing.into(),
         words: match words.is_empty() {
             true => format!("OpenNI reports only status {status}"),
@@ -88,7 +88,7 @@ impl Library {
     ///
     /// # Errors
     /// If it finds no driver.
-    pub fn start() -> Result<Self, Failed> {
+    pub fn start() -> Result<Self, OpenNiError> {
         let mut state = LIBRARY.lock();
         if state.started.is_none() {
             start(&mut state)?;
@@ -102,7 +102,7 @@ impl Library {
     ///
     /// # Errors
     /// If it finds no driver any more.
-    pub fn renew(self) -> Result<bool, Failed> {
+    pub fn renew(self) -> Result<bool, OpenNiError> {
         let mut state = LIBRARY.lock();
         let recent = state
             .started
@@ -125,7 +125,7 @@ impl Library {
     ///
     /// # Errors
     /// If the library has no list.
-    pub fn devices(self) -> Result<Vec<(String, String)>, Failed> {
+    pub fn devices(self) -> Result<Vec<(String, String)>, OpenNiError> {
         let _held = LIBRARY.lock();
         let (mut list, mut count) = (std::ptr::null_mut(), 0);
         // SAFETY: both are written to; the list is given back below.
@@ -147,7 +147,7 @@ impl Library {
 const RENEWED_AT_MOST_EACH: Duration = Duration::from_secs(10);
 const USB_DEVICES: &str = "/sys/bus/usb/devices";
 
-fn start(state: &mut State) -> Result<(), Failed> {
+fn start(state: &mut State) -> Result<(), OpenNiError> {
     keep_directory();
     // SAFETY: under the lock; ended again below, or when it is renewed.
     let status = unsafe { ffi::oniInitialize(ffi::API_VERSION) };

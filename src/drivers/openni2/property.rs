@@ -2,7 +2,7 @@
 #![allow(unsafe_code)] // Calls of the C library; each with the reason why it is sound.
 
 use super::ffi;
-use super::library::{Failed, checked};
+use super::library::{OpenNiError, checked};
 use std::ffi::{c_int, c_void};
 
 /// The library's calls for one kind of handle.
@@ -46,7 +46,7 @@ pub(super) unsafe trait Properties {
     ///
     /// # Errors
     /// If it does not take it.
-    fn set<T: Value>(&self, property: c_int, value: T, name: &str) -> Result<(), Failed> {
+    fn set<T: Value>(&self, property: c_int, value: T, name: &str) -> Result<(), OpenNiError> {
         let (at, size) = ((&raw const value).cast(), size_of::<T>() as c_int);
         // SAFETY: as above; the value is read during the call alone.
         let status = unsafe { (Self::CALLS.set)(self.handle(), property, at, size) };

@@ -3,7 +3,7 @@
 
 use super::device::Device;
 use super::ffi;
-use super::library::{Failed, LIBRARY, checked};
+use super::library::{LIBRARY, OpenNiError, checked};
 use super::stream::Stream;
 use std::ffi::CString;
 use std::rc::Rc;
@@ -20,12 +20,12 @@ impl Recorder {
     ///
     /// # Errors
     /// If the file cannot be made.
-    pub fn start(path: &std::path::Path, streams: &[&Stream]) -> Result<Option<Self>, Failed> {
+    pub fn start(path: &std::path::Path, streams: &[&Stream]) -> Result<Option<Self>, OpenNiError> {
         let Some(first) = streams.first() else {
             return Ok(None);
         };
         let shown = path.display();
-        let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| Failed {
+        let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| OpenNiError {
             doing: format!("recording to {shown}"),
             words: "its name has a zero byte".into(),
         })?;

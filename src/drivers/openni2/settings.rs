@@ -215,7 +215,7 @@ fn refused(
     name: &str,
     asked: &str,
     found: Option<&str>,
-    failed: Option<super::library::Failed>,
+    failed: Option<super::library::OpenNiError>,
 ) -> Fault {
     let found = found.unwrap_or("no answer");
     Fault::Refused {

@@ -3,7 +3,7 @@
 
 use super::device::Device;
 use super::ffi;
-use super::library::{Failed, LIBRARY, checked};
+use super::library::{LIBRARY, OpenNiError, checked};
 use super::property::{Calls, Properties};
 use std::ffi::c_int;
 use std::marker::PhantomData;
@@ -23,7 +23,7 @@ impl Stream {
     ///
     /// # Errors
     /// If the device has no such sensor.
-    pub fn create(device: &Rc<Device>, sensor: c_int) -> Result<Self, Failed> {
+    pub fn create(device: &Rc<Device>, sensor: c_int) -> Result<Self, OpenNiError> {
         let _held = LIBRARY.lock();
         let mut handle = std::ptr::null_mut();
         // SAFETY: the device is open; the handle is written to.
@@ -40,7 +40,7 @@ impl Stream {
     ///
     /// # Errors
     /// If the device does not.
-    pub fn start(&mut self) -> Result<(), Failed> {
+    pub fn start(&mut self) -> Result<(), OpenNiError> {
         // SAFETY: the stream is there.
         let status = unsafe { ffi::oniStreamStart(self.handle) };
         checked(
@@ -63,7 +63,7 @@ impl Stream {
     ///
     /// # Errors
     /// If the stream is broken.
-    pub fn read(&self) -> Result<Option<Frame<'_>>, Failed> {
+    pub fn read(&self) -> Result<Option<Frame<'_>>, OpenNiError> {
         let mut frame = std::ptr::null_mut();
         // SAFETY: the stream is there; the frame is written to and given back when its guard goes.
         let status = unsafe { ffi::oniStreamReadFrame(self.handle, &raw mut frame) };
@@ -101,7 +101,7 @@ impl Drop for Stream {
 ///
 /// # Errors
 /// If a stream is broken.
-pub(super) fn wait(streams: &[&Stream], timeout: Duration) -> Result<Option<usize>, Failed> {
+pub(super) fn wait(streams: &[&Stream], timeout: Duration) -> Result<Option<usize>, OpenNiError> {
     let mut handles = [std::ptr::null_mut(); 2];
     let count = streams.len().min(handles.len());
     for (handle, stream) in handles.iter_mut().zip(streams) {

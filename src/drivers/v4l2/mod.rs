@@ -16,4 +16,4 @@ mod settings;
 
 #[cfg(feature = "v4l2")]
 pub use camera::V4l2Driver;
-pub use parameters::{Parameters, TriggerMode, four_letters};
+pub use parameters::{Parameters, TriggerMode, fourcc};

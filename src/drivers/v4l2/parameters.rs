@@ -67,7 +67,7 @@ pub enum TriggerMode {
 }
 
 /// The kernel's code of four letters for a format.
-pub fn four_letters(format: PixelFormat) -> [u8; 4] {
+pub fn fourcc(format: PixelFormat) -> [u8; 4] {
     *match format {
         PixelFormat::Mjpeg => b"MJPG",
         PixelFormat::Yuyv => b"YUYV",
@@ -168,7 +168,7 @@ mod tests {
             "{PLAIN}pixel_format = 'bayer_grbg8'\ntrigger = 'line'"
         ))
         .unwrap();
-        assert_eq!(four_letters(p.pixel_format()), *b"GRBG");
+        assert_eq!(fourcc(p.pixel_format()), *b"GRBG");
     }
 
     #[test]
@@ -196,7 +196,7 @@ mod tests {
     fn each_format_has_a_name_and_letters_of_its_own() {
         let names: std::collections::BTreeSet<_> =
             PixelFormat::ALL.map(PixelFormat::encoding).into();
-        let letters: std::collections::BTreeSet<_> = PixelFormat::ALL.map(four_letters).into();
+        let letters: std::collections::BTreeSet<_> = PixelFormat::ALL.map(fourcc).into();
         assert_eq!((names.len(), letters.len()), (10, 10));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::device::{self, Control};
 use super::frame::ExpectedFrame;
-use super::parameters::{Parameters, TriggerMode, four_letters};
+use super::parameters::{Parameters, TriggerMode, fourcc};
 use crate::drivers::live::{CameraInfo, Fault};
 use crate::drivers::pixel_format::PixelFormat;
 use crate::frame::{CameraSettings, Transfer};
@@ -135,7 +135,7 @@ fn mode_words(p: &Parameters) -> String {
 
 /// Codes of four letters that a camera may have for a format.
 fn codes(format: PixelFormat) -> Vec<FourCC> {
-    let mut codes = vec![FourCC::new(&four_letters(format))];
+    let mut codes = vec![FourCC::new(&fourcc(format))];
     if format == PixelFormat::Mjpeg {
         codes.push(FourCC::new(b"JPEG"));
     }

@@ -3,7 +3,7 @@
 
 use super::guard::{body, confirmed, cookie, operator, visitor};
 use super::reply::{Refusal, answer, json};
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use crate::log;
 use crate::page::daemon;
 use crate::page::models::is_name;
@@ -28,7 +28,7 @@ const LONGEST_NOTE: usize = 500;
 const ABOUT: [&str; 4] = ["operator", "project", "title", "rights"];
 
 /// Who asks, what they may do, and what the page is called.
-pub(super) async fn me(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn me(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     answer(visitor(&app, &request).map(|visitor| {
         json(
             &json!({ "role": visitor.role, "token": request_token(&visitor.secret), "rig": app.rig,
@@ -44,11 +44,11 @@ struct Pair {
 }
 
 /// Takes the token of a link for a session.
-pub(super) async fn pair(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn pair(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     answer(begin(&app, request).await)
 }
 
-async fn begin(app: &App, request: Asked) -> Result<Response, Refusal> {
+async fn begin(app: &App, request: HttpRequest) -> Result<Response, Refusal> {
     let (asked, origin): (Pair, _) = body(request).await?;
     let begun = app.sessions.begin(&asked.token);
     let (secret, role, lasts) = begun.map_err(|error| {
@@ -71,11 +71,11 @@ async fn begin(app: &App, request: Asked) -> Result<Response, Refusal> {
 }
 
 /// Ends the session that asks.
-pub(super) async fn leave(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn leave(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     answer(end(&app, &request))
 }
 
-fn end(app: &App, request: &Asked) -> Result<Response, Refusal> {
+fn end(app: &App, request: &HttpRequest) -> Result<Response, Refusal> {
     let visitor = confirmed(app, request)?;
     let failed = |error: sessions::Error| {
         let status = StatusCode::SERVICE_UNAVAILABLE;
@@ -101,7 +101,7 @@ struct PressBody {
 }
 
 /// Takes a capture; answered when it is on the disk.
-pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn press(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let pressed = async {
         let (_, asked): (_, PressBody) = operator(&app, request).await?;
         let is_fine = |b: u8| b.is_ascii_alphanumeric() || b == b'-';
@@ -127,7 +127,7 @@ pub(super) async fn press(State(app): State<Arc<App>>, request: Asked) -> Respon
 struct EmptyBody {}
 
 /// Takes background pictures of the empty rig.
-pub(super) async fn plates(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn plates(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let taken = async {
         let (_, EmptyBody {}) = operator(&app, request).await?;
         ask(&app, Request::Background {}).await
@@ -145,7 +145,7 @@ struct Session {
 }
 
 /// Begins a session of captures, or closes it.
-pub(super) async fn session(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn session(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let begun = async {
         let (_, asked): (_, Session) = operator(&app, request).await?;
         let Some(name) = asked.name else {
@@ -180,7 +180,7 @@ struct Note {
 }
 
 /// Accepts or rejects a capture, takes that back, or notes something about it.
-pub(super) async fn note(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn note(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let noted = async {
         let (_, asked): (_, Note) = operator(&app, request).await?;
         let kinds = ["accept", "reject", "clear", "text"];
@@ -211,7 +211,7 @@ struct Remake {
 }
 
 /// Has a capture's model made again with other settings.
-pub(super) async fn remake(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn remake(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let asked = async {
         let (_, asked): (_, Remake) = operator(&app, request).await?;
         let is_value = |value: &Value| value.is_number() || value.is_string();

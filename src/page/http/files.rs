@@ -2,7 +2,7 @@
 
 use super::guard::is_bearer;
 use super::reply::{Refusal, typed};
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -82,7 +82,7 @@ pub(super) async fn health(State(app): State<Arc<App>>) -> Response {
 }
 
 /// Figures for a program that watches, which has a token for them.
-pub(super) async fn metrics(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn metrics(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     if !is_bearer(&app, request.headers()) {
         let words = "metrics want a token: `scand page token` makes one";
         let refusal = Refusal::new(StatusCode::UNAUTHORIZED, "no_token", words);

@@ -2,7 +2,7 @@
 //! changes something. The headers that every answer carries are here too.
 
 use super::reply::Refusal;
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use crate::page::origin::Origin;
 use crate::page::secrets::{are_equal, request_token};
 use crate::page::sessions::Role;
@@ -49,7 +49,11 @@ const HEADERS: [(HeaderName, &str); 6] = [
 ];
 
 /// Refuses what comes under another name, and puts the headers on every answer.
-pub(super) async fn guard(State(app): State<Arc<App>>, mut request: Asked, next: Next) -> Response {
+pub(super) async fn guard(
+    State(app): State<Arc<App>>,
+    mut request: HttpRequest,
+    next: Next,
+) -> Response {
     let mut response = match origin(&app, &request) {
         Ok(origin) => {
             request.extensions_mut().insert(origin);
@@ -71,7 +75,7 @@ pub(super) async fn guard(State(app): State<Arc<App>>, mut request: Asked, next:
 }
 
 /// The origin that the request's one `Host` names.
-fn origin(app: &App, request: &Asked) -> Result<Origin, Refusal> {
+fn origin(app: &App, request: &HttpRequest) -> Result<Origin, Refusal> {
     if request.uri().to_string().len() > LONGEST_ADDRESS {
         let status = StatusCode::URI_TOO_LONG;
         return Err(Refusal::new(status, "address", "the address is too long"));
@@ -127,12 +131,12 @@ fn no_session() -> Refusal {
     Refusal::new(StatusCode::UNAUTHORIZED, "no_session", words)
 }
 
-fn origin_of(request: &Asked) -> Result<&Origin, Refusal> {
+fn origin_of(request: &HttpRequest) -> Result<&Origin, Refusal> {
     request.extensions().get::<Origin>().ok_or_else(no_session)
 }
 
 /// The session of a request that looks at something.
-pub(super) fn visitor(app: &App, request: &Asked) -> Result<Visitor, Refusal> {
+pub(super) fn visitor(app: &App, request: &HttpRequest) -> Result<Visitor, Refusal> {
     let name = cookie_name(origin_of(request)?);
     let cookies = request.headers().get_all(header::COOKIE).iter();
     let pairs = cookies.filter_map(|line| line.to_str().ok());
@@ -158,7 +162,9 @@ pub(super) fn is_bearer(app: &App, headers: &HeaderMap) -> bool {
 }
 
 /// The body of a request that changes something, from the page itself.
-pub(super) async fn body<T: DeserializeOwned>(request: Asked) -> Result<(T, Origin), Refusal> {
+pub(super) async fn body<T: DeserializeOwned>(
+    request: HttpRequest,
+) -> Result<(T, Origin), Refusal> {
     let origin = origin_of(&request)?.clone();
     check_source(&request, &origin)?;
     let read = axum::body::to_bytes(request.into_body(), LARGEST_BODY);
@@ -186,7 +192,7 @@ pub(super) async fn body<T: DeserializeOwned>(request: Asked) -> Result<(T, Orig
 /// The session and the body of a request that changes something, from the page of an operator.
 pub(super) async fn operator<T: DeserializeOwned>(
     app: &App,
-    request: Asked,
+    request: HttpRequest,
 ) -> Result<(Visitor, T), Refusal> {
     let visitor = confirmed(app, &request)?;
     if visitor.role != Role::Operator {
@@ -198,7 +204,7 @@ pub(super) async fn operator<T: DeserializeOwned>(
 }
 
 /// The session of a request that changes something: it carries the session's request token.
-pub(super) fn confirmed(app: &App, request: &Asked) -> Result<Visitor, Refusal> {
+pub(super) fn confirmed(app: &App, request: &HttpRequest) -> Result<Visitor, Refusal> {
     let visitor = visitor(app, request)?;
     check_source(request, origin_of(request)?)?;
     let token = request.headers().get(TOKEN);
@@ -211,7 +217,7 @@ pub(super) fn confirmed(app: &App, request: &Asked) -> Result<Visitor, Refusal> 
 }
 
 /// Refuses what does not come from the page itself, or not as JSON.
-fn check_source(request: &Asked, origin: &Origin) -> Result<(), Refusal> {
+fn check_source(request: &HttpRequest, origin: &Origin) -> Result<(), Refusal> {
     let headers = request.headers();
     let one = |name: HeaderName| {
         let mut values = headers.get_all(name).iter();

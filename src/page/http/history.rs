@@ -3,7 +3,7 @@
 use super::files::takes_gzip;
 use super::guard::visitor;
 use super::reply::{Refusal, answer, json, typed};
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use crate::page::models::ModelFile;
 use crate::page::views::View;
 use axum::body::{Body, Bytes};
@@ -31,7 +31,7 @@ const WAIT: Duration = Duration::from_secs(20);
 const POLICY: &str = "default-src 'none'; sandbox; frame-ancestors 'none'";
 
 /// The daemon's last status, whole.
-pub(super) async fn state(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn state(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     answer(visitor(&app, &request).map(|_| {
         let at = Instant::now();
         let told = app.watch.look(|now| {
@@ -43,7 +43,7 @@ pub(super) async fn state(State(app): State<Arc<App>>, request: Asked) -> Respon
 }
 
 /// Recordings that have models, and captures that this page saw and that have none yet.
-pub(super) async fn recordings(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn recordings(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let allowed = visitor(&app, &request).map(drop);
     let listed = async {
         allowed?;
@@ -68,7 +68,7 @@ pub(super) async fn recordings(State(app): State<Arc<App>>, request: Asked) -> R
 pub(super) async fn captures(
     State(app): State<Arc<App>>,
     Path(recording): Path<String>,
-    request: Asked,
+    request: HttpRequest,
 ) -> Response {
     let allowed = visitor(&app, &request).map(drop);
     let listed = async {
@@ -85,7 +85,7 @@ pub(super) async fn captures(
 pub(super) async fn file(
     State(app): State<Arc<App>>,
     Path((recording, capture, name)): Path<(String, String, String)>,
-    request: Asked,
+    request: HttpRequest,
 ) -> Response {
     let allowed = visitor(&app, &request).map(drop);
     let (request, _) = request.into_parts();
@@ -108,7 +108,7 @@ pub(super) async fn file(
 pub(super) async fn difference(
     State(app): State<Arc<App>>,
     Path((recording, capture, other)): Path<(String, String, String)>,
-    request: Asked,
+    request: HttpRequest,
 ) -> Response {
     let allowed = visitor(&app, &request).map(drop);
     let headers = request.headers().clone();

@@ -2,7 +2,7 @@
 
 use super::guard::visitor;
 use super::reply::{Refusal, answer, json};
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -13,7 +13,7 @@ use std::time::Duration;
 const WAIT: Duration = Duration::from_secs(2);
 
 /// What the cameras show, from the number after `since=`.
-pub(super) async fn look(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn look(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     let asked = since(&app, &request);
     answer(match asked {
         Ok(since) => newer(&app, since).await,
@@ -22,7 +22,7 @@ pub(super) async fn look(State(app): State<Arc<App>>, request: Asked) -> Respons
 }
 
 /// The number of what the browser has, if it may look.
-fn since(app: &App, request: &Asked) -> Result<u64, Refusal> {
+fn since(app: &App, request: &HttpRequest) -> Result<u64, Refusal> {
     visitor(app, request)?;
     let query = request.uri().query().unwrap_or_default();
     let since = query

@@ -26,7 +26,7 @@ use std::sync::Arc;
 use tokio::sync::Semaphore;
 
 /// A request as the server hands it over.
-pub(super) type Asked = Request<axum::body::Body>;
+pub(super) type HttpRequest = Request<axum::body::Body>;
 
 /// Files of models that are sent at a time.
 const DOWNLOADS: usize = 12;

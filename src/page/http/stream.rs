@@ -3,7 +3,7 @@
 
 use super::guard::visitor;
 use super::reply::{Refusal, answer, typed};
-use super::{App, Asked};
+use super::{App, HttpRequest};
 use crate::page::secrets::Hash;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -72,11 +72,11 @@ struct Stream {
 }
 
 /// The stream of what holds now.
-pub(super) async fn events(State(app): State<Arc<App>>, request: Asked) -> Response {
+pub(super) async fn events(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     answer(open(&app, &request))
 }
 
-fn open(app: &Arc<App>, request: &Asked) -> Result<Response, Refusal> {
+fn open(app: &Arc<App>, request: &HttpRequest) -> Result<Response, Refusal> {
     let visitor = visitor(app, request)?;
     let full = || {
         let words = "too many pages are open: close some";

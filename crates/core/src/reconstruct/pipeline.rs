@@ -237,7 +237,7 @@ pub fn reconstruct_from(
     let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
     let unproved_volume = hull.unproved_volume();
     let (model, painting) = (&restored.model, &parameters.texture);
-    let order = texture::Order {
+    let order = texture::ViewPriority {
         ranks: &fused_captures.ranks,
         captures: &fused_captures.captures,
     };
@@ -419,11 +419,11 @@ fn fuse_depths(scene: &Scene, depths: &mut [DepthOfHull]) {
     if depths.len() < 2 {
         return;
     }
-    let seen: Vec<depth::Seen> = scene
+    let seen: Vec<depth::CameraDepth> = scene
         .depths
         .iter()
         .zip(&*depths)
-        .map(|(view, of_hull)| depth::Seen {
+        .map(|(view, of_hull)| depth::CameraDepth {
             camera: &view.camera,
             enhanced: &of_hull.enhanced,
             bias: of_hull.bias.metres,

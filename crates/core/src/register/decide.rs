@@ -11,7 +11,7 @@ use super::scale;
 use super::search;
 use super::skin::Skin;
 use super::touch::Target;
-use super::{Colours, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
+use super::{ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use crate::calibration::Camera;
 use nalgebra::{Isometry3, UnitVector3};
 use rayon::prelude::*;
@@ -44,7 +44,7 @@ pub(super) struct Decision {
     pub(super) free_axis: Option<UnitVector3<f64>>,
     /// Other poses that the silhouettes bear, and how far they move the surface.
     pub(super) rivals: Vec<OtherPose>,
-    pub(super) colours: Option<Colours>,
+    pub(super) colours: Option<ColorAgreement>,
     pub(super) depth: Option<DepthWitness>,
     /// By which share the second's lengths are larger than the first's, where the silhouettes agree without that alone.
     pub(super) larger_by: Option<f64>,
@@ -53,7 +53,7 @@ pub(super) struct Decision {
 }
 
 /// Two captures that are compared.
-pub(super) struct Two<'a> {
+pub(super) struct CapturePair<'a> {
     pub(super) a: &'a Prepared,
     pub(super) b: &'a Prepared,
     /// The worse own noise, and what of it is accepted at a pose.
@@ -77,7 +77,7 @@ const COSTLIER: f64 = 2.5;
 pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) -> Decision {
     let noise = a.own.rms.max(b.own.rms);
     let pixel = a.body.pixel.max(b.body.pixel);
-    let two = Two {
+    let two = CapturePair {
         a,
         b,
         noise,
@@ -90,7 +90,7 @@ pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) 
     }
 }
 
-impl Two<'_> {
+impl CapturePair<'_> {
     fn checked(&self, pose: Isometry3<f64>) -> Decision {
         let still = Rays {
             rounds: 0,

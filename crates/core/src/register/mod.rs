@@ -110,7 +110,7 @@ pub struct OtherPose {
 
 /// How well the colours of two captures agree at a pose.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Colours {
+pub struct ColorAgreement {
     /// Correlation of the contrasts over the common surface at the pose.
     pub best: f64,
     /// The highest correlation at another pose that agrees with the silhouettes; 0 without such a pose.
@@ -156,7 +156,7 @@ pub struct Registered {
     /// Whether depth contradicts the pose.
     pub depth: Option<DepthWitness>,
     /// How well colours agree at the pose.
-    pub colours: Option<Colours>,
+    pub colours: Option<ColorAgreement>,
     /// By which share the lengths of its calibration are larger than those of the capture that it was compared with,
     /// if the silhouettes would agree without that; `None` where that explains nothing.
     pub larger_by: Option<f64>,

@@ -3,12 +3,12 @@
 
 use super::align::{Aligned, Rays, align};
 use super::body::Body;
-use super::decide::{Decision, Two};
+use super::decide::{CapturePair, Decision};
 use super::depth::{Contradiction, contradiction};
 use super::determination::{Determination, Turns, axis, polished};
 use super::motion::displacement;
 use super::skin::agreement;
-use super::{Colours, DepthWitness, PoseEvidence, Refusal, limits};
+use super::{ColorAgreement, DepthWitness, PoseEvidence, Refusal, limits};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -53,7 +53,7 @@ impl Contradictions {
     }
 }
 
-impl Two<'_> {
+impl CapturePair<'_> {
     /// Several poses agree with the silhouettes: colours or depth decide between them, or nothing does.
     pub(super) fn by_witnesses(
         &self,
@@ -135,7 +135,7 @@ impl Two<'_> {
     }
 
     /// The pose at which colours agree best, and how well they agree there and at the next one that is not the same.
-    fn best_by_colours(&self, poses: &[Isometry3<f64>]) -> (usize, Colours) {
+    fn best_by_colours(&self, poses: &[Isometry3<f64>]) -> (usize, ColorAgreement) {
         let a = &self.a.body;
         let apart = limits::APART * a.radius;
         let rated: Vec<f64> = poses
@@ -144,7 +144,7 @@ impl Two<'_> {
             .collect();
         let is_other = |x: &_, y: &_| displacement(x, y, &a.surface) > apart;
         let (top, next) = best_and_next(poses, &rated, is_other);
-        let colours = Colours {
+        let colours = ColorAgreement {
             best: rated[top],
             next,
             contrast: self.a.skin.contrast.min(self.b.skin.contrast),
@@ -241,8 +241,8 @@ impl Two<'_> {
         settled
     }
 
-    pub(super) fn colours_at(&self, pose: &Isometry3<f64>, next: f64) -> Colours {
-        Colours {
+    pub(super) fn colours_at(&self, pose: &Isometry3<f64>, next: f64) -> ColorAgreement {
+        ColorAgreement {
             best: agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS).correlation,
             next,
             contrast: self.a.skin.contrast.min(self.b.skin.contrast),

@@ -11,7 +11,7 @@ use super::{CapturePlan, Order, ReloadedSettings};
 use crate::daemon::backgrounds;
 use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
-use crate::daemon::look::{LookMaker, Looking};
+use crate::daemon::look::{LookMaker, LookScheduler};
 use crate::daemon::notes::NoteEffects;
 use crate::daemon::recorder::{Recorder, RecorderTask};
 use crate::daemon::rig::{Rig, ShotResult, State};
@@ -48,7 +48,7 @@ pub(super) struct CaptureThread {
     note_effects: Arc<NoteEffects>,
     /// Frames that each camera lost since the start.
     lost: BTreeMap<String, u64>,
-    looking: Looking,
+    looking: LookScheduler,
     heartbeat: Heartbeat,
 }
 
@@ -66,7 +66,7 @@ impl CaptureThread {
         dispatcher: Arc<Dispatcher>,
         note_effects: Arc<NoteEffects>,
         shared: Arc<Mutex<Status>>,
-        looking: Looking,
+        looking: LookScheduler,
     ) -> Self {
         // Each turn has a window of its own length.
         plan.sync.window_ms *= rig.turns() as f64;

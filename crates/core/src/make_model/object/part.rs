@@ -3,7 +3,7 @@
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::register::{
-    Colours, DepthWitness, OtherPose, PoseEvidence, Refusal, Registered, Registration,
+    ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, Registered, Registration,
 };
 use crate::report::{Reason, ReasonCode};
 use serde::Serialize;
@@ -68,7 +68,7 @@ pub struct FusedCapture {
     /// What depth says.
     pub depth: Option<DepthWitness>,
     /// What colours say.
-    pub colours: Option<Colours>,
+    pub colours: Option<ColorAgreement>,
     /// Other poses that agree with the silhouettes.
     pub rivals: Vec<OtherPose>,
     /// What it was used for.

@@ -13,7 +13,7 @@ mod several;
 mod window;
 
 pub use noise::SensorNoise;
-pub use several::{Seen, fuse};
+pub use several::{CameraDepth, fuse};
 
 use crate::frame::CameraId;
 use crate::image::{Grid, Mask};

@@ -8,7 +8,7 @@ use crate::image::Grid;
 use nalgebra::{Point2, Point3, Vector3};
 
 /// One camera's depth, and what is known of its bias.
-pub struct Seen<'a> {
+pub struct CameraDepth<'a> {
     /// The camera.
     pub camera: &'a DepthCamera,
     /// Its enhanced depth.
@@ -49,13 +49,17 @@ struct Patch {
 /// For each camera its depth and error with the other cameras' readings of the same surfaces taken into account, each
 /// in the camera's own terms, that is with its bias. The depth of a single camera, and places that one camera alone
 /// read, are as they were. The errors are those of noise: a bias that the cameras share does not become smaller.
-pub fn fuse(seen: &[Seen]) -> Vec<(Grid<f32>, Grid<f32>)> {
+pub fn fuse(seen: &[CameraDepth]) -> Vec<(Grid<f32>, Grid<f32>)> {
     let patches: Vec<Grid<Option<Patch>>> = seen.iter().map(patches).collect();
     (0..seen.len()).map(|i| fused(seen, &patches, i)).collect()
 }
 
-fn fused(seen: &[Seen], patches: &[Grid<Option<Patch>>], own: usize) -> (Grid<f32>, Grid<f32>) {
-    let Seen { enhanced, bias, .. } = seen[own];
+fn fused(
+    seen: &[CameraDepth],
+    patches: &[Grid<Option<Patch>>],
+    own: usize,
+) -> (Grid<f32>, Grid<f32>) {
+    let CameraDepth { enhanced, bias, .. } = seen[own];
     let (width, height) = (enhanced.depth.width(), enhanced.depth.height());
     let both = Grid::from_fn_parallel(width, height, |x, y| {
         let unchanged = (enhanced.depth[(x, y)], enhanced.sigma[(x, y)]);
@@ -76,7 +80,7 @@ fn fused(seen: &[Seen], patches: &[Grid<Option<Patch>>], own: usize) -> (Grid<f3
 /// camera's own depth has in it; `None` where no other camera read the same surface. `start` is its own depth without
 /// the bias.
 fn agreed(
-    seen: &[Seen],
+    seen: &[CameraDepth],
     patches: &[Grid<Option<Patch>>],
     own: usize,
     (x, y): (usize, usize),
@@ -117,7 +121,7 @@ fn likeness(part: f64) -> f64 {
 /// How far a point lies behind the surface that a camera read, in metres across it, with that piece of surface; `None`
 /// where the camera read none.
 fn distance<'a>(
-    seen: &Seen,
+    seen: &CameraDepth,
     patches: &'a Grid<Option<Patch>>,
     p: Point3<f64>,
 ) -> Option<(f64, &'a Patch)> {
@@ -130,8 +134,8 @@ fn distance<'a>(
 }
 
 /// The bilinear depth of four readings of one surface.
-fn read_between(seen: &Seen, pixel: Point2<f64>) -> Option<f64> {
-    let Seen {
+fn read_between(seen: &CameraDepth, pixel: Point2<f64>) -> Option<f64> {
+    let CameraDepth {
         enhanced, camera, ..
     } = seen;
     let (left, top) = (pixel.x.floor(), pixel.y.floor());
@@ -162,7 +166,7 @@ fn step(camera: &DepthCamera, depth: f64) -> f64 {
 }
 
 /// Each pixel's depth as a piece of surface; `None` where there is none, or no neighbours on the same surface.
-fn patches(seen: &Seen) -> Grid<Option<Patch>> {
+fn patches(seen: &CameraDepth) -> Grid<Option<Patch>> {
     let (width, height) = (seen.enhanced.depth.width(), seen.enhanced.depth.height());
     let points = Grid::from_fn_parallel(width, height, |x, y| {
         let depth = f64::from(seen.enhanced.depth[(x, y)]);
@@ -175,7 +179,12 @@ fn patches(seen: &Seen) -> Grid<Option<Patch>> {
     Grid::from_fn_parallel(width, height, |x, y| patch(seen, &points, x, y))
 }
 
-fn patch(seen: &Seen, points: &Grid<Option<Point3<f64>>>, x: usize, y: usize) -> Option<Patch> {
+fn patch(
+    seen: &CameraDepth,
+    points: &Grid<Option<Point3<f64>>>,
+    x: usize,
+    y: usize,
+) -> Option<Patch> {
     let here = points[(x, y)]?;
     let depth = f64::from(seen.enhanced.depth[(x, y)]);
     let beside = |dx: isize, dy: isize| {
@@ -261,7 +270,7 @@ mod tests {
     /// heights with the given errors.
     fn fused(cameras: [&DepthCamera; 2], heights: [f64; 2], sigmas: [f32; 2]) -> [(f64, f32); 2] {
         let read = [0, 1].map(|i| plane(cameras[i], heights[i], sigmas[i]));
-        let seen = [0, 1].map(|i| Seen {
+        let seen = [0, 1].map(|i| CameraDepth {
             camera: cameras[i],
             enhanced: &read[i],
             bias: 0.0,
@@ -319,7 +328,7 @@ mod tests {
             depth: deeper.clone(),
             ..read[1].clone()
         };
-        let seen = |i: usize, enhanced, bias| Seen {
+        let seen = |i: usize, enhanced, bias| CameraDepth {
             camera: &cameras[i],
             enhanced,
             bias,

@@ -112,7 +112,7 @@ struct Surface<'a> {
 /// What tells views of a scene apart that is fused of several captures: for each colour view, then each depth view.
 /// Empty where all are alike.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Order<'a> {
+pub struct ViewPriority<'a> {
     /// A view paints only what no view of a lower rank sees.
     pub ranks: &'a [u8],
     /// The number of its capture.
@@ -128,7 +128,13 @@ pub fn paint(
     silhouettes: &[&Mask],
     parameters: &Parameters,
 ) -> Texture {
-    paint_in_order(model, scene, silhouettes, &Order::default(), parameters)
+    paint_in_order(
+        model,
+        scene,
+        silhouettes,
+        &ViewPriority::default(),
+        parameters,
+    )
 }
 
 /// As [`paint`], from views of several captures.
@@ -136,7 +142,7 @@ pub fn paint_in_order(
     model: &Model,
     scene: &Scene,
     silhouettes: &[&Mask],
-    order: &Order,
+    order: &ViewPriority,
     parameters: &Parameters,
 ) -> Texture {
     let surface = Surface::new(&model.mesh, scene, silhouettes, order, parameters);
@@ -179,7 +185,7 @@ impl<'a> Surface<'a> {
         mesh: &'a Mesh,
         scene: &'a Scene,
         silhouettes: &[&'a Mask],
-        order: &Order,
+        order: &ViewPriority,
         parameters: &Parameters,
     ) -> Self {
         let connect = || {

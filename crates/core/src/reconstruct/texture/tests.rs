@@ -224,7 +224,7 @@ fn exposures_are_evened_out() {
         &model.mesh,
         &scene,
         &[],
-        &Order::default(),
+        &ViewPriority::default(),
         &Parameters::default(),
     );
     let gains = exposure::even_out(&surface);
@@ -543,7 +543,13 @@ fn what_is_too_small_for_a_chart_takes_a_color_beside_it_or_is_unseen() {
     let model = sphere();
     let scene = rendered(ring(2, 480, 1500.0), &model.mesh, pattern);
     let parameters = Parameters::default();
-    let surface = Surface::new(&model.mesh, &scene, &[], &Order::default(), &parameters);
+    let surface = Surface::new(
+        &model.mesh,
+        &scene,
+        &[],
+        &ViewPriority::default(),
+        &parameters,
+    );
     let mut labels = vec![0; model.mesh.triangles.len()];
     let [speck, other] = [100, surface.across[100][0]];
     labels[speck as usize] = 1;

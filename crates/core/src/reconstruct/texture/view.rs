@@ -2,7 +2,7 @@
 //! cameras' own colour look the same from here on.
 
 use super::super::{DepthView, Scene};
-use super::Order;
+use super::ViewPriority;
 use crate::array::{three, two};
 use crate::calibration::DepthCamera;
 use crate::image::{Mask, RgbImage};
@@ -36,7 +36,7 @@ pub(super) fn views<'a>(
     mesh: &Mesh,
     scene: &'a Scene,
     silhouettes: &[&'a Mask],
-    order: &Order,
+    order: &ViewPriority,
 ) -> Vec<View<'a>> {
     let place = |i: usize| {
         let rank = order.ranks.get(i).copied().unwrap_or(0);
