@@ -12,7 +12,7 @@ use std::collections::BTreeSet;
 pub struct Reason {
     /// Its code, such as `region_unread`.
     pub code: String,
-    /// In words, which may name cameras; empty unless they are to be published.
+    /// In words: those of the report, which may name cameras, if they are to be published; else what the code means.
     pub words: String,
 }
 
@@ -50,12 +50,14 @@ impl Facts {
         let verdict = &report["verdict"];
         let with_words = with.contains(&Extra::Reasons);
         let reason = |reason: &Value| {
+            let code = code(reason["code"].as_str()?)?;
+            let words = match with_words {
+                true => reason["words"].as_str().map(str::to_owned),
+                false => meaning(&code),
+            };
             Some(Reason {
-                code: code(reason["code"].as_str()?)?,
-                words: match with_words {
-                    true => reason["words"].as_str().unwrap_or_default().to_owned(),
-                    false => String::new(),
-                },
+                words: words.unwrap_or_default(),
+                code,
             })
         };
         let share = |part: &Value| {
@@ -85,6 +87,16 @@ impl Facts {
             },
         }
     }
+}
+
+/// What a code of the verdict means, in one sentence that names nothing: the first one of its row in docs/results.md.
+fn meaning(code: &str) -> Option<String> {
+    let page = include_str!("../../../../docs/results.md");
+    let mut rows = page.lines().filter_map(|line| line.strip_prefix("| `"));
+    let row = rows.find_map(|row| row.strip_prefix(code)?.strip_prefix("` | "))?;
+    let cell = row.split(" | ").next()?;
+    let sentence = cell.find(". ").map_or(cell, |end| &cell[..=end]);
+    Some(sentence.replace('`', ""))
 }
 
 /// A code of a report: letters, digits and `_`. Anything else is no code, and could be anything.
@@ -133,6 +145,11 @@ mod tests {
         let facts = Facts::of(&report(), &notes(), &BTreeSet::new());
         assert_eq!(facts.level, Some(Level::Amber));
         assert_eq!(facts.reasons.len(), 1);
+        let words = &facts.reasons[0].words;
+        assert!(
+            words.starts_with("The depth camera got few readings"),
+            "{words}"
+        );
         assert_eq!((facts.shares.len(), facts.notes.len()), (1, 0));
         let words = format!("{facts:?}");
         for hidden in ["4711", "Ann", "Bea", "/home", "vm", "script"] {
@@ -141,6 +158,24 @@ mod tests {
         let all = Facts::of(&report(), &notes(), &Extra::ALL.into());
         assert!(all.reasons[0].words.contains("4711"));
         assert!(all.notes[0].contains("Bea") && all.notes[0].contains("Ann"));
+    }
+
+    #[test]
+    fn each_code_of_the_verdict_has_a_meaning_in_one_sentence() {
+        let schema = include_str!("../../../../docs/report.schema.json");
+        let schema: Value = serde_json::from_str(schema).unwrap();
+        let codes = schema["$defs"]["reason"]["properties"]["code"]["enum"]
+            .as_array()
+            .unwrap();
+        assert!(codes.len() > 30);
+        for code in codes {
+            let meaning = meaning(code.as_str().unwrap()).unwrap_or_default();
+            assert!(
+                meaning.ends_with('.') && !meaning.contains(". "),
+                "{code}: {meaning:?}"
+            );
+        }
+        assert_eq!(meaning("unheard_of"), None);
     }
 
     #[test]
