@@ -38,6 +38,10 @@ pub struct Parameters {
     /// which the calibration is not that of the recording: red. Default 0.006, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub common_shift: f64,
+    /// Below so many pixels a displacement, of one camera or of most, counts as none: a shadow at the object's foot and a blurred edge bring
+    /// it about in small pictures. Default 1.5, range 0 to 100.
+    #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 100>")]
+    pub least_shift_px: f64,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few
     /// pixels away. Default 0.004 and 0.15.
     pub uncovered: Limits,
@@ -104,6 +108,7 @@ impl Default for Parameters {
         Self {
             displaced: Limits::amber_red(0.005, 0.03),
             common_shift: 0.006,
+            least_shift_px: 1.5,
             uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
             overexposed: Limits::amber(0.1),

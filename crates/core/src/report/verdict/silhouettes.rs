@@ -3,6 +3,7 @@
 use super::{Level, Parameters, Reason, ReasonCode, about_cameras, percent};
 use crate::frame::CameraId;
 use crate::report::{ColorMeasures, Measurements};
+use crate::statistics::lower_median;
 
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     let each = |value: fn(&ColorMeasures) -> f64| -> Vec<(&CameraId, f64)> {
@@ -90,7 +91,10 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let shift = measured.common_shift_share;
     let without = measured.moved.as_ref().map(|m| m.others_share_without);
     let least = without.map_or(shift, |without| without.min(shift));
-    (least > parameters.common_shift).then(|| Reason {
+    let shifts = measured.colors.iter().map(|c| c.consistency.shift_px);
+    let mut shifts_px: Vec<f64> = shifts.map(|[dx, dy]| dx.hypot(dy)).collect();
+    let is_seen = lower_median(&mut shifts_px).is_some_and(|px| px >= parameters.least_shift_px);
+    (is_seen && least > parameters.common_shift).then(|| Reason {
         level: Level::Red,
         code: ReasonCode::CalibrationForeign,
         cameras: Vec::new(),
@@ -105,6 +109,10 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
 /// A camera that moved. It harms the others' silhouettes too, and they are not to blame.
 fn displaced(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let moved = measured.moved.as_ref()?;
+    let [dx, dy] = moved.shift_px;
+    if dx.hypot(dy) < parameters.least_shift_px {
+        return None;
+    }
     let mut reason = about_cameras(
         ReasonCode::CameraDisplaced,
         &parameters.displaced,

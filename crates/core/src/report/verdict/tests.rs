@@ -235,6 +235,10 @@ fn a_camera_that_moved_is_named_and_the_ones_it_harms_are_not() {
     assert!(reason.words.contains("+12.0, -3.4 px"), "{}", reason.words);
     measured.moved.as_mut().unwrap().shift_share = 0.05;
     assert_eq!(judged(&measured, &capture()).level, Level::Red);
+    // What a shadow at its foot displaces does not blame a camera.
+    measured.moved.as_mut().unwrap().shift_px = [0.1, 1.3];
+    let codes = codes(&judged(&measured, &capture()), Level::Amber);
+    assert!(!codes.contains(&ReasonCode::CameraDisplaced), "{codes:?}");
 }
 
 #[test]
@@ -248,6 +252,19 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
         [ReasonCode::SilhouetteUncovered]
     );
     measured.common_shift_share = 0.0136;
+    // In small pictures that is what a shadow brings about.
+    measured
+        .colors
+        .iter_mut()
+        .for_each(|c| c.consistency.shift_px = [0.9, -0.8]);
+    assert!(
+        !codes(&judged(&measured, &capture()), Level::Red)
+            .contains(&ReasonCode::CalibrationForeign)
+    );
+    measured
+        .colors
+        .iter_mut()
+        .for_each(|c| c.consistency.shift_px = [9.0, -4.0]);
     let foreign = judged(&measured, &capture());
     assert_eq!(
         codes(&foreign, Level::Red),
