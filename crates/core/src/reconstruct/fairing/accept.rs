@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const LIMIT_PX: f64 = 0.3;
 /// An outline is looked for this many pixels along the contour.
 const WINDOW_PX: i64 = 4;
+/// The hull touches a contour where it is at most this many pixels farther from it than where it is nearest.
+const TOUCHING_PX: f64 = 0.5;
 /// Rings of neighbours that make a patch.
 const PATCH: usize = 5;
 /// Rings around what is kept on which the surface passes over into the hull.
@@ -87,16 +89,21 @@ impl Outline {
         Self { sorted }
     }
 
-    /// The point nearest to the contour of those around a place.
-    fn nearest(&self, p: Point2<f64>) -> Option<(f64, [u32; 2])> {
+    /// The points around a place.
+    fn around(&self, p: Point2<f64>) -> impl Iterator<Item = &([i64; 2], f64, [u32; 2])> {
         let [y, x] = place(p);
         let rows = y - WINDOW_PX..=y + WINDOW_PX;
-        let near = rows.flat_map(|row| {
+        rows.flat_map(move |row| {
             let first = self.sorted.partition_point(|s| s.0 < [row, x - WINDOW_PX]);
             let list = self.sorted[first..].iter();
             list.take_while(move |s| s.0 <= [row, x + WINDOW_PX])
-        });
-        near.min_by(|a, b| a.1.total_cmp(&b.1)).map(|s| (s.1, s.2))
+        })
+    }
+
+    /// The point nearest to the contour of those around a place.
+    fn nearest(&self, p: Point2<f64>) -> Option<(f64, [u32; 2])> {
+        let near = self.around(p).min_by(|a, b| a.1.total_cmp(&b.1));
+        near.map(|s| (s.1, s.2))
     }
 }
 
@@ -117,17 +124,34 @@ fn pieces(shape: &Shape, before: &[Point3<f64>], contour: &Contour) -> Vec<Piece
     let of_edges = edges.filter_map(|v| at(v, shape.positions[v]));
     let faired = Outline::new(of_rims.chain(of_edges));
     let hull = Outline::new((0..before.len()).filter_map(|v| at(v, before[v])));
+    let moved = |v: u32| (shape.positions[v as usize] - before[v as usize]).norm();
     let of_point = |&(p, length): &(Point2<f64>, f64)| {
-        let (faired, hull) = (faired.nearest(p), hull.nearest(p));
-        let vertices = faired.or(hull)?.1;
+        let (faired, of_hull) = (faired.nearest(p), hull.nearest(p));
+        let vertices = match faired {
+            Some((_, vertices)) => vertices,
+            None => answering(&hull, p, of_hull?.0, &moved)?,
+        };
         Some(Piece {
             faired: faired.map_or(REACH_PX, |f| f.0),
-            hull: hull.map_or(REACH_PX, |h| h.0),
+            hull: of_hull.map_or(REACH_PX, |h| h.0),
             length,
             vertices,
         })
     };
     contour.points.iter().filter_map(of_point).collect()
+}
+
+/// The vertices of the hull that are to stay for a place of the contour that the faired surface left: of those that
+/// touch it, the ones that went the shortest way. Ridges of the hull before a side touch it, too, but far from there.
+fn answering(
+    hull: &Outline,
+    p: Point2<f64>,
+    nearest_px: f64,
+    moved: &impl Fn(u32) -> f64,
+) -> Option<[u32; 2]> {
+    let touching = hull.around(p).filter(|s| s.1 <= nearest_px + TOUCHING_PX);
+    let least = touching.min_by(|a, b| moved(a.2[0]).total_cmp(&moved(b.2[0])));
+    least.map(|s| s.2)
 }
 
 /// Around which vertices the outlines became worse than the hull's by more than is allowed.

@@ -57,8 +57,11 @@ const LEVELS: [RefinementLevel; 2] = [
 const SHARPEST: f64 = 0.2;
 /// Objects of a smaller radius keep their hull: over so few pixels the noise of contours bends as much as the object.
 const SMALLEST_RADIUS_PX: f64 = 50.0;
-/// Rounds in which all resists alike, so that the hull's facets do not count as edges.
-const ROUNDS_TO_SETTLE: usize = 2;
+/// Least and most rounds in which all resists alike, so that the hull's facets do not count as edges.
+const ROUNDS_TO_SETTLE: [usize; 2] = [2, 12];
+/// It goes on while more than this share of the vertices would go farther in a round than they may: with few views the
+/// ridges between them stand off by many cells.
+const SETTLED: f64 = 1e-3;
 
 struct RefinementLevel {
     cells: u32,
@@ -188,20 +191,24 @@ pub fn fair(
         if let Some(sides) = &sides {
             shape.put_on(sides);
         }
-        let coarse_is_done = coarse.is_some();
+        let is_first = coarse.is_none();
         if let Some(coarse) = coarse.take() {
             coarse.begin(&mut shape);
         }
-        for round in 0..level.rounds {
+        let mut round = Round {
+            steps: level.steps,
+            farthest: cell_size,
+            sharpest: 0.0,
+        };
+        let mut left = level.rounds;
+        if is_first {
+            left -= settle(&mut shape, &contours, round);
+        }
+        round.sharpest = SHARPEST * radius;
+        for number in 0..left {
             shape.direct();
-            let settled = coarse_is_done || round >= ROUNDS_TO_SETTLE;
-            let round_of = Round {
-                steps: level.steps,
-                farthest: cell_size,
-                sharpest: if settled { SHARPEST * radius } else { 0.0 },
-            };
-            rounds::fair_once(&mut shape, &contours, round_of);
-            if round + 1 < level.rounds {
+            rounds::fair_once(&mut shape, &contours, round);
+            if number + 1 < left {
                 shape.even_out();
             }
         }
@@ -213,6 +220,20 @@ pub fn fair(
     let facts = accept::keep_hull(&mut shape, &start, &contours)?;
     let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
     Ok(Faired { body, facts })
+}
+
+/// Goes the rounds in which all resists alike; how many of a level's rounds they are worth.
+fn settle(shape: &mut Shape, contours: &[Contour], round: Round) -> usize {
+    let [least, most] = ROUNDS_TO_SETTLE;
+    for number in 1..=most {
+        shape.direct();
+        let held_back = rounds::fair_once(shape, contours, round);
+        shape.even_out();
+        if number >= least && held_back < SETTLED {
+            break;
+        }
+    }
+    least
 }
 
 /// The lattice with cells so many times as long.

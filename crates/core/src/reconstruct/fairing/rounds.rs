@@ -39,8 +39,8 @@ pub(super) struct RimPoint {
     pub(super) length_px: f64,
 }
 
-/// Moves the vertices once.
-pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
+/// Moves the vertices once. Returns the share of those that would have gone farther than they may.
+pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) -> f64 {
     let mut numbers = vec![u32::MAX; shape.len()];
     let mut unknowns = 0;
     for (v, number) in numbers.iter_mut().enumerate() {
@@ -87,6 +87,8 @@ pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) {
         })
         .collect();
     shape.positions = moved;
+    let held_back = x.iter().filter(|step| step.abs() > round.farthest).count();
+    held_back as f64 / x.len().max(1) as f64
 }
 
 /// The point that is within every cone, but for a fraction of a pixel, nearest to where a vertex was to go; where that
