@@ -2,11 +2,11 @@
 
 use super::Error;
 use super::detections::placement_names;
-use crate::calibration::fit::{DepthError, Fit, FittedCamera, Judgement, Slope};
+use crate::calibration::fit::{DepthError, Fit, FittedCamera, Judgement, Limits, Slope};
 use crate::calibration::response::{
     DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,
 };
-use crate::calibration::{Board, DepthResponse};
+use crate::calibration::{Board, CalibrationLevel, DepthResponse};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use crate::image::Grid;
@@ -107,16 +107,27 @@ impl Depth {
         self.planes.iter().filter_map(slope).collect()
     }
 
-    /// Adds to reasons about a bias what would explain it.
-    pub(super) fn explain(&self, judgement: &mut Judgement) {
+    /// Says what would explain the readings that do not fit: with the bias that they leave, or, where they leave no
+    /// mean bias, as a reason of its own.
+    pub(super) fn explain(&self, judgement: &mut Judgement, limits: &Limits) {
         for (id, fit) in &self.planes {
+            let Some(misfit) = &fit.misfit else { continue };
             let about = format!("depth camera {id}: a bias");
-            let reasons = judgement.reasons.iter_mut();
-            for reason in reasons.filter(|reason| reason.starts_with(&about)) {
-                if let Some(misfit) = &fit.misfit {
-                    *reason += &format!("; {}", misfit.words());
-                }
+            let mut reasons = judgement.reasons.iter_mut();
+            if let Some(reason) = reasons.find(|reason| reason.starts_with(&about)) {
+                *reason += &format!("; {}", misfit.words());
+                continue;
             }
+            let (off_mm, most_mm) = (1e3 * misfit.held_out, limits.depth_bias_mm);
+            let level = match off_mm > most_mm {
+                true => CalibrationLevel::Doubtful,
+                false => CalibrationLevel::Accepted,
+            };
+            judgement.level = judgement.level.max(level);
+            judgement.reasons.push(format!(
+                "depth camera {id}: its readings do not fit boards that were held out, by {off_mm:.2} mm at 1 m (rms); {}",
+                misfit.words()
+            ));
         }
     }
 
@@ -243,5 +254,88 @@ fn seen(board: &Board, front: Isometry3<f64>, front_from_back: Isometry3<f64>) -
     match board.two_sided && eye.z > 0.0 {
         true => front * front_from_back,
         false => front,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::response::{Cause, Correction, Misfit};
+
+    /// A depth camera whose readings do not fit, by so much at 1 m.
+    fn misfit(held_out_mm: f64, cause: Cause) -> Depth {
+        let held_out = 1e-3 * held_out_mm;
+        let fit = PlaneFit {
+            response: DepthResponse::default(),
+            slope_deviation: None,
+            bias: Vec::new(),
+            views: Vec::new(),
+            left_out: Vec::new(),
+            correction: Correction {
+                coefficients: [0.0; 10],
+                held_out,
+                held_out_corrected: held_out,
+                pays: false,
+            },
+            misfit: Some(Misfit {
+                held_out,
+                explained: 0.2 * held_out,
+                causes: vec![cause],
+            }),
+        };
+        Depth {
+            planes: BTreeMap::from([(CameraId::new("kinect").unwrap(), fit)]),
+            ..Depth::default()
+        }
+    }
+
+    fn judged(depth: &Depth, reasons: &[&str]) -> Judgement {
+        let mut judgement = Judgement {
+            level: CalibrationLevel::Good,
+            reasons: reasons.iter().map(|&r| r.to_owned()).collect(),
+            worst_camera: None,
+            worst_placement: None,
+        };
+        depth.explain(&mut judgement, &Limits::default());
+        judgement
+    }
+
+    #[test]
+    fn readings_that_do_not_fit_are_a_reason_even_where_they_leave_no_bias() {
+        let causes = [
+            (
+                Cause::Misregistered([3.0, -1.0]),
+                "displaced against its colour picture by +3.0 px",
+            ),
+            (Cause::Bowl(0.004), "which are 4.0 mm deeper at 1 m"),
+            (Cause::Curve(0.002), "not linear in the distance, by 2.0 mm"),
+        ];
+        for (cause, words) in causes {
+            for (off_mm, level) in [
+                (0.8, CalibrationLevel::Accepted),
+                (1.3, CalibrationLevel::Doubtful),
+            ] {
+                let told = judged(&misfit(off_mm, cause), &[]);
+                assert_eq!(told.level, level);
+                let [reason] = &told.reasons[..] else {
+                    panic!("{:?}", told.reasons)
+                };
+                assert!(
+                    reason.contains(words) && reason.contains("80 %"),
+                    "{reason}"
+                );
+            }
+        }
+        // A bias has its own reason, and its own level.
+        let bias = "depth camera kinect: a bias of 2.00 mm is left, expected at most 1";
+        let told = judged(&misfit(1.3, Cause::Bowl(0.004)), &[bias]);
+        let [reason] = &told.reasons[..] else {
+            panic!("{:?}", told.reasons)
+        };
+        assert!(
+            reason.starts_with(bias) && reason.contains("4.0 mm deeper"),
+            "{reason}"
+        );
+        assert!(judged(&Depth::default(), &[]).reasons.is_empty());
     }
 }

@@ -99,18 +99,23 @@ pub fn run(
     let fit = match fitted {
         Ok(fit) => fit,
         Err(cause) => {
-            let findings = diagnose(&detections.session, None, &options.fit);
+            let findings = diagnose(&detections.session, None, &options.fit, &options.limits);
             let rejected = &detections.rejected;
             return Err(Error::unfitted(cause, findings, missing, rejected));
         }
     };
     let depth = depth::respond(options.depth, recordings, &fit, &detections.depth_cameras);
-    let findings = diagnose(&detections.session, Some(&fit), &options.fit);
+    let findings = diagnose(
+        &detections.session,
+        Some(&fit),
+        &options.fit,
+        &options.limits,
+    );
     let (slopes, measured) = (depth.slopes(), &options.measured);
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
     let mut judgement = judgement.with_witnesses(&scale);
-    depth.explain(&mut judgement);
+    depth.explain(&mut judgement, &options.limits);
     let mut responses = options.responses;
     let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));

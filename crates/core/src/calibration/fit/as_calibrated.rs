@@ -56,8 +56,9 @@ pub(super) fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
         links: Vec::new(),
     };
     let comparison = Comparison::new(&session);
+    let equal = vec![1.0; poses.len()];
     let agreed: Vec<_> = (0..session.placements.len())
-        .map(|p| comparison.agree(&poses, &tree, p))
+        .map(|p| comparison.agree(&poses, &tree, p, &equal))
         .collect();
     let board = session.board;
     session.views.retain_mut(|view| {

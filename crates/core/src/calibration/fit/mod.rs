@@ -10,6 +10,8 @@ mod corners;
 mod coverage;
 mod diagnosis;
 mod drift;
+#[cfg(test)]
+mod fisheye_tests;
 mod frame;
 mod gradient_refine;
 mod grid;
@@ -19,6 +21,7 @@ mod outliers;
 mod planar;
 mod pose_graph;
 mod projection;
+mod readings;
 mod resize;
 mod result;
 mod robust_weights;

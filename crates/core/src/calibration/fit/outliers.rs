@@ -104,7 +104,7 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
     if worst.alone / usual_alone > ratio {
         let reason = format!(
             "its corners fit no pose of the board: they are {:.2} px off by themselves, and {usual_alone:.2} px are \
-             usual; the picture may be blurred, or the board bent",
+             usual; the picture may be blurred, the board bent, or the lens beyond the lens model there",
             worst.alone
         );
         return Some(ViewDecision::View(index, reason));
@@ -113,8 +113,7 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
     let odd_one = odd_one_out(bundle, placement, |camera| ratio * joint[camera]);
     Some(odd_one.unwrap_or_else(|| {
         let reason = format!(
-            "its cameras disagree on where the board was ({:.2} px, {usual_joint:.2} px are usual): it moved during \
-             the capture",
+            "{DISAGREE} on where the board was ({:.2} px, {usual_joint:.2} px are usual): it moved during the capture",
             worst.joint
         );
         ViewDecision::Placement(placement, reason)
@@ -124,6 +123,9 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
 /// Why a view is left out that fits a pose of the board, but not the one that the placement's other views agree on.
 pub(super) const ELSEWHERE: &str = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
                                     taken at another time";
+
+/// With what the reason begins for which a placement is left out whose views contradict each other.
+pub(super) const DISAGREE: &str = "its cameras disagree";
 
 /// The one view of a placement without which its other views agree, each camera's to `most` pixels.
 fn odd_one_out(

@@ -182,12 +182,14 @@ pub(super) struct PlacementEstimate {
 }
 
 impl Comparison<'_> {
-    /// The pose of a placement on which most cameras agree, and each camera's reading of the board under it.
+    /// The pose of a placement on which most cameras agree, and each camera's reading of the board under it. Each
+    /// camera counts as much as its `trust`.
     pub(super) fn agree(
         &self,
         poses: &Poses,
         tree: &Tree,
         placement: usize,
+        trust: &[f64],
     ) -> Option<PlacementEstimate> {
         let seen: Vec<_> = (0..poses.len())
             .map(|c| Some((tree.camera_from_root[c]?, poses[c][placement]?)))
@@ -200,8 +202,8 @@ impl Comparison<'_> {
             let turns: Vec<_> = seen.iter().map(of).collect();
             let cost: f64 = turns
                 .iter()
-                .flatten()
-                .map(|(_, apart)| apart.min(AGREES))
+                .zip(trust)
+                .filter_map(|(turn, trust)| turn.map(|(_, apart)| trust * apart.min(AGREES)))
                 .sum();
             (
                 cost,

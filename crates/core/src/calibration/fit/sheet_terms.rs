@@ -17,6 +17,8 @@ const MAY_PAY: f64 = 0.005;
 const AGREE: f64 = 3.0;
 /// Fewest placements of a half.
 const FEWEST_IN_HALF: usize = 3;
+/// Fewest placements from which a term can be checked.
+pub(super) const FEWEST_TO_CHECK: usize = 2 * FEWEST_IN_HALF;
 
 /// How often placements are held out, and how few views a camera may be left with.
 #[derive(Clone, Copy)]

@@ -8,8 +8,9 @@ use super::holdout::hangs_together;
 use super::lens::PARAMETERS;
 use super::outliers::{self, ViewDecision, mild_loss};
 use super::planar::PlanePose;
-use super::pose_graph::{Comparison, Link, Tree, poses, tree};
+use super::pose_graph::{Comparison, Link, PlacementEstimate, Tree, poses, tree};
 use super::projection::projections;
+use super::readings::Readings;
 use super::result::{
     Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
 };
@@ -23,10 +24,6 @@ use crate::calibration::{Camera, Face};
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
-
-/// Distance of a camera's board from where the others see it, over its distance from the camera, beyond which the view
-/// is left out at once.
-const ELSEWHERE: f64 = 0.15;
 
 /// Fits a rig to a session.
 ///
@@ -222,18 +219,16 @@ impl<'a> Solver<'a> {
         let poses = poses(&session, &of_views);
         let comparison = Comparison::new(&session);
         let tree = joined(&session, &comparison.links(&poses))?;
-        let mut placements = Vec::new();
-        let mut readings = Vec::new();
-        for placement in 0..session.placements.len() {
-            let agreed = comparison.agree(&poses, &tree, placement);
+        let readings = Readings::of(&comparison, &poses, &tree, session.placements.len());
+        let state = |agreed: &Option<PlacementEstimate>| {
             let rig_from_board = agreed.as_ref().map(|a| a.root_from_board);
-            placements.push(PlacementState {
+            PlacementState {
                 rig_from_board: rig_from_board.unwrap_or_else(Isometry3::identity),
                 free: rig_from_board.is_some(),
-            });
-            readings.push(agreed.map(|a| a.turns).unwrap_or_default());
-        }
-        read_alike(&mut session, &readings, left_out);
+            }
+        };
+        let placements: Vec<PlacementState> = readings.placements.iter().map(state).collect();
+        readings.apply(&mut session, left_out);
         let cameras = alones
             .iter()
             .zip(&tree.camera_from_root)
@@ -572,34 +567,6 @@ impl<'a> Solver<'a> {
             .then(|| proposed(&cameras, [low, high]))
             .flatten()
     }
-}
-
-/// Gives the views of a placement the reading on which its cameras agreed; those that lie far from it are left out.
-fn read_alike(
-    session: &mut Session,
-    readings: &[Vec<Option<(usize, f64)>>],
-    left_out: &mut Vec<LeftOut>,
-) {
-    let Session {
-        board,
-        cameras,
-        placements,
-        views,
-    } = session;
-    views.retain_mut(|view| {
-        let reading = readings[view.placement].get(view.camera).copied().flatten();
-        let Some((quarters, _)) = reading.filter(|(_, apart)| *apart <= ELSEWHERE) else {
-            left_out.push(LeftOut {
-                camera: Some(cameras[view.camera].id.clone()),
-                placement: Some(placements[view.placement].clone()),
-                reason: "it saw the board far from where the other cameras did".into(),
-                views: vec![cameras[view.camera].id.clone()],
-            });
-            return false;
-        };
-        view.turn(board, quarters);
-        true
-    });
 }
 
 /// The sheet as it is believed to be before anything is seen.

@@ -186,8 +186,7 @@ pub fn judge(
     ));
     for (index, camera) in fit.cameras.iter().enumerate() {
         found.extend(of_camera(camera, limits));
-        let words = beyond_model(fit, index, limits.good_px);
-        found.extend(words.map(|words| (CalibrationLevel::Accepted, words)));
+        found.extend(beyond_model(fit, index, limits.good_px));
     }
     found.extend(of_held_out(fit, limits));
     found.extend(of_shape(&fit.shape, limits.bend_mm, limits.stretch_percent));

@@ -2,30 +2,51 @@
 //! the picture, or away from it, by an amount that depends on the distance from the centre.
 
 use super::result::{Fit, ViewResiduals};
+use crate::calibration::CalibrationLevel;
 use nalgebra::Vector2;
 
 /// Rings of the picture, each with as many corners.
 const RINGS: usize = 8;
 /// Fewest corners for which this is tested.
 const FEWEST: usize = 200;
-/// Part of the residuals' squares, from 0 to 1, that the rings explain with a lens that is beyond its model.
-const SYSTEMATIC: f64 = 0.25;
+/// Part of the residuals' squares, from 0 to 1, that the rings explain with a lens that is beyond its model: at least
+/// this part, this many times what they explain of noise, and this many pixels. The views that would show more are
+/// those in the corners of the picture, and they have been left out.
+const SYSTEMATIC: f64 = 0.02;
+const OF_NOISE: f64 = 4.0;
+const LEAST_PX: f64 = 0.01;
+/// Part of the residual of a good calibration above which such residuals make it doubtful. So do views that were left
+/// out, in this number.
+const MUCH: f64 = 0.2;
+const FEWEST_LEFT_OUT: usize = 2;
 
-/// What to say of a camera whose residuals are larger than `good_px`; `None` where its lens is not the reason.
-pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<String> {
+/// What to say of a camera whose residuals go with the distance from the middle of its picture; `None` where its lens
+/// fits the lens model.
+pub(super) fn beyond_model(
+    fit: &Fit,
+    camera: usize,
+    good_px: f64,
+) -> Option<(CalibrationLevel, String)> {
     let fitted = &fit.cameras[camera];
-    if fitted.figures.rms_px <= good_px {
-        return None;
-    }
     let own = fit.residuals.iter().filter(|view| view.camera == camera);
     let part = radial_part(own, fitted.camera.intrinsics.center_px)?;
-    (part >= SYSTEMATIC).then(|| {
-        format!(
-            "camera {}: {:.0} % of its squared residuals depend on the distance from the middle of its picture: the \
-             lens is beyond the lens model, as a fisheye lens is",
+    let by_px = part.sqrt() * fitted.figures.rms_px;
+    // Each ring takes one of the residuals' coordinates, two of each corner.
+    let of_noise = RINGS as f64 / (2.0 * fitted.figures.corners.max(1) as f64);
+    let is_beyond = part >= SYSTEMATIC && part >= OF_NOISE * of_noise && by_px >= LEAST_PX;
+    let is_much = by_px > MUCH * good_px;
+    let level = match is_much || fit.left_out_share_of(fitted).left_out >= FEWEST_LEFT_OUT {
+        true => CalibrationLevel::Doubtful,
+        false => CalibrationLevel::Accepted,
+    };
+    is_beyond.then(|| {
+        let words = format!(
+            "camera {}: {:.0} % of its squared residuals depend on the distance from the middle of its picture \
+             ({by_px:.2} px): the lens is beyond the lens model, as a fisheye lens is",
             fitted.camera.id,
             100.0 * part
-        )
+        );
+        (level, words)
     })
 }
 
@@ -88,8 +109,9 @@ mod tests {
             let view = residuals(noise, systematic);
             radial_part(std::iter::once(&view), Vector2::new(320.0, 240.0)).unwrap()
         };
-        assert!(part(0.3, 0.0) < 0.05, "{}", part(0.3, 0.0));
-        assert!(part(0.3, 1.0) > SYSTEMATIC, "{}", part(0.3, 1.0));
+        let of_noise = RINGS as f64 / 2000.0;
+        assert!(part(0.3, 0.0) < OF_NOISE * of_noise, "{}", part(0.3, 0.0));
+        assert!(part(0.3, 1.0) > 0.25, "{}", part(0.3, 1.0));
         let mut few = residuals(0.3, 1.0);
         few.corners.truncate(FEWEST - 1);
         assert_eq!(radial_part(std::iter::once(&few), Vector2::zeros()), None);

@@ -1,6 +1,7 @@
 //! The reasons that the board's shape gives for the verdict of a calibration.
 
 use super::result::{FittedShape, ShapeTerm, TermStatus};
+use super::sheet_terms::FEWEST_TO_CHECK;
 use crate::calibration::CalibrationLevel;
 
 /// A reason, and the best level that a calibration can have because of it.
@@ -82,7 +83,9 @@ fn halves(term: &ShapeTerm, scale: f64, unit: &str) -> Option<String> {
                 "the first half of the placements says {first:+.2} ± {a:.2} {unit}, the last {last:+.2} ± {b:.2} {unit}"
             )
         }
-        None => "there are too few placements to check it".to_owned(),
+        None => format!(
+            "there are too few placements to check it, expected {FEWEST_TO_CHECK} or more: show the board at more places"
+        ),
     })
 }
 

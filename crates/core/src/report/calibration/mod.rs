@@ -276,6 +276,18 @@ fn advice(reason: &str) -> &'static str {
             "Show it the board more often, tilted, from the nearest to the farthest distance that matters.",
         ),
         (
+            "depth that is displaced against its colour picture",
+            "Let the driver register depth and colour, and check that both streams have the size for which it does so.",
+        ),
+        (
+            "from the picture's middle to its corners",
+            "Place objects near the middle of its picture: the calibration's file cannot hold a correction for each pixel.",
+        ),
+        (
+            "not linear in the distance",
+            "Place objects at the distances at which little bias is left, below; show it the board at more distances.",
+        ),
+        (
             "a bias of",
             "Show it the board at more distances; check that the board is flat and its picture sharp.",
         ),

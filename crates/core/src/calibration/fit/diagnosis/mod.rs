@@ -1,6 +1,7 @@
 //! Tests whether the views that contradict a rig agree with each other: on another pose of their camera, another lens,
 //! another camera's place, another moment, or a mirrored picture. It names causes and changes no fit.
 
+mod advice;
 mod exchange;
 mod last_view;
 mod moment;
@@ -9,11 +10,12 @@ mod suspects;
 #[cfg(test)]
 mod tests;
 
-use super::Parameters;
 use super::change::ViewChange;
 use super::result::Fit;
 use super::session::Session;
+use super::{Limits, Parameters};
 use crate::frame::CameraId;
+use advice::Least;
 use exchange::Exchange;
 use moment::PictureFault;
 use split::{Change, Split};
@@ -29,8 +31,18 @@ pub struct Finding {
 }
 
 /// What the views have in common that `fit` left out or, if there is no fit, could not be joined.
-pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -> Vec<Finding> {
-    let candidates = Reference::candidates(session, fit, parameters);
+/// `limits` say how many placements a calibration needs: so many have to be left where a part of the session is advised.
+pub fn diagnose(
+    session: &Session,
+    fit: Option<&Fit>,
+    parameters: &Parameters,
+    limits: &Limits,
+) -> Vec<Finding> {
+    let least = Least {
+        placements: limits.placements,
+        views: parameters.min_views,
+    };
+    let candidates = Reference::candidates(session, fit, parameters, least);
     let told = candidates
         .iter()
         .map(|reference| of_reference(reference, parameters));
@@ -38,7 +50,7 @@ pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -
     let explained = told.filter(|findings: &Vec<Finding>| !findings.is_empty());
     let mut findings = explained.min_by_key(Vec::len).unwrap_or_default();
     if let Some(fit) = fit {
-        let possible = last_view::of(session, fit);
+        let possible = last_view::of(session, fit, least);
         let is_new = |f: &Finding| {
             !findings
                 .iter()
@@ -48,14 +60,14 @@ pub fn diagnose(session: &Session, fit: Option<&Fit>, parameters: &Parameters) -
         findings.extend(new);
         if findings.is_empty() {
             let largest = fit.changes.first();
-            findings.extend(largest.map(|change| unexplained(fit, change)));
+            findings.extend(largest.map(|change| unexplained(session, fit, change, least)));
         }
     }
     findings
 }
 
 /// A change that is seen in the residuals of a camera, and for which no cause was found.
-fn unexplained(fit: &Fit, change: &ViewChange) -> Finding {
+fn unexplained(session: &Session, fit: &Fit, change: &ViewChange, least: Least) -> Finding {
     let id = &fit.cameras[change.camera].camera.id;
     let [before, after] = change.placements.map(|p| &fit.placements[p].name);
     let displaced = format!(
@@ -70,11 +82,17 @@ fn unexplained(fit: &Fit, change: &ViewChange) -> Finding {
         ),
         _ => format!("it or a camera beside it may have been moved or refocused after {before}"),
     };
+    let camera = session.cameras.iter().position(|c| c.id == *id);
+    let first = session.placements.iter().position(|name| name == after);
+    let is_enough = matches!((camera, first), (Some(camera), Some(first))
+        if least.is_left(session, first, &[camera]));
+    let or_part = match is_enough {
+        true => format!(", or calibrate from {after} on (--from-placement {after})"),
+        false => String::new(),
+    };
     Finding {
         cameras: vec![id.clone()],
-        words: format!(
-            "{displaced}; {cause}: show the board again, or calibrate from {after} on (--from-placement {after})"
-        ),
+        words: format!("{displaced}; {cause}: show the board again{or_part}"),
     }
 }
 

@@ -73,13 +73,18 @@ impl Split {
     }
 
     pub(super) fn advice(&self, reference: &Reference) -> String {
-        let from = &reference.session.placements[self.first_late];
-        match self.is_mostly_early {
-            true => format!(
+        let (session, first) = (reference.session, self.first_late);
+        let from = &session.placements[first];
+        let is_enough = reference.least.is_left(session, first, &[self.camera]);
+        match (self.is_mostly_early, is_enough) {
+            (true, true) => format!(
                 "show the board again, or calibrate from {from} on (--from-placement {from})"
             ),
-            false => format!(
+            (false, true) => format!(
                 "the rig has stayed as it is since {from}: calibrate from there on (--from-placement {from})"
+            ),
+            (_, false) => format!(
+                "show the board again: too little was seen since {from} to calibrate from there on"
             ),
         }
     }

@@ -5,6 +5,7 @@ use super::super::planar::PlanePose;
 use super::super::result::Fit;
 use super::super::session::{Session, SessionCamera, View};
 use super::super::{Parameters, single_camera, solve};
+use super::advice::Least;
 use crate::calibration::Face;
 use crate::frame::CameraId;
 use crate::statistics::upper_median;
@@ -31,6 +32,8 @@ pub(super) struct Reference<'a> {
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
     /// Whether either of two cameras may be at fault, because only their relative motion was found.
     pub is_relative: bool,
+    /// What has to be left of the session for a calibration from some placement on.
+    pub least: Least,
 }
 
 impl<'a> Reference<'a> {
@@ -40,12 +43,13 @@ impl<'a> Reference<'a> {
         session: &'a Session,
         fit: Option<&Fit>,
         parameters: &Parameters,
+        least: Least,
     ) -> Vec<Self> {
         let mut suspects = suspects(session, fit, parameters);
         let views = |c: usize| session.views.iter().filter(|v| v.camera == c).count();
         suspects.retain(|&c| views(c) >= FEWEST_VIEWS);
         let count = session.cameras.len();
-        let without = |suspects: Vec<usize>| Self::without(session, suspects, parameters);
+        let without = |suspects: Vec<usize>| Self::without(session, suspects, parameters, least);
         if suspects.len() < count && (count != 2 || suspects.is_empty()) {
             return without(suspects).into_iter().collect();
         }
@@ -64,6 +68,7 @@ impl<'a> Reference<'a> {
         session: &'a Session,
         mut suspects: Vec<usize>,
         parameters: &Parameters,
+        least: Least,
     ) -> Option<Self> {
         let quick = quick(parameters);
         while !suspects.is_empty() {
@@ -78,6 +83,7 @@ impl<'a> Reference<'a> {
                 return Some(Self {
                     rig_from_board: session.placements.iter().map(pose).collect(),
                     is_relative: session.cameras.len() == 2,
+                    least,
                     session,
                     cameras,
                     suspects,

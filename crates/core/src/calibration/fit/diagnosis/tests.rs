@@ -40,13 +40,13 @@ fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     };
     match fit(session, &parameters) {
         Ok(fit) => {
-            let findings = diagnose(session, Some(&fit), &parameters);
+            let findings = diagnose(session, Some(&fit), &parameters, &Limits::default());
             let level = judge(&fit, &findings, &BTreeMap::new(), &Limits::default()).level;
             println!("{level:?} {:?} {findings:?}", fit.left_out_share());
             (findings, level)
         }
         Err(error @ Error::Disjoint { .. }) => {
-            let findings = diagnose(session, None, &parameters);
+            let findings = diagnose(session, None, &parameters, &Limits::default());
             println!("{error} {findings:?}");
             (findings, CalibrationLevel::Refused)
         }
@@ -214,6 +214,68 @@ fn a_camera_that_shows_the_board_elsewhere_in_its_last_view_alone_may_have_moved
     let mut between = bumped(4, 2, 0.5, 9);
     from_on(&mut between, &bumped(4, 2, 0.5, 20), 2, 10);
     assert!(told(&between).0.is_empty());
+}
+
+/// The session with a camera's view of a placement taken at another one.
+fn at_another_moment(mut session: Session, camera: usize, placement: usize, of: usize) -> Session {
+    let is_of = |v: &View, at: usize| (v.camera, v.placement) == (camera, at);
+    let wrong = session.views.iter().find(|v| is_of(v, of)).unwrap().clone();
+    let views = session.views.iter_mut();
+    for view in views.filter(|v| is_of(v, placement)) {
+        *view = View {
+            placement,
+            ..wrong.clone()
+        };
+    }
+    session
+}
+
+#[test]
+fn of_a_pair_with_one_wrong_picture_neither_view_is_used() {
+    let pair = stereo_head(4, 14).session(0.14, &mut Random(7));
+    for camera in [0, 1] {
+        let session = at_another_moment(pair.clone(), camera, 5, 9);
+        let found = fit(&session, &Parameters::default()).unwrap();
+        let thrown_out = found.left_out.iter().filter(|l| !l.views.is_empty());
+        let thrown_out: Vec<_> = thrown_out.collect();
+        let [left_out] = &thrown_out[..] else {
+            panic!("{thrown_out:?}")
+        };
+        assert_eq!(left_out.subject(), "placement p05");
+        assert_eq!(left_out.views.len(), 2, "{left_out:?}");
+        assert!(found.placements.iter().all(|p| p.name != "p05"));
+        assert!(told(&session).0.is_empty());
+        // At the end of a session it may be a camera that moved.
+        let words = [
+            "its last view, at p13, shows the board elsewhere than camera ",
+            "does: one of the two may have been moved before it; show the board to both again",
+        ];
+        is_told(&at_another_moment(pair.clone(), camera, 13, 9), &words);
+    }
+    // Of more cameras, the others know.
+    let all = rig(4, 1).session(0.1, &mut Random(7));
+    let session = at_another_moment(all, 2, 5, 9);
+    let found = fit(&session, &Parameters::default()).unwrap();
+    let thrown_out = found.left_out.iter().filter(|l| !l.views.is_empty());
+    let subjects: Vec<String> = thrown_out.map(|l| l.subject()).collect();
+    assert_eq!(subjects, ["camera c02, placement p05"]);
+}
+
+#[test]
+fn a_part_of_the_session_is_advised_only_where_enough_of_it_is_left() {
+    let late = bumped(4, 2, 0.5, 17);
+    let (findings, _) = told(&late);
+    let [finding] = &findings[..] else {
+        panic!("{findings:?}")
+    };
+    assert!(finding.words.contains("between p16 and p17"));
+    assert!(
+        finding.words.contains("too little was seen since p17")
+            && !finding.words.contains("--from-placement"),
+        "{}",
+        finding.words
+    );
+    is_told(&bumped(4, 2, 0.5, 16), &["--from-placement p16"]);
 }
 
 #[test]
