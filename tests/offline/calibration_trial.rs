@@ -258,17 +258,32 @@ fn zoomed(picture: &Picture, times: f64) -> Picture {
     zoomed
 }
 
-/// Readings of a depth frame, so many times as large.
-fn deeper(picture: &Picture, times: f64) -> Picture {
-    let mut deeper = picture.clone();
-    if let Picture::Raw { data, .. } = &mut deeper {
-        let readings = data
-            .chunks_exact(2)
-            .map(|b| u16::from_le_bytes([b[0], b[1]]));
-        let scaled = readings.flat_map(|r| ((f64::from(r) * times).round() as u16).to_le_bytes());
-        *data = scaled.collect::<Vec<u8>>().into();
+/// A depth frame with other readings: of a distance in metres, and of the squared distance from the picture's middle,
+/// 1 at its corners. What was not read stays so.
+fn misread(picture: &Picture, wrong: impl Fn(f64, f64) -> f64) -> Picture {
+    let mut misread = picture.clone();
+    if let Picture::Raw {
+        width,
+        height,
+        data,
+        ..
+    } = &mut misread
+    {
+        let half = [*width, *height].map(|side| 0.5 * f64::from(side));
+        let columns = *width as usize;
+        let reading = |(index, bytes): (usize, &[u8])| {
+            let reading = f64::from(u16::from_le_bytes([bytes[0], bytes[1]]));
+            let from = [index % columns, index / columns];
+            let squares = [0, 1].map(|k| (from[k] as f64 + 0.5 - half[k]).powi(2));
+            let corner = half[0].powi(2) + half[1].powi(2);
+            let read = 1e3 * wrong(1e-3 * reading, (squares[0] + squares[1]) / corner);
+            let read = if reading > 0.0 { read.round() } else { 0.0 };
+            (read as u16).to_le_bytes()
+        };
+        let readings = data.chunks_exact(2).enumerate().flat_map(reading);
+        *data = readings.collect::<Vec<u8>>().into();
     }
-    deeper
+    misread
 }
 
 fn turned(camera: &str, degrees: f64) -> Vec<Capture> {
@@ -386,7 +401,7 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     for times in [1.03, 1.04] {
         let deep = trial.with(|_, frame| {
             if frame.stream == Stream::Depth {
-                frame.picture = deeper(&frame.picture, times);
+                frame.picture = misread(&frame.picture, |z, _| times * z);
             }
         });
         let percent = format!("depth {:.0} % too deep", 100.0 * (times - 1.0));
@@ -402,15 +417,35 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
         let checked = format!("{percent}, --check");
         trial.judge(&checked, &told, &[1], &["mm too deep at"]);
     }
-    let beside = only("kinect", |options| options.depth.misregistration_px = 6.0);
-    let beside = trial.starting_at("kinect", 0, &beside);
-    trial.row(
-        "depth beside its colour",
-        &beside,
-        &[],
-        DOUBTFUL,
-        &["depth that is displaced against its colour picture"],
-    );
+    for pixels in [3.0, 6.0] {
+        let beside = only("kinect", |options| {
+            options.depth.misregistration_px = pixels;
+        });
+        let beside = trial.starting_at("kinect", 0, &beside);
+        trial.row(
+            &format!("depth beside its colour by {pixels} px"),
+            &beside,
+            &[],
+            DOUBTFUL,
+            &["depth that is displaced against its colour picture"],
+        );
+    }
+    let misread = |wrong: &dyn Fn(f64, f64) -> f64| {
+        trial.with(|_, frame| {
+            if frame.stream == Stream::Depth {
+                frame.picture = misread(&frame.picture, wrong);
+            }
+        })
+    };
+    let bowl = misread(&|z, radius_squared| z + 0.012 * radius_squared * z * z);
+    let words = "an error that grows from the picture's middle to its corners";
+    trial.row("depth as a bowl of 12 mm", &bowl, &[], DOUBTFUL, &[words]);
+    let quartic = misread(&|z, _| {
+        let z_squared = ((z - 1.0) / 0.3).powi(2);
+        z + 0.006 * (1.0 - 4.0 * z_squared + 3.0 * z_squared.powi(2))
+    });
+    let words = "a response that is not linear in the distance";
+    trial.row("a quartic of 6 mm", &quartic, &[], DOUBTFUL, &[words]);
     let whole = trial.write(&trial.base, "whole.mcap");
     let told = check(&whole, &sound);
     trial.judge("sound, --check", &told, GOOD, &[]);
