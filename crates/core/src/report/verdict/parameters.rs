@@ -38,8 +38,8 @@ pub struct Parameters {
     /// which the calibration is not that of the recording: red. Default 0.006, range 0 to 1.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1>")]
     pub common_shift: f64,
-    /// Below so many pixels a displacement, of one camera or of most, counts as none: a shadow at the object's foot and a blurred edge bring
-    /// it about in small pictures. Default 1.5, range 0 to 100.
+    /// Below so many pixels a displacement, of one camera or of most, counts as none: a shadow at the object's foot
+    /// and a blurred edge bring it about in small pictures. Default 1.5, range 0 to 100.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 100>")]
     pub least_shift_px: f64,
     /// Share of a silhouette's area that the hull leaves uncovered although the contour is more than a few

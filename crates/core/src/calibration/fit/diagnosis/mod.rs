@@ -31,7 +31,8 @@ pub struct Finding {
 }
 
 /// What the views have in common that `fit` left out or, if there is no fit, could not be joined.
-/// `limits` say how many placements a calibration needs: so many have to be left where a part of the session is advised.
+/// `limits` say how many placements a calibration needs: so many have to be left where a part of the session is
+/// advised.
 pub fn diagnose(
     session: &Session,
     fit: Option<&Fit>,
