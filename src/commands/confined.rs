@@ -19,13 +19,27 @@ pub(super) struct ConfinementArgs {
     nice: u32,
 }
 
+/// Confines a process that only turns its input into its output: it can open no file, and ends with its parent.
+pub(super) fn confine_filter(parent: u32, limits: Limits) -> Result<(), ConfineError> {
+    bind_to_parent(parent)?;
+    confine_by(limits, &[], &[])
+}
+
+/// As [`confine`]; tells the process that started this one what the system cannot do.
+fn confine_by(limits: Limits, reads: &[PathBuf], writes: &[PathBuf]) -> Result<(), ConfineError> {
+    for missing in confine(limits, reads, writes)? {
+        protocol::warn(&missing);
+    }
+    Ok(())
+}
+
 impl ConfinementArgs {
-    /// As [`part_from`], with the process that started this one.
-    pub(super) fn part_from_parent(&self) -> Result<(), ConfineError> {
+    /// As [`bind_to_parent`], with the process that started this one.
+    pub(super) fn bind_to_parent(&self) -> Result<(), ConfineError> {
         bind_to_parent(self.parent)
     }
 
-    /// As [`confine`]; tells the process that started this one what the system cannot do.
+    /// Confines this process to these files and the limits that it was given.
     pub(super) fn confine(
         &self,
         reads: &[PathBuf],
@@ -35,10 +49,7 @@ impl ConfinementArgs {
             memory_mb: self.memory_mb,
             nice: self.nice,
         };
-        for missing in confine(limits, reads, writes)? {
-            protocol::warn(&missing);
-        }
-        Ok(())
+        confine_by(limits, reads, writes)
     }
 
     /// The parent's id, memory in megabytes, and niceness.

@@ -89,7 +89,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
-    args.confinement.part_from_parent()?;
+    args.confinement.bind_to_parent()?;
     let folder = args.to.parent().context("no folder")?;
     let reads = [args.recording.clone(), args.config.clone()];
     args.confinement.confine(&reads, &[folder.to_owned()])?;
@@ -128,7 +128,7 @@ fn make(args: make_model::Args) -> anyhow::Result<ExitCode> {
 }
 
 fn put_into_place(args: &CommitArgs) -> anyhow::Result<ExitCode> {
-    args.confinement.part_from_parent()?;
+    args.confinement.bind_to_parent()?;
     let folder = args.target.parent().context("no folder")?.to_owned();
     std::fs::create_dir_all(&folder)?;
     let mut reads = vec![args.bundle.clone(), args.recording.clone()];

@@ -1,6 +1,7 @@
 //! `scand make-look`, which only the daemon calls: it reads a camera's frame from its standard input and writes a small
 //! picture of it, and what is seen in it, to its standard output, in a process that can open no file.
 
+use super::confined::confine_filter;
 use crate::calibration::RigCalibration;
 use crate::daemon::look::protocol::{CuttingSettings, Head, LARGEST_INPUT, PARENT, Pixels};
 use crate::frame::CameraId;
@@ -9,7 +10,7 @@ use crate::image::{
 };
 use crate::look::{self, Cutting};
 use crate::output::encode_jpeg;
-use crate::process::{Limits, bind_to_parent, confine};
+use crate::process::Limits;
 use crate::trigger::LookFigures;
 use anyhow::Context;
 use std::io::{BufRead, Read, Write};
@@ -40,14 +41,11 @@ const QUALITY: u8 = 80;
 /// # Errors
 /// If it cannot be confined, or the input is not what the daemon writes.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    bind_to_parent(args.parent)?;
     let limits = Limits {
         memory_mb: MEMORY_MB,
         nice: NICE,
     };
-    for missing in confine(limits, &[], &[])? {
-        crate::workers::protocol::warn(&missing);
-    }
+    confine_filter(args.parent, limits)?;
     let made = made(std::io::stdin().lock())?;
     std::io::stdout().lock().write_all(&made)?;
     Ok(ExitCode::SUCCESS)

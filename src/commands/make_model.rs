@@ -28,7 +28,7 @@ impl Args {
 /// # Errors
 /// If it cannot be confined; else those of a replay.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    args.confinement.part_from_parent()?;
+    args.confinement.bind_to_parent()?;
     let writes = args.replay.writes()?;
     for folder in &writes {
         std::fs::create_dir_all(folder)?;

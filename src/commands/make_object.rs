@@ -53,7 +53,7 @@ const MOST_NAMED: usize = 8;
 /// # Errors
 /// If it cannot be confined, or a recording cannot be read.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    args.confinement.part_from_parent()?;
+    args.confinement.bind_to_parent()?;
     let config =
         Config::load(Some(&args.config), &[]).map_err(|e| super::BadConfiguration(e.into()))?;
     let writes: Vec<PathBuf> = args

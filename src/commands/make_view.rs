@@ -1,6 +1,7 @@
 //! `scand make-view`, which only the operator's page calls: it reads a model or a preview from its standard input and
 //! writes a small form of it for browsers to its standard output, in a process that can open no file.
 
+use super::confined::confine_filter;
 use crate::evaluate::load::load_glb;
 use crate::evaluate::picture::{self, Row};
 use crate::evaluate::{DifferenceParameters, difference};
@@ -8,7 +9,7 @@ use crate::export::{Compression, compress};
 use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::output::encode_jpeg;
 use crate::page::make_view::{DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
-use crate::process::{Limits, bind_to_parent, confine};
+use crate::process::Limits;
 use anyhow::Context;
 use flate2::Compression as Level;
 use flate2::write::GzEncoder;
@@ -44,14 +45,11 @@ const MOST_PIXELS: usize = 40_000_000;
 /// # Errors
 /// If it cannot be confined, or the input is not what was asked for.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    bind_to_parent(args.parent)?;
     let limits = Limits {
         memory_mb: MEMORY_MB,
         nice: NICE,
     };
-    for missing in confine(limits, &[], &[])? {
-        crate::workers::protocol::warn(&missing);
-    }
+    confine_filter(args.parent, limits)?;
     let mut source = Vec::new();
     let mut input = std::io::stdin().lock().take(LARGEST_SOURCE + 1);
     input.read_to_end(&mut source)?;

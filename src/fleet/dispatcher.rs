@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::{Semaphore, mpsc, watch};
 
-/// JobMessage of one job that are kept until it looks at them; more are found by asking.
+/// Messages about one job that are kept until it reads them; it asks the server for more.
 const MESSAGES: usize = 32;
 /// Children that pack, check or recheck at the same time.
 const CHILDREN: usize = 2;
@@ -96,7 +96,7 @@ pub enum JobEvent<'a> {
     Problem(&'a str),
 }
 
-/// JobMessage of a job.
+/// What a job hears.
 #[derive(Debug)]
 pub(super) enum JobMessage {
     Started(Started),

@@ -29,7 +29,7 @@ fn attempt(message: &Message) -> String {
 
 /// How a job ended for its worker.
 enum ExecutionEnd {
-    /// The rig was logged.
+    /// The rig has its report.
     JobReport,
     /// The capture is not on the server: nobody wants it any more, or it will be offered again.
     Gone,
@@ -234,7 +234,7 @@ impl Worker {
         child.await.map_err(std::io::Error::other)?
     }
 
-    /// Sends a result's pieces; what is to be logged of it.
+    /// Sends a result's pieces. Returns what is to be reported of it.
     async fn send(
         &self,
         bundle: &Path,

@@ -135,7 +135,7 @@ pub(super) struct Worker {
     pub(super) crashed: AtomicU64,
     /// How often the connection had been made when the consumers were looked up.
     pub(super) connections: AtomicU64,
-    /// Troubles that were logged and last.
+    /// Problems that were logged and last.
     pub(super) logged: Mutex<BTreeSet<String>>,
     pub(super) cancel: Cancel,
     pub(super) stopped: watch::Receiver<bool>,
@@ -237,7 +237,7 @@ impl Worker {
             filter_subject: subjects::jobs_for(&self.plan.program, needs),
             ack_policy: AckPolicy::Explicit,
             ack_wait: ACK_WAIT,
-            // The rig counts: the server cannot log_once a lost worker from its own restart.
+            // The rig counts: the server cannot tell a lost worker from its own restart.
             max_deliver: -1,
             max_ack_pending: 100_000,
             ..pull::Config::default()
