@@ -1,5 +1,6 @@
 //! What `scand --replay` prints, and where it writes.
 
+use crate::desk::Desk;
 use assert_cmd::Command;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -318,4 +319,42 @@ fn two_recordings_of_one_name_are_refused_before_anything_is_made() {
         "{words}"
     );
     assert!(!ball.path("out").exists());
+}
+
+/// Multiplies the places of all cameras, as a calibration does whose board was told too large.
+fn scaled(calibration: &toml::Table, times: f64) -> toml::Table {
+    let mut scaled = calibration.clone();
+    let cameras = scaled["cameras"].as_table_mut().unwrap();
+    for (_, camera) in cameras.iter_mut() {
+        for length in camera["translation"].as_array_mut().unwrap() {
+            *length = toml::Value::Float(times * length.as_float().unwrap());
+        }
+    }
+    scaled
+}
+
+#[test]
+fn a_calibration_of_another_size_gives_a_red_model() {
+    let desk = Desk::new();
+    let recording = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/cup.mcap");
+    desk.done(&["info", recording, "--calibration", "own.toml"]);
+    let own = std::fs::read_to_string(desk.path("own.toml")).unwrap();
+    let own: toml::Table = own.parse().unwrap();
+    for times in [0.97, 1.04, 1.08, 2.0] {
+        let (file, out) = (format!("{times}.toml"), format!("out-{times}"));
+        let text = scaled(&own, times).to_string();
+        assert_ne!(text, own.to_string());
+        std::fs::write(desk.path(&file), text).unwrap();
+        #[rustfmt::skip]
+        desk.done(&["replay", recording, "-q", "--calibration", &file, "--out", &out, "--set", "hull.resolution=80"]);
+        let report = std::fs::read(desk.path(&out).join("cup/cup-000/report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+        let verdict = &report["verdict"];
+        assert_eq!(verdict["level"], "red", "{times}: {verdict:#}");
+        let reasons = verdict["reasons"].as_array().unwrap();
+        let is_named = reasons
+            .iter()
+            .any(|reason| reason["code"] == "depth_biased");
+        assert!(is_named, "{times}: {verdict:#}");
+    }
 }

@@ -42,6 +42,8 @@ const TILE: usize = 64;
 
 /// Metres within which a reading can be the table.
 const TABLE_BAND: f64 = 0.03;
+/// Metres within which a plane nearer than the table is looked for: that of a rig whose calibration is of another size.
+const NEARER_PLANE: f64 = 0.5;
 
 impl Bias {
     /// Estimates the offset from the table around the object; where the table is not seen, from the places
@@ -93,8 +95,36 @@ fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, 
     if !stands_on_table(volume) {
         return None;
     }
-    let columns = object.width().div_ceil(TILE);
-    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(TILE)];
+    plane_around(view, volume, object, 0.0).or_else(|| {
+        let nearer = nearer_plane(view, volume, object)?;
+        plane_around(view, volume, object, nearer)
+    })
+}
+
+/// Where most readings around the object are, if that is nearer than the table by more than [`TABLE_BAND`]. Nothing
+/// covers the whole table; farther away than it may be what lies below a turntable.
+fn nearer_plane(view: &DepthView, volume: &Volume, object: &Mask) -> Option<f64> {
+    let mut offsets: Vec<f32> = Vec::new();
+    for_each_around(view, volume, object, |_, _, offset| {
+        if offset.abs() < NEARER_PLANE {
+            offsets.push(offset as f32);
+        }
+    });
+    let center = f64::from(lower_median(&mut offsets)?);
+    let near = offsets
+        .iter()
+        .filter(|&&offset| (f64::from(offset) - center).abs() < TABLE_BAND);
+    (center < -TABLE_BAND && 2 * near.count() > offsets.len()).then_some(center)
+}
+
+/// Calls for each third pixel beside the object whose ray meets the table around it, with how far the reading there is
+/// behind the table.
+fn for_each_around(
+    view: &DepthView,
+    volume: &Volume,
+    object: &Mask,
+    mut call: impl FnMut(usize, usize, f64),
+) {
     for y in (0..object.height()).step_by(3) {
         for x in (0..object.width()).step_by(3) {
             if object[(x, y)] >= 128 {
@@ -103,13 +133,28 @@ fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, 
             let pixel = Point2::new(x as f64, y as f64);
             if let Some(table) = depth_of_table(&view.camera, pixel)
                 && let Some(depth) = mean_depth(view, x, y)
-                && (depth - table).abs() < TABLE_BAND
                 && is_around(&view.camera, pixel, table, volume)
             {
-                tiles[y / TILE * columns + x / TILE].push((depth - table) as f32);
+                call(x, y, depth - table);
             }
         }
     }
+}
+
+/// The median distance behind the table of the readings within [`TABLE_BAND`] of `offset`, and its error.
+fn plane_around(
+    view: &DepthView,
+    volume: &Volume,
+    object: &Mask,
+    offset: f64,
+) -> Option<(f64, f64)> {
+    let columns = object.width().div_ceil(TILE);
+    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(TILE)];
+    for_each_around(view, volume, object, |x, y, behind| {
+        if (behind - offset).abs() < TABLE_BAND {
+            tiles[y / TILE * columns + x / TILE].push(behind as f32);
+        }
+    });
     let places: Vec<f32> = tiles
         .iter_mut()
         .filter(|t| t.len() >= LEAST_PIXELS / 4)
