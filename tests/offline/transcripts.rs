@@ -314,7 +314,7 @@ fn a_calibration_with_another_focal_length_is_told_with_the_volume() {
         &desk,
         "replay ball.mcap --calibration short.toml",
         1,
-        &["c00"],
+        &["a pixel of camera c0", "check the focal lengths"],
     );
     let digits = said
         .split(|c: char| !c.is_ascii_digit())

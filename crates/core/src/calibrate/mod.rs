@@ -99,7 +99,12 @@ pub fn run(
     let fit = match fitted {
         Ok(fit) => fit,
         Err(cause) => {
-            let findings = diagnose(&detections.session, None, &options.fit, &options.limits);
+            let findings = diagnose(
+                &detections.session,
+                None,
+                &options.fit,
+                options.limits.placements,
+            );
             let rejected = &detections.rejected;
             return Err(Error::unfitted(cause, findings, missing, rejected));
         }
@@ -109,7 +114,7 @@ pub fn run(
         &detections.session,
         Some(&fit),
         &options.fit,
-        &options.limits,
+        options.limits.placements,
     );
     let (slopes, measured) = (depth.slopes(), &options.measured);
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);

@@ -116,6 +116,19 @@ pub enum Error {
         /// The camera whose silhouette has the longest outline for its size.
         camera: Option<String>,
     },
+    /// Pixels in which no form can be seen, as with a focal length that is a thousandth of the right one.
+    #[error(
+        "a pixel of camera {camera} covers {pixel:.2e} m at the object, which is {diagonal:.2e} m across: check the focal \
+         lengths and places in the calibration"
+    )]
+    CoarsePixels {
+        /// The camera with the coarsest pixels.
+        camera: String,
+        /// Edge of its pixel at the object, in metres.
+        pixel: f64,
+        /// Diagonal of what the silhouettes leave of the volume, in metres.
+        diagonal: f64,
+    },
     /// A cell size so small that it would need too much work.
     #[error(
         "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
@@ -159,7 +172,16 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
     let diagonal = (high - low).norm().max(Volume::SHORTEST_EDGE);
     let (least, most) = (diagonal / MOST_ACROSS, diagonal / FEWEST_ACROSS);
     let cell_size = if parameters.cell_size == 0.0 {
-        let footprint = hull.pixel_footprint(nalgebra::center(&low, &high));
+        let middle = nalgebra::center(&low, &high);
+        let footprint = hull.pixel_footprint(middle);
+        if footprint > most {
+            let (camera, pixel) = hull.coarsest_camera(middle);
+            return Err(Error::CoarsePixels {
+                camera,
+                pixel,
+                diagonal,
+            });
+        }
         (diagonal / parameters.resolution).max(parameters.smallest_cell_px * footprint)
     } else if parameters.cell_size < least {
         return Err(Error::CellTooSmall {

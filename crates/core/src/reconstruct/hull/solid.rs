@@ -204,6 +204,16 @@ impl<'a> Hull<'a> {
             .map(|(_, cone)| &cone.camera().id)
     }
 
+    /// The camera whose pixels are largest at a point, and their size there in metres.
+    pub(super) fn coarsest_camera(&self, p: Point3<f64>) -> (String, f64) {
+        let sizes = self.cones.iter().map(|cone| {
+            let camera = cone.camera();
+            (camera.id.to_string(), camera.pixel_footprint(p))
+        });
+        let coarser = |a: (String, f64), b: (String, f64)| if b.1 > a.1 { b } else { a };
+        sizes.reduce(coarser).unwrap_or_default()
+    }
+
     fn bit(camera: usize) -> UndecidedConstraints {
         1 << ((camera + 1) % 64)
     }

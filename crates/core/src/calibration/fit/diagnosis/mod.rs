@@ -10,10 +10,10 @@ mod suspects;
 #[cfg(test)]
 mod tests;
 
+use super::Parameters;
 use super::change::ViewChange;
 use super::result::Fit;
 use super::session::Session;
-use super::{Limits, Parameters};
 use crate::frame::CameraId;
 use advice::Least;
 use exchange::Exchange;
@@ -31,16 +31,15 @@ pub struct Finding {
 }
 
 /// What the views have in common that `fit` left out or, if there is no fit, could not be joined.
-/// `limits` say how many placements a calibration needs: so many have to be left where a part of the session is
-/// advised.
+/// A part of the session is advised only if at least `least_placements` are left in it.
 pub fn diagnose(
     session: &Session,
     fit: Option<&Fit>,
     parameters: &Parameters,
-    limits: &Limits,
+    least_placements: usize,
 ) -> Vec<Finding> {
     let least = Least {
-        placements: limits.placements,
+        placements: least_placements,
         views: parameters.min_views,
     };
     let candidates = Reference::candidates(session, fit, parameters, least);

@@ -40,13 +40,18 @@ fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     };
     match fit(session, &parameters) {
         Ok(fit) => {
-            let findings = diagnose(session, Some(&fit), &parameters, &Limits::default());
+            let findings = diagnose(
+                session,
+                Some(&fit),
+                &parameters,
+                Limits::default().placements,
+            );
             let level = judge(&fit, &findings, &BTreeMap::new(), &Limits::default()).level;
             println!("{level:?} {:?} {findings:?}", fit.left_out_share());
             (findings, level)
         }
         Err(error @ Error::Disjoint { .. }) => {
-            let findings = diagnose(session, None, &parameters, &Limits::default());
+            let findings = diagnose(session, None, &parameters, Limits::default().placements);
             println!("{error} {findings:?}");
             (findings, CalibrationLevel::Refused)
         }
