@@ -416,7 +416,7 @@ fn backgrounds_are_kept_known_after_a_restart_and_in_every_recording() {
     let stand = start(|_| ());
     assert_eq!(stand.capturing.status().plates_age_h, None);
     let words = stand.ask(Order::Background).unwrap();
-    assert!(words.contains("3 backgrounds"), "{words}");
+    assert!(words.contains("3 background pictures"), "{words}");
     stand.behaviour("c00", Behaviour::Loses);
     let refused = stand.ask(Order::Background).unwrap_err();
     assert!(refused.contains("c00"), "{refused}");

@@ -9,6 +9,7 @@ use crate::daemon::rig::Kind;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::recording::Outcome;
 use crate::sync::{self, Synchronizer};
+use crate::words::count;
 use std::collections::BTreeMap;
 
 impl CaptureThread {
@@ -53,8 +54,8 @@ impl CaptureThread {
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
         let words = format!(
-            "saved {} background pictures in {}",
-            backgrounds.len(),
+            "saved {} in {}",
+            count(backgrounds.len(), "background picture"),
             path.display()
         );
         self.plan.header.backgrounds = backgrounds::detached(backgrounds);
