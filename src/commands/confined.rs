@@ -6,6 +6,7 @@ use crate::workers::protocol;
 use std::path::PathBuf;
 
 /// What confines a process, as [`protocol::Confinement`] writes it.
+#[cfg(feature = "live")]
 #[derive(Debug, clap::Args)]
 pub(super) struct ConfinementArgs {
     /// The process that started this one. When it ends, this one ends too.
@@ -33,6 +34,7 @@ fn confine_by(limits: Limits, reads: &[PathBuf], writes: &[PathBuf]) -> Result<(
     Ok(())
 }
 
+#[cfg(feature = "live")]
 impl ConfinementArgs {
     /// As [`bind_to_parent`], with the process that started this one.
     pub(super) fn bind_to_parent(&self) -> Result<(), ConfineError> {

@@ -13,7 +13,7 @@ pub mod archive;
 pub mod board;
 pub mod calibrate;
 mod comparison;
-#[cfg(feature = "live")]
+#[cfg(any(feature = "live", feature = "page"))]
 mod confined;
 pub mod demo;
 pub mod diff;
