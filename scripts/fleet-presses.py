@@ -216,6 +216,8 @@ def main():
     parser.add_argument("--scand", default="target/release/scand")
     parser.add_argument("--folder", help="where recordings are meanwhile (default: temporary files)")
     options = parser.parse_args()
+    if options.presses < BLOCK or options.presses % BLOCK:
+        parser.error(f"--presses is {options.presses}: expected a multiple of {BLOCK}, the presses in a block")
     if "SCAND_IN_NAMESPACE" not in os.environ:
         os.environ["SCAND_IN_NAMESPACE"] = "1"
         os.execvp("unshare", ["unshare", "--user", "--map-root-user", "--net", sys.executable, *sys.argv])
