@@ -77,6 +77,8 @@ impl Making {
                 capture: remake.capture,
                 model,
             });
+            // Rather told twice, after a crash, than never.
+            self.jobs.remakes().finish();
         }
     }
 

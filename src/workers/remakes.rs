@@ -196,12 +196,9 @@ impl Remakes {
         self.len() == 0
     }
 
-    /// The next one, once `may` says so; `None` at the end.
+    /// The next one, once `may` says so; `None` at the end. It counts as running until [`Self::finish`].
     pub(super) fn take(&self, may: impl Fn() -> bool) -> Option<Remake> {
         let mut state = self.state.lock();
-        if state.running.take().is_some() {
-            self.save_or_warn(&state);
-        }
         loop {
             if state.is_stopped {
                 return None;
@@ -213,6 +210,13 @@ impl Remakes {
             }
             self.changed.wait_for(&mut state, LOOK_AGAIN);
         }
+    }
+
+    /// Forgets the one that was running, for it has ended and that was told.
+    pub(super) fn finish(&self) {
+        let mut state = self.state.lock();
+        state.running = None;
+        self.save_or_warn(&state);
     }
 
     /// Lets no further one begin.
@@ -349,13 +353,16 @@ mod tests {
             remakes.offer(remake(capture)).unwrap();
         }
         assert_eq!(remakes.take(|| true), Some(remake("a-0001")));
+        remakes.finish();
         assert_eq!(remakes.take(|| true), Some(remake("a-0002")));
         // Killed while the second one is being made.
         drop(remakes);
         let remakes = Remakes::open(&file);
         assert_eq!(remakes.len(), 2);
         assert_eq!(remakes.take(|| true), Some(remake("a-0002")));
+        remakes.finish();
         assert_eq!(remakes.take(|| true), Some(remake("a-0003")));
+        remakes.finish();
         remakes.stop();
         assert_eq!(remakes.take(|| true), None);
         assert!(Remakes::open(&file).is_empty());
