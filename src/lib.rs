@@ -15,7 +15,7 @@
 pub use scand_core::{
     array, bag, calibrate, calibration, capture, dataset, description, evaluate, export, frame,
     gltf_file, image, level, look, make_model, markup, mesh, notes, output, publish, queue, range,
-    reconstruct, recording, register, report, statistics, storage, sync,
+    reconstruct, recording, register, report, statistics, storage, sync, words,
 };
 
 #[cfg(feature = "live")]
@@ -48,5 +48,4 @@ mod support {
     pub mod wait;
 }
 pub mod trigger;
-pub mod words;
 pub mod workers;

@@ -3,6 +3,7 @@
 
 #[path = "openni2-sensor/stage.rs"]
 mod stage;
+mod support;
 
 use scand::clock::Clock;
 use scand::drivers::live::{
@@ -17,6 +18,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use support::wait::until;
 
 const SIZE: [u32; 2] = [64, 48];
 const PIXELS: usize = 64 * 48;
@@ -127,7 +129,15 @@ impl Stand {
         let new = self.folder.join("control.new");
         std::fs::write(&new, what).unwrap();
         std::fs::rename(&new, &path).unwrap();
-        std::thread::sleep(Duration::from_millis(100));
+        until("a sensor does not listen", || {
+            let files = std::fs::read_dir(&self.folder).unwrap();
+            let paths = files.map(|file| file.unwrap().path());
+            let is_answer = |path: &PathBuf| path.to_string_lossy().contains("control.heard-");
+            // One that plays no longer removes its answer.
+            let is_heard =
+                |path: PathBuf| std::fs::read_to_string(path).is_ok_and(|text| text == what);
+            paths.filter(is_answer).all(is_heard)
+        });
     }
 
     fn shot(&self, number: u64, seconds: f64) -> Shot {

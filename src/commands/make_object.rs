@@ -13,7 +13,7 @@ use crate::make_model::{
 };
 use crate::recording::{Recording, beside, finished_name};
 use crate::report::FailedCapture;
-use crate::workers::object_protocol::{self, Found, FoundPoses};
+use crate::workers::object_protocol::{self, CapturesFound, PosesFound};
 use crate::workers::protocol;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         not_used: found.left_out.clone(),
         replaces: true,
     };
-    let mut told = Found {
+    let mut told = CapturesFound {
         captures: sources.len(),
         has_folder: maker.object_folder(&args.subject).exists(),
         poses: None,
@@ -148,7 +148,7 @@ fn folder_of(models: &Path, recording: &Path) -> PathBuf {
 }
 
 /// The message to the daemon about how captures lie.
-fn poses(newest: &str, registering: &Registering) -> FoundPoses {
+fn poses(newest: &str, registering: &Registering) -> PosesFound {
     let fusion = &registering.fusion;
     let of_newest = fusion.captures.iter().find(|c| c.id.as_str() == newest);
     let of_newest = of_newest.or(fusion.captures.last());
@@ -160,7 +160,7 @@ fn poses(newest: &str, registering: &Registering) -> FoundPoses {
     let side = fusion.unseen_side.filter(|_| !is_lost);
     let left_out: Vec<String> = fusion.left_out().take(MOST_NAMED).collect();
     let is_refused = of_newest.is_some_and(|c| c.refused.is_some());
-    FoundPoses {
+    PosesFound {
         verdict: of_newest
             .filter(|_| !is_lost)
             .map_or(Level::Red, |c| c.level),

@@ -391,7 +391,6 @@ fn a_wall_clock_that_steps_by_an_hour_moves_no_timestamp() {
             &mut connect(&socket),
             &trigger(Some(&name), Until::Durable),
         ));
-        std::thread::sleep(Duration::from_millis(100));
     }
     assert!(seconds() < begin - 3000, "the clock did not step");
     assert!(ends.iter().all(|heard| is_durable(heard)), "{ends:?}");
@@ -408,7 +407,7 @@ fn a_wall_clock_that_steps_by_an_hour_moves_no_timestamp() {
     assert_eq!(times.len(), ends.len());
     let apart = times.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     let apart: Vec<u64> = apart.collect();
-    let real = 50_000_000..20_000_000_000;
+    let real = 1..20_000_000_000;
     assert!(apart.iter().all(|ns| real.contains(ns)), "{apart:?}");
     println!(
         "shown: steps of the wall clock by an hour, forth and back twice: captures are apart by what passed"

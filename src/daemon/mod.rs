@@ -48,7 +48,7 @@ cfg_if::cfg_if! {
         pub use hooks::Hooks;
         pub use packing::Packing;
         pub use probe::probe;
-        pub use rig::{Kind, Rig, RigCamera};
+        pub use rig::{CameraKind, Rig, RigCamera};
         pub use service::Service;
         pub use status::{CameraStatus, Status};
         pub use systemd::{Heartbeat, Notifier, Watchdog, handed_over};

@@ -84,7 +84,7 @@ pub struct RigParameters {
     /// The calibration of its cameras; a relative path is beside the configuration. Needed.
     pub calibration: PathBuf,
     /// The box that is reconstructed, in metres of the rig's frame.
-    pub volume: Option<Box>,
+    pub volume: Option<BoxCorners>,
 }
 
 /// When the daemon is ready for work.
@@ -110,7 +110,7 @@ impl Default for ServiceParameters {
 /// Two corners of a box, in metres.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq)]
 #[serde(deny_unknown_fields)]
-pub struct Box {
+pub struct BoxCorners {
     /// Smallest x, y and z.
     pub min: [f64; 3],
     /// Largest x, y and z.

@@ -3,6 +3,7 @@
 
 use super::parameters::ServiceParameters;
 use super::status::{CameraStatus, Status};
+use crate::words::count;
 use std::time::Duration;
 
 /// Whether work may begin, and the status in one line.
@@ -30,14 +31,18 @@ pub(super) fn readiness(
     let allowed = if patient { 0 } else { policy.missing_cameras };
     let ready = all > 0 && missing.len() <= allowed;
     let mut words = if ready { "ready: " } else { "not ready: " }.to_owned();
-    words += &format!("{} of {all} cameras", all - missing.len());
+    words += &format!("{} of {}", all - missing.len(), count(all, "camera"));
     if !missing.is_empty() {
         words += &format!(" (missing: {})", missing.join(", "));
     }
     if let Some(session) = &status.session {
         words += &format!("; session {session}");
     }
-    words += &format!("; {} captures, {} failed", status.complete, status.failed);
+    words += &format!(
+        "; {}, {} failed",
+        count(status.complete as usize, "capture"),
+        status.failed
+    );
     if status.capture_bytes > 0 {
         words += &format!("; space for {} more", status.captures_left);
     }
@@ -46,12 +51,12 @@ pub(super) fn readiness(
 
 #[cfg(test)]
 mod tests {
-    use super::super::rig::Kind;
+    use super::super::rig::CameraKind;
     use super::*;
 
     fn status(states: &[(&str, &'static str)]) -> Status {
         let camera = |state| CameraStatus {
-            kind: Kind::Color,
+            kind: CameraKind::Color,
             state,
             words: String::new(),
             settings: Vec::new(),

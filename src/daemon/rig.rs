@@ -21,7 +21,7 @@ pub(super) use looking::RigLook;
 /// What a camera contributes to a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Kind {
+pub enum CameraKind {
     /// One colour picture.
     Color,
     /// A burst of depth frames.
@@ -35,7 +35,7 @@ pub struct RigCamera {
     /// The camera.
     pub id: CameraId,
     /// What it is to a capture.
-    pub kind: Kind,
+    pub kind: CameraKind,
     /// Whether it takes its pictures only at a signal of its line, whenever that comes.
     pub needs_signal: bool,
     /// Opens it.
@@ -76,7 +76,7 @@ pub struct Rig {
 }
 
 struct Camera {
-    kind: Kind,
+    kind: CameraKind,
     needs_signal: bool,
     thread: Supervised,
     state: State,
@@ -128,7 +128,7 @@ impl Rig {
     }
 
     /// Each camera and what is known of it.
-    pub(super) fn states(&self) -> impl Iterator<Item = (&CameraId, Kind, &State)> {
+    pub(super) fn states(&self) -> impl Iterator<Item = (&CameraId, CameraKind, &State)> {
         self.cameras.iter().map(|(id, c)| (id, c.kind, &c.state))
     }
 
@@ -171,7 +171,7 @@ impl Rig {
     /// Takes a shot with the cameras of these kinds and waits for it. Depth cameras that would interfere take turns.
     pub(super) fn shoot(
         &mut self,
-        wanted: impl Fn(Kind) -> bool,
+        wanted: impl Fn(CameraKind) -> bool,
         trigger: Timestamp,
         at_most: Duration,
         heartbeat: &Heartbeat,
@@ -189,10 +189,10 @@ impl Rig {
     }
 
     /// The cameras of each shot.
-    fn groups(&self, wanted: impl Fn(Kind) -> bool) -> Vec<Vec<CameraId>> {
+    fn groups(&self, wanted: impl Fn(CameraKind) -> bool) -> Vec<Vec<CameraId>> {
         let of = |in_turn: bool| {
             let cameras = self.cameras.iter();
-            cameras.filter(move |(_, c)| (c.kind == Kind::DepthInTurn) == in_turn)
+            cameras.filter(move |(_, c)| (c.kind == CameraKind::DepthInTurn) == in_turn)
         };
         let together = of(false).filter(|(_, c)| wanted(c.kind));
         let mut groups = vec![together.map(|(id, _)| id.clone()).collect::<Vec<_>>()];

@@ -212,11 +212,11 @@ pub(super) fn plan(folder: &Path, pool: &Pool) -> CapturePlan {
     }
 }
 
-pub(super) const CAMERAS: [(&str, Kind); 4] = [
-    ("c00", Kind::Color),
-    ("c01", Kind::Color),
-    ("c02", Kind::Color),
-    ("k0", Kind::Depth),
+pub(super) const CAMERAS: [(&str, CameraKind); 4] = [
+    ("c00", CameraKind::Color),
+    ("c01", CameraKind::Color),
+    ("c02", CameraKind::Color),
+    ("k0", CameraKind::Depth),
 ];
 
 pub(super) fn start_in(
@@ -230,7 +230,7 @@ pub(super) fn start_in(
 /// With a clock that stands still until it is advanced.
 pub(super) fn start_at(
     clock: Clock,
-    cameras: &[(&str, Kind)],
+    cameras: &[(&str, CameraKind)],
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),
@@ -245,13 +245,13 @@ type Behaviours = BTreeMap<String, Arc<AtomicU32>>;
 pub(super) fn rig(
     clock: Clock,
     later_ns: u64,
-    cameras: &[(&str, Kind)],
+    cameras: &[(&str, CameraKind)],
     pool: &Pool,
 ) -> (Rig, Behaviours) {
     let mut behaviours = BTreeMap::new();
     let mut rig_cameras = Vec::new();
     for &(name, kind) in cameras {
-        let depth = kind != Kind::Color;
+        let depth = kind != CameraKind::Color;
         let behaviour: Arc<AtomicU32> = Arc::default();
         behaviours.insert(name.to_owned(), behaviour.clone());
         let id = CameraId::new(name).unwrap();
@@ -289,7 +289,7 @@ pub(super) fn rig(
 fn start_on(
     clock: Clock,
     later_ns: u64,
-    cameras: &[(&str, Kind)],
+    cameras: &[(&str, CameraKind)],
     folder: tempfile::TempDir,
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),

@@ -1,7 +1,7 @@
 //! The daemon's status, as clients see it. This file only gathers it.
 
 use super::presses::Percentiles;
-use super::rig::{Kind, Rig, State};
+use super::rig::{CameraKind, Rig, State};
 use crate::workers::Backlog;
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CameraStatus {
     /// What it contributes to a capture.
-    pub kind: Kind,
+    pub kind: CameraKind,
     /// `ready`, `opening` or `away`.
     pub state: &'static str,
     /// Its identity, or why it is away.
@@ -70,7 +70,7 @@ pub struct Status {
 
 /// The cameras' part of the status; `lost` is how many frames each camera lost.
 pub(super) fn cameras(rig: &Rig, lost: &BTreeMap<String, u64>) -> BTreeMap<String, CameraStatus> {
-    let one = |(id, kind, state): (&crate::frame::CameraId, Kind, &State)| {
+    let one = |(id, kind, state): (&crate::frame::CameraId, CameraKind, &State)| {
         let mut camera = CameraStatus {
             kind,
             state: "opening",

@@ -46,9 +46,9 @@ fn one_press_is_one_durable_capture() {
 #[test]
 fn depth_cameras_that_take_turns_have_a_window_each() {
     let cameras = [
-        ("c00", Kind::Color),
-        ("k0", Kind::DepthInTurn),
-        ("k1", Kind::DepthInTurn),
+        ("c00", CameraKind::Color),
+        ("k0", CameraKind::DepthInTurn),
+        ("k1", CameraKind::DepthInTurn),
     ];
     let folder = tempfile::tempdir().unwrap();
     // The first camera's turn is longer than one window.
@@ -382,7 +382,7 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
         }
         assert!(accepted.len() < 10);
     };
-    assert!(refused.contains("2 captures wait"), "{refused}");
+    assert!(refused.contains("2 captures must still be written"), "{refused}");
     assert_eq!(accepted.len(), 2);
     hearing.recv().unwrap();
     for progress in accepted {

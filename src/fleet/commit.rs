@@ -137,7 +137,7 @@ fn of_mesh(mesh: &Mesh, says_open: bool) -> Option<String> {
     if mesh.triangles.is_empty() {
         return Some("it has no triangles".into());
     }
-    let closed = mesh::check(mesh).is_watertight();
+    let closed = mesh::is_watertight(mesh);
     (!closed && !says_open).then(|| "it is not closed, and its report does not say so".into())
 }
 

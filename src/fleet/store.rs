@@ -4,7 +4,10 @@
 
 use super::connection::FleetClient;
 use super::subjects::{CAPTURES, FAILURES, JOBS, RESULTS};
+use crate::log;
 use async_nats::StatusCode;
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{CreateStreamError, CreateStreamErrorKind};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy};
 use bytes::Bytes;
 use std::time::Duration;
@@ -12,6 +15,8 @@ use tokio::time::timeout;
 
 const DAY: Duration = Duration::from_secs(86_400);
 const MEGABYTE: i64 = 1_000_000;
+/// How often a stream's size is halved at most where the server has no storage for it.
+const HALVINGS: u32 = 4;
 /// How long the end of a process waits for the server.
 const FLUSH: Duration = Duration::from_secs(2);
 
@@ -51,15 +56,26 @@ fn stream(name: &str, subjects: &[&str], megabytes: i64, age: Duration) -> Confi
 }
 
 fn streams() -> [Config; 4] {
+    // The largest first: where it has to be smaller, the others become so too.
     [
+        stream(CAPTURES, &["scand.capture.>"], 4000, 14 * DAY),
+        stream(RESULTS, &["scand.result.>", "scand.part.>"], 2000, 14 * DAY),
         Config {
             retention: RetentionPolicy::WorkQueue,
             ..stream(JOBS, &["scand.job.>"], 200, 14 * DAY)
         },
-        stream(CAPTURES, &["scand.capture.>"], 4000, 14 * DAY),
-        stream(RESULTS, &["scand.result.>", "scand.part.>"], 2000, 14 * DAY),
         stream(FAILURES, &["scand.failure.>"], 50, 60 * DAY),
     ]
+}
+
+/// Whether the server has less storage left than a stream may take.
+fn lacks_storage(error: &CreateStreamError) -> bool {
+    match error.kind() {
+        CreateStreamErrorKind::JetStream(error) => {
+            error.error_code() == ErrorCode::STORAGE_RESOURCES_EXCEEDED
+        }
+        _ => false,
+    }
 }
 
 impl FleetClient {
@@ -75,11 +91,42 @@ impl FleetClient {
     /// Makes the streams that are not there.
     pub(super) async fn make_streams(&self) -> Result<(), ServerError> {
         self.is_there()?;
+        let mut halved = 0;
         for config in streams() {
-            let made = self.context.get_or_create_stream(config).await;
-            made.map_err(|e| ServerError::error_while("keep streams")(&e))?;
+            halved = self.make_stream(config, halved).await?;
         }
         Ok(())
+    }
+
+    /// Makes a stream if it is not there; a smaller one, as often `halved` or more often, on a server whose storage is
+    /// small. Returns how often.
+    async fn make_stream(&self, wanted: Config, halved: u32) -> Result<u32, ServerError> {
+        let failed = ServerError::error_while("keep streams");
+        let (name, most) = (&wanted.name, wanted.max_bytes);
+        for halved in halved..=HALVINGS {
+            let config = Config {
+                max_bytes: most >> halved,
+                ..wanted.clone()
+            };
+            match self.context.get_or_create_stream(config).await {
+                Ok(made) => {
+                    let size = made.cached_info().config.max_bytes;
+                    if halved > 0 && size < most {
+                        let [size, most] = [size, most].map(|bytes| bytes / MEGABYTE);
+                        log::notice!(
+                            "the server's storage is small: stream {name} has {size} MB of {most} MB"
+                        );
+                    }
+                    return Ok(halved);
+                }
+                Err(error) if lacks_storage(&error) => {}
+                Err(error) => return Err(failed(&error)),
+            }
+        }
+        Err(failed(&format!(
+            "its storage has no space for {} MB of stream {name} (max_file_store in its configuration, or its disk)",
+            (most >> HALVINGS) / MEGABYTE
+        )))
     }
 
     /// Stores a message; it is on the server when this returns.

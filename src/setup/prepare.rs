@@ -8,7 +8,7 @@ use crate::calibration::{
 use crate::clock::Clock;
 use crate::config::{self, Config};
 use crate::daemon::look::protocol::CuttingSettings;
-use crate::daemon::{Kind, RigCamera};
+use crate::daemon::{CameraKind, RigCamera};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use crate::log;
@@ -161,7 +161,7 @@ fn session_header(
     let of = |color: bool| {
         let chosen = rig_cameras
             .iter()
-            .filter(move |s| (s.kind == Kind::Color) == color);
+            .filter(move |s| (s.kind == CameraKind::Color) == color);
         chosen.filter_map(|s| calibration?.cameras.get(&s.id))
     };
     let depth = |(camera, response): &(Camera, Option<DepthResponse>)| DepthCamera {

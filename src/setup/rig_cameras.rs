@@ -4,7 +4,7 @@ use super::duplicate_devices;
 use crate::calibration::RigCalibration;
 use crate::clock::Clock;
 use crate::config::Config;
-use crate::daemon::{Kind, RigCamera};
+use crate::daemon::{CameraKind, RigCamera};
 #[cfg(feature = "aravis")]
 use crate::drivers::aravis;
 use crate::drivers::aravis::{Parameters as GigeParameters, TriggerMode as GigeTrigger};
@@ -53,7 +53,7 @@ pub(super) fn rig_cameras(
         let driver = gige_driver(&id, parameters, &shared)?;
         let camera = RigCamera {
             id,
-            kind: Kind::Color,
+            kind: CameraKind::Color,
             needs_signal,
             driver,
         };
@@ -66,7 +66,7 @@ pub(super) fn rig_cameras(
         let driver = v4l2_driver(&id, parameters, &shared)?;
         let camera = RigCamera {
             id,
-            kind: Kind::Color,
+            kind: CameraKind::Color,
             needs_signal,
             driver,
         };
@@ -81,9 +81,9 @@ pub(super) fn rig_cameras(
     for (id, mut parameters) in depths {
         parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
         let kind = if parameters.take_turns() {
-            Kind::DepthInTurn
+            CameraKind::DepthInTurn
         } else {
-            Kind::Depth
+            CameraKind::Depth
         };
         let driver = openni2_driver(&id, parameters, &shared)?;
         let camera = RigCamera {
@@ -96,7 +96,7 @@ pub(super) fn rig_cameras(
     }
     if rig_cameras
         .values()
-        .filter(|s| s.kind == Kind::Color)
+        .filter(|s| s.kind == CameraKind::Color)
         .count()
         < 2
     {

@@ -4,7 +4,7 @@
 use super::jobs::{Error, Jobs};
 use super::object_find::of_session;
 use super::object_jobs::ClaimedObjectJob;
-use super::object_protocol::{Found, FoundPoses, ObjectModelRequest};
+use super::object_protocol::{CapturesFound, ObjectModelRequest, PosesFound};
 use super::outcome;
 use super::pool::{MAX_STARTS, WorkerPlan};
 use super::protocol::{self, Confinement};
@@ -35,7 +35,7 @@ pub enum ObjectNews {
         /// The newest of its captures.
         capture: String,
         /// How they lie.
-        poses: FoundPoses,
+        poses: PosesFound,
     },
     /// Its model was made, or cannot be.
     Fused {
@@ -124,7 +124,7 @@ impl Shared {
             return Some(false);
         }
         let ended = self.process(taken, &recordings, true)?;
-        let Some(found) = Found::parse(&ended.words) else {
+        let Some(found) = CapturesFound::parse(&ended.words) else {
             let why = ended.why(&self.plan);
             log::error!("object {}: no poses were found: {why}", taken.job.subject);
             return Some(false);
@@ -164,7 +164,7 @@ impl Shared {
             return Some(true);
         }
         let ended = self.process(taken, &recordings, false)?;
-        let found = Found::parse(&ended.words);
+        let found = CapturesFound::parse(&ended.words);
         if found
             .as_ref()
             .is_some_and(|f| f.captures < 2 && !f.has_folder)
@@ -183,7 +183,7 @@ impl Shared {
                 self.fused(taken, Err(ended.why(&self.plan)), Some(&folder));
             }
             _ => {
-                let words = Found::others(&ended.words);
+                let words = CapturesFound::others(&ended.words);
                 self.failed(taken, &recordings, ended.why(&self.plan), &words);
             }
         }
@@ -340,9 +340,11 @@ impl Ended {
     fn why(&self, plan: &WorkerPlan) -> String {
         match (&self.problem, self.status) {
             (Some(problem), _) => problem.clone(),
-            (None, Some(status)) => {
-                outcome::reason(status, &Found::others(&self.words), &plan.parameters)
-            }
+            (None, Some(status)) => outcome::reason(
+                status,
+                &CapturesFound::others(&self.words),
+                &plan.parameters,
+            ),
             (None, None) => "it ended without giving a reason".to_owned(),
         }
     }

@@ -11,7 +11,7 @@ pub const COMMAND: &str = "make-object";
 /// Its option for finding poses alone.
 pub const REGISTER: &str = "register";
 
-/// What a line on standard error begins with that has a [`Found`].
+/// What a line on standard error begins with that has a [`CapturesFound`].
 const FOUND: &str = "scand: found: ";
 
 /// What a process is asked for.
@@ -60,18 +60,18 @@ impl ObjectModelRequest<'_> {
 
 /// What was found of an object's captures.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Found {
+pub struct CapturesFound {
     /// Captures that count: complete ones that nobody rejected.
     pub captures: usize,
     /// Whether the object has a folder from before.
     pub has_folder: bool,
     /// Of two captures or more, how they lie.
-    pub poses: Option<FoundPoses>,
+    pub poses: Option<PosesFound>,
 }
 
 /// How an object's captures lie against each other.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct FoundPoses {
+pub struct PosesFound {
     /// How clear the evidence for the newest capture's pose is; red where it has none.
     pub verdict: Level,
     /// How that pose was found; `None` without a pose.
@@ -86,7 +86,7 @@ pub struct FoundPoses {
     pub show_next: Option<String>,
 }
 
-impl Found {
+impl CapturesFound {
     /// Tells the daemon.
     pub fn print(&self) {
         eprintln!("{FOUND}{}", serde_json::to_string(self).unwrap_or_default());
@@ -113,15 +113,15 @@ mod tests {
     fn what_was_found_is_one_line_among_others() {
         let words = "scand: warning: no Landlock\nscand: found: {\"captures\":1,\"has_folder\":false,\
                      \"poses\":null}\nscand: it ends\n";
-        let found = Found {
+        let found = CapturesFound {
             captures: 1,
             has_folder: false,
             poses: None,
         };
-        assert_eq!(Found::parse(words), Some(found));
-        let others = Found::others(words);
+        assert_eq!(CapturesFound::parse(words), Some(found));
+        let others = CapturesFound::others(words);
         assert_eq!(others, "scand: warning: no Landlock\nscand: it ends\n");
-        assert_eq!(Found::parse("scand: found: {\n"), None);
-        assert_eq!(Found::parse(""), None);
+        assert_eq!(CapturesFound::parse("scand: found: {\n"), None);
+        assert_eq!(CapturesFound::parse(""), None);
     }
 }

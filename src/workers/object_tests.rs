@@ -1,7 +1,7 @@
 //! Tests objects' jobs on the disk and the processes that do them. These processes are shell scripts; `tests/rig` runs
 //! the real ones.
 
-use super::object_protocol::{Found, FoundPoses};
+use super::object_protocol::{CapturesFound, PosesFound};
 use super::*;
 use crate::clock::Clock;
 use crate::level::Level;
@@ -123,7 +123,7 @@ fn the_second_capture_of_a_subject_is_registered_and_then_fused() {
         panic!("it was fused first");
     };
     assert_eq!((subject.as_str(), capture.as_str()), ("17", "s-0003"));
-    let expected = FoundPoses {
+    let expected = PosesFound {
         verdict: Level::Green,
         held_by: Some("colours".into()),
         words: "held".into(),
@@ -210,5 +210,5 @@ fn with_one_capture_left_and_no_model_nothing_is_told() {
     let (_workers, heard) = place.start(&jobs);
     until("its job is done", || place.left() == 0);
     assert!(heard.0.try_recv().is_err());
-    assert_eq!(Found::parse("scand: found: nonsense"), None);
+    assert_eq!(CapturesFound::parse("scand: found: nonsense"), None);
 }

@@ -5,7 +5,6 @@ use crate::support::wait::until;
 use crate::test_bench::{Process, TestBench, finished, made_here, models, said, simulated};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::time::Duration;
 
 /// What stands between a program and the wall clock (package libfaketime). It has no power over the server, whose
 /// language asks the kernel itself: so the server has the true time, and the others are wrong.
@@ -53,7 +52,6 @@ fn a_server_that_is_away_and_clocks_that_differ_are_waited_for_and_lose_nothing(
     until("both wait for the server", || {
         bench.log("replay").contains("it is away") && !bench.log("w").is_empty()
     });
-    std::thread::sleep(Duration::from_secs(3));
     bench.start_server();
     let output = finished(replay);
     let words = (said(&output), bench.log("replay"), bench.log("w"));

@@ -2,7 +2,7 @@
 
 use crate::support::skipped::{Needed, skip};
 use crate::support::wait::until;
-use crate::test_bench::{TestBench, finished, made_here, models, said, simulated};
+use crate::test_bench::{TestBench, finished, made_here, models, said, simulated, spawned};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -74,4 +74,39 @@ fn full_disks_are_named_and_jobs_wait_for_space_or_go_to_other_workers() {
     assert!(output.status.success(), "{}", bench.log("replay"));
     assert!(models(&bench.path("out")) == here);
     assert!(!bench.log("full").contains("started"));
+}
+
+#[test]
+fn a_server_with_little_storage_gets_smaller_streams_and_one_with_hardly_any_is_named() {
+    let Some(bench) = TestBench::without_server("") else {
+        return;
+    };
+    let recording = simulated(6);
+    bench.start_server_with("700MB");
+    let _worker = bench.worker("w", &[]);
+    let one = ["--capture", "ball-000"];
+    let output = finished(spawned(bench.by_fleet(&recording, "out", &one)));
+    let words = said(&output);
+    assert!(output.status.success(), "{words}");
+    assert!(
+        words.contains("stream SCAND_CAPTURES has 500 MB of 4000 MB"),
+        "{words}"
+    );
+    bench.kill_server();
+    bench.wipe_store();
+    bench.start_server_with("100MB");
+    let mut replay = bench.by_fleet(&recording, "again", &one);
+    replay.stdout(Stdio::piped());
+    replay.stderr(std::fs::File::create(bench.path("replay.log")).unwrap());
+    let replay = replay.spawn().unwrap();
+    until("it names the storage", || {
+        bench
+            .log("replay")
+            .contains("no space for 250 MB of stream SCAND_CAPTURES (max_file_store")
+    });
+    // It waits for an administrator, and then goes on.
+    bench.kill_server();
+    bench.start_server_with("8GB");
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", bench.log("replay"));
 }

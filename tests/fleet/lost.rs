@@ -2,11 +2,13 @@
 //! and a job that takes its workers with it.
 
 use crate::support::wait::until;
-use crate::test_bench::{Process, TestBench, finished, models, program, said, simulated, told};
+use crate::test_bench::{
+    Process, TestBench, finished, models, program, said, simulated, spawned, told,
+};
 use crate::wire::Wire;
 use rustix::process::{Pid, Signal};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 /// One capture, fine enough that its worker can be caught at it.
@@ -17,11 +19,6 @@ const ONE: [&str; 5] = [
     "hull.resolution=260",
     "--quiet",
 ];
-
-fn spawned(mut command: Command) -> Child {
-    command.stdout(Stdio::piped()).stderr(Stdio::piped());
-    command.spawn().unwrap()
-}
 
 /// Waits until the one job of a replay is on the server.
 fn until_offered(bench: &TestBench, replay: &mut Child) {

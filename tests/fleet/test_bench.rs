@@ -98,12 +98,17 @@ impl TestBench {
     }
 
     pub fn start_server(&self) {
+        self.start_server_with("8GB");
+    }
+
+    /// Starts a server that may store so much.
+    pub fn start_server_with(&self, storage: &str) {
         let file = self.path("server.conf");
         let store = self.path("store");
         let port = self.port;
         let store = store.display();
         let text = format!(
-            "listen: \"127.0.0.1:{port}\"\njetstream {{ store_dir: \"{store}\", max_file_store: 8GB }}\n{}",
+            "listen: \"127.0.0.1:{port}\"\njetstream {{ store_dir: \"{store}\", max_file_store: {storage} }}\n{}",
             self.configuration
         );
         std::fs::write(&file, text).unwrap();
@@ -316,4 +321,9 @@ pub fn made_here(
         .unwrap();
     assert!(output.status.success(), "{}", said(&output));
     models(&bench.path("here"))
+}
+
+pub fn spawned(mut command: Command) -> Child {
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().unwrap()
 }

@@ -4,7 +4,7 @@
 use crate::description::{self, LISTENING, PTP_ENABLE, PTP_STATUS, SLAVE};
 use crate::network::alone_without_raw_sockets;
 use crate::stand::{Stand, id, milliseconds_after};
-use scand::drivers::aravis::{ActionCommand, Answer, Message, Parameters, TriggerMode};
+use scand::drivers::aravis::{Acknowledgement, ActionCommand, Message, Parameters, TriggerMode};
 use scand_lab::serve::ColorOptions;
 use std::collections::HashMap;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
@@ -38,7 +38,7 @@ impl Relay<'_> {
                 if let Some((message, command)) =
                     message.and_then(|m| ActionCommand::of_message(&m).map(|c| (m, c)))
                 {
-                    let answer = Answer {
+                    let answer = Acknowledgement {
                         status: 0,
                         command: message.command + 1,
                         request: message.request,

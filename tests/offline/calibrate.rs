@@ -226,7 +226,7 @@ fn what_cannot_be_calibrated_says_why() {
     assert_eq!(code, Some(1));
     assert!(
         errors.contains("c00: it has no usable view of the board")
-            && errors.contains("no board was found (1 pictures)"),
+            && errors.contains("no board was found (1 picture)"),
         "{errors}"
     );
     let (code, _, errors) = calibrate(&[session, "--board", "checkerboard:9x6"]);

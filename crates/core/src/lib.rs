@@ -43,3 +43,4 @@ pub mod report;
 pub mod statistics;
 pub mod storage;
 pub mod sync;
+pub mod words;

@@ -3,6 +3,7 @@
 use crate::calibrate::{Depth, DepthMethod, Table};
 use crate::calibration::response::{PlaneFit, PlaneParameters};
 use crate::frame::CameraId;
+use crate::words::count;
 use clap::builder::ArgPredicate;
 use std::path::PathBuf;
 
@@ -133,13 +134,13 @@ fn plane_line(id: &CameraId, fit: &PlaneFit) -> String {
         false => String::new(),
     };
     format!(
-        "depth of {id}: z = {:.6}·r {:+.4} m, scale {:.4} {:+.4}·z, from {} boards at {:.2} to {:.2} m; bias at most \
+        "depth of {id}: z = {:.6}·r {:+.4} m, scale {:.4} {:+.4}·z, from {} at {:.2} to {:.2} m; bias at most \
          {:.2} mm ({:.1} mm without){correction}",
         r.slope,
         r.intercept,
         r.scale[0],
         r.scale[1],
-        fit.views.len(),
+        count(fit.views.len(), "board"),
         at(f64::min, f64::MAX),
         at(f64::max, 0.0),
         1e3 * r.uncertainty,

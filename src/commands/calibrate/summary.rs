@@ -88,7 +88,7 @@ impl Summary<'_> {
                 .judgement
                 .reasons
                 .iter()
-                .map(|reason| format!("  {reason}")),
+                .map(|reason| format!("  {}", reason.words)),
         );
         lines.extend(
             self.written

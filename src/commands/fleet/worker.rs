@@ -3,6 +3,7 @@
 use super::{AccessArgs, AddressParser, block_on, termination};
 use crate::fleet::{Program, Role, WorkerPlan, work};
 use crate::log;
+use crate::words::count;
 use crate::workers::FleetAddress;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -54,8 +55,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     block_on(async {
         let fleet = args.access.connect(&args.fleet, Role::Worker).await?;
         log::notice!(
-            "this worker runs program {program} and makes {} models at a time",
-            args.jobs
+            "this worker runs program {program} and makes {} at a time",
+            count(args.jobs as usize, "model")
         );
         work(fleet, plan, termination()).await?;
         Ok(ExitCode::SUCCESS)

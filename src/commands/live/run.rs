@@ -7,8 +7,8 @@ use crate::commands::EXIT_INCOMPLETE;
 use crate::daemon::events::Events;
 use crate::daemon::look::LookPlan;
 use crate::daemon::{
-    CapturePlan, Capturing, Hooks, InterruptedRecordings, Kind, Notifier, Packing, Rig, RigCamera,
-    Service, Watchdog, handed_over, serve,
+    CameraKind, CapturePlan, Capturing, Hooks, InterruptedRecordings, Notifier, Packing, Rig,
+    RigCamera, Service, Watchdog, handed_over, serve,
 };
 use crate::drivers::live::Backoff;
 use crate::log;
@@ -148,8 +148,8 @@ fn serve_rig(
 /// Frames that all cameras may give to one shot.
 pub(super) fn frames_a_shot(rig_cameras: &[RigCamera], depth_frames: usize) -> usize {
     let frames = rig_cameras.iter().map(|rig_camera| match rig_camera.kind {
-        Kind::Color => 8,
-        Kind::Depth | Kind::DepthInTurn => 2 * depth_frames + 16,
+        CameraKind::Color => 8,
+        CameraKind::Depth | CameraKind::DepthInTurn => 2 * depth_frames + 16,
     });
     frames.sum()
 }

@@ -188,7 +188,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let files::Found {
+    let files::CapturesFound {
         recordings,
         warnings,
     } = files::find(&replay)?;

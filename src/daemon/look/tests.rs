@@ -4,7 +4,7 @@
 use super::*;
 use crate::daemon::rig::{Rig, RigLook, State};
 use crate::daemon::scripted::{Behaviour, TestBench, rig, start, start_at, start_in};
-use crate::daemon::{Kind, Watchdog};
+use crate::daemon::{CameraKind, Watchdog};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use std::os::unix::fs::PermissionsExt;
@@ -160,7 +160,7 @@ fn wait_for_look(rig: &mut Rig) -> RigLook {
 fn a_shot_waits_for_the_picture_in_transfer_and_not_for_one_that_never_comes() {
     let clock = Clock::system();
     let pool = Pool::new(4_000_000);
-    let cameras = [("c00", Kind::Color), ("c01", Kind::Color)];
+    let cameras = [("c00", CameraKind::Color), ("c01", CameraKind::Color)];
     let (mut rig, behaviours) = rig(clock, 0, &cameras, &pool);
     while rig
         .states()
@@ -248,7 +248,7 @@ fn a_look_leaves_the_memory_of_a_capture_alone() {
 fn a_rig_with_a_camera_that_waits_for_a_signal_shows_none() {
     let folder = tempfile::tempdir().unwrap();
     let program = program(folder.path(), SHOWS);
-    let cameras_of_the_rig = [("line0", Kind::Color), ("c01", Kind::Color)];
+    let cameras_of_the_rig = [("line0", CameraKind::Color), ("c01", CameraKind::Color)];
     let bench = start_at(
         Clock::system(),
         &cameras_of_the_rig,

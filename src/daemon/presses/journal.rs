@@ -2,6 +2,7 @@
 //! renamed and a new one begins, so there are never more than two. Other files decide what the lines mean.
 
 use crate::trigger::Reply;
+use crate::words::count;
 use crate::{log, storage};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -136,8 +137,9 @@ fn read(path: &Path) -> Vec<Line> {
     let unparsable = parsed.iter().filter(|line| line.is_err()).count();
     if unparsable > 0 {
         log::warning!(
-            "{}: {unparsable} lines cannot be parsed and are ignored",
-            path.display()
+            "{}: scand ignores {}, which it cannot parse",
+            path.display(),
+            count(unparsable, "line")
         );
     }
     let oldest = now().saturating_sub(LONGEST.as_secs());

@@ -1,7 +1,7 @@
 //! Pictures that are taken to be looked at, one camera at a time and never recorded. A shot waits for the picture that
 //! is in transfer, and for no other.
 
-use super::{Kind, Rig, State};
+use super::{CameraKind, Rig, State};
 use crate::daemon::systemd::Heartbeat;
 use crate::drivers::live::{Fault, Shot};
 use crate::frame::{CameraId, Frame};
@@ -50,10 +50,10 @@ impl Rig {
         match (&camera.state, camera.kind) {
             (State::Opening, _) => Some("it has not been opened yet".into()),
             (State::Away(fault), _) => Some(fault.to_string()),
-            (State::Ready(_), Kind::DepthInTurn) => Some(
+            (State::Ready(_), CameraKind::DepthInTurn) => Some(
                 "it runs only while a capture is taken, because depth cameras take turns (take_turns)".into(),
             ),
-            (State::Ready(_), Kind::Color | Kind::Depth) => None,
+            (State::Ready(_), CameraKind::Color | CameraKind::Depth) => None,
         }
     }
 

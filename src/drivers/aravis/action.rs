@@ -1,7 +1,7 @@
 //! Action commands (GigE Vision 2.0, 14.3.1 and 16.4.1), which mean "expose at this time of our common clock". Aravis
 //! cannot send them, so this file makes the packet. It also chooses the time for all cameras of one group.
 
-use super::gvcp::{self, Answer, Message};
+use super::gvcp::{self, Acknowledgement, Message};
 use parking_lot::Mutex;
 use std::io;
 use std::net::SocketAddrV4;
@@ -68,7 +68,7 @@ impl ActionCommand {
 pub fn send_action(to: SocketAddrV4, command: &ActionCommand, request: u16) -> Result<(), String> {
     let answer = gvcp::ask(to, &command.message(request), Duration::from_millis(50));
     match answer {
-        Ok(Answer { status: 0, .. }) => Ok(()),
+        Ok(Acknowledgement { status: 0, .. }) => Ok(()),
         Ok(answer) => Err(format!(
             "it declined the action command with {}",
             gvcp::status_words(answer.status)
@@ -148,7 +148,7 @@ mod tests {
                 let message = Message::decode(&packet[..length]).unwrap();
                 heard.push(ActionCommand::of_message(&message).unwrap());
                 if heard.len() > deaf {
-                    let mut answer = Answer {
+                    let mut answer = Acknowledgement {
                         status,
                         command: ACTION + 1,
                         request: message.request + 1,

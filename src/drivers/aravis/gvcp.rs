@@ -28,7 +28,7 @@ pub struct Message {
 
 /// An acknowledgement.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Answer {
+pub struct Acknowledgement {
     /// 0 is success.
     pub status: u16,
     /// The command's number plus 1.
@@ -58,7 +58,7 @@ impl Message {
     }
 }
 
-impl Answer {
+impl Acknowledgement {
     /// The bytes of its packet.
     pub fn encode(&self) -> Vec<u8> {
         let head = self.status.to_be_bytes();
@@ -114,7 +114,11 @@ pub(super) fn status_words(status: u16) -> String {
 ///
 /// # Errors
 /// If the network refuses, or no answer comes within three times `patience`.
-pub(super) fn ask(to: SocketAddrV4, message: &Message, patience: Duration) -> io::Result<Answer> {
+pub(super) fn ask(
+    to: SocketAddrV4,
+    message: &Message,
+    patience: Duration,
+) -> io::Result<Acknowledgement> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     socket.connect(to)?;
     let packet = message.encode();
@@ -132,7 +136,7 @@ fn receive(
     socket: &UdpSocket,
     message: &Message,
     patience: Duration,
-) -> io::Result<Option<Answer>> {
+) -> io::Result<Option<Acknowledgement>> {
     let until = Instant::now() + patience;
     let mut packet = [0; 1024];
     loop {
@@ -153,7 +157,7 @@ fn receive(
             }
             Err(e) => return Err(e),
         };
-        let answer = Answer::decode(&packet[..length]);
+        let answer = Acknowledgement::decode(&packet[..length]);
         let matching =
             answer.filter(|a| a.request == message.request && a.command == message.command + 1);
         if matching.is_some() {
@@ -227,14 +231,14 @@ mod tests {
             let flags = flags & !ACKNOWLEDGE;
             let message = Message { flags, command, request, payload: payload.clone() };
             prop_assert_eq!(Message::decode(&message.encode()), Some(message));
-            let answer = Answer { status: request, command, request, payload };
-            prop_assert_eq!(Answer::decode(&answer.encode()), Some(answer));
+            let answer = Acknowledgement { status: request, command, request, payload };
+            prop_assert_eq!(Acknowledgement::decode(&answer.encode()), Some(answer));
         }
 
         #[test]
         fn any_bytes_are_read_without_harm(bytes: Vec<u8>) {
             let _ = Message::decode(&bytes);
-            let _ = Answer::decode(&bytes);
+            let _ = Acknowledgement::decode(&bytes);
             let _ = Identity::decode(&bytes);
         }
     }

@@ -13,7 +13,7 @@ cfg_if::cfg_if! {
         mod gvcp;
 
         pub use action::{ActionCommand, ActionGroup, send_action};
-        pub use gvcp::{Answer, Identity, Message, identify};
+        pub use gvcp::{Acknowledgement, Identity, Message, identify};
     }
 }
 

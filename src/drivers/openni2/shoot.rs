@@ -7,6 +7,7 @@ use super::settings;
 use super::stream;
 use crate::drivers::live::{CameraInfo, Device, Fault, Shot, ShotStats};
 use crate::frame::{Frame, Picture, Stream, Timestamp};
+use crate::words::count;
 use std::time::{Duration, Instant};
 
 /// What a shot has so far.
@@ -39,7 +40,8 @@ impl Burst {
         if (1..1000).contains(&missed) {
             let of = NAMES[which];
             self.stats.lost.push(format!(
-                "{missed} {of} frames before number {number} did not arrive"
+                "{} before number {number} did not arrive",
+                count(missed as usize, &format!("{of} frame"))
             ));
         }
     }

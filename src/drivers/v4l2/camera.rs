@@ -7,6 +7,7 @@ use super::{jpeg, settings};
 use crate::clock::Clock;
 use crate::drivers::live::{CameraInfo, Device, Driver, Fault, LINE_LEAD, Pool, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
+use crate::words::count;
 use std::collections::VecDeque;
 use std::io;
 use std::path::Path;
@@ -210,7 +211,8 @@ impl Camera {
         if (1..1000).contains(&missed) {
             let next = filled.sequence;
             stats.lost.push(format!(
-                "{missed} frames before number {next} did not arrive"
+                "{} before number {next} did not arrive",
+                count(missed as usize, "frame")
             ));
         }
         if filled.time <= time && !filled.time.is_zero() {

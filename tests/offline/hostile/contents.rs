@@ -289,7 +289,7 @@ fn cameras_that_see_no_object_are_refused() {
         (
             "one-camera",
             alone,
-            &["1 colour cameras, expected at least 2"],
+            &["1 colour camera, expected at least 2"],
         ),
         (
             "others-uncalibrated",
@@ -297,7 +297,7 @@ fn cameras_that_see_no_object_are_refused() {
                 m.without(&format!("/color/{id}/calibration"))
             }),
             &[
-                "1 colour cameras, expected at least 2; ",
+                "1 colour camera, expected at least 2; ",
                 "colour camera c01 has images and no calibration",
             ],
         ),

@@ -1,9 +1,11 @@
 //! Commands to a sensor while it runs: a text file with one command in each line, after the sensor's serial number
 //! or `*`. `capture N` plays the file's capture N; `silent` gives no frames; `gone` unplugs it; `damaged N` cuts
 //! off each Nth frame; `frozen` makes its clock stand still; `unregistered` makes it forget registration;
-//! `unsynchronised` makes it refuse to synchronise. What no line mentions is off.
+//! `unsynchronised` makes it refuse to synchronise. What no line mentions is off. A sensor that does what the file says
+//! writes the file's text into `FILE.heard-SERIAL`, which is there as long as the sensor plays.
 
-use std::path::Path;
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 /// What is so now.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -19,12 +21,6 @@ pub struct Control {
 }
 
 impl Control {
-    /// Reads what holds for a sensor; a file that is not there says nothing.
-    pub fn read(path: Option<&Path>, serial: &str) -> Self {
-        let text = path.and_then(|p| std::fs::read_to_string(p).ok());
-        Self::parse(&text.unwrap_or_default(), serial)
-    }
-
     fn parse(text: &str, serial: &str) -> Self {
         let mut control = Self::default();
         for line in text.lines() {
@@ -46,6 +42,62 @@ impl Control {
             }
         }
         control
+    }
+}
+
+/// A sensor's way to the file of commands, and back.
+pub struct Channel {
+    file: Option<PathBuf>,
+    serial: String,
+    /// The text that was acknowledged last.
+    heard: Mutex<Option<String>>,
+}
+
+impl Channel {
+    pub fn new(file: Option<PathBuf>, serial: &str) -> Self {
+        Self {
+            file,
+            serial: serial.to_owned(),
+            heard: Mutex::default(),
+        }
+    }
+
+    /// What holds for the sensor, and the whole text that says so; a file that is not there says nothing.
+    pub fn read(&self) -> (Control, String) {
+        let text = self
+            .file
+            .as_ref()
+            .and_then(|file| std::fs::read_to_string(file).ok());
+        let text = text.unwrap_or_default();
+        (Control::parse(&text, &self.serial), text)
+    }
+
+    /// Tells that the sensor does what a text says.
+    pub fn acknowledge(&self, text: String) {
+        let mut heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        if heard.as_ref() == Some(&text) {
+            return;
+        }
+        let (Some(answer), Some(written)) = (self.beside("heard"), self.beside("part")) else {
+            return;
+        };
+        let put = std::fs::write(&written, &text).and_then(|()| std::fs::rename(&written, answer));
+        match put {
+            Ok(()) => *heard = Some(text),
+            Err(why) => eprintln!("test sensor: {}: {why}", written.display()),
+        }
+    }
+
+    /// Tells that the sensor does not play any more.
+    pub fn close(&self) {
+        if let Some(answer) = self.beside("heard") {
+            let _ = std::fs::remove_file(answer);
+        }
+    }
+
+    fn beside(&self, what: &str) -> Option<PathBuf> {
+        let file = self.file.as_ref()?;
+        Some(file.with_extension(format!("{what}-{}", self.serial)))
     }
 }
 

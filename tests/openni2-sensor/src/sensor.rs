@@ -1,7 +1,7 @@
 //! One sensor: what it is set to, and its thread, which hands a frame of each started stream to OpenNI at its time.
 
 use crate::abi::{self, DeviceInfo, Frame, NewFrameCallback, StreamServices, VideoMode, field};
-use crate::control::Control;
+use crate::control::{Channel, Control};
 use crate::frames::Frames;
 use std::ffi::{c_int, c_void};
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ unsafe impl<T> Send for Shared<T> {}
 pub struct Sensor {
     pub frames: Frames,
     pub info: DeviceInfo,
-    control: Option<PathBuf>,
+    channel: Channel,
     state: Mutex<State>,
     stopped: AtomicBool,
 }
@@ -66,6 +66,7 @@ pub struct Listener {
 
 impl Sensor {
     pub fn new(frames: Frames, control: Option<PathBuf>) -> Self {
+        let channel = Channel::new(control, &frames.serial);
         let info = DeviceInfo {
             uri: field(&format!("scand-sensor://{}", frames.serial)),
             vendor: field("scand"),
@@ -76,7 +77,7 @@ impl Sensor {
         Self {
             frames,
             info,
-            control,
+            channel,
             state: Mutex::default(),
             stopped: AtomicBool::new(false),
         }
@@ -101,7 +102,7 @@ impl Sensor {
 
     /// Shows itself to OpenNI, if it is plugged in. To be called while OpenNI starts, so that it is listed then.
     pub fn connect(&self, listener: Listener) {
-        let control = Control::read(self.control.as_deref(), &self.frames.serial);
+        let (control, text) = self.channel.read();
         let gone = control.gone;
         let mut state = self.state();
         state.unplugged = gone;
@@ -111,6 +112,7 @@ impl Sensor {
             (listener.connected)(&raw const self.info, listener.cookie.0);
             (listener.state_changed)(&raw const self.info, 0, listener.cookie.0);
         }
+        self.channel.acknowledge(text);
     }
 
     /// Plays until it is stopped.
@@ -132,11 +134,12 @@ impl Sensor {
             due += period;
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
         }
+        self.channel.close();
     }
 
     /// Reads what it is told. OpenNI hears of it while nothing is locked here.
     fn listen(&self, listener: Listener) {
-        let control = Control::read(self.control.as_deref(), &self.frames.serial);
+        let (control, text) = self.channel.read();
         let mut state = self.state();
         if control.capture != state.control.capture {
             state.step = 0;
@@ -151,6 +154,7 @@ impl Sensor {
         } else if changed {
             (listener.connected)(&raw const self.info, listener.cookie.0);
         }
+        self.channel.acknowledge(text);
     }
 
     pub fn is_there(&self) -> bool {

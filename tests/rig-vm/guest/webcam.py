@@ -80,7 +80,7 @@ def dropped():
     since = scand.now()
     scand.ask("trigger")
     for _ in range(8):
-        if "frames before number" in scand.said(since):
+        if " before number " in scand.said(since):
             break
         scand.ask("trigger")
     contains(scand.said(since), "camera c00: lost: ", "did not arrive")

@@ -2,11 +2,12 @@
 
 use super::Error;
 use super::detections::placement_names;
-use crate::calibration::fit::{DepthError, Fit, FittedCamera, Judgement, Limits, Slope};
+use crate::calibration::fit::{DepthError, DepthMisfit, Fit, FittedCamera, ReasonKind, Slope};
 use crate::calibration::response::{
-    DepthTable, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane, mean_readings,
+    Cause, DepthTable, Misfit, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane,
+    mean_readings,
 };
-use crate::calibration::{Board, CalibrationLevel, DepthResponse};
+use crate::calibration::{Board, DepthResponse};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use crate::image::Grid;
@@ -65,7 +66,7 @@ pub struct Depth {
 }
 
 /// Fits the responses of all depth cameras that were fitted.
-pub(super) fn respond(
+pub(super) fn fit_responses(
     method: DepthMethod,
     recordings: &[Placements],
     fit: &Fit,
@@ -107,35 +108,12 @@ impl Depth {
         self.planes.iter().filter_map(slope).collect()
     }
 
-    /// Says what would explain the readings that do not fit: with the bias that they leave, or, where they leave no
-    /// mean bias, as a reason of its own.
-    pub(super) fn explain(&self, judgement: &mut Judgement, limits: &Limits) {
-        for (id, fit) in &self.planes {
-            let Some(misfit) = &fit.misfit else { continue };
-            let about = format!("depth camera {id}: a bias");
-            let mut reasons = judgement.reasons.iter_mut();
-            if let Some(reason) = reasons.find(|reason| reason.starts_with(&about)) {
-                *reason += &format!("; {}", misfit.words());
-                continue;
-            }
-            let (off_mm, most_mm) = (1e3 * misfit.held_out, limits.depth_bias_mm);
-            let level = match off_mm > most_mm {
-                true => CalibrationLevel::Doubtful,
-                false => CalibrationLevel::Accepted,
-            };
-            judgement.level = judgement.level.max(level);
-            judgement.reasons.push(format!(
-                "depth camera {id}: its readings do not fit boards that were held out, by {off_mm:.2} mm at 1 m (rms); {}",
-                misfit.words()
-            ));
-        }
-    }
-
     /// The figures that the verdict judges.
     pub(super) fn found(&self) -> BTreeMap<CameraId, Result<DepthError, String>> {
         let error = |fit: &PlaneFit| DepthError {
             seen: fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max),
             at_most: fit.response.uncertainty,
+            misfit: fit.misfit.as_ref().map(misfit),
         };
         let fitted = self.planes.iter();
         let fitted = fitted.map(|(id, fit)| (id, Ok(error(fit))));
@@ -257,14 +235,27 @@ fn seen(board: &Board, front: Isometry3<f64>, front_from_back: Isometry3<f64>) -
     }
 }
 
+/// What does not fit, for the verdict.
+fn misfit(found: &Misfit) -> DepthMisfit {
+    DepthMisfit {
+        held_out: found.held_out,
+        kind: match found.causes.first() {
+            Some(Cause::Misregistered(_)) => ReasonKind::DepthMisregistered,
+            Some(Cause::Bowl(_)) => ReasonKind::DepthBowl,
+            Some(Cause::Curve(_)) => ReasonKind::DepthNotLinear,
+            None => ReasonKind::DepthBias,
+        },
+        words: found.words(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::response::{Cause, Correction, Misfit};
+    use crate::calibration::response::Correction;
 
-    /// A depth camera whose readings do not fit, by so much at 1 m.
-    fn misfit(held_out_mm: f64, cause: Cause) -> Depth {
-        let held_out = 1e-3 * held_out_mm;
+    /// A depth camera whose readings do not fit.
+    fn depth(cause: Cause) -> Depth {
         let fit = PlaneFit {
             response: DepthResponse::default(),
             slope_deviation: None,
@@ -273,13 +264,13 @@ mod tests {
             left_out: Vec::new(),
             correction: Correction {
                 coefficients: [0.0; 10],
-                held_out,
-                held_out_corrected: held_out,
+                held_out: 1e-3,
+                held_out_corrected: 1e-3,
                 pays: false,
             },
             misfit: Some(Misfit {
-                held_out,
-                explained: 0.2 * held_out,
+                held_out: 1e-3,
+                explained: 2e-4,
                 causes: vec![cause],
             }),
         };
@@ -289,53 +280,31 @@ mod tests {
         }
     }
 
-    fn judged(depth: &Depth, reasons: &[&str]) -> Judgement {
-        let mut judgement = Judgement {
-            level: CalibrationLevel::Good,
-            reasons: reasons.iter().map(|&r| r.to_owned()).collect(),
-            worst_camera: None,
-            worst_placement: None,
-        };
-        depth.explain(&mut judgement, &Limits::default());
-        judgement
-    }
-
     #[test]
-    fn readings_that_do_not_fit_are_a_reason_even_where_they_leave_no_bias() {
-        let causes = [
+    fn readings_that_do_not_fit_are_told_with_what_would_explain_them() {
+        for (cause, kind, words) in [
             (
                 Cause::Misregistered([3.0, -1.0]),
+                ReasonKind::DepthMisregistered,
                 "displaced against its colour picture by +3.0 px",
             ),
-            (Cause::Bowl(0.004), "which are 4.0 mm deeper at 1 m"),
-            (Cause::Curve(0.002), "not linear in the distance, by 2.0 mm"),
-        ];
-        for (cause, words) in causes {
-            for (off_mm, level) in [
-                (0.8, CalibrationLevel::Accepted),
-                (1.3, CalibrationLevel::Doubtful),
-            ] {
-                let told = judged(&misfit(off_mm, cause), &[]);
-                assert_eq!(told.level, level);
-                let [reason] = &told.reasons[..] else {
-                    panic!("{:?}", told.reasons)
-                };
-                assert!(
-                    reason.contains(words) && reason.contains("80 %"),
-                    "{reason}"
-                );
-            }
+            (
+                Cause::Bowl(0.004),
+                ReasonKind::DepthBowl,
+                "which are 4.0 mm deeper at 1 m",
+            ),
+            (
+                Cause::Curve(0.002),
+                ReasonKind::DepthNotLinear,
+                "not linear in the distance, by 2.0 mm",
+            ),
+        ] {
+            let found = depth(cause).found();
+            let error = found.values().next().unwrap().as_ref().unwrap();
+            let told = error.misfit.as_ref().unwrap();
+            assert_eq!((told.kind, told.held_out), (kind, 1e-3));
+            assert!(told.words.contains(words), "{}", told.words);
+            assert!(told.words.contains("80 %"), "{}", told.words);
         }
-        // A bias has its own reason, and its own level.
-        let bias = "depth camera kinect: a bias of 2.00 mm is left, expected at most 1";
-        let told = judged(&misfit(1.3, Cause::Bowl(0.004)), &[bias]);
-        let [reason] = &told.reasons[..] else {
-            panic!("{:?}", told.reasons)
-        };
-        assert!(
-            reason.starts_with(bias) && reason.contains("4.0 mm deeper"),
-            "{reason}"
-        );
-        assert!(judged(&Depth::default(), &[]).reasons.is_empty());
     }
 }

@@ -343,7 +343,7 @@ impl Detections {
             true => Ok(()),
             false => Err(Error::BoardSize {
                 found,
-                count,
+                pictures: count,
                 expected: [board.columns, board.rows],
                 views,
             }),

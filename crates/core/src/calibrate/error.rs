@@ -3,6 +3,7 @@
 use crate::calibration::response::ResponseError;
 use crate::calibration::{FileError, fit};
 use crate::frame::CameraId;
+use crate::words::count;
 use crate::{calibration, capture, recording};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -76,16 +77,16 @@ pub enum Error {
     },
     /// Most pictures show a board of another size.
     #[error(
-        "the board in {count} pictures has {}x{} inner corners, and {}x{} in {views}: is --board right? (It counts \
+        "the board in {} has {}x{} inner corners, and {}x{} in {views}: is --board right? (It counts \
          inner corners, one less than squares. If the rows of the board look bent in the pictures, parts of it are found: a \
          fisheye lens is beyond the lens models, so undistort its pictures first, or use another lens.)",
-        found[0], found[1], expected[0], expected[1]
+        count(*pictures, "picture"), found[0], found[1], expected[0], expected[1]
     )]
     BoardSize {
         /// Inner corners in most pictures: columns and rows.
         found: [usize; 2],
         /// How many pictures show them.
-        count: usize,
+        pictures: usize,
         /// Inner corners of the board that was given or recorded.
         expected: [usize; 2],
         /// How many views show these.
@@ -146,8 +147,9 @@ impl Error {
                 .entry((&rejected.camera, &rejected.reason))
                 .or_default() += 1;
         }
-        let reason =
-            |((camera, reason), count)| format!("camera {camera}: {reason} ({count} pictures)");
+        let reason = |((camera, reason), number)| {
+            format!("camera {camera}: {reason} ({})", count(number, "picture"))
+        };
         Self::Unfitted {
             cause,
             causes: findings.into_iter().map(|finding| finding.words).collect(),

@@ -109,7 +109,7 @@ pub fn run(
             return Err(Error::unfitted(cause, findings, missing, rejected));
         }
     };
-    let depth = depth::respond(options.depth, recordings, &fit, &detections.depth_cameras);
+    let depth = depth::fit_responses(options.depth, recordings, &fit, &detections.depth_cameras);
     let findings = diagnose(
         &detections.session,
         Some(&fit),
@@ -119,8 +119,7 @@ pub fn run(
     let (slopes, measured) = (depth.slopes(), &options.measured);
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
-    let mut judgement = judgement.with_witnesses(&scale);
-    depth.explain(&mut judgement, &options.limits);
+    let judgement = judgement.with_witnesses(&scale);
     let mut responses = options.responses;
     let found = detections.depth_cameras.iter();
     responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
@@ -166,7 +165,7 @@ fn calibration(
         at_object_mm: fit.at_object().map(|m| (1e6 * m).round() / 1e3),
         verdict: Some(CalibrationVerdict {
             level: judgement.level,
-            reasons: judgement.reasons.clone(),
+            reasons: judgement.reasons.iter().map(|r| r.words.clone()).collect(),
         }),
         cameras: fit.cameras.iter().map(entry).collect(),
     }

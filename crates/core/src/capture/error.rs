@@ -3,6 +3,7 @@
 use crate::frame::{CameraId, CaptureId, Timestamp};
 use crate::image::DecodeError;
 use crate::recording;
+use crate::words::count;
 use std::path::PathBuf;
 
 /// Why a capture cannot be reconstructed.
@@ -52,8 +53,8 @@ pub enum Error {
     },
     /// More than a rig gives in a session.
     #[error(
-        "{path}: has {triggers} messages on /trigger and /capture and {cameras} cameras, expected \
-        at most {most} as their product"
+        "{path}: has {} on /trigger and /capture and {}, expected at most {most} as their product",
+        count(*triggers, "message"), count(*cameras, "camera")
     )]
     TooMany {
         path: PathBuf,
@@ -108,7 +109,7 @@ pub enum Error {
         reason: String,
     },
     /// Too few colour cameras.
-    #[error("{path}: capture {id} has {found} colour cameras, expected at least 2{details}")]
+    #[error("{path}: capture {id} has {}, expected at least 2{details}", count(*found, "colour camera"))]
     TooFewCameras {
         path: PathBuf,
         id: CaptureId,

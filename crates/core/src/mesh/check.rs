@@ -71,26 +71,46 @@ impl Report {
 
 /// Examines `mesh` in linear time. Whatever it holds, the answer is an answer and not a panic.
 pub fn check(mesh: &Mesh) -> Report {
-    let sides = sorted_sides(&mesh.triangles, mesh.vertices.len());
     let found = components(mesh);
     let (volume, area) = measure::volume_and_total_area(mesh);
     let mut report = Report {
-        vertices: mesh.vertices.len(),
-        triangles: mesh.triangles.len(),
         components: found.parts.len(),
+        degenerate_triangles: count(&mesh.triangles, |t| is_degenerate(mesh, t)),
         duplicate_triangles: count_duplicates(mesh),
-        non_manifold_vertices: count_non_manifold_vertices(mesh, &sides),
-        non_finite_vertices: count(&mesh.vertices, |v| !v.coords.iter().all(|c| c.is_finite())),
         unused_vertices: count(&found.labels, |&label| label == Components::NONE),
         volume,
         area,
-        ..Report::default()
+        ..connectivity(mesh)
     };
-    count_bad_triangles(mesh, &mut report);
-    count_bad_edges(&sides, &mut report);
     if report.is_watertight() {
         report.genus = Some(found.parts.iter().map(|p| p.genus().max(0) as u64).sum());
     }
+    report
+}
+
+/// What [`Report::is_watertight`] says of `mesh`, without the rest of [`check`].
+pub fn is_watertight(mesh: &Mesh) -> bool {
+    connectivity(mesh).is_watertight()
+}
+
+/// What [`Report::is_closed`] says of `mesh`, without the rest of [`check`].
+pub fn is_closed(mesh: &Mesh) -> bool {
+    let sides = sorted_sides(&mesh.triangles, mesh.vertices.len());
+    edges(&sides).all(|edge| edge.len() > 1)
+}
+
+/// What decides whether a mesh is watertight; the rest is empty.
+fn connectivity(mesh: &Mesh) -> Report {
+    let sides = sorted_sides(&mesh.triangles, mesh.vertices.len());
+    let mut report = Report {
+        vertices: mesh.vertices.len(),
+        triangles: mesh.triangles.len(),
+        non_manifold_vertices: count_non_manifold_vertices(mesh, &sides),
+        out_of_range_triangles: count(&mesh.triangles, |t| is_out_of_range(mesh, t)),
+        non_finite_vertices: count(&mesh.vertices, |v| !v.coords.iter().all(|c| c.is_finite())),
+        ..Report::default()
+    };
+    count_bad_edges(&sides, &mut report);
     report
 }
 
@@ -98,14 +118,12 @@ fn count<T>(items: &[T], is: impl Fn(&T) -> bool) -> usize {
     items.iter().filter(|item| is(item)).count()
 }
 
-fn count_bad_triangles(mesh: &Mesh, report: &mut Report) {
-    for triangle in &mesh.triangles {
-        if triangle.iter().any(|&v| v as usize >= mesh.vertices.len()) {
-            report.out_of_range_triangles += 1;
-        } else if measure::volume_and_area(mesh, triangle).1 == 0.0 {
-            report.degenerate_triangles += 1;
-        }
-    }
+fn is_out_of_range(mesh: &Mesh, triangle: &[u32; 3]) -> bool {
+    triangle.iter().any(|&v| v as usize >= mesh.vertices.len())
+}
+
+fn is_degenerate(mesh: &Mesh, triangle: &[u32; 3]) -> bool {
+    !is_out_of_range(mesh, triangle) && measure::volume_and_area(mesh, triangle).1 == 0.0
 }
 
 fn count_bad_edges(sides: &[Side], report: &mut Report) {

@@ -17,7 +17,7 @@ pub mod shapes;
 mod simplify;
 
 pub use bvh::{Bvh, Closest, Hit};
-pub use check::{Report, check};
+pub use check::{Report, check, is_closed, is_watertight};
 pub use closest::closest_on_triangle;
 pub use components::{Component, Components, components, extract};
 pub use convex_hull::convex_hull;

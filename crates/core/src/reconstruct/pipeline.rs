@@ -227,7 +227,7 @@ pub fn reconstruct_from(
             .collect(),
         cell_size: lattice.cell_size,
     };
-    uncertainty::state(&mut restored.model, &evidence);
+    uncertainty::state_errors(&mut restored.model, &evidence);
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;

@@ -9,6 +9,7 @@ use super::source::Source;
 use super::{Damage, Error, MessageError, Topic};
 use crate::calibration::{Board, CalibrationRecord};
 use crate::frame::Timestamp;
+use crate::words::count;
 use bytes::Bytes;
 use mcap::records::Channel;
 use parking_lot::Mutex;
@@ -491,7 +492,7 @@ fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
         .map(|(&id, c)| (id, Topic::parse(&c.topic)))
         .collect();
     let mut topics: BTreeMap<Topic, Vec<MessageRef>> = BTreeMap::new();
-    let mut lost = 0u64;
+    let mut lost = 0;
     for message in &index.messages {
         match of_channel.get(&message.channel) {
             Some(Some(topic)) => match topics.get_mut(topic) {
@@ -508,7 +509,7 @@ fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
         messages.sort_unstable();
     }
     if lost > 0 {
-        let what = format!("{lost} messages are of channels that the file does not define");
+        let what = format!("the file defines no channel for {}", count(lost, "message"));
         index.add_note(0, what);
     }
     topics

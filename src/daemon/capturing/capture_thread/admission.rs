@@ -2,16 +2,17 @@
 //! it gives the reason with which the press is refused, for example that the disk is full.
 
 use super::CaptureThread;
-use crate::daemon::rig::{Kind, State};
+use crate::daemon::rig::{CameraKind, State};
 use crate::storage::free_bytes;
+use crate::words::count;
 
 impl CaptureThread {
     /// Whether a capture can be begun; if not, why.
     pub(super) fn check_capacity(&self) -> Result<(), String> {
         if !self.recorder.has_room() {
             return Err(format!(
-                "the recorder's queue is full: {} captures wait for the disk",
-                self.recorder.waiting()
+                "the recorder's queue is full: {} must still be written",
+                count(self.recorder.waiting(), "capture")
             ));
         }
         let bytes = self.capture_bytes();
@@ -28,12 +29,12 @@ impl CaptureThread {
         let free = free_bytes(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
         if self.usable(free).is_none_or(|usable| usable < bytes) {
             return Err(format!(
-                "the disk is full: {} has {} MB left, a capture takes {} MB, {} captures wait for the disk, and {} MB \
-                 must stay free (recording.keep_free_mb)",
+                "the disk is full: {} has {} MB left, a capture takes {} MB, {} must still be written, and {} MB must \
+                 stay free (recording.keep_free_mb)",
                 folder.display(),
                 free / 1_000_000,
                 bytes / 1_000_000,
-                self.recorder.waiting(),
+                count(self.recorder.waiting(), "capture"),
                 self.plan.recording.keep_free_mb
             ));
         }
@@ -60,8 +61,8 @@ impl CaptureThread {
     /// Bytes of a capture, as the cameras are set.
     pub(super) fn capture_bytes(&self) -> u64 {
         let frames = |kind| match kind {
-            Kind::Color => 1,
-            Kind::Depth | Kind::DepthInTurn => self.plan.sync.depth_frames as u64,
+            CameraKind::Color => 1,
+            CameraKind::Depth | CameraKind::DepthInTurn => self.plan.sync.depth_frames as u64,
         };
         let bytes = self.rig.states().map(|(_, kind, state)| match state {
             State::Ready(info) => info.frame_bytes * frames(kind),

@@ -5,7 +5,7 @@ use super::CaptureThread;
 use super::shot::{cameras, shoot};
 use crate::daemon::backgrounds::{self, Backgrounds};
 use crate::daemon::events::Event;
-use crate::daemon::rig::Kind;
+use crate::daemon::rig::CameraKind;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::recording::Outcome;
 use crate::sync::{self, Synchronizer};
@@ -30,7 +30,7 @@ impl CaptureThread {
             ..cameras(&self.rig)
         };
         let mut synchronizer = Synchronizer::new(colors, self.plan.sync.clone());
-        let only_colors = |kind| kind == Kind::Color;
+        let only_colors = |kind| kind == CameraKind::Color;
         let (capture, result) = shoot(
             &mut self.rig,
             &self.plan,
@@ -68,7 +68,10 @@ impl CaptureThread {
     /// Hours since the oldest background; `None` where a camera has none.
     pub(super) fn backgrounds_age_h(&self) -> Option<f64> {
         let backgrounds = &self.plan.header.backgrounds;
-        let colors = self.rig.states().filter(|(_, k, _)| *k == Kind::Color);
+        let colors = self
+            .rig
+            .states()
+            .filter(|(_, k, _)| *k == CameraKind::Color);
         let times: Option<Vec<Timestamp>> = colors
             .map(|(id, ..)| backgrounds.get(id).map(|(time, _)| *time))
             .collect();

@@ -1,7 +1,7 @@
 //! A shot of the rig's cameras, and which of its frames make the capture.
 
 use super::super::CapturePlan;
-use crate::daemon::rig::{Kind, Rig, ShotResult};
+use crate::daemon::rig::{CameraKind, Rig, ShotResult};
 use crate::daemon::systemd::Heartbeat;
 use crate::frame::{Frame, Timestamp, Trigger};
 use crate::sync::{self, Capture, Listed, Synchronizer};
@@ -13,8 +13,10 @@ pub(super) fn cameras(rig: &Rig) -> sync::Cameras {
     let mut cameras = sync::Cameras::default();
     for (id, kind, _) in rig.states() {
         match kind {
-            Kind::Color => drop(cameras.colors.insert(id.clone())),
-            Kind::Depth | Kind::DepthInTurn => drop(cameras.depths.insert(id.clone(), true)),
+            CameraKind::Color => drop(cameras.colors.insert(id.clone())),
+            CameraKind::Depth | CameraKind::DepthInTurn => {
+                cameras.depths.insert(id.clone(), true);
+            }
         }
     }
     cameras
@@ -25,7 +27,7 @@ pub(super) fn shoot(
     rig: &mut Rig,
     plan: &CapturePlan,
     synchronizer: &mut Synchronizer<Frame>,
-    wanted: impl Fn(Kind) -> bool,
+    wanted: impl Fn(CameraKind) -> bool,
     trigger: Trigger,
     heartbeat: &Heartbeat,
 ) -> (Capture<Frame>, ShotResult) {

@@ -104,7 +104,7 @@ struct Share {
 }
 
 /// The normal equations with the placements eliminated or about to be.
-pub(super) struct Normal {
+pub(super) struct NormalEquations {
     /// Of the cameras (and the back and the shape), all columns, those that are not free with ones on the diagonal.
     shared: DMatrix<f64>,
     gradient: DVector<f64>,
@@ -198,7 +198,7 @@ impl Bundle {
             })
         });
         let first = self.shape_column();
-        let of_shape = self.sheet.beliefs().map(move |(i, w, e)| (first + i, w, e));
+        let of_shape = self.sheet.priors().map(move |(i, w, e)| (first + i, w, e));
         of_cameras.chain(of_shape)
     }
 
@@ -276,14 +276,14 @@ impl Bundle {
     }
 
     /// The normal equations at the present state.
-    pub(super) fn normal(&self, loss: Loss) -> Normal {
+    pub(super) fn normal(&self, loss: Loss) -> NormalEquations {
         let shares: Vec<Share> = self
             .views
             .par_iter()
             .map(|view| self.share(view, loss))
             .collect();
         let n = self.columns();
-        let mut normal = Normal {
+        let mut normal = NormalEquations {
             shared: DMatrix::zeros(n, n),
             gradient: DVector::zeros(n),
             placements: vec![Matrix6::zeros(); self.placements.len()],
@@ -306,7 +306,7 @@ impl Bundle {
         normal
     }
 
-    fn add_share(&self, normal: &mut Normal, view: &Observation, mut share: Share) {
+    fn add_share(&self, normal: &mut NormalEquations, view: &Observation, mut share: Share) {
         normal.cost += share.cost;
         let columns: [usize; SHARED] = std::array::from_fn(|i| self.column(view, i));
         for (i, &row) in columns.iter().enumerate() {
@@ -330,7 +330,7 @@ impl Bundle {
     /// The cameras' system with the placements eliminated, damped by `lambda`; with each placement's inverse.
     pub(super) fn reduced(
         &self,
-        normal: &Normal,
+        normal: &NormalEquations,
         lambda: f64,
     ) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix6<f64>>) {
         let damped = |h: f64| h * (1.0 + lambda) + 1e-12;
@@ -391,7 +391,7 @@ impl Bundle {
     }
 
     /// The state after a step of the damped equations.
-    fn stepped(&self, normal: &Normal, lambda: f64) -> Option<Self> {
+    fn stepped(&self, normal: &NormalEquations, lambda: f64) -> Option<Self> {
         let (matrix, gradient, inverses) = self.reduced(normal, lambda);
         let step = -matrix.cholesky()?.solve(&gradient);
         let mut pulls = normal.placement_gradients.clone();

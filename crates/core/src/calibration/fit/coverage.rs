@@ -5,6 +5,7 @@ use super::session::Session;
 use crate::calibration::Camera;
 use crate::frame::CameraId;
 use crate::range;
+use crate::words::count;
 use nalgebra::{Point2, Vector3};
 use std::collections::BTreeSet;
 
@@ -215,10 +216,10 @@ fn of_pairs(session: &Session, wanted: &CoverageLimits) -> Vec<String> {
     let id = |camera: usize| &session.cameras[camera].id;
     let words = |(one, other, shared): (usize, usize, usize)| {
         format!(
-            "cameras {} and {} share {shared} placements, expected {} or more: show the board to \
-            both at once",
+            "cameras {} and {} share {}, expected {} or more: show the board to both at once",
             id(one),
             id(other),
+            count(shared, "placement"),
             wanted.shared
         )
     };

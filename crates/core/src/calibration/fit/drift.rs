@@ -10,6 +10,7 @@ use super::session::Session;
 use crate::calibration::{Camera, RigCalibration};
 use crate::frame::CameraId;
 use crate::range;
+use crate::words::count;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
 
 /// When a camera counts as moved.
@@ -87,8 +88,8 @@ pub enum CheckError {
     },
     /// Too many cameras disagree.
     #[error(
-        "of {seen} cameras that saw the board, {moved} disagree with the calibration ({names}): \
-        calibrate the rig again"
+        "of {} that saw the board, {moved} disagree with the calibration ({names}): calibrate the rig again",
+        count(*seen, "camera")
     )]
     Disagree {
         /// Cameras that saw the board.

@@ -1,5 +1,6 @@
 //! Tests from which strength on a fisheye lens is named as beyond the lens models.
 
+use super::reason::ReasonKind;
 use super::session::{Corner, Session, SessionCamera, View};
 use super::synthetic::Random;
 use super::{Limits, Parameters, fit, judge};
@@ -79,7 +80,7 @@ fn told(wide_degrees: f64, noises_px: &[f64], seeds: u64) -> Vec<Told> {
         let mut reasons = judged.reasons.iter();
         let focal_px = fit.cameras[0].camera.intrinsics.focal_px.x;
         Told {
-            is_named: reasons.any(|r| r.contains("beyond the lens model, as a fisheye lens is")),
+            is_named: reasons.any(|r| r.kind == ReasonKind::BeyondLensModel),
             is_doubted: judged.level >= CalibrationLevel::Doubtful,
             focal_off: focal_px * wide_degrees.to_radians() / SIZE[0] as f64 - 1.0,
         }

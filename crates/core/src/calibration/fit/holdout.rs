@@ -61,7 +61,7 @@ fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<Fold> {
         let seen = bundle.views.iter().any(|v| v.camera == c);
         !seen || views(c) >= min_views || bundle.cameras[c].free.iter().all(|free| !free)
     };
-    if !(0..bundle.cameras.len()).all(enough) || !hangs_together(&rest) {
+    if !(0..bundle.cameras.len()).all(enough) || !is_connected(&rest) {
         return None;
     }
     rest.adjust(mild_loss(&rest), 15);
@@ -93,7 +93,7 @@ fn of_fold(bundle: &Bundle, out: &[usize], min_views: usize) -> Option<Fold> {
 }
 
 /// Whether all cameras that see anything are joined through placements.
-pub(super) fn hangs_together(bundle: &Bundle) -> bool {
+pub(super) fn is_connected(bundle: &Bundle) -> bool {
     let seen: Vec<usize> = (0..bundle.cameras.len())
         .filter(|&c| bundle.views.iter().any(|v| v.camera == c))
         .collect();

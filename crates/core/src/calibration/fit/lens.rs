@@ -8,7 +8,7 @@ use nalgebra::{Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 pub(super) const PARAMETERS: usize = 12;
 
 /// Derivative of a pixel by a lens' parameters.
-pub(super) type ByLens = SMatrix<f64, 2, PARAMETERS>;
+pub(super) type LensJacobian = SMatrix<f64, 2, PARAMETERS>;
 
 /// Which terms of the distortion are fitted.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -76,7 +76,7 @@ impl Lens {
 
     /// The pixel with its derivatives by the lens' parameters and by the point.
     #[inline]
-    pub fn derive(&self, p: Vector3<f64>) -> Option<(Point2<f64>, ByLens, Matrix2x3<f64>)> {
+    pub fn derive(&self, p: Vector3<f64>) -> Option<(Point2<f64>, LensJacobian, Matrix2x3<f64>)> {
         if p.z <= NEAREST {
             return None;
         }
@@ -97,7 +97,7 @@ impl Lens {
             vy * iz,
             -(vx * x + vy * y) * iz,
         );
-        let mut by_lens = ByLens::zeros();
+        let mut by_lens = LensJacobian::zeros();
         by_lens[(0, 0)] = t.distorted.x;
         by_lens[(1, 1)] = t.distorted.y;
         by_lens[(0, 2)] = 1.0;

@@ -22,6 +22,7 @@ mod planar;
 mod pose_graph;
 mod projection;
 mod readings;
+mod reason;
 mod resize;
 mod result;
 mod robust_weights;
@@ -47,6 +48,7 @@ pub use drift::{CheckError, CheckedCamera, DriftLimits, DriftResult, Motion, Pai
 pub use grid::Rejection;
 pub use lens::{Lens, LensModel};
 pub use projection::Projection;
+pub use reason::{Reason, ReasonKind};
 pub use result::{
     Figures, Fit, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, LeftOutShare,
     ShapeTerm, TermStatus, Uncertainty, ViewResiduals,
@@ -58,7 +60,7 @@ pub use scale::{
 pub use session::{Corner, Session, SessionCamera, View};
 pub use solve::fit;
 pub use template_refine::{crowded_views, matched_with_print};
-pub use verdict::{DepthError, Judgement, Limits, judge};
+pub use verdict::{DepthError, DepthMisfit, Judgement, Limits, judge};
 
 use crate::frame::CameraId;
 use crate::range;

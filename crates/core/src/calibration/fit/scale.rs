@@ -2,6 +2,7 @@
 //! camera's slope, a ruler held against the printed ruler, the distance of two cameras. It says which of them
 //! contradict the board's size; which side is wrong cannot be known.
 
+use super::reason::{Reason, ReasonKind};
 use super::result::Fit;
 use super::verdict::Judgement;
 use crate::calibration::{Board, CalibrationLevel};
@@ -138,8 +139,10 @@ impl Judgement {
     /// Adds the reasons that witnesses of the scale give.
     pub fn with_witnesses(mut self, readings: &[WitnessReading]) -> Self {
         for reading in readings.iter().filter(|t| t.contradicts) {
-            self.level = self.level.max(CalibrationLevel::Doubtful);
-            self.reasons.push(reading.words.clone());
+            let level = CalibrationLevel::Doubtful;
+            self.level = self.level.max(level);
+            let reason = Reason::new(level, ReasonKind::Scale, &reading.words);
+            self.reasons.push(reason);
         }
         self
     }

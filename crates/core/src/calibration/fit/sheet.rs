@@ -18,7 +18,7 @@ pub(super) struct Sheet {
     pub free: [bool; TERMS],
     /// Standard deviation of each term before anything is seen; each is believed to be 0.
     pub deviation: [f64; TERMS],
-    /// Variance in px² of a coordinate that this belief is weighed against.
+    /// Variance in px² of a coordinate that this prior is weighed against.
     pub variance: f64,
 }
 
@@ -79,7 +79,7 @@ impl Sheet {
     }
 
     /// What the terms that are fitted are believed to be: index, weight, and how far they are from it.
-    pub(super) fn beliefs(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
+    pub(super) fn priors(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let terms = self.shape().terms();
         let free = (0..TERMS).filter(|&i| self.free[i]);
         free.map(move |i| (i, self.variance / self.deviation[i].powi(2), terms[i]))

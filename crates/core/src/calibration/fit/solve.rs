@@ -4,7 +4,7 @@
 use super::adjust::{Bundle, CAMERA, CameraState, Observation, PlacementState};
 use super::change::changes;
 use super::frame::{lowest_placement, rig_from_table};
-use super::holdout::hangs_together;
+use super::holdout::is_connected;
 use super::lens::PARAMETERS;
 use super::outliers::{self, ViewDecision, mild_loss};
 use super::planar::PlanePose;
@@ -21,6 +21,7 @@ use super::single_camera::{self, SingleCamera};
 use super::volume::proposed;
 use super::{Error, Parameters};
 use crate::calibration::{Camera, Face};
+use crate::words;
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -69,7 +70,8 @@ fn usable(
         let reason = match found {
             0 => "it has no usable view of the board".to_owned(),
             _ => format!(
-                "it has {found} views of the board that can be used, expected at least {needed}"
+                "it has {} of the board that can be used, expected at least {needed}",
+                words::count(found, "view")
             ),
         };
         details.push(format!("{}: {reason}", subject.id));
@@ -344,7 +346,7 @@ impl<'a> Solver<'a> {
             Some(_) => views(c) >= 1,
             None => views(c) >= self.parameters.min_views.max(1),
         };
-        (0..self.session.cameras.len()).all(enough) && hangs_together(&self.bundle)
+        (0..self.session.cameras.len()).all(enough) && is_connected(&self.bundle)
     }
 
     /// Index of the placement that becomes the rig's frame, and whether all else lies above it.

@@ -1,12 +1,14 @@
 //! Judges a fit: a verdict with its reasons. The limits are parameters; nothing is estimated here.
 
 use super::diagnosis::Finding;
+use super::reason::{Reason, ReasonKind};
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
 use crate::calibration::{CalibrationLevel, Camera};
 use crate::frame::CameraId;
 use crate::range;
+use crate::words::count;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -141,7 +143,7 @@ pub struct Judgement {
     /// The verdict's level.
     pub level: CalibrationLevel,
     /// Why it is not good.
-    pub reasons: Vec<String>,
+    pub reasons: Vec<Reason>,
     /// The camera with the largest residual, and that in pixels.
     pub worst_camera: Option<(String, f64)>,
     /// The placement with the largest residual, and that in pixels.
@@ -149,16 +151,26 @@ pub struct Judgement {
 }
 
 /// What is known of the error of a depth camera's distances.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct DepthError {
     /// The largest mean difference between its distances and the boards, over steps of distance, in metres.
     pub seen: f64,
     /// What they may be off at most, with what boards do not show, in metres.
     pub at_most: f64,
+    /// What readings have that the response cannot have, where they do not fit it.
+    pub misfit: Option<DepthMisfit>,
 }
 
-/// A reason, and the best verdict that it allows.
-type Reason = (CalibrationLevel, String);
+/// Readings that do not fit a depth camera's response.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMisfit {
+    /// Root mean square error of boards that were held out, at 1 m, in metres.
+    pub held_out: f64,
+    /// The kind of the likely cause.
+    pub kind: ReasonKind,
+    /// The likely causes in words.
+    pub words: String,
+}
 
 /// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the error that its
 /// response leaves, or the reason why it has no response.
@@ -170,15 +182,22 @@ pub fn judge(
 ) -> Judgement {
     let causes = findings.iter();
     let mut found: Vec<Reason> = causes
-        .map(|finding| (CalibrationLevel::Doubtful, finding.words.clone()))
+        .map(|finding| {
+            Reason::new(
+                CalibrationLevel::Doubtful,
+                ReasonKind::Diagnosed,
+                &finding.words,
+            )
+        })
         .collect();
     found.extend(left_out(fit, limits));
     if !limits.same_place {
         found.extend(at_one_place(fit));
     }
     let rms = fit.figures.rms_px;
-    found.push((
+    found.push(Reason::new(
         limits.by_rms(rms),
+        ReasonKind::Residual,
         format!(
             "the rms of all residuals is {rms:.3} px, expected at most {}",
             limits.good_px
@@ -195,16 +214,20 @@ pub fn judge(
     found.extend(
         depths
             .iter()
-            .filter_map(|(id, found)| of_depth(id, found, limits)),
+            .flat_map(|(id, found)| of_depth(id, found, limits)),
     );
     if !fit.table_is_lowest && fit.cameras.len() > 1 {
         let words = format!(
             "no placement lies flat below all others: the rig's frame lies on {}, which may not be the table",
             fit.table
         );
-        found.push((CalibrationLevel::Accepted, words));
+        found.push(Reason::new(
+            CalibrationLevel::Accepted,
+            ReasonKind::TableUnknown,
+            words,
+        ));
     }
-    found.retain(|(level, _)| *level > CalibrationLevel::Good);
+    found.retain(|reason| reason.level > CalibrationLevel::Good);
     let worst = |name: String, rms: f64| (name, rms);
     let cameras = fit
         .cameras
@@ -217,10 +240,10 @@ pub fn judge(
     Judgement {
         level: found
             .iter()
-            .map(|(level, _)| *level)
+            .map(|reason| reason.level)
             .max()
             .unwrap_or(CalibrationLevel::Good),
-        reasons: found.into_iter().map(|(_, words)| words).collect(),
+        reasons: found,
         worst_camera: cameras.max_by(|a, b| a.1.total_cmp(&b.1)),
         worst_placement: placements.max_by(|a, b| a.1.total_cmp(&b.1)),
     }
@@ -241,7 +264,7 @@ fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
             100.0 * share.part(),
             100.0 * limits.left_out_doubtful,
         );
-        (level(share.part()), words)
+        Reason::new(level(share.part()), ReasonKind::LeftOut, words)
     };
     let of_all = reason(String::new(), fit.left_out_share());
     let of_each = fit.cameras.iter().filter_map(|camera| {
@@ -273,7 +296,11 @@ fn at_one_place(fit: &Fit) -> Vec<Reason> {
                     1e3 * distance,
                     1e3 * SAME_CENTER,
                 );
-                found.push((CalibrationLevel::Refused, words));
+                found.push(Reason::new(
+                    CalibrationLevel::Refused,
+                    ReasonKind::AtOnePlace,
+                    words,
+                ));
             }
         }
     }
@@ -284,8 +311,9 @@ fn at_one_place(fit: &Fit) -> Vec<Reason> {
 fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
     // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
-    let mut found = vec![(
+    let mut found = vec![Reason::new(
         limits.by_rms(rms).min(CalibrationLevel::Doubtful),
+        ReasonKind::Residual,
         format!(
             "camera {id}: the rms of its residuals is {rms:.3} px, expected at most {}",
             limits.good_px
@@ -298,14 +326,23 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
             100.0 * dropped,
             100.0 * limits.dropped_corners
         );
-        found.push((CalibrationLevel::Accepted, words));
+        found.push(Reason::new(
+            CalibrationLevel::Accepted,
+            ReasonKind::DroppedCorners,
+            words,
+        ));
     }
     if camera.views < limits.views {
         let words = format!(
-            "camera {id}: it has {} views, expected {} or more",
-            camera.views, limits.views
+            "camera {id}: it has {}, expected {} or more",
+            count(camera.views, "view"),
+            limits.views
         );
-        found.push((CalibrationLevel::Accepted, words));
+        found.push(Reason::new(
+            CalibrationLevel::Accepted,
+            ReasonKind::FewViews,
+            words,
+        ));
     }
     if camera.coverage < limits.coverage {
         let words = format!(
@@ -313,7 +350,11 @@ fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
             100.0 * camera.coverage,
             100.0 * limits.coverage
         );
-        found.push((CalibrationLevel::Accepted, words));
+        found.push(Reason::new(
+            CalibrationLevel::Accepted,
+            ReasonKind::Coverage,
+            words,
+        ));
     }
     found
 }
@@ -324,10 +365,15 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
     let placements = fit.placements.len();
     if placements < limits.placements {
         let words = format!(
-            "the session has {placements} placements, expected {} or more",
+            "the session has {}, expected {} or more",
+            count(placements, "placement"),
             limits.placements
         );
-        found.push((CalibrationLevel::Doubtful, words));
+        found.push(Reason::new(
+            CalibrationLevel::Doubtful,
+            ReasonKind::FewPlacements,
+            words,
+        ));
     }
     for camera in &fit.cameras {
         let (lens, deviation) = (&camera.camera.intrinsics, camera.uncertainty.focal_px);
@@ -340,7 +386,11 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
                 100.0 * part,
                 100.0 * limits.focal_deviation
             );
-            found.push((CalibrationLevel::Doubtful, words));
+            found.push(Reason::new(
+                CalibrationLevel::Doubtful,
+                ReasonKind::FocalLength,
+                words,
+            ));
         }
     }
     found
@@ -348,8 +398,9 @@ fn too_little(fit: &Fit, limits: &Limits) -> Vec<Reason> {
 
 fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
     match &fit.held_out {
-        Some(held_out) if held_out.ratio > limits.held_out_ratio => Some((
+        Some(held_out) if held_out.ratio > limits.held_out_ratio => Some(Reason::new(
             CalibrationLevel::Doubtful,
+            ReasonKind::HeldOut,
             format!(
                 "placements that were held out are predicted {:.2} times worse than they are fitted, expected at \
                  most {}",
@@ -357,9 +408,10 @@ fn of_held_out(fit: &Fit, limits: &Limits) -> Option<Reason> {
             ),
         )),
         Some(_) => None,
-        None => Some((
+        None => Some(Reason::new(
             CalibrationLevel::Accepted,
-            "there are too few placements to hold any out".into(),
+            ReasonKind::FewPlacements,
+            "there are too few placements to hold any out",
         )),
     }
 }
@@ -373,13 +425,17 @@ fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
             l.camera.as_ref()?,
             l.reason
         );
-        Some((CalibrationLevel::Doubtful, words))
+        Some(Reason::new(
+            CalibrationLevel::Doubtful,
+            ReasonKind::NotCalibrated,
+            words,
+        ))
     })
 }
 
-/// The reason that a depth camera's response gives, if there is one: first what boards showed, then what they left
+/// The reasons that a depth camera's response gives: what boards showed and would explain it, or else what they left
 /// unknown.
-fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) -> Option<Reason> {
+fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) -> Vec<Reason> {
     let Limits {
         depth_bias_mm,
         depth_unknown_mm,
@@ -389,22 +445,88 @@ fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) 
         Ok(error) => error,
         Err(why) => {
             let words = format!("depth camera {id} has no response: {why}");
-            return Some((CalibrationLevel::Doubtful, words));
+            return vec![Reason::new(
+                CalibrationLevel::Doubtful,
+                ReasonKind::NoResponse,
+                words,
+            )];
         }
     };
     let [seen, at_most] = [error.seen, error.at_most].map(|metres| 1e3 * metres);
-    if seen > *depth_bias_mm {
-        let words = format!(
-            "depth camera {id}: a bias of {seen:.2} mm is left, expected at most {depth_bias_mm}"
-        );
-        return Some((CalibrationLevel::Doubtful, words));
-    }
-    let level = match at_most > *depth_unknown_mm {
+    let by_most = |found: f64, most: f64| match found > most {
         true => CalibrationLevel::Doubtful,
         false => CalibrationLevel::Accepted,
     };
-    let words = format!(
-        "depth camera {id}: its distances are known only to {at_most:.2} mm, expected {depth_bias_mm} or better"
-    );
-    (at_most > *depth_bias_mm).then_some((level, words))
+    if seen > *depth_bias_mm {
+        let bias = format!("a bias of {seen:.2} mm is left, expected at most {depth_bias_mm}");
+        let (kind, words) = match &error.misfit {
+            Some(misfit) => (
+                misfit.kind,
+                format!("depth camera {id}: {bias}; {}", misfit.words),
+            ),
+            None => (ReasonKind::DepthBias, format!("depth camera {id}: {bias}")),
+        };
+        return vec![Reason::new(CalibrationLevel::Doubtful, kind, words)];
+    }
+    let unknown = (at_most > *depth_bias_mm).then(|| {
+        let words = format!(
+            "depth camera {id}: its distances are known only to {at_most:.2} mm, expected {depth_bias_mm} or better"
+        );
+        Reason::new(by_most(at_most, *depth_unknown_mm), ReasonKind::DepthUnknown, words)
+    });
+    // They may be off in places and leave no mean bias.
+    let misfit = error.misfit.as_ref().map(|misfit| {
+        let off_mm = 1e3 * misfit.held_out;
+        let words = format!(
+            "depth camera {id}: its readings do not fit boards that were held out, by {off_mm:.2} mm at 1 m (rms); {}",
+            misfit.words
+        );
+        Reason::new(by_most(off_mm, *depth_bias_mm), misfit.kind, words)
+    });
+    unknown.into_iter().chain(misfit).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(seen_mm: f64, misfit_mm: Option<f64>) -> Vec<Reason> {
+        let error = DepthError {
+            seen: 1e-3 * seen_mm,
+            at_most: 1e-3 * seen_mm,
+            misfit: misfit_mm.map(|mm| DepthMisfit {
+                held_out: 1e-3 * mm,
+                kind: ReasonKind::DepthBowl,
+                words: "a bowl would explain 80 % of what is left".into(),
+            }),
+        };
+        let id = CameraId::new("kinect").unwrap();
+        of_depth(&id, &Ok(error), &Limits::default())
+    }
+
+    #[test]
+    fn readings_that_do_not_fit_are_a_reason_even_where_they_leave_no_bias() {
+        assert_eq!(told(0.1, None), []);
+        for (off_mm, level) in [
+            (0.8, CalibrationLevel::Accepted),
+            (1.3, CalibrationLevel::Doubtful),
+        ] {
+            let words = format!(
+                "depth camera kinect: its readings do not fit boards that were held out, by {off_mm:.2} mm at 1 m (rms); \
+                 a bowl would explain 80 % of what is left"
+            );
+            let expected = Reason::new(level, ReasonKind::DepthBowl, words);
+            assert_eq!(told(0.1, Some(off_mm)), [expected]);
+        }
+    }
+
+    #[test]
+    fn a_bias_has_one_reason_with_what_would_explain_it() {
+        let bias = "depth camera kinect: a bias of 2.00 mm is left, expected at most 1";
+        let alone = Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthBias, bias);
+        assert_eq!(told(2.0, None), [alone]);
+        let words = format!("{bias}; a bowl would explain 80 % of what is left");
+        let explained = Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthBowl, words);
+        assert_eq!(told(2.0, Some(1.3)), [explained]);
+    }
 }

@@ -1,6 +1,7 @@
 //! Tests whether a camera's residuals show that the lens model does not fit its lens: they then point to the centre of
 //! the picture, or away from it, by an amount that depends on the distance from the centre.
 
+use super::reason::{Reason, ReasonKind};
 use super::result::{Fit, ViewResiduals};
 use crate::calibration::CalibrationLevel;
 use nalgebra::Vector2;
@@ -22,11 +23,7 @@ const FEWEST_LEFT_OUT: usize = 2;
 
 /// What to say of a camera whose residuals go with the distance from the middle of its picture; `None` where its lens
 /// fits the lens model.
-pub(super) fn beyond_model(
-    fit: &Fit,
-    camera: usize,
-    good_px: f64,
-) -> Option<(CalibrationLevel, String)> {
+pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<Reason> {
     let fitted = &fit.cameras[camera];
     let own = fit.residuals.iter().filter(|view| view.camera == camera);
     let part = radial_part(own, fitted.camera.intrinsics.center_px)?;
@@ -46,7 +43,7 @@ pub(super) fn beyond_model(
             fitted.camera.id,
             100.0 * part
         );
-        (level, words)
+        Reason::new(level, ReasonKind::BeyondLensModel, words)
     })
 }
 

@@ -1,11 +1,9 @@
 //! The reasons that the board's shape gives for the verdict of a calibration.
 
+use super::reason::{Reason, ReasonKind};
 use super::result::{FittedShape, ShapeTerm, TermStatus};
 use super::sheet_terms::FEWEST_TO_CHECK;
 use crate::calibration::CalibrationLevel;
-
-/// A reason, and the best level that a calibration can have because of it.
-type Reason = (CalibrationLevel, String);
 
 /// What is amiss with the board's shape: with a bend of more than `most_bent_mm`, and with squares that are longer in
 /// one direction by more than `most_stretched_percent`, more than with others.
@@ -21,28 +19,34 @@ pub(super) fn of_shape(
     let unheld = bends.filter_map(|(term, name)| {
         let words = halves(term, 1e3, "mm")?;
         let subject = format!("the board seems to be bent {name}, and was assumed to be flat");
-        Some((CalibrationLevel::Doubtful, format!("{subject}: {words}")))
+        Some(not_held(format!("{subject}: {words}")))
     });
     let stretch = halves(&shape.stretch, 2e2, "%").map(|words| {
         let subject =
             "the board's squares seem to be longer in one direction, and were assumed to be equal";
-        (CalibrationLevel::Doubtful, format!("{subject}: {words}"))
+        not_held(format!("{subject}: {words}"))
     });
     found.chain(unheld).chain(stretch).collect()
+}
+
+fn not_held(words: String) -> Reason {
+    Reason::new(CalibrationLevel::Doubtful, ReasonKind::ShapeNotHeld, words)
 }
 
 fn bent(shape: &FittedShape, most_mm: f64) -> Option<Reason> {
     let (found, deviation) = (1e3 * shape.shape().depth(), 1e3 * shape.depth_deviation());
     let is_kept = shape.bend.iter().any(|term| term.fate == TermStatus::Kept);
     is_kept.then(|| match found > most_mm {
-        true => (
+        true => Reason::new(
             CalibrationLevel::Doubtful,
+            ReasonKind::Bent,
             format!(
                 "the board is bent by {found:.2} ± {deviation:.3} mm, expected at most {most_mm}"
             ),
         ),
-        false => (
+        false => Reason::new(
             CalibrationLevel::Accepted,
+            ReasonKind::Bent,
             format!(
                 "the board is bent by {found:.2} ± {deviation:.3} mm, which the fit allows for"
             ),
@@ -63,13 +67,14 @@ fn stretched(stretch: &ShapeTerm, most_percent: f64) -> Option<Reason> {
         2e2 * stretch.deviation
     );
     (stretch.fate == TermStatus::Kept).then(|| match percent.abs() > most_percent {
-        true => (
+        true => Reason::new(
             CalibrationLevel::Doubtful,
+            ReasonKind::Stretched,
             format!(
                 "{words}, expected at most {most_percent} %; it is not known which of the two lengths is right"
             ),
         ),
-        false => (CalibrationLevel::Accepted, format!("{words}; the fit assumes that their mean is the stated length")),
+        false => Reason::new(CalibrationLevel::Accepted, ReasonKind::Stretched, format!("{words}; the fit assumes that their mean is the stated length")),
     })
 }
 
@@ -116,12 +121,20 @@ mod tests {
         let told = "the board is bent by 0.40 ± 0.010 mm, which the fit allows for";
         assert_eq!(
             words(bend(-0.4)),
-            [(CalibrationLevel::Accepted, told.to_owned())]
+            [Reason::new(
+                CalibrationLevel::Accepted,
+                ReasonKind::Bent,
+                told
+            )]
         );
         let told = "the board is bent by 1.20 ± 0.010 mm, expected at most 1";
         assert_eq!(
             words(bend(1.2)),
-            [(CalibrationLevel::Doubtful, told.to_owned())]
+            [Reason::new(
+                CalibrationLevel::Doubtful,
+                ReasonKind::Bent,
+                told
+            )]
         );
     }
 
@@ -131,7 +144,12 @@ mod tests {
             stretch: kept(part),
             ..FittedShape::default()
         };
-        let [(level, told)] = &words(stretch(-5e-4))[..] else {
+        let [
+            Reason {
+                level, words: told, ..
+            },
+        ] = &words(stretch(-5e-4))[..]
+        else {
             panic!("one reason")
         };
         assert_eq!(*level, CalibrationLevel::Accepted);
@@ -139,7 +157,12 @@ mod tests {
             told.contains("0.10 ± 0.002 % longer down its columns"),
             "{told}"
         );
-        let [(level, told)] = &words(stretch(2e-3))[..] else {
+        let [
+            Reason {
+                level, words: told, ..
+            },
+        ] = &words(stretch(2e-3))[..]
+        else {
             panic!("one reason")
         };
         assert_eq!(*level, CalibrationLevel::Doubtful);
@@ -163,10 +186,7 @@ mod tests {
         };
         let told = "the board seems to be bent down its columns, and was assumed to be flat: the first half of the \
                     placements says +0.40 ± 0.05 mm, the last -0.10 ± 0.05 mm";
-        assert_eq!(
-            words(shape),
-            [(CalibrationLevel::Doubtful, told.to_owned())]
-        );
+        assert_eq!(words(shape), [not_held(told.to_owned())]);
         let untold = FittedShape {
             stretch: ShapeTerm {
                 halves: None,
@@ -174,7 +194,12 @@ mod tests {
             },
             ..FittedShape::default()
         };
-        let [(level, told)] = &words(untold)[..] else {
+        let [
+            Reason {
+                level, words: told, ..
+            },
+        ] = &words(untold)[..]
+        else {
             panic!("one reason")
         };
         assert_eq!(*level, CalibrationLevel::Doubtful);

@@ -27,13 +27,13 @@ pub struct Correction {
     pub pays: bool,
 }
 
-type Normal = (SMatrix<f64, TERMS, TERMS>, SVector<f64, TERMS>);
+type NormalEquations = (SMatrix<f64, TERMS, TERMS>, SVector<f64, TERMS>);
 
 impl Correction {
     /// Fits a correction to views: of each, pixels with their error over z².
     pub(super) fn weigh(lens: &Intrinsics, views: &[Vec<([f64; 2], f64)>]) -> Self {
         let views: Vec<Vec<Block>> = views.iter().map(|samples| blocks(lens, samples)).collect();
-        let normals: Vec<Normal> = views.iter().map(|view| normal(view)).collect();
+        let normals: Vec<NormalEquations> = views.iter().map(|view| normal(view)).collect();
         let all = normals
             .iter()
             .fold(empty(), |sum, n| (sum.0 + n.0, sum.1 + n.1));
@@ -98,18 +98,18 @@ fn terms(lens: &Intrinsics, pixel: [f64; 2]) -> SVector<f64, TERMS> {
     ])
 }
 
-fn empty() -> Normal {
+fn empty() -> NormalEquations {
     (SMatrix::zeros(), SVector::zeros())
 }
 
-fn normal(view: &[Block]) -> Normal {
+fn normal(view: &[Block]) -> NormalEquations {
     view.iter().fold(empty(), |(matrix, right), block| {
         let outer = block.terms * block.terms.transpose();
         (matrix + outer, right + block.terms * block.error)
     })
 }
 
-fn solved(normal: &Normal) -> SVector<f64, TERMS> {
+fn solved(normal: &NormalEquations) -> SVector<f64, TERMS> {
     // Errors of blocks are some tenths of a millimetre; so much is believed of the coefficients beforehand.
     const NOISE: f64 = 5e-4;
     let ridge = SMatrix::identity() * (NOISE / EXPECTED).powi(2);

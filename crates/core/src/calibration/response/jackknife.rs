@@ -5,20 +5,20 @@
 use nalgebra::{Matrix4, Vector4};
 
 /// Normal equations about the values that were found: matrix and gradient.
-pub(super) type Normal = (Matrix4<f64>, Vector4<f64>);
+pub(super) type NormalEquations = (Matrix4<f64>, Vector4<f64>);
 
 /// What was fitted from.
-pub(super) struct Normals {
+pub(super) struct BoardEquations {
     /// All that was known.
-    pub all: Normal,
+    pub all: NormalEquations,
     /// Each board's part of it.
-    pub of_boards: Vec<Normal>,
+    pub of_boards: Vec<NormalEquations>,
     /// The sum of each board's weighted squared errors.
     pub squares: Vec<f64>,
 }
 
 /// Standard deviation of the slope, in metres a unit; `None` from fewer than two boards.
-pub(super) fn slope_deviation(normals: &Normals) -> Option<f64> {
+pub(super) fn slope_deviation(normals: &BoardEquations) -> Option<f64> {
     let of_boards = normals.of_boards.iter();
     let steps: Vec<f64> = of_boards
         .filter_map(|own| Some(step_without(normals, own)?[0]))
@@ -30,7 +30,7 @@ pub(super) fn slope_deviation(normals: &Normals) -> Option<f64> {
 }
 
 /// Standard deviation of the depth that the line gives to these readings, the larger one, in metres.
-pub(super) fn deviation(normals: &Normals, readings: [f64; 2]) -> f64 {
+pub(super) fn deviation(normals: &BoardEquations, readings: [f64; 2]) -> f64 {
     let without = normals
         .of_boards
         .iter()
@@ -50,7 +50,7 @@ pub(super) fn deviation(normals: &Normals, readings: [f64; 2]) -> f64 {
 }
 
 /// By how much the values change where a board is left out; `None` where nothing would be left.
-fn step_without(normals: &Normals, own: &Normal) -> Option<Vector4<f64>> {
+fn step_without(normals: &BoardEquations, own: &NormalEquations) -> Option<Vector4<f64>> {
     let (matrix, gradient) = (normals.all.0 - own.0, normals.all.1 - own.1);
     Some(-matrix.cholesky()?.solve(&gradient))
 }
@@ -60,20 +60,20 @@ mod tests {
     use super::*;
 
     /// Boards that each say where one reading lies, off by so much.
-    fn boards(errors: &[f64]) -> Normals {
+    fn boards(errors: &[f64]) -> BoardEquations {
         let board = |(k, error): (usize, &f64)| {
             let by = Vector4::new(k as f64 / errors.len() as f64, 1.0, 0.0, 0.0);
             (by * by.transpose() * 1e6, by * (*error * 1e6))
         };
-        let of_boards: Vec<Normal> = errors.iter().enumerate().map(board).collect();
+        let of_boards: Vec<NormalEquations> = errors.iter().enumerate().map(board).collect();
         let expected = (Matrix4::from_diagonal_element(1e-3), Vector4::zeros());
         let all = of_boards
             .iter()
             .fold(expected, |all, own| (all.0 + own.0, all.1 + own.1));
         // About the values that solve them.
         let found = all.0.cholesky().unwrap().solve(&all.1);
-        let about = |normal: &Normal| (normal.0, normal.1 - normal.0 * found);
-        Normals {
+        let about = |normal: &NormalEquations| (normal.0, normal.1 - normal.0 * found);
+        BoardEquations {
             of_boards: of_boards.iter().map(about).collect(),
             all: about(&all),
             squares: vec![0.0; errors.len()],

@@ -1,7 +1,7 @@
 //! Decides how much of a lateral scale s(z) = s₀ + s₁·z the boards support: a term is kept only if held-out boards are
 //! predicted better with it; otherwise the scale is a constant, or 1.
 
-use super::jackknife::{Normal, Normals};
+use super::jackknife::{BoardEquations, NormalEquations};
 
 /// What of the lateral scale is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,8 +42,8 @@ impl Lateral {
 /// The models from the one that is borne out to the simplest. `normals` are about the values of the line, and `prior`
 /// says what of them is held.
 pub(super) fn in_order_of_merit(
-    normals: &Normals,
-    prior: impl Fn(Lateral) -> Normal,
+    normals: &BoardEquations,
+    prior: impl Fn(Lateral) -> NormalEquations,
 ) -> Vec<Lateral> {
     let cost = |lateral: Lateral| held_out(normals, &prior(lateral));
     let [one, constant, line] = [Lateral::One, Lateral::Constant, Lateral::Line].map(cost);
@@ -57,10 +57,10 @@ pub(super) fn in_order_of_merit(
 }
 
 /// The sum of squared errors of boards, each predicted from the others.
-fn held_out(normals: &Normals, prior: &Normal) -> f64 {
+fn held_out(normals: &BoardEquations, prior: &NormalEquations) -> f64 {
     let boards = normals.of_boards.iter();
     let all = boards.fold(*prior, |all, own| (all.0 + own.0, all.1 + own.1));
-    let of_board = |(own, squares): (&Normal, &f64)| {
+    let of_board = |(own, squares): (&NormalEquations, &f64)| {
         let Some(solved) = (all.0 - own.0).cholesky() else {
             return f64::INFINITY;
         };

@@ -3,7 +3,7 @@
 //! once.
 
 use super::correction::Correction;
-use super::jackknife::{self, Normal, Normals};
+use super::jackknife::{self, BoardEquations, NormalEquations};
 use super::lateral::{self, Lateral};
 use super::misfit::{self, Misfit, Patch};
 use super::{ResponseError, too_little};
@@ -450,7 +450,7 @@ fn normals(
     values: &Values,
     lateral: Lateral,
     parameters: &PlaneParameters,
-) -> Normals {
+) -> BoardEquations {
     let usual = usual_error(planes, values, parameters).max(LEAST_USUAL);
     let of_plane = |plane: &Plane<'_>| {
         let (mut normal, mut squares) = ((Matrix4::zeros(), Vector4::zeros()), 0.0);
@@ -460,13 +460,13 @@ fn normals(
         (normal, squares)
     };
     let of_planes: Vec<_> = planes.par_iter().map(of_plane).collect();
-    let (of_boards, squares): (Vec<Normal>, Vec<f64>) = of_planes.into_iter().unzip();
+    let (of_boards, squares): (Vec<NormalEquations>, Vec<f64>) = of_planes.into_iter().unzip();
     let is_line = spans(planes, parameters.min_span);
     let expected = prior(values, lateral, parameters, is_line);
     let all = of_boards
         .iter()
         .fold(expected, |all, own| (all.0 + own.0, all.1 + own.1));
-    Normals {
+    BoardEquations {
         all,
         of_boards,
         squares,

@@ -7,7 +7,7 @@ mod glb;
 mod ply;
 
 use super::Error;
-use crate::mesh::{Mesh, check};
+use crate::mesh::{Mesh, is_closed};
 use crate::reconstruct::Provenance;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
@@ -108,7 +108,7 @@ fn examine(mesh: &Mesh) -> Result<(), String> {
 /// Joins vertices of equal position (seams of texture and normals), but only where the mesh is open without
 /// that: a closed one may hold two vertices in one place on purpose.
 fn weld_if_open(model: LoadedModel) -> LoadedModel {
-    if check(&model.mesh).is_closed() {
+    if is_closed(&model.mesh) {
         return model;
     }
     let mut seen = HashMap::new();
@@ -167,7 +167,7 @@ fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::shapes;
+    use crate::mesh::{check, shapes};
 
     #[test]
     fn seams_are_welded_and_what_is_known_of_vertices_kept() {

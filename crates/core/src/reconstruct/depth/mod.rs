@@ -300,7 +300,7 @@ fn on_a_plate(
         // A step at the farthest point, in inverse depth.
         edge: 1e-3 * parameters.least_step_mm * farthest * farthest,
     };
-    let laid = plate::lay(&start, &confidence, error, &plate);
+    let laid = plate::fill_in(&start, &confidence, error, &plate);
     laid.map(inverse)
 }
 

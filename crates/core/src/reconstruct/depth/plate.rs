@@ -53,7 +53,7 @@ struct Fields {
 /// Lays a plate through `start` (0 where there is no surface), which may be depth or inverse depth.
 /// `confidence` is the weight of the reading that `start` has at a pixel, 0 where it was only filled in;
 /// `error` is the readings' expected error in the same unit.
-pub(super) fn lay(
+pub(super) fn fill_in(
     start: &Grid<f32>,
     confidence: &Grid<f32>,
     error: f32,
@@ -336,7 +336,7 @@ mod tests {
         let plane = Grid::from_fn(30, 20, |x, y| 0.8 + 0.003 * x as f32 - 0.001 * y as f32);
         let hole = |x: usize, y: usize| (10..20).contains(&x) && (5..15).contains(&y);
         let known = Grid::from_fn(30, 20, |x, y| f32::from(!hole(x, y)));
-        let laid = lay(&plane, &known, 1e-3, &PLATE);
+        let laid = fill_in(&plane, &known, 1e-3, &PLATE);
         for (a, b) in laid.pixels().iter().zip(plane.pixels()) {
             assert!((a - b).abs() < 2e-6, "{a} {b}");
         }
@@ -361,7 +361,7 @@ mod tests {
                 edge: 0.012,
                 ..PLATE
             };
-            let laid = lay(&seen, &everywhere(&seen), 1e-3, &plate);
+            let laid = fill_in(&seen, &everywhere(&seen), 1e-3, &plate);
             let errors = (5..35).map(|x| (laid[(x, 10)] - truth[(x, 10)]).abs());
             errors.sum::<f32>()
         };
@@ -372,7 +372,7 @@ mod tests {
     #[test]
     fn a_step_stays_a_step() {
         let step = Grid::from_fn(30, 20, |x, _| if x < 15 { 0.80 } else { 0.83 });
-        let laid = lay(&step, &everywhere(&step), 1e-3, &PLATE);
+        let laid = fill_in(&step, &everywhere(&step), 1e-3, &PLATE);
         for (a, b) in laid.pixels().iter().zip(step.pixels()) {
             assert!((a - b).abs() < 1e-4, "{a} {b}");
         }
@@ -386,7 +386,7 @@ mod tests {
             (hash as f32 / 1009.0 - 0.5) * 3.5e-3
         };
         let depth = Grid::from_fn(40, 40, |x, y| if y < 5 { 0.0 } else { 0.85 + noisy(x, y) });
-        let laid = lay(&depth, &everywhere(&depth), 1e-3, &PLATE);
+        let laid = fill_in(&depth, &everywhere(&depth), 1e-3, &PLATE);
         let rms = |of: &Grid<f32>| {
             let surface = of.pixels().iter().filter(|&&z| z > 0.0);
             (surface.map(|z| (z - 0.85).powi(2)).sum::<f32>() / (35.0 * 40.0)).sqrt()
@@ -403,8 +403,8 @@ mod tests {
     #[test]
     fn nothing_to_lay_is_no_error() {
         let empty = Grid::filled(5, 4, 0.0);
-        assert_eq!(lay(&empty, &empty, 1e-3, &PLATE), empty);
+        assert_eq!(fill_in(&empty, &empty, 1e-3, &PLATE), empty);
         let none = Grid::filled(0, 0, 0.0);
-        assert_eq!(lay(&none, &none, 1e-3, &PLATE), none);
+        assert_eq!(fill_in(&none, &none, 1e-3, &PLATE), none);
     }
 }

@@ -65,7 +65,7 @@ pub struct Evidence<'a> {
 
 /// States the expected error of those vertices of a model that lie on its hull, and of those that depth restored, of
 /// which each has that of a single reading. The other vertices keep theirs.
-pub fn state(model: &mut Model, evidence: &Evidence) {
+pub fn state_errors(model: &mut Model, evidence: &Evidence) {
     let of_vertices = model.expected_error.iter_mut().zip(&model.provenance);
     for (error, _) in of_vertices.filter(|(_, p)| **p == Provenance::Restored) {
         *error *= OF_READING;

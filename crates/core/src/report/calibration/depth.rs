@@ -4,6 +4,7 @@ use super::CalibrationPage;
 use crate::calibration::fit::Limits;
 use crate::calibration::response::PlaneFit;
 use crate::markup::escaped;
+use crate::words::count;
 use std::fmt::Write;
 
 const WIDTH: f64 = 560.0;
@@ -20,13 +21,13 @@ pub(super) fn section(html: &mut String, page: &CalibrationPage<'_>) {
         let r = &fit.response;
         let _ = writeln!(
             html,
-            "<p><b>{}</b>: z = {:.6}&middot;r {:+.4} m, lateral scale {:.4} {:+.4}&middot;z, from {} boards.</p>",
+            "<p><b>{}</b>: z = {:.6}&middot;r {:+.4} m, lateral scale {:.4} {:+.4}&middot;z, from {}.</p>",
             escaped(id.as_str()),
             r.slope,
             r.intercept,
             r.scale[0],
             r.scale[1],
-            fit.views.len()
+            count(fit.views.len(), "board")
         );
         chart(html, fit);
         table(html, fit, page.limits);

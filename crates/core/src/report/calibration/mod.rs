@@ -1,6 +1,7 @@
 //! A calibration's report: one self-contained HTML page with its pictures, for the person who has to decide what to
 //! do. This room makes the text; a command writes the file.
 
+mod advice;
 mod cameras;
 mod depth;
 mod html;
@@ -15,6 +16,8 @@ use crate::calibration::fit::{Fit, Judgement, Limits};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
 use crate::markup::escaped;
+use crate::words::count;
+use advice::advice;
 use html::style;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -115,10 +118,10 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
     let (class, word) = (style_of(level), level.name());
     let _ = write!(
         html,
-        "<h1>Calibration: <span class=\"{class}\">{word}</span></h1>\n<p>{} cameras, {} placements of <code>{}</code>, \
-         {} corners, from {}.</p>\n<p class=\"figures\">",
-        fit.cameras.len(),
-        fit.placements.len(),
+        "<h1>Calibration: <span class=\"{class}\">{word}</span></h1>\n<p>{}, {} of <code>{}</code>, {} \
+         corners, from {}.</p>\n<p class=\"figures\">",
+        count(fit.cameras.len(), "camera"),
+        count(fit.placements.len(), "placement"),
         escaped(&fit.board.to_string()),
         fit.figures.corners,
         escaped(&page.sources.join(", ")),
@@ -181,7 +184,12 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     }
     *html += "<h2>What to do</h2>\n<ul>";
     for reason in reasons {
-        let _ = write!(html, "<li>{}. {}</li>", escaped(reason), advice(reason));
+        let _ = write!(
+            html,
+            "<li>{}. {}</li>",
+            escaped(&reason.words),
+            advice(reason.kind)
+        );
     }
     for lost in page.lost {
         let _ = write!(html, "<li>Not read: {}</li>", escaped(lost));
@@ -229,104 +237,6 @@ fn no_board(html: &mut String, page: &CalibrationPage<'_>) {
         );
     }
     *html += "</table>\n";
-}
-
-/// What helps against a reason.
-fn advice(reason: &str) -> &'static str {
-    // By the words of the judgement: they are for people, and so is this.
-    let advice = [
-        (
-            "beyond the lens model",
-            "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens.",
-        ),
-        (
-            "the board seems",
-            "Show it once more, flat and at rest at each placement; glue the print to something stiff.",
-        ),
-        (
-            "the board is bent",
-            "Glue the print to something flat and stiff: glass, or an aluminium composite.",
-        ),
-        (
-            "the board's squares",
-            "Measure both rulers of the print; the mean of the two sets the scale.",
-        ),
-        (
-            "were left out",
-            "See what was left out, and why, below. A camera that moved or was refocused, \
-            exchanged cables, or pictures of another moment do this: correct it, and show the \
-            board again.",
-        ),
-        (
-            "scale:",
-            "Measure the board's squares over its whole length: the calibration's scale is theirs. Only then is it known \
-             which of the two is wrong.",
-        ),
-        ("at one place", "Check the cameras' cables and names."),
-        (
-            "were dropped",
-            "Check that the board is flat and evenly lit, and its picture sharp.",
-        ),
-        (
-            "held out",
-            "Add placements in other tilts and places; check that the board is flat and no lens moves.",
-        ),
-        (
-            "has no response",
-            "Show it the board more often, tilted, from the nearest to the farthest distance that matters.",
-        ),
-        (
-            "depth that is displaced against its colour picture",
-            "Let the driver register depth and colour, and check that both streams have the size for which it does so.",
-        ),
-        (
-            "from the picture's middle to its corners",
-            "Place objects near the middle of its picture: the calibration's file cannot hold a correction for each pixel.",
-        ),
-        (
-            "not linear in the distance",
-            "Place objects at the distances at which little bias is left, below; show it the board at more distances.",
-        ),
-        (
-            "a bias of",
-            "Show it the board at more distances; check that the board is flat and its picture sharp.",
-        ),
-        (
-            "its distances are known only",
-            "Show it the board at more places and tilts, together with other cameras: its own place is what is known least.",
-        ),
-        (
-            "is not calibrated",
-            "Show it the board together with a neighbour, three times or more.",
-        ),
-        (
-            "placements, expected",
-            "Show the board in more places and tilts, twelve or so.",
-        ),
-        (
-            "focal length is known",
-            "Show it the board more often, tilted by 30° and more to all sides, and into its picture's corners.",
-        ),
-        (
-            "views, expected",
-            "Show it the board more often, in different tilts.",
-        ),
-        (
-            "of its picture, expected",
-            "Hold the board into the corners of its picture too.",
-        ),
-        (
-            "lies flat",
-            "Put the board flat on the table once, or name the placement with --table-placement.",
-        ),
-        (
-            "rms",
-            "Look at its arrows below: one direction means that it moved, a whirl or a star another lens model \
-          (--model rational), noise everywhere blur, poor light or a board that is not flat.",
-        ),
-    ];
-    let found = advice.into_iter().find(|(words, _)| reason.contains(words));
-    found.map_or("", |(_, advice)| advice)
 }
 
 /// What sets the scale of all lengths, and what witnesses say of it.

@@ -197,12 +197,6 @@ fn about_cameras<'a>(
 /// Cameras that a reason names in words; the others are counted.
 const NAMED: usize = 4;
 
-/// A count with its noun: `1 hole`, `2 holes`.
-fn counted(number: usize, noun: &str) -> String {
-    let plural = if number == 1 { "" } else { "s" };
-    format!("{number} {noun}{plural}")
-}
-
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     if percent.abs() < 10.0 {

@@ -1,8 +1,9 @@
 //! Rules about the model itself.
 
-use super::{Level, Limits, Parameters, Reason, ReasonCode, counted, percent};
+use super::{Level, Limits, Parameters, Reason, ReasonCode, percent};
 use crate::reconstruct::Provenance;
 use crate::report::Measurements;
+use crate::words;
 
 /// Cubic metres that may stay unproved unsaid: a cube of 4 mm.
 const LEAST_UNPROVED: f64 = 6.4e-8;
@@ -41,7 +42,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             .level(model.closed_openings as f64);
         let words = format!(
             "the depth opened the object in {} where a colour camera sees it; the model is closed there again",
-            counted(model.closed_openings, "place")
+            words::count(model.closed_openings, "place")
         );
         into.push(reason(
             level.unwrap_or(Level::Green),
@@ -79,7 +80,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         beyond(&parameters.handles_of_depth, opened).map(|(level, v)| {
             let words = format!(
                 "the depth opened {} that no silhouette shows: the model may be perforated",
-                counted(v as usize, "hole")
+                words::count(v as usize, "hole")
             );
             reason(level, ReasonCode::OpenedByDepth, words)
         }),
@@ -99,7 +100,10 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         if count > 0 {
             let level = parameters.dropped_pieces.level(count as f64);
             let were = if count == 1 { "was" } else { "were" };
-            let words = format!("{} {from} {were} dropped", counted(count, "stray piece"));
+            let words = format!(
+                "{} {from} {were} dropped",
+                words::count(count, "stray piece")
+            );
             into.push(reason(
                 level.unwrap_or(Level::Green),
                 ReasonCode::PiecesDropped,

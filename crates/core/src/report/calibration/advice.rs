@@ -1,0 +1,72 @@
+//! What helps against each kind of reason why a calibration is not good.
+
+use crate::calibration::fit::ReasonKind;
+
+/// What to do, in whole sentences.
+pub(super) fn advice(kind: ReasonKind) -> &'static str {
+    match kind {
+        ReasonKind::Diagnosed => "Correct that, and show the board again.",
+        ReasonKind::LeftOut => {
+            "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures \
+             of another moment do this: correct it, and show the board again."
+        }
+        ReasonKind::AtOnePlace => "Check the cameras' cables and names.",
+        ReasonKind::Residual => {
+            "Look at its arrows below: one direction means that it moved, a whirl or a star another lens model \
+             (--model rational), noise everywhere blur, poor light or a board that is not flat."
+        }
+        ReasonKind::BeyondLensModel => {
+            "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens."
+        }
+        ReasonKind::DroppedCorners => {
+            "Check that the board is flat and evenly lit, and its picture sharp."
+        }
+        ReasonKind::FewViews => "Show it the board more often, in different tilts.",
+        ReasonKind::Coverage => "Hold the board into the corners of its picture too.",
+        ReasonKind::FewPlacements => "Show the board in more places and tilts, twelve or so.",
+        ReasonKind::FocalLength => {
+            "Show it the board more often, tilted by 30° and more to all sides, and into its picture's corners."
+        }
+        ReasonKind::HeldOut => {
+            "Add placements in other tilts and places; check that the board is flat and no lens moves."
+        }
+        ReasonKind::Bent => {
+            "Glue the print to something flat and stiff: glass, or an aluminium composite."
+        }
+        ReasonKind::Stretched => {
+            "Measure both rulers of the print; the mean of the two sets the scale."
+        }
+        ReasonKind::ShapeNotHeld => {
+            "Show it once more, flat and at rest at each placement; glue the print to something stiff."
+        }
+        ReasonKind::NotCalibrated => {
+            "Show it the board together with a neighbour, three times or more."
+        }
+        ReasonKind::TableUnknown => {
+            "Put the board flat on the table once, or name the placement with --table-placement."
+        }
+        ReasonKind::Scale => {
+            "Measure the board's squares over its whole length: the calibration's scale is theirs. Only then is it known \
+             which of the two is wrong."
+        }
+        ReasonKind::NoResponse => {
+            "Show it the board more often, tilted, from the nearest to the farthest distance that matters."
+        }
+        ReasonKind::DepthBias => {
+            "Show it the board at more distances; check that the board is flat and its picture sharp."
+        }
+        ReasonKind::DepthUnknown => {
+            "Show it the board at more places and tilts, together with other cameras: its own place is what is known \
+             least."
+        }
+        ReasonKind::DepthMisregistered => {
+            "Let the driver register depth and colour, and check that both streams have the size for which it does so."
+        }
+        ReasonKind::DepthBowl => {
+            "Place objects near the middle of its picture: the calibration's file cannot hold a correction for each pixel."
+        }
+        ReasonKind::DepthNotLinear => {
+            "Place objects at the distances at which little bias is left, below; show it the board at more distances."
+        }
+    }
+}
