@@ -382,7 +382,10 @@ fn a_disk_that_is_behind_refuses_presses_and_loses_nothing_that_was_accepted() {
         }
         assert!(accepted.len() < 10);
     };
-    assert!(refused.contains("2 captures must still be written"), "{refused}");
+    assert!(
+        refused.contains("2 captures must still be written"),
+        "{refused}"
+    );
     assert_eq!(accepted.len(), 2);
     hearing.recv().unwrap();
     for progress in accepted {
