@@ -2,10 +2,11 @@
 
 use crate::calibration::fit::ReasonKind;
 
-/// What to do, in whole sentences.
+/// What to do, in whole sentences; empty where the reason says it itself.
 pub(super) fn advice(kind: ReasonKind) -> &'static str {
     match kind {
-        ReasonKind::Diagnosed => "Correct that, and show the board again.",
+        // Its words name the remedy.
+        ReasonKind::Diagnosed => "",
         ReasonKind::LeftOut => {
             "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures \
              of another moment do this: correct it, and show the board again."
