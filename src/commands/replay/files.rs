@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What a replay was given.
-pub(super) struct CapturesFound {
+pub(super) struct RecordingsFound {
     /// The recordings, in the order in which they were named; those of a folder in the order of their names.
     pub(super) recordings: Vec<PathBuf>,
     /// What a person should know of the folders.
@@ -16,8 +16,8 @@ pub(super) struct CapturesFound {
 ///
 /// # Errors
 /// If a folder cannot be read, or has no recording.
-pub(super) fn find(paths: &[PathBuf]) -> anyhow::Result<CapturesFound> {
-    let mut found = CapturesFound {
+pub(super) fn find(paths: &[PathBuf]) -> anyhow::Result<RecordingsFound> {
+    let mut found = RecordingsFound {
         recordings: Vec::new(),
         warnings: Vec::new(),
     };
@@ -31,7 +31,7 @@ pub(super) fn find(paths: &[PathBuf]) -> anyhow::Result<CapturesFound> {
     Ok(found)
 }
 
-impl CapturesFound {
+impl RecordingsFound {
     fn add_folder(&mut self, folder: &Path) -> anyhow::Result<()> {
         let at = |error: std::io::Error| anyhow::anyhow!("{}: {error}", folder.display());
         let entries = std::fs::read_dir(folder).map_err(at)?;

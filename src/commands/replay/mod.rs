@@ -188,7 +188,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let files::CapturesFound {
+    let files::RecordingsFound {
         recordings,
         warnings,
     } = files::find(&replay)?;
