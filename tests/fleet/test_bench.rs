@@ -323,6 +323,7 @@ pub fn made_here(
     models(&bench.path("here"))
 }
 
+/// Starts a command whose output is read at its end, by [`finished`].
 pub fn spawned(mut command: Command) -> Child {
     command.stdout(Stdio::piped()).stderr(Stdio::piped());
     command.spawn().unwrap()

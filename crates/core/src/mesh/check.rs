@@ -197,6 +197,7 @@ mod tests {
         ] {
             let report = check(&mesh);
             assert!(report.is_watertight(), "{report:?}");
+            assert!(is_watertight(&mesh) && is_closed(&mesh));
             assert_eq!(report.genus, Some(genus));
             assert_eq!(report.components, 1);
             assert_eq!(report.degenerate_triangles, 0);
@@ -221,6 +222,7 @@ mod tests {
         let report = check(&mesh);
         assert_eq!(report.boundary_edges, 3);
         assert!(!report.is_closed() && !report.is_watertight());
+        assert!(!is_closed(&mesh) && !is_watertight(&mesh));
         assert!(report.is_oriented() && report.is_manifold());
         assert_eq!(report.genus, None);
     }
