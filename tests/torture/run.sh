@@ -18,11 +18,11 @@ promises() {
 		power|a power cut loses no durable capture|lib|daemon::disaster_tests::power_cuts
 		kill|a killed daemon loses nothing that a client was told|lib|daemon::disaster_tests::kills daemon::service_tests::a_kill_between
 		kill|a killed rig of twelve cameras loses no durable capture|rig|what_was_acknowledged_survives
-		kill|a killed replay leaves whole models or none|offline|disasters::a_replay_that_is_killed
+		kill|a killed replay leaves whole models or none|offline|disasters::long::a_replay_that_is_killed
 		kill|killed workers, or their daemon, lose no job|workers|a_killed_daemon a_killed_worker
 		kill|recovery is fast|offline|disasters::a_recording_that_was_cut_off
 		disk|a call that the disk refuses is never acknowledged falsely|lib|daemon::disaster_tests::a_disk
-		disk|a replay whose disk refuses leaves no half output|offline|disasters::a_replay_whose_disk
+		disk|a replay whose disk refuses leaves no half output|offline|disasters::long::a_replay_whose_disk
 		disk|a full disk fails one capture, a slow one disturbs no camera|rig|a_full_disk a_slow_disk
 		damage|damaged and hostile recordings: an error, bounded, no panic|offline|hostile::
 		damage|recordings cut, flipped and recovered at every byte|core|recording::
