@@ -2,7 +2,7 @@
 //! parser happens there.
 
 use super::bundle::{Bundle, REPORT, contents_sha256, read_bundle};
-use crate::evaluate::load::load;
+use crate::evaluate::load::load_unwelded;
 use crate::mesh::{self, Mesh};
 use crate::storage::StagedFolder;
 use serde_json::Value;
@@ -41,16 +41,15 @@ pub fn commit(
     contents: &str,
     replace: bool,
 ) -> Result<CommitResult, String> {
-    let bundle = match read_bundle(path) {
-        Ok(bundle) => bundle,
+    let (bundle, found) = match read_bundle(path) {
+        Ok(read) => read,
         Err(error) => return Ok(CommitResult::Refused(error.to_string())),
     };
-    let staged = StagedFolder::create(target).map_err(|e| e.to_string())?;
-    for (name, bytes) in &bundle.files {
-        staged.write(name, bytes).map_err(|e| e.to_string())?;
+    if found != contents {
+        let why = "the SHA-256 of its contents is not the one that its worker reported";
+        return Ok(CommitResult::Refused(why.into()));
     }
-    let problem = problem(&bundle, staged.path(), (recording, capture), contents);
-    if let Some(problem) = problem {
+    if let Some(problem) = problem(&bundle, (recording, capture)) {
         return Ok(CommitResult::Refused(problem));
     }
     let is_model = bundle.files.len() > 1;
@@ -66,21 +65,17 @@ pub fn commit(
             (false, _) => return Ok(CommitResult::Differs),
         }
     }
-    staged.commit(true).map_err(|e| e.to_string())?;
+    let placed = StagedFolder::create(target).and_then(|staged| {
+        let mut files = bundle.files.iter();
+        files.try_for_each(|(name, bytes)| staged.write(name, bytes))?;
+        staged.commit(true)
+    });
+    placed.map_err(|e| e.to_string())?;
     Ok(CommitResult::Placed)
 }
 
-/// What is wrong with the files of a result, which lie in `folder`.
-fn problem(
-    bundle: &Bundle,
-    folder: &Path,
-    (recording, capture): (&str, &str),
-    contents: &str,
-) -> Option<String> {
-    let found = bundle.contents_sha256();
-    if found.as_deref() != Ok(contents) {
-        return Some("the SHA-256 of its contents is not the one that its worker reported".into());
-    }
+/// What is wrong with the files of a result.
+fn problem(bundle: &Bundle, (recording, capture): (&str, &str)) -> Option<String> {
     let Some(report) = bundle.file(REPORT) else {
         return Some("it has no report".into());
     };
@@ -109,16 +104,34 @@ fn problem(
     let says_open = report["verdict"]["reasons"]
         .as_array()
         .is_some_and(|reasons| reasons.iter().any(|r| r["code"] == "not_watertight"));
-    for name in ["model.glb", "model.ply"] {
-        let loaded = match load(&folder.join(name)) {
-            Ok(loaded) => loaded,
-            Err(error) => return Some(error.to_string()),
-        };
-        if let Some(problem) = of_mesh(&loaded.mesh, says_open) {
-            return Some(format!("{name}: {problem}"));
-        }
+    let problem = of_model(bundle, says_open).err();
+    problem.or_else(|| of_picture(bundle.file("preview.png").unwrap_or_default()))
+}
+
+/// Checks both files of a model: one surface, closed unless the report says otherwise.
+fn of_model(bundle: &Bundle, says_open: bool) -> Result<(), String> {
+    let load = |name| -> Result<Mesh, String> {
+        let bytes = bundle.file(name).unwrap_or_default();
+        let loaded = load_unwelded(bytes, Path::new(name)).map_err(|e| e.to_string())?;
+        Ok(loaded.mesh)
+    };
+    let (plain, textured) = (load("model.ply")?, load("model.glb")?);
+    if let Some(problem) = of_mesh(&plain, says_open) {
+        return Err(format!("model.ply: {problem}"));
     }
-    of_picture(bundle.file("preview.png").unwrap_or_default())
+    if is_same_surface(&plain, &textured) {
+        Ok(())
+    } else {
+        Err("model.glb: its triangles are not those of model.ply".into())
+    }
+}
+
+/// Whether two meshes have the same triangles in the same order, wherever their corners stand in the lists of vertices.
+/// Each index has to be one of a vertex.
+fn is_same_surface(a: &Mesh, b: &Mesh) -> bool {
+    let corners = |mesh: &Mesh, triangle: &[u32; 3]| triangle.map(|v| mesh.vertices[v as usize]);
+    let mut pairs = a.triangles.iter().zip(&b.triangles);
+    a.triangles.len() == b.triangles.len() && pairs.all(|(t, u)| corners(a, t) == corners(b, u))
 }
 
 fn against_schema(report: &Value) -> Option<String> {
@@ -199,8 +212,8 @@ mod tests {
             let target = self.home.path().join("out/cup/a1");
             let parts = commit(&path, &target, of, contents, false).unwrap();
             // Nothing but what is in place is left behind.
-            let left = std::fs::read_dir(self.home.path().join("out/cup")).unwrap();
-            assert!(left.count() <= 1);
+            let left = std::fs::read_dir(self.home.path().join("out/cup"));
+            assert!(left.into_iter().flatten().count() <= 1);
             parts
         }
     }
@@ -265,5 +278,22 @@ mod tests {
         assert_eq!(of_mesh(&mesh, true), None);
         mesh.triangles.clear();
         assert!(of_mesh(&mesh, true).is_some());
+    }
+
+    #[test]
+    fn a_surface_is_the_same_however_its_corners_are_listed() {
+        let mesh = mesh::cuboid([-1.0; 3], [1.0; 3]);
+        let corners = mesh.triangles.iter().flatten();
+        let soup = Mesh {
+            vertices: corners.map(|&v| mesh.vertices[v as usize]).collect(),
+            triangles: (0..12).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        };
+        assert!(is_same_surface(&mesh, &soup));
+        let mut other = soup.clone();
+        other.vertices[7].x += 1e-6;
+        assert!(!is_same_surface(&mesh, &other));
+        let mut fewer = soup;
+        fewer.triangles.pop();
+        assert!(!is_same_surface(&mesh, &fewer));
     }
 }

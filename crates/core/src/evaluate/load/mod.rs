@@ -41,31 +41,14 @@ pub fn load(path: &Path) -> Result<LoadedModel, Error> {
         cause,
     };
     let size = std::fs::metadata(path).map_err(io)?.len();
-    let extension = path
-        .extension()
-        .map(|e| e.to_string_lossy().to_ascii_lowercase());
-    let parse = match extension.as_deref() {
-        Some("ply") => ply::parse,
-        Some("glb") => glb::parse,
-        other => {
-            return Err(Error::UnknownFormat {
-                path: path.to_owned(),
-                extension: other.unwrap_or("none").to_owned(),
-            });
-        }
-    };
-    let what = |what: String| Error::Format {
-        path: path.to_owned(),
-        what,
-    };
+    format_of(path)?;
     if size > MAX_FILE_BYTES {
-        return Err(what(format!(
-            "{size} bytes, expected at most {MAX_FILE_BYTES}"
-        )));
+        return Err(Error::Format {
+            path: path.to_owned(),
+            what: format!("{size} bytes, expected at most {MAX_FILE_BYTES}"),
+        });
     }
-    let model = parse(&std::fs::read(path).map_err(io)?).map_err(what)?;
-    examine(&model.mesh).map_err(what)?;
-    Ok(weld_if_open(model))
+    load_unwelded(&std::fs::read(path).map_err(io)?, path).map(weld_if_open)
 }
 
 /// Reads the bytes of a GLB, which are called `name` in messages.
@@ -73,13 +56,43 @@ pub fn load(path: &Path) -> Result<LoadedModel, Error> {
 /// # Errors
 /// As [`load`].
 pub fn load_glb(bytes: &[u8], name: &Path) -> Result<LoadedModel, Error> {
+    parse_with(glb::parse, bytes, name).map(weld_if_open)
+}
+
+/// Reads the bytes of the file that is called `name`, as they are: a vertex on a seam of the texture stands there more
+/// than once.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_unwelded(bytes: &[u8], name: &Path) -> Result<LoadedModel, Error> {
+    parse_with(format_of(name)?, bytes, name)
+}
+
+type Parse = fn(&[u8]) -> Result<LoadedModel, String>;
+
+/// What reads a file of this name.
+fn format_of(name: &Path) -> Result<Parse, Error> {
+    let extension = name
+        .extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match extension.as_deref() {
+        Some("ply") => Ok(ply::parse),
+        Some("glb") => Ok(glb::parse),
+        other => Err(Error::UnknownFormat {
+            path: name.to_owned(),
+            extension: other.unwrap_or("none").to_owned(),
+        }),
+    }
+}
+
+fn parse_with(parse: Parse, bytes: &[u8], name: &Path) -> Result<LoadedModel, Error> {
     let what = |what: String| Error::Format {
         path: name.to_owned(),
         what,
     };
-    let model = glb::parse(bytes).map_err(what)?;
+    let model = parse(bytes).map_err(what)?;
     examine(&model.mesh).map_err(what)?;
-    Ok(weld_if_open(model))
+    Ok(model)
 }
 
 /// What every reader owes: triangles, indices within range and finite coordinates.

@@ -77,21 +77,6 @@ impl Scalar {
             Self::F64 => 8,
         }
     }
-
-    /// The value in little endian bytes; `f64` holds each exactly.
-    fn decode(self, b: [u8; 8]) -> f64 {
-        let [b0, b1, b2, b3, ..] = b;
-        match self {
-            Self::I8 => f64::from(b0 as i8),
-            Self::U8 => f64::from(b0),
-            Self::I16 => f64::from(i16::from_le_bytes([b0, b1])),
-            Self::U16 => f64::from(u16::from_le_bytes([b0, b1])),
-            Self::I32 => f64::from(i32::from_le_bytes([b0, b1, b2, b3])),
-            Self::U32 => f64::from(u32::from_le_bytes([b0, b1, b2, b3])),
-            Self::F32 => f64::from(f32::from_le_bytes([b0, b1, b2, b3])),
-            Self::F64 => f64::from_le_bytes(b),
-        }
-    }
 }
 
 struct Property {
@@ -206,18 +191,28 @@ impl Source<'_> {
         if self.format == Format::Ascii {
             return self.next_word();
         }
-        let count = scalar.bytes();
-        let (value, rest) = self
-            .rest
-            .split_at_checked(count)
-            .ok_or("the file ends early")?;
+        // `f64` holds each of them exactly.
+        Ok(match scalar {
+            Scalar::I8 => i8::from_le_bytes(self.bytes()?).into(),
+            Scalar::U8 => u8::from_le_bytes(self.bytes()?).into(),
+            Scalar::I16 => i16::from_le_bytes(self.bytes()?).into(),
+            Scalar::U16 => u16::from_le_bytes(self.bytes()?).into(),
+            Scalar::I32 => i32::from_le_bytes(self.bytes()?).into(),
+            Scalar::U32 => u32::from_le_bytes(self.bytes()?).into(),
+            Scalar::F32 => f32::from_le_bytes(self.bytes()?).into(),
+            Scalar::F64 => f64::from_le_bytes(self.bytes()?),
+        })
+    }
+
+    /// The next bytes of a binary file, the least significant first.
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        let (&bytes, rest) = self.rest.split_first_chunk().ok_or("the file ends early")?;
         self.rest = rest;
-        let mut bytes = [0; 8];
-        bytes[..count].copy_from_slice(value);
+        let mut bytes: [u8; N] = bytes;
         if self.format == Format::Big {
-            bytes[..count].reverse();
+            bytes.reverse();
         }
-        Ok(scalar.decode(bytes))
+        Ok(bytes)
     }
 
     fn next_word(&mut self) -> Result<f64, String> {
