@@ -64,6 +64,27 @@ impl Bundle {
     }
 }
 
+/// A configuration without what stands for a user and a password in an address. scand refuses such an address, but the
+/// file that was refused is what support wants to see.
+pub fn without_passwords(text: &str) -> String {
+    let mut shown = String::new();
+    let mut rest = text;
+    while let Some(at) = rest.find("//") {
+        let (before, after) = rest.split_at(at + 2);
+        shown.push_str(before);
+        let is_end = |c: char| c.is_whitespace() || c == '"' || c == '\'';
+        let address = &after[..after.find(is_end).unwrap_or(after.len())];
+        rest = match address.rfind('@') {
+            Some(end) => {
+                shown.push_str("***");
+                &after[end..]
+            }
+            None => after,
+        };
+    }
+    shown + rest
+}
+
 /// The 512 bytes before a file's contents: POSIX.1-1988, ustar.
 fn header(name: &str, length: usize, seconds: u64) -> Result<[u8; 512]> {
     let mut header = [0; 512];
@@ -92,6 +113,15 @@ fn header(name: &str, length: usize, seconds: u64) -> Result<[u8; 512]> {
 mod tests {
     use super::*;
     use std::process::{Command, Stdio};
+
+    #[test]
+    fn a_configuration_is_shown_without_passwords() {
+        let text = "fleet = \"nats://me:hid//d@en@host:4222\" # ask me@home\nurl='tls://k@h' x = \"//a/b\"\n";
+        let shown =
+            "fleet = \"nats://***@host:4222\" # ask me@home\nurl='tls://***@h' x = \"//a/b\"\n";
+        assert_eq!(without_passwords(text), shown);
+        assert_eq!(without_passwords("folder = \"x\" //"), "folder = \"x\" //");
+    }
 
     #[test]
     fn tar_reads_what_was_packed_and_nothing_is_longer_than_allowed() {

@@ -6,7 +6,7 @@ mod cameras;
 mod disk;
 mod host;
 
-pub use bundle::{Bundle, LARGEST_FILE};
+pub use bundle::{Bundle, LARGEST_FILE, without_passwords};
 pub use cameras::cameras;
 pub use disk::{folder, plates, space, speed};
 pub use host::Host;

@@ -1,14 +1,14 @@
 //! `scand check`: finds what is wrong with the rig before work begins, and packs a bundle for support.
 
 use super::config_args::ConfigArgs;
-use crate::check::{self, Bundle, Finding, Host, State};
+use crate::check::{self, Bundle, Finding, Host, State, without_passwords};
 use crate::clock::Clock;
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION, VERSION};
 use crate::config::Config;
 use crate::daemon::probe;
 use crate::process::{Cancel, Child};
 use crate::setup::Prepared;
-use crate::storage::free_bytes;
+use crate::storage::{free_bytes, read_text};
 use crate::trigger::{Client, Error, Reply, Request};
 use crate::words::count;
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -25,6 +25,8 @@ const CAMERAS: Duration = Duration::from_secs(15);
 const DAEMON: Duration = Duration::from_secs(10);
 /// How long a program may take whose output goes into the bundle: `df` never ends where a network's disk is away.
 const PROGRAM: Duration = Duration::from_secs(20);
+/// Bytes of the largest configuration that support gets.
+const LARGEST_CONFIG: u64 = 1 << 20;
 
 /// Look for problems that can be detected before work begins. Each line is ok or says what to do. If a daemon runs,
 /// it is asked about its cameras; otherwise this command opens them itself.
@@ -251,6 +253,9 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
     bundle.add("check.json", format!("{findings:#}\n"));
     bundle.add("status.json", format!("{status:#}\n"));
     bundle.add("version.txt", format!("scand {VERSION}\n"));
+    if let Ok(text) = read_text(&source.config, LARGEST_CONFIG) {
+        bundle.add("rig.toml", without_passwords(&text));
+    }
     let mut file = |name: &str, path: &Path| {
         if std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < 1 << 30)
             && let Ok(contents) = std::fs::read(path)
@@ -258,7 +263,6 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
             bundle.add(name, contents);
         }
     };
-    file("rig.toml", &source.config);
     if let Ok(Prepared {
         calibration: Some(calibration),
         ..
