@@ -10,6 +10,7 @@ use crate::fleet::{Bundle, CommitResult, commit, step, write_bundle};
 use crate::frame::CaptureId;
 use crate::make_model::mark;
 use crate::recording::{Notes, Recording, beside};
+use crate::workers::{self, Job};
 use anyhow::Context;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -24,9 +25,26 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Step {
+    Find(FindArgs),
     Pack(PackArgs),
     Make(Box<make_model::Args>),
     Commit(CommitArgs),
+}
+
+/// Finds the recording that has a job's capture now.
+#[derive(Debug, clap::Args)]
+struct FindArgs {
+    #[command(flatten)]
+    confinement: ConfinementArgs,
+    /// The folder of recordings.
+    #[arg(long)]
+    recordings: PathBuf,
+    /// The file of the job.
+    #[arg(long)]
+    job: PathBuf,
+    /// The folder in which to write the recording's name.
+    #[arg(long)]
+    to: PathBuf,
 }
 
 /// Writes a capture's own recording into a folder, and what it is.
@@ -82,10 +100,23 @@ struct CommitArgs {
 /// If it cannot be confined, or cannot do its work.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match args.step {
+        Step::Find(args) => find(&args),
         Step::Pack(args) => pack(&args),
         Step::Make(args) => make(*args),
         Step::Commit(args) => put_into_place(&args),
     }
+}
+
+fn find(args: &FindArgs) -> anyhow::Result<ExitCode> {
+    args.confinement.bind_to_parent()?;
+    let reads = [args.recordings.clone(), args.job.clone()];
+    args.confinement.confine(&reads, std::slice::from_ref(&args.to))?;
+    let job = Job::read(&args.job).with_context(|| args.job.display().to_string())?;
+    let found = workers::find(&args.recordings, &job);
+    let name = found.as_deref().and_then(Path::file_name);
+    let name = name.unwrap_or_default().as_encoded_bytes();
+    std::fs::write(args.to.join(step::FOUND), name)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {

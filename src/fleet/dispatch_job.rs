@@ -52,12 +52,13 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         ];
         let made_of = ModelOrigin::made_of(&self.task.recording, &parts).unwrap_or_default();
         let known = ModelOrigin::read(&self.task.target).filter(|_| has_model(&self.task.target));
-        if let Some(known) = known.as_ref().filter(|_| !plan.replace)
+        let known = known.filter(|_| !self.replaces());
+        if let Some(known) = &known
             && known.made_of == made_of
         {
             return JobOutcome::Unchanged;
         }
-        if known.is_none() && has_model(&self.task.target) && !plan.replace {
+        if known.is_none() && has_model(&self.task.target) && !self.replaces() {
             let reason = "its folder already has a model that the fleet did not make".into();
             return JobOutcome::MakeLocally { reason };
         }
@@ -66,7 +67,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             Err(ended) => return ended,
         };
         let offer = self.offer(&packed);
-        if let Some(known) = known.filter(|known| known.digest == offer.digest && !plan.replace) {
+        if let Some(known) = known.filter(|known| known.digest == offer.digest) {
             self.note(&ModelOrigin { made_of, ..known });
             return JobOutcome::Unchanged;
         }
@@ -99,12 +100,13 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     }
 
     /// Lets a child write the capture's own recording.
-    async fn pack(&self) -> Result<Packed, JobOutcome> {
+    async fn pack(&mut self) -> Result<Packed, JobOutcome> {
         let failed = |reason: String| JobOutcome::Failed {
             reason,
             words: String::new(),
         };
-        let _turn = self.offers.children.acquire().await;
+        let offers = self.offers;
+        let _turn = offers.children.acquire().await;
         loop {
             if self.is_over() {
                 return Err(JobOutcome::Withdrawn);
@@ -135,7 +137,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             match (ended.code, &ended.crash) {
                 (Some(0), _) => return Packed::read(&folder).map_err(failed),
                 _ if ended.cancelled => return Err(JobOutcome::Withdrawn),
-                (_, Some(_)) => return Err(failed(ended.complaint())),
+                (_, Some(_)) => match self.count_crash(&ended.complaint()) {
+                    Some(reason) => return Err(failed(reason)),
+                    None => continue,
+                },
                 _ if self.lacks_space() => self.report_problem(&ended.complaint()),
                 _ => {
                     return Err(JobOutcome::MakeLocally {

@@ -24,6 +24,9 @@ const MESSAGES: usize = 32;
 /// Children that pack, check or recheck at the same time.
 const CHILDREN: usize = 2;
 
+/// Processes that offer jobs share this folder among the models; each has one of its own in it.
+const SPOOL: &str = ".fleet-spool";
+
 /// How jobs are offered.
 #[derive(Clone, Debug)]
 pub struct DispatcherPlan {
@@ -37,8 +40,8 @@ pub struct DispatcherPlan {
     pub time_limit_s: u32,
     /// Nice value of the children here, 0 to 19.
     pub nice: u32,
-    /// Where captures are packed and results wait; on the disk of the models. Each process has a folder in it.
-    pub spool: PathBuf,
+    /// The folder of the models.
+    pub models: PathBuf,
     /// The share of models that are made here again and compared, 0 to 1.
     pub recheck: f64,
     /// Whether other models may be replaced.
@@ -115,6 +118,8 @@ pub(super) struct Started {
 pub struct Dispatcher {
     pub(super) fleet: FleetClient,
     pub(super) plan: DispatcherPlan,
+    /// Where this process packs captures and results wait; on the disk of the models.
+    pub(super) spool: PathBuf,
     pub(super) children: Semaphore,
     pub(super) cancel: Cancel,
     /// Numbers the folders in the spool.
@@ -124,7 +129,7 @@ pub struct Dispatcher {
     /// When a run of a worker was last heard of, and the jobs that it did then.
     heard: Mutex<BTreeMap<String, (Instant, Vec<String>)>>,
     /// What was committed in this run: the contents' digests, by the jobs' digests.
-    committed: Mutex<BTreeMap<String, String>>,
+    pub(super) committed: Mutex<BTreeMap<String, String>>,
     /// Workers whose models were found wrong.
     distrusted: Mutex<BTreeSet<String>>,
     defects: AtomicU64,
@@ -135,9 +140,9 @@ pub struct Dispatcher {
 
 impl Drop for Dispatcher {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.plan.spool);
+        let _ = std::fs::remove_dir_all(&self.spool);
         // As long as no other process has a folder in it.
-        let _ = self.plan.spool.parent().map(std::fs::remove_dir);
+        let _ = self.spool.parent().map(std::fs::remove_dir);
     }
 }
 
@@ -146,11 +151,12 @@ impl Dispatcher {
     ///
     /// # Errors
     /// If the spool cannot be made, or this process has no open file left.
-    pub fn new(fleet: FleetClient, mut plan: DispatcherPlan) -> std::io::Result<Arc<Self>> {
+    pub fn new(fleet: FleetClient, plan: DispatcherPlan) -> std::io::Result<Arc<Self>> {
         // Whatever an earlier run left is packed again.
-        plan.spool = process_folder(&plan.spool, "offers-")?;
+        let spool = process_folder(&plan.models.join(SPOOL), "offers-")?;
         Ok(Arc::new(Self {
             fleet,
+            spool,
             plan,
             children: Semaphore::new(CHILDREN),
             cancel: Cancel::new()?,
@@ -186,8 +192,12 @@ impl Dispatcher {
         let _ = tokio::time::timeout(time, stopped.wait_for(|stopped| *stopped)).await;
     }
 
-    /// Hears what workers say, for ever.
+    /// Hears what workers say, and finds what was said while nobody listened, for ever.
     pub async fn listen(self: Arc<Self>) {
+        tokio::join!(self.hear_workers(), self.compare_late_results());
+    }
+
+    async fn hear_workers(&self) {
         let rig = self.fleet.name.clone();
         let subjects = [
             format!("scand.result.{rig}.*"),
@@ -231,11 +241,15 @@ impl Dispatcher {
     fn hear(&self, said: Heartbeat) {
         const MOST: usize = 100_000;
         let mut heard = self.heard.lock();
-        if heard.len() < MOST || heard.contains_key(&said.instance) {
+        let is_new = !heard.contains_key(&said.instance);
+        if heard.len() < MOST || !is_new {
             let jobs = said.jobs.iter().map(|job| job.digest.clone()).collect();
             heard.insert(said.instance.clone(), (Instant::now(), jobs));
         }
         drop(heard);
+        if is_new && let Some(problem) = said.clock_problem() {
+            log::warning!("{problem}");
+        }
         for job in said.jobs.iter().filter(|job| job.rig == self.fleet.name) {
             let started = Started {
                 worker: said.worker.clone(),
@@ -310,9 +324,16 @@ impl Dispatcher {
         self.defects.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Whether a job of this process waits for its result.
+    pub(super) fn is_waiting(&self, digest: &str) -> bool {
+        self.waiting.lock().contains_key(digest)
+    }
+
     /// Begins to hand the news of a job on to it.
     pub(super) fn subscribe_job(&self, digest: &str) -> mpsc::Receiver<JobMessage> {
         let (sender, receiver) = mpsc::channel(MESSAGES);
+        // A model that is made again is not compared with the one that it replaces.
+        self.committed.lock().remove(digest);
         self.waiting.lock().insert(digest.to_owned(), sender);
         receiver
     }

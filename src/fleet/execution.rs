@@ -37,6 +37,17 @@ enum ExecutionEnd {
     Stopped,
     /// The disk is full, or broken.
     Disk(String),
+    /// Fetching the capture, or sending the result, took longer than the job may take.
+    Slow(String),
+}
+
+impl ExecutionEnd {
+    fn slow(doing: &str, offer: &JobOffer) -> Self {
+        let limit = offer.time_limit_s;
+        Self::Slow(format!(
+            "{doing} took longer than the job may take, {limit} s: its connection is slow"
+        ))
+    }
 }
 
 impl Worker {
@@ -94,7 +105,7 @@ impl Worker {
             ExecutionEnd::Stopped => {
                 let _ = message.ack_with(AckKind::Nak(None)).await;
             }
-            ExecutionEnd::Disk(problem) => {
+            ExecutionEnd::Disk(problem) | ExecutionEnd::Slow(problem) => {
                 self.log_once(&format!(
                     "capture {capture} goes to another worker: {problem}"
                 ));
@@ -152,25 +163,14 @@ impl Worker {
             Ok(place) => place,
             Err(error) => return ExecutionEnd::Disk(format!("{}: {error}", folder.display())),
         };
-        loop {
-            let subject = |piece| subjects::capture(rig, &offer.digest, piece);
-            let what = (offer.bytes, offer.sha256.as_str());
-            match self
-                .fleet
-                .fetch_file(CAPTURES, subject, what, &place.recording)
-                .await
-            {
-                Ok(()) => break,
-                Err(TransferError::Gone | TransferError::Differs) => return ExecutionEnd::Gone,
-                Err(TransferError::Disk(problem)) => return ExecutionEnd::Disk(problem),
-                Err(TransferError::ServerError(_)) if self.is_stopped() => {
-                    return ExecutionEnd::Stopped;
-                }
-                Err(TransferError::ServerError(problem)) => {
-                    self.log_once(&problem.to_string());
-                    self.pause(Duration::from_secs(1)).await;
-                }
+        let fetched = tokio::select! {
+            fetched = self.fetch(&place, rig, offer) => fetched,
+            () = self.connected_for(offer.time_limit_s) => {
+                Err(ExecutionEnd::slow("fetching its capture", offer))
             }
+        };
+        if let Err(ended) = fetched {
+            return ended;
         }
         let ended = match self.make(&place, offer).await {
             Ok(ended) if ended.cancelled => return ExecutionEnd::Stopped,
@@ -182,7 +182,13 @@ impl Worker {
             return ExecutionEnd::Disk(full);
         }
         let reported = if place.bundle.exists() && ended.crash.is_none() {
-            match self.send(&place.bundle, rig, offer, attempt).await {
+            let sent = tokio::select! {
+                sent = self.send(&place.bundle, rig, offer, attempt) => sent,
+                () = self.connected_for(offer.time_limit_s) => {
+                    Err(ExecutionEnd::slow("sending its result", offer))
+                }
+            };
+            match sent {
                 Ok(reported) => reported,
                 Err(done) => return done,
             }
@@ -203,6 +209,40 @@ impl Worker {
             ExecutionEnd::JobReport
         } else {
             ExecutionEnd::Stopped
+        }
+    }
+
+    /// Fetches a capture, however long the server is away meanwhile.
+    async fn fetch(&self, place: &Place, rig: &str, offer: &JobOffer) -> Result<(), ExecutionEnd> {
+        loop {
+            let subject = |piece| subjects::capture(rig, &offer.digest, piece);
+            let what = (offer.bytes, offer.sha256.as_str());
+            let fetched = self
+                .fleet
+                .fetch_file(CAPTURES, subject, what, &place.recording);
+            match fetched.await {
+                Ok(()) => return Ok(()),
+                Err(TransferError::Gone | TransferError::Differs) => {
+                    return Err(ExecutionEnd::Gone);
+                }
+                Err(TransferError::Disk(problem)) => return Err(ExecutionEnd::Disk(problem)),
+                Err(TransferError::ServerError(_)) if self.is_stopped() => {
+                    return Err(ExecutionEnd::Stopped);
+                }
+                Err(TransferError::ServerError(problem)) => {
+                    self.log_once(&problem.to_string());
+                    self.pause(Duration::from_secs(1)).await;
+                }
+            }
+        }
+    }
+
+    /// Returns when the server has been there for so many seconds.
+    async fn connected_for(&self, seconds: u32) {
+        let mut there = 0;
+        while there < seconds {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+            there += u32::from(self.fleet.is_connected());
         }
     }
 

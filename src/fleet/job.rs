@@ -7,6 +7,7 @@ use crate::frame::CaptureId;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Bytes of the largest message.
 pub(super) const LONGEST: usize = 256 << 10;
@@ -227,6 +228,10 @@ pub struct Heartbeat {
     pub results: u64,
     /// Children of it that crashed.
     pub crashed: u64,
+    /// Memory that it gives each job, in megabytes.
+    pub memory_mb: u32,
+    /// What its clock says, in seconds since 1970.
+    pub time_s: u64,
 }
 
 /// A job in a sign of life.
@@ -244,6 +249,30 @@ pub struct HeartbeatJob {
 }
 
 impl Heartbeat {
+    /// Seconds by which a worker's clock may differ from this machine's before it is told.
+    const CLOCK_TOLERANCE_S: u64 = 60;
+
+    /// What is wrong with the worker's clock, or with this machine's. Jobs and models depend on neither.
+    pub fn clock_problem(&self) -> Option<String> {
+        self.clock_problem_at(seconds_since_1970())
+    }
+
+    fn clock_problem_at(&self, now_s: u64) -> Option<String> {
+        let difference = self.time_s.abs_diff(now_s);
+        let direction = if self.time_s > now_s {
+            "ahead of"
+        } else {
+            "behind"
+        };
+        (difference > Self::CLOCK_TOLERANCE_S).then(|| {
+            format!(
+                "the clock of worker {} is {difference} s {direction} this machine's: set the wrong one, or times in logs and in \
+                 scand fleet status are off by that; models do not depend on it",
+                self.worker
+            )
+        })
+    }
+
     /// Reads a sign of life.
     ///
     /// # Errors
@@ -274,6 +303,12 @@ fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
 pub(super) fn clean(words: &str, longest: usize) -> String {
     let shown = |c: char| if c == '\n' || !c.is_control() { c } else { ' ' };
     words.chars().take(longest).map(shown).collect()
+}
+
+/// What this machine's clock says.
+pub(super) fn seconds_since_1970() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.unwrap_or_default().as_secs()
 }
 
 /// The digest of a text.

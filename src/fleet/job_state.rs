@@ -2,6 +2,7 @@
 //! taken off the server.
 
 use super::dispatcher::{Dispatcher, JobEvent, JobOutcome, Task};
+use super::distrust::is_marked;
 use super::job::JobOffer;
 use super::memory_class::MemoryClass;
 use super::model_origin::ModelOrigin;
@@ -17,6 +18,9 @@ use tokio::task::spawn_blocking;
 
 /// Bytes that stay free on the models' disk.
 const KEEP_FREE: u64 = 200_000_000;
+
+/// How often a job may crash its child, here or at a worker, or come back with a result that is refused.
+const MAX_CRASHES: u32 = 3;
 
 /// A job on its way.
 pub(super) struct JobState<'a, T> {
@@ -45,7 +49,7 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
     pub(super) fn new(offers: &'a Arc<Dispatcher>, task: &'a Task, on_event: &'a T) -> Self {
         let number = offers.next.fetch_add(1, Ordering::Relaxed);
         Self {
-            spool: offers.plan.spool.join(number.to_string()),
+            spool: offers.spool.join(number.to_string()),
             offers,
             task,
             on_event,
@@ -84,9 +88,26 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
         child.await.map_err(std::io::Error::other)?
     }
 
+    /// Whether a model that is there may be replaced: because that is wanted, or because its worker is distrusted.
+    pub(super) fn replaces(&self) -> bool {
+        self.offers.plan.replace || is_marked(&self.task.target)
+    }
+
     pub(super) fn is_over(&self) -> bool {
         let lasts = self.task.lasts.as_ref();
         self.offers.is_stopped() || lasts.is_some_and(|file| !file.exists())
+    }
+
+    /// Counts a crash. Returns why the job failed if it is not to be tried again.
+    pub(super) fn count_crash(&mut self, reason: &str) -> Option<String> {
+        self.crashes += 1;
+        if self.crashes < MAX_CRASHES {
+            self.report_problem(&format!("{reason}; it is tried again"));
+            return None;
+        }
+        Some(format!(
+            "the job failed {MAX_CRASHES} times; the last time: {reason}"
+        ))
     }
 
     pub(super) fn report_problem(&self, words: &str) {
@@ -94,12 +115,12 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
     }
 
     pub(super) fn lacks_space(&self) -> bool {
-        free_bytes(&self.offers.plan.spool).is_ok_and(|free| free < KEEP_FREE)
+        free_bytes(&self.offers.spool).is_ok_and(|free| free < KEEP_FREE)
     }
 
     pub(super) async fn wait_for_space(&self) {
         while self.lacks_space() && !self.is_over() {
-            let folder = self.offers.plan.spool.display();
+            let folder = self.offers.spool.display();
             self.report_problem(&format!(
                 "{folder} has less than {} MB left",
                 KEEP_FREE / 1_000_000

@@ -10,6 +10,8 @@ pub struct MemoryClass {
 impl MemoryClass {
     /// In gigabytes; the last one is the largest that a configuration may ask for.
     const CLASSES: [u32; 5] = [4, 16, 64, 256, 1024];
+    /// Memory of the smallest class, in megabytes: a worker that gives a job less can do none.
+    pub const LEAST_MB: u32 = Self::CLASSES[0] * 1000;
 
     /// The class of a job that may take this much memory.
     pub fn of(memory_mb: u32) -> Self {
@@ -19,12 +21,24 @@ impl MemoryClass {
         Self { gigabytes }
     }
 
-    /// The classes of jobs that a worker can do which gives each this much memory. The smallest class is always among
-    /// them: its jobs have their own limit.
+    /// The classes of jobs that a worker can do which gives each this much memory.
     pub fn within(memory_mb: u32) -> Vec<Self> {
-        let fits = |class: &u32| *class == Self::CLASSES[0] || *class * 1000 <= memory_mb;
-        let classes = Self::CLASSES.into_iter().filter(fits);
-        classes.map(|gigabytes| Self { gigabytes }).collect()
+        let classes = Self::CLASSES
+            .into_iter()
+            .map(|gigabytes| Self { gigabytes });
+        classes
+            .filter(|class| class.memory_mb() <= memory_mb)
+            .collect()
+    }
+
+    /// Whether a worker that gives each job this much memory does jobs of the class that a subject names.
+    pub(super) fn fits(token: &str, memory_mb: u32) -> bool {
+        let classes = Self::within(memory_mb);
+        classes.into_iter().any(|class| class.token() == token)
+    }
+
+    const fn memory_mb(self) -> u32 {
+        self.gigabytes * 1000
     }
 
     pub(super) fn token(self) -> String {
@@ -47,8 +61,10 @@ mod tests {
                 .map(MemoryClass::token)
                 .collect::<Vec<_>>()
         };
+        assert!(tokens(3999).is_empty());
         assert_eq!(tokens(4000), ["m4"]);
         assert_eq!(tokens(63_999), ["m4", "m16"]);
         assert_eq!(tokens(64_000), ["m4", "m16", "m64"]);
+        assert!(MemoryClass::fits("m16", 16_000) && !MemoryClass::fits("m16", 15_999));
     }
 }

@@ -3,6 +3,7 @@
 
 use super::bundle::stated_contents;
 use super::dispatcher::{JobEvent, JobOutcome};
+use super::distrust::{MARK, mark_all};
 use super::job::{JobOffer, JobReport};
 use super::job_state::{JobState, Received, has_model};
 use super::model_origin::ModelOrigin;
@@ -11,11 +12,8 @@ use super::subjects::{self, RESULTS};
 use super::transfer::TransferError;
 use crate::log;
 use std::hash::BuildHasher;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
-
-/// How often a job may crash its child, or come back with a result that is refused.
-const MAX_CRASHES: u32 = 3;
 
 impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     pub(super) async fn take(
@@ -93,13 +91,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
 
     /// A job whose child crashed, or whose result was refused.
     async fn crashed(&mut self, offer: &JobOffer, reason: String, words: &str) -> Received {
-        self.crashes += 1;
-        if self.crashes < MAX_CRASHES {
-            self.report_problem(&format!("{reason}; it is offered again"));
+        let Some(reason) = self.count_crash(&reason) else {
             return Received::Again;
-        }
+        };
         self.erase_capture(offer).await;
-        let reason = format!("the job failed {MAX_CRASHES} times; the last time: {reason}");
         let words = words.to_owned();
         Received::Done(JobOutcome::Failed { reason, words })
     }
@@ -117,7 +112,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             self.wait_for_space().await;
             let task = self.task.clone();
             let bundle = bundle.to_owned();
-            let replace = self.offers.plan.replace;
+            let replace = self.replaces();
             let words = [
                 format!("--contents={contents}"),
                 format!("--name={}", task.name),
@@ -282,29 +277,4 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             words: String::new(),
         }
     }
-}
-
-/// The file that says in a model's folder that its worker made another model wrong.
-const MARK: &str = "distrusted.txt";
-
-/// Marks all models below a folder that a worker made; how many.
-fn mark_all(models: &Path, worker: &str) -> usize {
-    let folders = |path: &Path| {
-        let entries = std::fs::read_dir(path).into_iter().flatten().flatten();
-        let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-        paths.retain(|path| path.is_dir());
-        paths.sort();
-        paths
-    };
-    let targets = folders(models).into_iter().flat_map(|of| folders(&of));
-    let made =
-        targets.filter(|target| ModelOrigin::read(target).is_some_and(|l| l.worker == worker));
-    let mark = |target: &PathBuf| {
-        let words = format!(
-            "The worker {worker} made this model. Another model of it was made again here and came out differently.\nMake \
-             this one again before you rely on it: scand --replay RECORDING --force\n"
-        );
-        std::fs::write(target.join(MARK), words).is_ok()
-    };
-    made.filter(mark).count()
 }

@@ -8,8 +8,8 @@ use super::program::Program;
 use super::subjects;
 use crate::log;
 use crate::recording::finished_name;
+use crate::workers::Parameters;
 use crate::workers::handover::{self, Answer, OfferedJob};
-use crate::workers::{Parameters, find};
 use bytes::Bytes;
 use futures_util::StreamExt;
 use parking_lot::Mutex;
@@ -24,6 +24,8 @@ use tokio::task::JoinSet;
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 /// How often it is said in the folder that a worker still does a job.
 const REPEAT_INTERVAL: Duration = Duration::from_secs(5);
+/// How often the server is told of a failure until it is there.
+const FAILURE_INTERVAL: Duration = Duration::from_secs(5);
 /// Jobs that are offered at the same time; others stay on the disk.
 const MAX_IN_FLIGHT: usize = 32;
 
@@ -55,7 +57,7 @@ pub async fn serve_rig(
             memory_mb: plan.parameters.memory_mb,
             time_limit_s: plan.parameters.time_limit_s,
             nice: plan.parameters.nice,
-            spool: plan.parameters.folder.join(".fleet-spool"),
+            models: plan.parameters.folder.clone(),
             recheck: plan.parameters.recheck,
             replace: false,
         },
@@ -125,7 +127,7 @@ impl Live {
 async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) {
     let capture = &handed.job.capture;
     let settings = std::fs::read_to_string(handover::settings(&plan.recordings));
-    let found = find(&plan.recordings, &handed.job);
+    let found = offers.find_recording(&plan.recordings, handed).await;
     let (Some(recording), Ok(settings)) = (found, settings) else {
         let reason = "its recording, or the settings, cannot be found".into();
         return say(&handed.file, &Answer::MakeLocally { reason });
@@ -164,9 +166,12 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
         }
     };
     match offers.run_job(&task, on_event).await {
-        JobOutcome::Made | JobOutcome::Unchanged => say(&handed.file, &Answer::Made),
+        JobOutcome::Made | JobOutcome::Unchanged => {
+            say(&handed.file, &Answer::Made);
+            offers.forget_failure(&task).await;
+        }
         JobOutcome::Failed { reason, words } => {
-            offers.tell_failure(&task, &reason).await;
+            tokio::spawn(tell_failure(offers.clone(), task, reason.clone()));
             say(&handed.file, &Answer::Failed { reason, words });
         }
         JobOutcome::MakeLocally { reason } => {
@@ -174,6 +179,13 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
             say(&handed.file, &Answer::MakeLocally { reason });
         }
         JobOutcome::Withdrawn => {}
+    }
+}
+
+/// Tells people on other machines that a job failed, as soon as the server is there.
+async fn tell_failure(offers: Arc<Dispatcher>, task: Task, reason: String) {
+    while !offers.tell_failure(&task, &reason).await && !offers.is_stopped() {
+        offers.pause(FAILURE_INTERVAL).await;
     }
 }
 

@@ -3,20 +3,26 @@
 
 use super::connection::FleetClient;
 use super::dispatcher::{Dispatcher, Task};
-use super::job::{Heartbeat, clean};
+use super::job::{Heartbeat, clean, seconds_since_1970};
+use super::memory_class::MemoryClass;
 use super::store::ServerError;
 use super::subjects::{self, FAILURES, JOBS};
 use bytes::Bytes;
-use futures_util::StreamExt;
+use futures_util::{StreamExt, future, stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
+use tokio::time::timeout;
 
 /// A worker says that it lives every three seconds.
 const LISTEN_TIME: Duration = Duration::from_secs(4);
 /// Failures that are listed at most.
 const MAX_FAILURES: usize = 1000;
+/// Questions to the server at the same time.
+const QUESTIONS: usize = 64;
+/// How long the server may take for an answer.
+const ANSWER_TIME: Duration = Duration::from_secs(2);
 
 /// What a fleet is doing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -60,21 +66,31 @@ pub struct JobFailure {
 }
 
 impl Dispatcher {
-    /// Tells people on other machines that a job failed.
-    pub async fn tell_failure(&self, task: &Task, reason: &str) {
-        let rig = self.fleet.name.clone();
-        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+    /// Tells people on other machines that a job failed; false if the server cannot be told now.
+    pub async fn tell_failure(&self, task: &Task, reason: &str) -> bool {
         let failed = JobFailure {
             capture: task.capture.clone(),
             recording: task.name.clone(),
             reason: clean(reason, 1000),
-            time_s: now.unwrap_or_default().as_secs(),
-            rig: rig.clone(),
+            time_s: seconds_since_1970(),
+            rig: self.fleet.name.clone(),
         };
         let bytes = serde_json::to_vec(&failed).unwrap_or_default();
+        let subject = self.subject_of_failure(task);
+        self.fleet.store(subject, bytes.into()).await.is_ok()
+    }
+
+    /// Takes back that a job failed: it has a result now.
+    pub async fn forget_failure(&self, task: &Task) {
+        let subject = self.subject_of_failure(task);
+        if let Ok(Some(_)) = self.fleet.stored(FAILURES, &subject).await {
+            self.fleet.erase(subject).await;
+        }
+    }
+
+    fn subject_of_failure(&self, task: &Task) -> String {
         let digest = super::job::digest_of_text(&format!("{} {}", task.name, task.capture));
-        let subject = subjects::failure(&rig, &digest);
-        let _ = self.fleet.store(subject, bytes.into()).await;
+        subjects::failure(&self.fleet.name, &digest)
     }
 }
 
@@ -106,10 +122,14 @@ pub async fn status(fleet: &FleetClient) -> Result<Status, String> {
         }
     }
     let workers: Vec<Heartbeat> = workers.into_values().collect();
-    let jobs = subjects(fleet, JOBS, "scand.job.>").await?;
-    let failures = subjects(fleet, FAILURES, "scand.failure.>").await?;
+    let jobs = stored_subjects(fleet, JOBS, "scand.job.>").await?;
+    let jobs = wanted(fleet, jobs).await;
+    let failures = stored_subjects(fleet, FAILURES, "scand.failure.>").await?;
     let mut failed = Vec::new();
-    for subject in failures.iter().take(MAX_FAILURES) {
+    for subject in &failures {
+        if failed.len() >= MAX_FAILURES {
+            break;
+        }
         let stored = fleet.stored(FAILURES, subject).await;
         let stored = stored.map_err(|e| e.to_string())?;
         let parsed = stored.and_then(|bytes| serde_json::from_slice::<JobFailure>(&bytes).ok());
@@ -129,16 +149,29 @@ pub async fn status(fleet: &FleetClient) -> Result<Status, String> {
     })
 }
 
+/// Leaves out jobs that were withdrawn: their messages are empty, and stay until a worker meets them. Those that the
+/// server does not show count as wanted.
+async fn wanted(fleet: &FleetClient, jobs: Vec<String>) -> Vec<String> {
+    let checked = stream::iter(jobs).map(|subject| async move {
+        let stored = timeout(ANSWER_TIME, fleet.stored(JOBS, &subject)).await;
+        let withdrawn = matches!(stored, Ok(Ok(None)));
+        (!withdrawn).then_some(subject)
+    });
+    let kept = checked.buffered(QUESTIONS).filter_map(future::ready);
+    kept.collect().await
+}
+
 fn waiting(jobs: &[String], workers: &[Heartbeat]) -> Vec<Waiting> {
     let runs = |digest: &str| {
         let mut jobs = workers.iter().flat_map(|worker| &worker.jobs);
         jobs.any(|job| job.digest == digest)
     };
-    let has_worker = |program: &str| {
-        let mut programs = workers
-            .iter()
-            .map(|worker| worker.program.replace('.', "_"));
-        programs.any(|known| known == program)
+    let has_worker = |program: &str, needs: &str| {
+        let can_do = |worker: &Heartbeat| {
+            worker.program.replace('.', "_") == program
+                && MemoryClass::fits(needs, worker.memory_mb)
+        };
+        workers.iter().any(can_do)
     };
     let mut waiting: BTreeMap<(&str, &str, &str), usize> = BTreeMap::new();
     for subject in jobs {
@@ -153,13 +186,17 @@ fn waiting(jobs: &[String], workers: &[Heartbeat]) -> Vec<Waiting> {
         program: program.into(),
         needs: needs.into(),
         jobs,
-        has_worker: has_worker(program),
+        has_worker: has_worker(program, needs),
     };
     waiting.into_iter().map(of).collect()
 }
 
 /// The subjects that have a message in a stream; none if the stream is not there yet.
-async fn subjects(fleet: &FleetClient, stream: &str, filter: &str) -> Result<Vec<String>, String> {
+pub(super) async fn stored_subjects(
+    fleet: &FleetClient,
+    stream: &str,
+    filter: &str,
+) -> Result<Vec<String>, String> {
     let asked = serde_json::json!({"subjects_filter": filter}).to_string();
     let answer = fleet
         .client
@@ -222,17 +259,28 @@ mod tests {
             }],
             results: 0,
             crashed: 0,
+            memory_mb: 4000,
+            time_s: 0,
         };
+        let large = job("0_1_0-x-y", 'd').replace(".m4.", ".m16.");
         let jobs = [
             job("0_1_0-x-y", 'a'),
             job("0_1_0-x-y", 'b'),
             job("old", 'c'),
+            large,
         ];
         let waiting = waiting(&jobs, &[worker]);
         let told: Vec<_> = waiting
             .iter()
-            .map(|w| (&*w.program, w.jobs, w.has_worker))
+            .map(|w| (&*w.program, &*w.needs, w.jobs, w.has_worker))
             .collect();
-        assert_eq!(told, [("0_1_0-x-y", 1, true), ("old", 1, false)]);
+        assert_eq!(
+            told,
+            [
+                ("0_1_0-x-y", "m16", 1, false),
+                ("0_1_0-x-y", "m4", 1, true),
+                ("old", "m4", 1, false)
+            ]
+        );
     }
 }

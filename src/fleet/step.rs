@@ -3,9 +3,12 @@
 //! nor the credentials.
 
 use crate::clock::Clock;
+use crate::log;
 use crate::process::{Cancel, Child, ChildExit};
 use crate::workers::protocol::{self, Confinement};
+use parking_lot::Mutex;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::Path;
 use std::process::Command;
@@ -21,6 +24,8 @@ pub const EXIT_DIFFERS: u8 = 11;
 pub const EXIT_REFUSED: u8 = 12;
 /// What a capture's own recording is called beside its result.
 pub const PACKED: &str = "packed.json";
+/// The file in which a child names the recording that it found; empty if there is none.
+pub const FOUND: &str = "found.txt";
 /// What a result is called beside the folder of its model.
 pub const BUNDLE: &str = "result.bundle";
 
@@ -86,6 +91,16 @@ impl StepEnd {
     }
 }
 
+/// Logs what the system cannot do to confine a step, once.
+fn warn_once(words: &str) {
+    static WARNED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    for missing in protocol::warnings(words) {
+        if WARNED.lock().insert(missing.to_owned()) {
+            log::warning!("{missing}");
+        }
+    }
+}
+
 /// Options that a step has, with their values.
 pub(super) type Options<'a> = Vec<(&'static str, &'a Path)>;
 
@@ -119,6 +134,7 @@ pub(super) fn run(
     // Where systemd keeps this process's credentials, which are not the child's.
     command.env_remove("CREDENTIALS_DIRECTORY");
     let (end, words) = Child::start(&mut command)?.wait(limits.time, Clock::system(), cancel)?;
+    warn_once(&words);
     let mut ended = StepEnd {
         code: None,
         crash: None,

@@ -2,7 +2,7 @@
 //! It says that it lives every few seconds; when it does not, the server gives its jobs to another.
 
 use super::connection::FleetClient;
-use super::job::{Heartbeat, HeartbeatJob};
+use super::job::{Heartbeat, HeartbeatJob, seconds_since_1970};
 use super::memory_class::MemoryClass;
 use super::process_folder::process_folder;
 use super::program::Program;
@@ -278,6 +278,8 @@ impl Worker {
             jobs: jobs.collect(),
             results: self.results.load(Ordering::Relaxed),
             crashed: self.crashed.load(Ordering::Relaxed),
+            memory_mb: self.plan.memory_mb,
+            time_s: seconds_since_1970(),
         };
         let bytes = serde_json::to_vec(&said).unwrap_or_default();
         let subject = subjects::worker(&self.fleet.name);

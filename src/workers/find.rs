@@ -10,13 +10,23 @@ use std::time::{Duration, UNIX_EPOCH};
 /// The recording that has the capture now; `None` where none in the folder has. Where the file is the one that it was,
 /// nothing is opened.
 pub fn find(folder: &Path, job: &Job) -> Option<PathBuf> {
+    find_unchanged(folder, job).or_else(|| {
+        let candidates = names(folder, job).into_iter().chain(others(folder, job));
+        candidates.into_iter().find(|path| holds(path, job))
+    })
+}
+
+/// The recording that had the capture when the job was enqueued, if it still has one of its names. Opens no file.
+pub fn find_unchanged(folder: &Path, job: &Job) -> Option<PathBuf> {
+    let names = names(folder, job);
+    names.into_iter().find(|path| is_same(path, job))
+}
+
+/// The names that the recording has while it is written and afterwards.
+fn names(folder: &Path, job: &Job) -> [PathBuf; 2] {
     let complete = folder.join(&job.recording);
-    let mut candidates = vec![complete.clone(), unfinished_name(&complete)];
-    if let Some(path) = candidates.iter().find(|path| is_same(path, job)) {
-        return Some(path.clone());
-    }
-    candidates.extend(others(folder, job));
-    candidates.into_iter().find(|path| holds(path, job))
+    let unfinished = unfinished_name(&complete);
+    [complete, unfinished]
 }
 
 /// All recordings that were written to since the capture, the file that it was in first.

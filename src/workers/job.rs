@@ -65,6 +65,14 @@ impl Job {
         format!("{:020}-{}.{ENDING}", self.trigger_ns, self.capture)
     }
 
+    /// Reads the job that a file holds.
+    ///
+    /// # Errors
+    /// If it cannot be read, or holds no job.
+    pub fn read(file: &Path) -> std::io::Result<Self> {
+        Self::parse(&std::fs::read(file)?).map_err(std::io::Error::other)
+    }
+
     /// Reads what a file holds.
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
         let job: Self = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;

@@ -32,7 +32,7 @@ cfg_if::cfg_if! {
         mod tests;
 
         pub use crate::process::{ConfineError, Limits, confine, bind_to_parent};
-        pub use find::find;
+        pub use find::{find, find_unchanged};
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, RunningJob};
         pub use object_jobs::{ObjectJob, ObjectJobs};

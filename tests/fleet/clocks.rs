@@ -57,4 +57,10 @@ fn a_server_that_is_away_and_clocks_that_differ_are_waited_for_and_lose_nothing(
     let words = (said(&output), bench.log("replay"), bench.log("w"));
     assert!(output.status.success(), "{words:?}");
     assert!(models(&bench.path("out")) == here);
+    let told = "the clock of worker w is 7";
+    assert!(
+        words.1.contains(told) && words.1.contains("ahead of"),
+        "{}",
+        words.1
+    );
 }

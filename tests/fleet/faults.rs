@@ -4,19 +4,34 @@ use crate::support::dice::Dice;
 use crate::support::torture;
 use crate::test_bench::{Process, TestBench, finished, made_here, models, said, simulated, told};
 use rustix::process::Signal;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// How many models have been put into place.
-fn committed(out: &Path) -> usize {
-    let folders = std::fs::read_dir(out).into_iter().flatten().flatten();
-    let inner = folders.filter_map(|folder| std::fs::read_dir(folder.path()).ok());
-    let names = inner.flatten().flatten().map(|file| file.file_name());
-    names
-        .filter(|name| name.to_string_lossy().ends_with(".fleet"))
-        .count()
+/// The models that have been put into place, each with the number of its folder, which a second one would not have.
+#[derive(Default)]
+struct Committed(BTreeMap<PathBuf, u64>);
+
+impl Committed {
+    /// Looks again; how many there are.
+    fn count(&mut self, out: &Path) -> usize {
+        let folders = std::fs::read_dir(out).into_iter().flatten().flatten();
+        let inner = folders.filter_map(|folder| std::fs::read_dir(folder.path()).ok());
+        let paths = inner.flatten().flatten().map(|entry| entry.path());
+        for path in paths.filter(|path| path.join("model.glb").exists()) {
+            let name = path.file_name().unwrap().to_string_lossy();
+            if name.starts_with('.') {
+                continue;
+            }
+            let number = std::fs::metadata(&path).unwrap().ino();
+            let first = *self.0.entry(path.clone()).or_insert(number);
+            assert_eq!(first, number, "{} was put into place twice", path.display());
+        }
+        self.0.len()
+    }
 }
 
 /// What befalls a fleet.
@@ -32,7 +47,7 @@ enum Fault {
     Store,
 }
 
-/// A hundred captures and twenty faults, or more under `SCAND_TORTURE`.
+/// A hundred captures and twenty kills, or more under `SCAND_TORTURE`.
 #[test]
 fn whatever_is_killed_each_capture_is_committed_once_and_is_what_it_would_be_here() {
     let recording = simulated(100);
@@ -42,16 +57,18 @@ fn whatever_is_killed_each_capture_is_committed_once_and_is_what_it_would_be_her
         };
         let here = made_here(&bench, &recording);
         assert_eq!(here.len(), 100);
-        let mut dice = Dice(round + std::process::id() as u64);
-        let mut faults = vec![Fault::Worker; 14];
-        faults.extend([Fault::Stopped; 2]);
+        let seed = round + u64::from(std::process::id());
+        let mut dice = Dice(seed);
+        // Twenty kills; the others only stand still.
+        let mut faults = vec![Fault::Worker; 16];
         faults.extend([Fault::Server; 3]);
         faults.push(Fault::Store);
+        faults.extend([Fault::Stopped; 2]);
         // In an order of its own each time.
         for i in (1..faults.len()).rev() {
             faults.swap(i, dice.index(i + 1));
         }
-        println!("shown: round {round}: {faults:?}");
+        println!("shown: round {round}, seed {seed}: {faults:?}");
         let mut workers: Vec<Process> = (0..2)
             .map(|i| bench.worker(&format!("w{i}"), &[]))
             .collect();
@@ -64,11 +81,13 @@ fn whatever_is_killed_each_capture_is_committed_once_and_is_what_it_would_be_her
         let mut stopped: Vec<(Process, Instant)> = Vec::new();
         let mut started = 2;
         let count = faults.len();
+        let committed = RefCell::new(Committed::default());
+        let so_many = || committed.borrow_mut().count(&out);
         for (number, fault) in faults.into_iter().enumerate() {
             let wanted = 2 + number * 90 / count;
-            let so_far = || format!("{} of {wanted}\n{}", committed(&out), bench.log("replay"));
+            let so_far = || format!("{} of {wanted}\n{}", so_many(), bench.log("replay"));
             crate::support::wait::until_or("models come", so_far, || {
-                committed(&out) >= wanted || replay.0.try_wait().unwrap().is_some()
+                so_many() >= wanted || replay.0.try_wait().unwrap().is_some()
             });
             match fault {
                 Fault::Worker | Fault::Stopped => {
@@ -109,7 +128,7 @@ fn whatever_is_killed_each_capture_is_committed_once_and_is_what_it_would_be_her
             *done.entry(outcome["capture"].to_string()).or_default() += 1;
         }
         assert_eq!((done.len(), done.values().max()), (100, Some(&1)));
-        assert_eq!(committed(&out), 100);
+        assert_eq!(so_many(), 100);
         assert!(models(&out) == here);
         println!("shown: round {round}: 100 models, each once, with {started} workers");
     }

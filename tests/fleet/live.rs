@@ -7,7 +7,7 @@ use scand::workers::handover::{self, Answer};
 use scand::workers::{
     FinishedJob, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
 };
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -120,20 +120,41 @@ fn captures_of_a_rig_come_back_as_models_and_are_told_as_done() {
 }
 
 #[test]
-fn without_a_worker_or_a_server_models_are_made_here_if_that_is_wanted() {
-    let Some(bench) = TestBench::without_server("") else {
+fn without_a_server_models_are_made_here_if_that_is_wanted() {
+    if let Some(bench) = TestBench::without_server("") {
+        are_made_here(&bench);
+    }
+}
+
+#[test]
+fn without_a_worker_models_are_made_here_if_that_is_wanted_and_no_job_stays_on_the_server() {
+    let Some(bench) = TestBench::start("") else {
         return;
     };
-    let rig = rig(&bench, |parameters| {
+    let _fleet = are_made_here(&bench);
+    let waiting = || -> Value {
+        let mut status = program();
+        status.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
+        serde_json::from_slice(&status.output().unwrap().stdout).unwrap()
+    };
+    until("nothing waits on the server", || {
+        waiting()["waiting"].as_array().unwrap().is_empty()
+    });
+}
+
+/// The process of the fleet goes on.
+fn are_made_here(bench: &TestBench) -> Process {
+    let rig = rig(bench, |parameters| {
         parameters.fleet_or_local = true;
         parameters.fleet_wait_s = 2;
     });
-    capture(&bench, &rig);
-    let _fleet = fleet_process(&bench, "fleet_or_local = true");
+    capture(bench, &rig);
+    let fleet = fleet_process(bench, "fleet_or_local = true");
     for _ in 0..6 {
-        next(&rig, &bench).model.unwrap();
+        next(&rig, bench).model.unwrap();
     }
-    until("nothing is left of the jobs", || is_idle(&bench, &rig));
+    until("nothing is left of the jobs", || is_idle(bench, &rig));
+    fleet
 }
 
 #[test]
@@ -184,19 +205,7 @@ fn a_rig_that_is_ended_and_started_again_loses_no_job_and_a_failed_one_is_retrie
         before >= 1 && made.len() + before == 6,
         "{made:?}, {before}"
     );
-    let retried = program()
-        .args([
-            "fleet",
-            "retry",
-            "--rig",
-            "hall",
-            "--fleet",
-            &bench.address(),
-        ])
-        .output()
-        .unwrap();
-    assert!(retried.status.success(), "{}", said(&retried));
-    let words = String::from_utf8_lossy(&retried.stdout).into_owned();
+    let words = retry(&bench);
     assert!(
         words.contains(&format!("{before} offered again")),
         "{words}"
@@ -278,6 +287,126 @@ fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
         let ended = next(&rig, &bench);
         let model = ended.model.unwrap();
         assert!(!model.folder.join("distrusted.txt").exists());
+    }
+    // And, when a person wants it, the one that was wrong; nothing is said to have failed then.
+    assert_eq!(failed(&bench).len(), 1);
+    retry(&bench);
+    let again = next(&rig, &bench);
+    assert_eq!(again.capture, ended.capture);
+    let model = again.model.unwrap();
+    assert!(!model.folder.join("distrusted.txt").exists());
+    until("the failure is taken back", || failed(&bench).is_empty());
+    let here = bench.replay(&path, "here", &["--quiet"]).output().unwrap();
+    assert!(here.status.success(), "{}", said(&here));
+    let (there, here) = (models(&bench.path("models")), models(&bench.path("here")));
+    assert!(there[&ended.capture] == here[&ended.capture]);
+}
+
+/// What is said to have failed.
+fn failed(bench: &TestBench) -> Vec<Value> {
+    let mut status = program();
+    status.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
+    let output = status.output().unwrap();
+    let status: Value = serde_json::from_slice(&output.stdout).unwrap();
+    status["failed"].as_array().unwrap().clone()
+}
+
+/// Lets the rig offer its failed jobs again; what the command says.
+fn retry(bench: &TestBench) -> String {
+    let address = bench.address();
+    let mut retried = program();
+    retried.args(["fleet", "retry", "--rig", "hall", "--fleet", &address]);
+    let retried = retried.output().unwrap();
+    assert!(retried.status.success(), "{}", said(&retried));
+    String::from_utf8_lossy(&retried.stdout).into_owned()
+}
+
+#[test]
+fn a_second_result_is_equal_or_told_as_a_defect_also_after_a_restart() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let rig = rig(&bench, |_| ());
+    capture(&bench, &rig);
+    let mut fleet = fleet_process(&bench, "");
+    let worker = bench.worker("w", &[]);
+    let made: Vec<String> = (0..6).map(|_| next(&rig, &bench).capture).collect();
+    until("nothing is left of the jobs", || is_idle(&bench, &rig));
+    drop(worker);
+    let origin = |capture: &str| -> Value {
+        let file = bench.path(&format!("models/cup/.{capture}.fleet"));
+        serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap()
+    };
+    let say = |capture: &str, contents: &str| {
+        let digest = origin(capture)["digest"].as_str().unwrap().to_owned();
+        say_result(&bench.address(), &digest, contents);
+    };
+    let told = |capture: &str| {
+        let digest = origin(capture)["digest"].as_str().unwrap().to_owned();
+        bench.log("fleet").lines().any(|line| {
+            line.contains(&digest)
+                && line.contains("made a model that differs from the existing one")
+        })
+    };
+    let same = origin(&made[0])["contents_sha256"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    say(&made[0], &same);
+    say(&made[1], &"0".repeat(64));
+    until("a different result is told", || told(&made[1]));
+    // While nobody hears of it.
+    fleet.kill();
+    say(&made[2], &"0".repeat(64));
+    let same = origin(&made[3])["contents_sha256"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    say(&made[3], &same);
+    let _fleet = fleet_process(&bench, "");
+    until("a different result is told after a restart", || {
+        told(&made[2])
+    });
+    assert!(!told(&made[0]) && !told(&made[3]), "{}", bench.log("fleet"));
+}
+
+/// Plays a worker that has sent one more result of a job.
+fn say_result(address: &str, digest: &str, contents: &str) {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let client = async_nats::connect(address).await.unwrap();
+        let context = async_nats::jetstream::new(client);
+        let said = json!({
+            "outcome": "result", "worker": "late", "instance": "i", "bytes": 1, "sha256": "0".repeat(64), "pieces": 1,
+            "contents_sha256": contents,
+        });
+        let subject = format!("scand.result.hall.{digest}");
+        let published = context.publish(subject, said.to_string().into()).await;
+        published.unwrap().await.unwrap();
+    });
+}
+
+#[test]
+fn a_recording_that_became_another_file_is_found_and_its_models_are_named_after_it() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let rig = rig(&bench, |_| ());
+    let path = capture(&bench, &rig);
+    let renamed = path.with_file_name("renamed.mcap");
+    std::fs::copy(&path, &renamed).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let _fleet = fleet_process(&bench, "");
+    let _worker = bench.worker("w", &[]);
+    for _ in 0..6 {
+        let ended = next(&rig, &bench);
+        assert_eq!(ended.recording, renamed);
+        let folder = bench.path("models/renamed").join(&ended.capture);
+        assert_eq!(ended.model.unwrap().folder, folder);
+        assert!(folder.join("model.glb").exists());
     }
 }
 

@@ -273,6 +273,9 @@ fn print(status: &Status) {
             worker.worker,
             worker.program
         );
+        if let Some(problem) = worker.clock_problem() {
+            outln!("  {problem}");
+        }
         for job in &worker.jobs {
             outln!("  {} of {}, for {:.0} s", job.capture, job.rig, job.seconds);
         }

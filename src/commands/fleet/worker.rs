@@ -1,7 +1,7 @@
 //! `scand worker`: makes models for the rigs and archives of a fleet.
 
 use super::{AccessArgs, AddressParser, block_on, termination};
-use crate::fleet::{Program, Role, WorkerPlan, work};
+use crate::fleet::{MemoryClass, Program, Role, WorkerPlan, work};
 use crate::log;
 use crate::words::count;
 use crate::workers::FleetAddress;
@@ -22,8 +22,8 @@ pub struct Args {
     /// Models made at the same time
     #[arg(short, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     jobs: u16,
-    /// Memory that each job may take, in megabytes; jobs that need more go to other workers
-    #[arg(long, default_value_t = 4000, value_name = "N")]
+    /// Memory that each job may take, in megabytes, 4000 or more; jobs that need more go to other workers
+    #[arg(long, default_value_t = 4000, value_name = "N", value_parser = clap::value_parser!(u32).range(i64::from(MemoryClass::LEAST_MB)..))]
     memory_mb: u32,
     /// Niceness of the processes that make models, 0 to 19
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]

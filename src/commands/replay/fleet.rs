@@ -76,7 +76,7 @@ impl FleetReplay<'_> {
             memory_mb: self.config.workers.memory_mb,
             time_limit_s: self.config.workers.time_limit_s,
             nice: 10,
-            spool: self.options.out.join(".fleet-spool"),
+            models: self.options.out.clone(),
             recheck: self.config.workers.recheck,
             replace: self.options.force,
         };
@@ -249,7 +249,10 @@ impl FleetReplay<'_> {
             }
         };
         match offers.run_job(&task, on_event).await {
-            JobOutcome::Made => Some(placed(&wanted, &task.target, ReplayResult::Done)),
+            JobOutcome::Made => {
+                offers.forget_failure(&task).await;
+                Some(placed(&wanted, &task.target, ReplayResult::Done))
+            }
             JobOutcome::Unchanged => Some(placed(&wanted, &task.target, ReplayResult::Unchanged)),
             JobOutcome::Failed { reason, words } => {
                 offers.tell_failure(&task, &reason).await;
