@@ -110,7 +110,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 fn find(args: &FindArgs) -> anyhow::Result<ExitCode> {
     args.confinement.bind_to_parent()?;
     let reads = [args.recordings.clone(), args.job.clone()];
-    args.confinement.confine(&reads, std::slice::from_ref(&args.to))?;
+    args.confinement
+        .confine(&reads, std::slice::from_ref(&args.to))?;
     let job = Job::read(&args.job).with_context(|| args.job.display().to_string())?;
     let found = workers::find(&args.recordings, &job);
     let name = found.as_deref().and_then(Path::file_name);
