@@ -5,6 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use scand_core::capture::CaptureFacts;
 use scand_core::description::Description;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
+use scand_core::image::RgbImage;
 use scand_core::level::Level;
 use scand_core::notes::CaptureNotes;
 use scand_core::reconstruct::{
@@ -107,6 +108,25 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
     assert_eq!(sheet.width(), 1920);
     let colors: std::collections::BTreeSet<_> = sheet.pixels().iter().collect();
     assert!(colors.len() > 500, "{} colours", colors.len());
+    assert!(
+        has_scale_bar(&sheet),
+        "the model's panels have no scale bar"
+    );
+}
+
+/// Whether a bar of three rows with a taller end lies in the lower left corner of a picture of the model, the second
+/// panel of a row.
+fn has_scale_bar(sheet: &RgbImage) -> bool {
+    const INK: [u8; 3] = [232, 234, 238];
+    let left = 18 + (1920 - 2 * 18 - 5 * 8) / 6 + 8 + 8;
+    let is_ink = |x: usize, y: usize| sheet[(x, y)] == INK;
+    let is_bar = |y: usize| {
+        let rows = y..y + 3;
+        rows.clone()
+            .all(|y| (left..left + 20).all(|x| is_ink(x, y)))
+            && (y - 4..y).all(|y| is_ink(left, y) && !is_ink(left + 10, y))
+    };
+    (4..sheet.height() - 3).any(is_bar)
 }
 
 #[test]

@@ -53,11 +53,7 @@ pub(super) fn write(
     color: [u8; 3],
     (width, text): (usize, &str),
 ) {
-    let letters = width
-        / text_size("nn", scale)
-            .0
-            .saturating_sub(text_size("n", scale).0)
-            .max(1);
+    let letters = letters_in(width, scale);
     let text = if text.chars().count() > letters {
         let kept: String = text.chars().take(letters.saturating_sub(2)).collect();
         kept + ".."
@@ -67,11 +63,23 @@ pub(super) fn write(
     draw_text(sheet, (left as isize, top as isize), scale, color, &text);
 }
 
-/// Breaks a text at its spaces into lines of at most `letters`; a longer word is cut.
+/// Letters that a line of `width` pixels has room for.
+pub(super) fn letters_in(width: usize, scale: usize) -> usize {
+    let advance = text_size("nn", scale)
+        .0
+        .saturating_sub(text_size("n", scale).0);
+    width / advance.max(1)
+}
+
+/// Breaks a text at its spaces into lines of at most `letters`; a longer word goes on in the next line.
 pub(super) fn wrap(text: &str, letters: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
-    for word in text.split_whitespace() {
-        let word: String = word.chars().take(letters).collect();
+    let pieces = |word: &str| -> Vec<String> {
+        let word: Vec<char> = word.chars().collect();
+        let parts = word.chunks(letters.max(1));
+        parts.map(|part| part.iter().collect()).collect()
+    };
+    for word in text.split_whitespace().flat_map(pieces) {
         let last = lines.len() - 1;
         let used = lines[last].chars().count();
         if used > 0 && used + 1 + word.chars().count() > letters {
@@ -113,7 +121,10 @@ mod tests {
     #[test]
     fn text_is_broken_at_spaces() {
         assert_eq!(wrap("one two three", 7), ["one two", "three"]);
-        assert_eq!(wrap("incomprehensible", 5), ["incom"]);
+        assert_eq!(
+            wrap("an incomprehensible one", 6),
+            ["an", "incomp", "rehens", "ible", "one"]
+        );
         assert_eq!(wrap("", 5), [""]);
     }
 

@@ -1,14 +1,16 @@
 //! One picture of a whole reconstruction, so that a person sees at a glance what happened: the verdict's reasons,
 //! the model beside the photographs, the depth cameras' panels, and every silhouette with the model's outline. This
-//! file has the layout; `views`, `depth` and `outlines` draw the panels.
+//! file has the layout; `header` writes what is above the panels, and `views`, `depth` and `outlines` draw these.
 
 mod canvas;
 mod depth;
+mod header;
 mod object;
 mod outlines;
 mod views;
 mod window;
 
+pub use header::stamp;
 pub use object::{CaptureViews, preview_object};
 pub use views::picture_of;
 
@@ -18,10 +20,10 @@ use crate::description::Description;
 use crate::image::{RgbImage, text_size};
 use crate::level::Level;
 use crate::mesh::{Mesh, bounding_box};
-use crate::notes::{CaptureNotes, Decision};
 use crate::reconstruct::{Provenance, Reconstruction, Scene};
-use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, wrap, write};
+use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, write};
 use depth::DepthPanels;
+use header::Header;
 use rayon::prelude::*;
 use views::{ViewPanels, provenance_color};
 
@@ -37,8 +39,6 @@ const PANELS: usize = 6;
 const PANEL: (usize, usize) = ((WIDTH - 2 * MARGIN - (PANELS - 1) * GAP) / PANELS, 286);
 /// Height of a line of words, which are of scale 2.
 const LINE: usize = 24;
-/// Reasons that are written out; the report has all.
-const REASONS: usize = 8;
 /// Silhouettes in a row, and how many there are room for.
 const OUTLINES_IN_ROW: usize = 12;
 const OUTLINES: usize = 5 * OUTLINES_IN_ROW;
@@ -62,10 +62,9 @@ pub fn preview(
     about: &Description,
 ) -> RgbImage {
     let panels = Panels::draw(scene, made, verdict);
-    let lines = reason_lines(verdict);
-    let mut sheet = RgbImage::filled(WIDTH, panels.height(lines.len()), PAPER);
-    let words = (about.heading(), size_words(made), about_words(about));
-    let mut top = header(&mut sheet, verdict, words, &lines);
+    let header = Header::new(verdict, about, size_words(made));
+    let mut sheet = RgbImage::filled(WIDTH, header.height() + panels.height(), PAPER);
+    let mut top = header.draw(&mut sheet);
     top = panels.place_views(&mut sheet, scene, top);
     top = legend(&mut sheet, made, top);
     top = panels.place_depths(&mut sheet, top);
@@ -125,14 +124,14 @@ impl Panels {
         }
     }
 
-    fn height(&self, lines: usize) -> usize {
+    /// Height in pixels of all that lies below the header.
+    fn height(&self) -> usize {
         let row = PANEL.1 + LINE + GAP;
         let view_rows = self.views.len().div_ceil(2);
         let per_row = outlines_in_row(self.outlines.len());
         let outline_rows = self.outlines.len().div_ceil(per_row);
         let outline_row = outline_size(self.outlines.len()).1 + LINE;
-        header_height(lines)
-            + (view_rows + self.depths.len()) * row
+        (view_rows + self.depths.len()) * row
             + LINE
             + GAP
             + LINE
@@ -234,137 +233,6 @@ fn alarm(verdict: &Verdict, view: &crate::reconstruct::ColorView) -> Option<[u8;
     };
     let level = verdict.reasons.iter().filter(about).map(|r| r.level).max();
     level.map(level_color)
-}
-
-/// The reasons, broken into lines; a line's level where it begins a reason.
-fn reason_lines(verdict: &Verdict) -> Vec<(Option<Level>, String)> {
-    let letters = (WIDTH - 2 * MARGIN - 30) / text_size("nn", 2).0.saturating_sub(10).max(1);
-    let mut lines = Vec::new();
-    for reason in verdict.reasons.iter().take(REASONS) {
-        for (index, line) in wrap(&reason.words, letters).into_iter().take(3).enumerate() {
-            lines.push(((index == 0).then_some(reason.level), line));
-        }
-    }
-    if verdict.reasons.is_empty() {
-        lines.push((Some(Level::Green), "no problem was found".to_owned()));
-    }
-    if verdict.reasons.len() > REASONS {
-        let rest = verdict.reasons.len() - REASONS;
-        lines.push((None, format!("and {rest} more: see report.json")));
-    }
-    lines
-}
-
-/// Height of the badge and the title.
-const TITLE: usize = 56;
-/// Height of the strip for what people said, and of the line about the capture, below the title.
-const STRIP: usize = LINE + 6;
-
-fn header_height(lines: usize) -> usize {
-    MARGIN + TITLE + LINE + STRIP + lines * LINE + 2 * GAP
-}
-
-fn header(
-    sheet: &mut RgbImage,
-    verdict: &Verdict,
-    (title, size, about): (String, String, String),
-    lines: &[(Option<Level>, String)],
-) -> usize {
-    let word = verdict.level.name().to_uppercase();
-    let (wide, high) = text_size(&word, 4);
-    fill(
-        sheet,
-        (MARGIN, MARGIN),
-        (wide + 32, 46),
-        level_color(verdict.level),
-    );
-    let at = (MARGIN + 16, MARGIN + 25 - high / 2);
-    write(sheet, at, 4, [255; 3], (wide + 32, &word));
-    let left = MARGIN + wide + 52;
-    write(
-        sheet,
-        (left, MARGIN + 12),
-        3,
-        INK,
-        (WIDTH - MARGIN - left - 500, &title),
-    );
-    let (wide, _) = text_size(&size, 2);
-    let right = WIDTH - MARGIN - wide.min(WIDTH / 2);
-    write(sheet, (right, MARGIN + 16), 2, PALE, (WIDTH / 2, &size));
-    let wide = WIDTH - 2 * MARGIN;
-    write(sheet, (MARGIN, MARGIN + TITLE), 2, PALE, (wide, &about));
-    let mut top = MARGIN + TITLE + LINE + STRIP;
-    for (level, line) in lines {
-        if let Some(level) = level {
-            fill(sheet, (MARGIN, top + 1), (12, 12), level_color(*level));
-        }
-        write(
-            sheet,
-            (MARGIN + 24, top),
-            2,
-            INK,
-            (WIDTH - 2 * MARGIN - 24, line),
-        );
-        top += LINE;
-    }
-    top + 2 * GAP
-}
-
-/// Writes the notes on a capture on its sheet, over earlier ones: the last decision and the last text. A picture that
-/// is not a sheet stays as it is.
-pub fn stamp(sheet: &mut RgbImage, notes: &CaptureNotes) {
-    let top = MARGIN + TITLE + LINE;
-    if sheet.width() != WIDTH || sheet.height() < header_height(0) {
-        return;
-    }
-    fill(sheet, (MARGIN, top), (WIDTH - 2 * MARGIN, STRIP), PAPER);
-    let color = match notes.decision {
-        Some(Decision::Accepted) => level_color(Level::Green),
-        Some(Decision::Rejected) => level_color(Level::Red),
-        None => EMPTY,
-    };
-    let lines = notes.lines();
-    let newest = usize::from(notes.decision.is_some());
-    let decision = lines.first().filter(|_| notes.decision.is_some());
-    let text = lines.get(newest..).and_then(<[String]>::last);
-    let words: Vec<&str> = [decision, text]
-        .into_iter()
-        .flatten()
-        .map(String::as_str)
-        .collect();
-    if words.is_empty() {
-        return;
-    }
-    fill(sheet, (MARGIN, top), (12, LINE - 2), color);
-    let wide = WIDTH - 2 * MARGIN - 24;
-    write(sheet, (MARGIN + 24, top), 2, INK, (wide, &words.join("; ")));
-}
-
-/// When, where and by whom the capture was taken.
-fn about_words(about: &Description) -> String {
-    let known = [
-        ("captures", &about.captures),
-        ("session", &about.session),
-        ("project", &about.project),
-        ("rig", &about.rig),
-        ("operator", &about.operator),
-        ("rights", &about.rights),
-    ];
-    let known = known
-        .into_iter()
-        .filter_map(|(name, text)| Some(format!("{name} {}", text.as_ref()?)));
-    // Their first digits: enough to tell two models apart.
-    let digests = [
-        ("input", &about.input_sha256),
-        ("calibration", &about.calibration_sha256),
-    ];
-    let digests = digests.map(|(name, digest)| {
-        let first = digest.get(..12).unwrap_or(digest);
-        format!("{name} {first}")
-    });
-    let words = std::iter::once(about.time.clone()).chain(known);
-    let words = words.chain(digests).chain([about.program.clone()]);
-    words.collect::<Vec<String>>().join(", ")
 }
 
 /// The model's size, in millimetres and in vertices.

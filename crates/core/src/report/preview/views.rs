@@ -223,3 +223,27 @@ fn sample(atlas: &RgbImage, corners: [[f32; 2]; 3], weights: [f32; 3]) -> [u8; 3
     let (x, y) = (at(0, atlas.width()), at(1, atlas.height()));
     atlas.get(x, y).copied().unwrap_or(CLAY)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scale_bar_is_as_long_as_it_says() {
+        // Half a pixel to a millimetre; a third of the panel is 200 mm.
+        let mut panel = RgbImage::filled(300, 200, EMPTY);
+        scale_bar(&mut panel, 500.0);
+        let bar = panel.row(200 - 12).iter().filter(|&&p| p == INK).count();
+        let words = panel.row(200 - 18)[8 + 100 + 8..].contains(&INK);
+        assert!(words && panel[(8, 200 - 12)] == INK);
+        assert!(
+            panel.row(200 - 12)[8..108].iter().all(|&p| p == INK),
+            "{bar}"
+        );
+        assert_eq!(panel[(109, 200 - 12)], EMPTY);
+        // Too small for any round length: no bar is better than a wrong one.
+        let mut none = RgbImage::filled(300, 200, EMPTY);
+        scale_bar(&mut none, 1e9);
+        assert!(none.pixels().iter().all(|&p| p == EMPTY));
+    }
+}
