@@ -78,6 +78,43 @@ fn captures_and_sessions_are_found_by_their_names() {
 }
 
 #[test]
+fn objects_are_found_by_the_number_of_the_press_or_else_of_the_session() {
+    let desk = Desk::new();
+    #[rustfmt::skip]
+    desk.done(&[
+        "simulate", "--shape", "ball", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
+        "--subject", "17", "--out", "pot.mcap",
+    ]);
+    let session = [("name", "monday"), ("subject", "1884.3")];
+    desk.tell("ball.mcap", &session);
+    desk.tell("pot.mcap", &session);
+    let info = desk.done(&["info", "ball.mcap"]);
+    assert!(info.contains("ball-001 of object 1884.3 at 2026"), "{info}");
+    let found = |number: &str| {
+        desk.done(&["archive", number, "-o", number]);
+        files(&desk.path(number))
+    };
+    // The press of the other recording named another object than its session.
+    let [of_session, of_press] = ["1884.3", "17"].map(found);
+    for (package, inside, outside, number) in [
+        (of_session, "ball", "pot", "1884.3"),
+        (of_press, "pot", "ball", "17"),
+    ] {
+        assert!(package.contains_key(&format!("data/recordings/{inside}.mcap")));
+        assert!(!package.contains_key(&format!("data/recordings/{outside}.mcap")));
+        let about = String::from_utf8_lossy(&package["bag-info.txt"]);
+        let identifiers: Vec<&str> = about
+            .lines()
+            .filter_map(|line| line.strip_prefix("External-Identifier: "))
+            .collect();
+        assert_eq!(identifiers, [number]);
+        let sheet = &package[&format!("data/paradata/{inside}/ball-000.json")];
+        let sheet: Value = serde_json::from_slice(sheet).unwrap();
+        assert_eq!(sheet["object"]["number"], number);
+    }
+}
+
+#[test]
 fn a_rejected_model_stays_out_unless_its_capture_is_named() {
     let desk = Desk::with_a_model();
     desk.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);

@@ -1,7 +1,9 @@
 //! A folder in which a person works with the command line: a small recording lies in it, and commands run there.
 
 use assert_cmd::Command;
+use scand::recording::Recording;
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -25,6 +27,26 @@ impl Desk {
         #[rustfmt::skip]
         desk.done(&["replay", "ball.mcap", "--capture", "ball-000", "--set", "hull.resolution=40", "-q"]);
         desk
+    }
+
+    /// Adds pairs to a recording's session, as `scand session start NAME --about KEY=VALUE` does before captures.
+    pub fn tell(&self, recording: &str, pairs: &[(&str, &str)]) {
+        let path = self.path(recording);
+        let bytes = std::fs::read(&path).unwrap();
+        let mut records = Recording::open(&path).unwrap().metadata().to_vec();
+        let owned = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
+        records.push(("session".into(), pairs.iter().map(owned).collect()));
+        let options = mcap::WriteOptions::new().compression(None).profile("scand");
+        let mut writer = options.create(File::create(&path).unwrap()).unwrap();
+        for (name, metadata) in records {
+            writer
+                .write_metadata(&mcap::records::Metadata { name, metadata })
+                .unwrap();
+        }
+        for message in mcap::MessageStream::new(&bytes).unwrap() {
+            writer.write(&message.unwrap()).unwrap();
+        }
+        writer.finish().unwrap();
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

@@ -29,10 +29,7 @@ pub(super) fn of(
         .rev()
         .find(|(name, _)| name == "calibration")
         .map(|(_, pairs)| pairs);
-    let subject = capture
-        .subject
-        .as_deref()
-        .map_or_else(|| pair("subject"), Value::from);
+    let subject = capture.subject.as_deref().unwrap_or(UNKNOWN);
     json!({
         "sheet": {
             "what": "paradata of the 3-D digitisation of one object by one capture",

@@ -14,7 +14,7 @@ pub enum Error {
     #[error(transparent)]
     Recording(#[from] recording::Error),
     /// A picture that cannot be decoded.
-    #[error("{path}: {topic} at {} ns: {problem}", timestamp.0)]
+    #[error("{path}: {topic} at {}: {problem}", timestamp.iso_8601())]
     Picture {
         path: PathBuf,
         topic: String,
@@ -67,9 +67,9 @@ pub enum Error {
     },
     /// Pictures that take far more memory than their file.
     #[error(
-        "{path}: the {pictures} pictures of the capture at {} ns, the largest {} of {}x{} pixels, take {bytes} \
+        "{path}: the {pictures} pictures of the capture at {}, the largest {} of {}x{} pixels, take {bytes} \
          bytes, expected at most {most} for a file of this length",
-        trigger.0, largest.0, largest.1.0, largest.1.1
+        trigger.iso_8601(), largest.0, largest.1.0, largest.1.1
     )]
     TooLarge {
         path: PathBuf,
@@ -120,7 +120,7 @@ pub enum Error {
     },
     /// A message that is needed and not there, or not yet.
     #[error("{path}: {topic} has no message{}{}", until(*trigger),
-            first.map_or_else(String::new, |t| format!(", its first is at {} ns", t.0)))]
+            first.map_or_else(String::new, |t| format!(", its first is at {}", t.iso_8601())))]
     NothingYet {
         path: PathBuf,
         topic: String,
@@ -139,8 +139,8 @@ pub enum Error {
     },
     /// A camera whose silhouette cannot be found.
     #[error(
-        "{path}: colour camera {camera} has neither a mask of the frame at {} ns nor a background at or \
-         before the trigger, expected one of them", timestamp.0
+        "{path}: colour camera {camera} has neither a mask of the frame at {} nor a background at or \
+         before the trigger, expected one of them", timestamp.iso_8601()
     )]
     NoSilhouette {
         path: PathBuf,
@@ -154,6 +154,52 @@ pub enum Error {
 pub(super) fn until(trigger: Timestamp) -> String {
     match trigger {
         Timestamp(u64::MAX) => String::new(),
-        Timestamp(ns) => format!(" at or before the trigger at {ns} ns"),
+        time => format!(" at or before the trigger at {}", time.iso_8601()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_dates_that_people_read() {
+        let time = Timestamp(1_767_225_605_000_000_000);
+        let path = || PathBuf::from("cup.mcap");
+        let camera = CameraId::new("c00").unwrap();
+        for error in [
+            Error::Picture {
+                path: path(),
+                topic: "/color/c00/image".into(),
+                timestamp: time,
+                problem: DecodeError::Encoding {
+                    found: "gif".into(),
+                    expected: "png",
+                },
+            },
+            Error::TooLarge {
+                path: path(),
+                trigger: time,
+                pictures: 9,
+                largest: ("/color/c00/image".into(), (9, 9)),
+                bytes: 9,
+                most: 1,
+            },
+            Error::NothingYet {
+                path: path(),
+                topic: "/volume".into(),
+                trigger: time,
+                first: Some(time),
+            },
+            Error::NoSilhouette {
+                path: path(),
+                camera,
+                timestamp: time,
+            },
+        ] {
+            let words = error.to_string();
+            assert!(words.contains("at 2026-01-01T00:00:05.000Z"), "{words}");
+            assert!(!words.contains("1767225605"), "{words}");
+        }
     }
 }

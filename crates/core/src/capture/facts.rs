@@ -14,7 +14,7 @@ pub struct CaptureFacts {
     pub time_ns: Timestamp,
     /// What triggered it.
     pub source: String,
-    /// The object's number.
+    /// The object's number: the trigger's, or else the session's.
     pub subject: Option<String>,
     /// How the object lay, in a person's words.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -8,7 +8,7 @@ use super::plan::{ColorPlan, DepthPlan, ImageBatch, Plan};
 use super::replay::{self, Event};
 use super::rig::RigAt;
 use crate::calibration::CalibrationVerdict;
-use crate::frame::{CameraId, CaptureId, Timestamp};
+use crate::frame::{CameraId, CaptureId, Timestamp, Trigger};
 use crate::notes::CaptureNotes;
 use crate::reconstruct::Scene;
 use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Notes, Recording, Topic};
@@ -26,7 +26,7 @@ pub struct CaptureSummary {
     pub time: Timestamp,
     /// What triggered it.
     pub source: String,
-    /// The object's number.
+    /// The object's number: the trigger's, or else the session's.
     pub subject: Option<String>,
     /// How the object lay, in a person's words.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -57,13 +57,13 @@ impl Planned {
         (!has_frames).then(|| "the recording has no frame of it".to_owned())
     }
 
-    fn summary(&self, notes: &Notes) -> CaptureSummary {
+    fn summary(&self, recording: &Recording, notes: &Notes) -> CaptureSummary {
         let Self { capture, failure } = self;
         CaptureSummary {
             id: capture.trigger.id.clone(),
             time: capture.trigger.time,
             source: capture.trigger.source.clone(),
-            subject: capture.trigger.subject.clone(),
+            subject: subject_of(recording, &capture.trigger),
             placement: capture.trigger.placement.clone(),
             failure: failure.clone().or_else(|| self.without_frames()),
             skew_ns: capture.skew_ns(),
@@ -168,7 +168,7 @@ impl CaptureSession {
 
     /// The captures in the order of their triggers.
     pub fn captures(&self) -> Vec<CaptureSummary> {
-        let summary = |planned: &Planned| planned.summary(&self.notes);
+        let summary = |planned: &Planned| planned.summary(&self.recording, &self.notes);
         self.captures.iter().map(summary).collect()
     }
 
@@ -176,7 +176,7 @@ impl CaptureSession {
     pub fn capture(&self, id: &CaptureId) -> Option<CaptureSummary> {
         let named = |p: &&Planned| p.capture.trigger.id == *id;
         let planned = self.captures.iter().find(named)?;
-        Some(planned.summary(&self.notes))
+        Some(planned.summary(&self.recording, &self.notes))
     }
 
     /// Reads and decodes a capture.
@@ -281,7 +281,7 @@ impl CaptureSession {
             id: capture.trigger.id.clone(),
             time_ns: capture.trigger.time,
             source: capture.trigger.source.clone(),
-            subject: capture.trigger.subject.clone(),
+            subject: subject_of(&self.recording, &capture.trigger),
             placement: capture.trigger.placement.clone(),
             skew_ns: capture.skew_ns(),
             colors: colors.iter().map(ColorPlan::facts).collect(),
@@ -292,6 +292,14 @@ impl CaptureSession {
             damage: self.recording.damage().to_vec(),
         }
     }
+}
+
+/// The number of a capture's object: that of its trigger, or else the session's pair `subject`.
+fn subject_of(recording: &Recording, trigger: &Trigger) -> Option<String> {
+    let said = |text: &&str| text.chars().any(|c| !c.is_control() && !c.is_whitespace());
+    let of_trigger = trigger.subject.as_deref().filter(said);
+    let of_session = || recording.session_pair("subject").filter(said);
+    of_trigger.or_else(of_session).map(str::to_owned)
 }
 
 /// The first reasons of many, in words that follow others.
@@ -415,9 +423,9 @@ pub(super) fn assemble(
                 captures.extend(synchronizer.advance(time));
                 let id = request.trigger.id.clone();
                 if !synchronizer.push_trigger(request.trigger, request.listed) {
-                    let at = time.0;
+                    let at = time.iso_8601();
                     let what = "repeats the id of an earlier trigger and makes no capture";
-                    warnings.push(format!("/trigger at {at} ns: {id} {what}"));
+                    warnings.push(format!("/trigger at {at}: {id} {what}"));
                 } else if let Some(reason) = request.failed {
                     failed.insert(id, reason);
                 }

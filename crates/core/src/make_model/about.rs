@@ -8,18 +8,14 @@ use crate::recording::Recording;
 /// Ids that are listed where not all have room; an id has at most 64 letters.
 const MOST_LISTED: usize = 5;
 
-/// What is known of a capture that is loaded. The session's pairs `title`, `operator`, `project`, `rights`, `rig` and
-/// `subject` are those that files carry; others stay in the recording alone. The trigger's subject comes first.
+/// What is known of a capture that is loaded. The session's pairs `title`, `operator`, `project`, `rights` and
+/// `rig` are those that files carry, and `subject` where the trigger has none; others stay in the recording alone.
 pub(super) fn describe(recording: &Recording, scene: &Scene, facts: &CaptureFacts) -> Description {
     let pair = |key: &str| recording.session_pair(key).and_then(clean);
     Description {
         capture: facts.id.to_string(),
         captures: None,
-        subject: facts
-            .subject
-            .as_deref()
-            .and_then(clean)
-            .or_else(|| pair("subject")),
+        subject: facts.subject.as_deref().and_then(clean),
         title: pair("title"),
         operator: pair("operator"),
         project: pair("project"),

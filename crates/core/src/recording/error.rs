@@ -1,5 +1,6 @@
 //! The errors of reading and writing recordings. Each names the file and locates the fault in it.
 
+use crate::storage::advice;
 use crate::{calibration, frame};
 use std::fmt;
 use std::path::PathBuf;
@@ -9,7 +10,7 @@ use std::path::PathBuf;
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
     /// The operating system refused.
-    #[error("{path}: {cause}")]
+    #[error("{path}: {cause}{}", advice(cause))]
     Io {
         path: PathBuf,
         /// What the system said.
@@ -46,12 +47,12 @@ pub enum Error {
     #[error("{path}: {damage}")]
     Damaged { path: PathBuf, damage: Damage },
     /// A message that does not hold what its topic promises.
-    #[error("{path}: {topic} at {log_time} ns: {problem}")]
+    #[error("{path}: {topic} at {}: {problem}", log_time.iso_8601())]
     Message {
         path: PathBuf,
         topic: String,
-        /// Log time in nanoseconds.
-        log_time: u64,
+        /// Its log time.
+        log_time: frame::Timestamp,
         /// What is wrong with it.
         problem: MessageError,
     },
@@ -83,7 +84,7 @@ pub enum Error {
         name: String,
     },
     /// The file could not be written.
-    #[error("{path}: cannot write the recording: {cause}")]
+    #[error("{path}: cannot write the recording: {cause}{}", advice(cause))]
     Write {
         path: PathBuf,
         /// What the system said.

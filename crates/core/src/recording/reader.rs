@@ -282,7 +282,7 @@ impl Recording {
         Error::Message {
             path: self.source.path.clone(),
             topic: topic.to_string(),
-            log_time: message.log_time,
+            log_time: message.log_time(),
             problem: problem.into(),
         }
     }

@@ -15,13 +15,14 @@ pub use files::{
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why a file or folder could not be put into place.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The file system said no.
-    #[error("cannot {action} {}: {cause}", path.display())]
+    #[error("cannot {action} {}: {cause}{}", path.display(), advice(cause))]
     Io {
         /// What was tried, such as `write`.
         action: &'static str,
@@ -36,6 +37,21 @@ pub enum Error {
         /// The file or folder.
         path: PathBuf,
     },
+}
+
+/// What a person can do about what the system said, in words that follow it; nothing for most causes.
+pub fn advice(cause: &std::io::Error) -> &'static str {
+    match cause.kind() {
+        ErrorKind::StorageFull => ": the disk is full: free some space there, and try again",
+        ErrorKind::QuotaExceeded => {
+            ": your share of the disk is used up: free some of it, and try again"
+        }
+        ErrorKind::PermissionDenied => {
+            ": you have no right to that: ask its owner (ls -l shows who that is), or run scand as a user who has it"
+        }
+        ErrorKind::ReadOnlyFilesystem => ": the disk can only be read: give a place on another one",
+        _ => "",
+    }
 }
 
 impl Error {
