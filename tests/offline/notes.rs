@@ -118,16 +118,23 @@ fn a_rejected_capture_is_left_out_until_that_is_taken_back() {
     let report = ball.report("ball-000");
     assert_eq!(report["notes"]["decision"], "rejected");
     assert_eq!(report["notes"]["said"][1]["text"], "the light was late");
-    let model = std::fs::read(ball.path("out/ball/ball-000/model.glb")).unwrap();
+    let files = || {
+        ["model.glb", "model.ply"].map(|name| {
+            let path = ball.path("out/ball/ball-000").join(name);
+            std::fs::read(path).unwrap()
+        })
+    };
+    let model = files();
     // Taken back: the model that is there says so, and is otherwise what it was.
     ball.note("ball-000", &["clear"]);
     assert_eq!(ball.replay(&[])[0], line("ball-000", "unchanged", "-"));
     let report = ball.report("ball-000");
     assert_eq!(report["notes"]["decision"], Value::Null);
-    assert_eq!(
-        std::fs::read(ball.path("out/ball/ball-000/model.glb")).unwrap(),
-        model
-    );
+    assert!(files() == model);
+    // No note and no decision goes into a model: made again, it has the same bytes.
+    let again = ball.replay(&["--force", "--capture", "ball-000"]);
+    assert_eq!(again, [line("ball-000", "done", "-")]);
+    assert!(files() == model, "a note has changed a model's bytes");
     // A model that was made before its capture is rejected stays and is marked.
     let preview = std::fs::read(ball.path("out/ball/ball-001/preview.png")).unwrap();
     ball.note("ball-001", &["reject"]);
@@ -144,6 +151,33 @@ fn a_rejected_capture_is_left_out_until_that_is_taken_back() {
         ball.replay(&["--capture", "ball-001"]),
         [line("ball-001", "unchanged", "rejected")]
     );
+}
+
+#[test]
+fn a_note_is_one_line_that_no_terminal_obeys() {
+    let ball = Ball::new();
+    let hostile = "a hand\nFAKED: green\u{1b}[2J\u{1b}]0;title\u{7}\r\u{9b}1A";
+    let author = "Ann\nFAKED\u{1b}[8m";
+    ball.note("ball-000", &["reject", hostile, "--author", author]);
+    ball.note("ball-000", &[hostile, "--text", "--author", author]);
+    let shown = [
+        ball.scand(&["info", "ball.mcap"]),
+        ball.scand(&["info", "ball.mcap", "ball.mcap"]),
+        ball.scand(&[
+            "replay",
+            "ball.mcap",
+            "--rejected",
+            "--set",
+            "hull.resolution=40",
+        ]),
+    ];
+    for words in shown {
+        let obeyed = |c: char| c.is_control() && c != '\n';
+        assert!(!words.contains(obeyed), "{words:?}");
+        assert!(!words.lines().any(|l| l.starts_with("FAKED")), "{words}");
+    }
+    // The report is for programs: it has the text as it was written.
+    assert_eq!(ball.report("ball-000")["notes"]["said"][1]["text"], hostile);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! People's notes on a capture, and which of them is valid. Data only; `recording` reads and writes notes.
 
+use crate::description::clean;
 use crate::frame::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -82,7 +83,8 @@ impl CaptureNotes {
         self.decision == Some(Decision::Rejected)
     }
 
-    /// The valid notes as lines: the decision, and each text. Empty if there are none.
+    /// The valid notes as lines: the decision, and each text. Empty if there are none. What people wrote becomes one
+    /// line of at most 400 letters without control characters, for terminals and pictures.
     pub fn lines(&self) -> Vec<String> {
         let decided = |said: &&CaptureNote| said.kind != NoteKind::Text;
         let last = self.said.iter().rev().find(decided);
@@ -100,13 +102,9 @@ impl CaptureNotes {
 }
 
 fn line(what: &str, said: &CaptureNote) -> String {
-    let author = said.author.iter().map(|author| format!(" by {author}"));
-    let author: String = author.collect();
-    let text = if said.text.is_empty() {
-        String::new()
-    } else {
-        format!(": {}", said.text)
-    };
+    let author = said.author.as_deref().and_then(clean);
+    let author = author.map_or_else(String::new, |author| format!(" by {author}"));
+    let text = clean(&said.text).map_or_else(String::new, |text| format!(": {text}"));
     format!("{what}{author} on {}{text}", said.time_ns.iso_8601())
 }
 
@@ -121,6 +119,26 @@ mod tests {
             text: String::new(),
             author: None,
         }
+    }
+
+    #[test]
+    fn what_people_wrote_is_one_line_that_no_terminal_obeys() {
+        let hostile = CaptureNote {
+            text: "a hand\r\nball-001: green\u{1b}[2J\u{9b}1A\u{7}".into(),
+            author: Some("Ann\n\u{1b}]0;root\u{7}".into()),
+            ..said(NoteKind::Reject, 1)
+        };
+        let empty = CaptureNote {
+            text: "\n\t".into(),
+            author: Some(" \u{1b}".into()),
+            ..said(NoteKind::Text, 2)
+        };
+        let lines = CaptureNotes::new(vec![hostile, empty]).lines();
+        let expected = [
+            "rejected by Ann  ]0;root on 1970-01-01T00:00:00.000Z: a hand  ball-001: green [2J 1A",
+            "note on 1970-01-01T00:00:00.000Z",
+        ];
+        assert_eq!(lines, expected);
     }
 
     #[test]

@@ -256,7 +256,7 @@ mod tests {
         assert_eq!(notes.problems(), [""; 0]);
         let on = notes.on("cup-1");
         assert!(on.is_rejected(), "{on:?}");
-        let words = ["rejected by Ann on 1970-01-01T00:00:00.000Z: a hand\nin it"];
+        let words = ["rejected by Ann on 1970-01-01T00:00:00.000Z: a hand in it"];
         assert_eq!(on.lines(), words);
         note_beside(&open(), &note("clear", ""), Timestamp(500)).unwrap();
         let on = Notes::of(&open()).on("cup-1");
