@@ -26,14 +26,50 @@ pub(super) struct ComparisonArgs {
     pub(super) samples: usize,
 }
 
+/// Folders that are listed where none has the name that was given.
+const MOST_LISTED: usize = 5;
+
 /// The file of a model that is named by its file, or by the folder that a replay made.
-pub(super) fn model_file(path: &Path) -> PathBuf {
+///
+/// # Errors
+/// If nothing has that name; the message lists what is beside it.
+pub(super) fn model_file(path: &Path) -> anyhow::Result<PathBuf> {
     let inside = path.join("model.ply");
     if inside.is_file() {
-        inside
-    } else {
-        path.to_owned()
+        return Ok(inside);
     }
+    anyhow::ensure!(
+        path.symlink_metadata().is_ok(),
+        "{}: there is no such file or folder: name a model's file or its folder{}",
+        path.display(),
+        neighbours(path)
+    );
+    Ok(path.to_owned())
+}
+
+/// The folders where the first part of a path is missing, in words.
+fn neighbours(path: &Path) -> String {
+    let is_there = |folder: &&Path| folder.is_dir();
+    let mut above = path.ancestors().skip(1);
+    let Some(folder) = above.find(is_there) else {
+        return String::new();
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let folders = entries.map(|entry| entry.path()).filter(|p| p.is_dir());
+    let mut names: Vec<String> = folders
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    names.sort();
+    if names.is_empty() {
+        return String::new();
+    }
+    let more = match names.len() > MOST_LISTED {
+        true => " and others",
+        false => "",
+    };
+    names.truncate(MOST_LISTED);
+    let names = names.join(", ");
+    format!("; {} has {names}{more}", folder.display())
 }
 
 /// A number of samples: more than 20 million cost memory and tell nothing.

@@ -26,8 +26,8 @@ pub struct Args {
     b: PathBuf,
     #[command(flatten)]
     comparison: ComparisonArgs,
-    /// The models are the same if their surfaces are nowhere farther apart than this, 0 to 1000. Rounding never
-    /// counts as a difference.
+    /// The models are the same if their surfaces are nowhere farther apart than this, 0mm to 1000mm; a plain number
+    /// counts millimetres. Rounding is never taken for a difference.
     #[arg(long, value_name = "LENGTH", default_value_t = DifferenceParameters::default().tolerance_mm,
         value_parser = parse_tolerance, allow_negative_numbers = true)]
     tolerance_mm: f64,
@@ -63,7 +63,7 @@ fn compare(args: &Args) -> anyhow::Result<Difference> {
         tolerance_mm: args.tolerance_mm,
         ..DifferenceParameters::default()
     };
-    let (a, b) = (load(&model_file(&args.a))?, load(&model_file(&args.b))?);
+    let (a, b) = (load(&model_file(&args.a)?)?, load(&model_file(&args.b)?)?);
     let found = difference(&a, &b, &parameters)?;
     let draw = || draw(&found, &a.mesh, &b.mesh);
     args.comparison.print(&found, || words(&found), draw)?;

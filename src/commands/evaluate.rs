@@ -23,7 +23,7 @@ pub struct Args {
     truth: PathBuf,
     #[command(flatten)]
     comparison: ComparisonArgs,
-    /// Ignore everything at or below this height (of z, in millimetres).
+    /// Ignore everything at or below this height (of z), such as 1mm; a plain number counts millimetres.
     #[arg(long, value_name = "LENGTH", default_value_t = Parameters::default().floor_mm, allow_negative_numbers = true,
         value_parser = millimetres)]
     floor_mm: f64,
@@ -40,8 +40,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         floor_mm: args.floor_mm,
         ..Parameters::default()
     };
-    let model = load(&model_file(&args.model))?;
-    let truth = load(&model_file(&args.truth))?;
+    let model = load(&model_file(&args.model)?)?;
+    let truth = load(&model_file(&args.truth)?)?;
     let found = evaluate(&model, &truth.mesh, &parameters)?;
     let words = || table::table(&found);
     let draw = || draw(&found, &model.mesh, &truth.mesh);

@@ -103,3 +103,29 @@ fn every_example_is_a_command_line_that_scand_takes() {
 fn the_command_line_is_sound() {
     super::Cli::command().debug_assert();
 }
+
+/// Checks the options of a command and of those below it.
+fn check_lengths(command: &clap::Command, seen: &mut usize) {
+    for argument in command.get_arguments() {
+        let name = argument.get_long().unwrap_or_default();
+        if !name.ends_with("-mm") {
+            continue;
+        }
+        *seen += 1;
+        let help = argument.get_long_help().or(argument.get_help());
+        let help = help.map(ToString::to_string).unwrap_or_default();
+        let help = help.to_lowercase();
+        let tells = help.contains("plain number") && help.contains("millimetres");
+        assert!(tells, "{} --{name}: {help}", command.get_name());
+    }
+    for command in command.get_subcommands() {
+        check_lengths(command, seen);
+    }
+}
+
+#[test]
+fn options_in_millimetres_say_what_a_plain_number_counts() {
+    let mut seen = 0;
+    check_lengths(&super::Cli::command(), &mut seen);
+    assert!(seen >= 2, "{seen}");
+}

@@ -11,8 +11,8 @@ pub use calibration::Calibration;
 pub use cameras::Cameras;
 
 use crate::daemon::{
-    CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
-    SocketParameters,
+    BoxCorners, CaptureParameters, HooksParameters, RecordingParameters, RigParameters,
+    ServiceParameters, SocketParameters,
 };
 use crate::drivers::link::Link;
 use crate::drivers::{aravis, openni2, v4l2};
@@ -108,7 +108,7 @@ impl Config {
     /// If the file cannot be read, or it or a setting has an unknown key or a value of the wrong kind.
     pub fn load(file: Option<&Path>, settings: &[String]) -> Result<Self, Error> {
         let mut config = Self::default();
-        let defaults = Table::try_from(&config).map_err(|e| setting("", e))?;
+        let defaults = Table::try_from(Self::with_every_length()).map_err(|e| setting("", e))?;
         let mut table = match file {
             Some(path) => read(path, &defaults)?,
             None => Table::new(),
@@ -122,6 +122,21 @@ impl Config {
             config = of_table(&table).map_err(|e| setting(text, e))?;
         }
         Ok(config)
+    }
+
+    /// The defaults, and a value for each length that has no default: it shows where lengths with units may stand.
+    fn with_every_length() -> Self {
+        let corners = BoxCorners {
+            min: [0.0; 3],
+            max: [0.0; 3],
+        };
+        Self {
+            rig: RigParameters {
+                volume: Some(corners),
+                ..RigParameters::default()
+            },
+            ..Self::default()
+        }
     }
 
     /// What a replay takes of it; the live rig's part is as if nothing had been set.

@@ -55,6 +55,34 @@ fn lengths_may_have_their_units() {
 }
 
 #[test]
+fn lengths_in_arrays_may_have_their_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("lengths.toml");
+    let text = "[rig.volume]\nmin = [\"-150mm\", -0.15, '0 mm']\nmax = [\n  \"15cm\",\n  \"0.15m\",\n  0.4,\n]\n\
+                [calibration.wanted]\ndepths = [\"700mm\", 1.3]\n";
+    std::fs::write(&file, text).unwrap();
+    let config = Config::load(Some(&file), &[]).unwrap();
+    let volume = config.rig.volume.as_ref().unwrap();
+    assert_eq!(volume.min, [-0.15, -0.15, 0.0]);
+    assert_eq!(volume.max, [0.15, 0.15, 0.4]);
+    assert_eq!(config.calibration.wanted.depths, [0.7, 1.3]);
+    let set = settings(&[
+        "rig.volume={min=[\"-150mm\", \"-15cm\", 0.0], max=[0.15, \"150mm\", \"40cm\"]}",
+        "calibration.wanted.depths=[\"70cm\", \"1300mm\"]",
+    ])
+    .unwrap();
+    assert_eq!(set.rig.volume, config.rig.volume);
+    assert_eq!(set.calibration.wanted, config.calibration.wanted);
+    // Another text is no number, and its line is named.
+    std::fs::write(&file, text.replace("\"0.15m\"", "\"15 miles\"")).unwrap();
+    let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
+    assert!(
+        message.contains("line 5") && message.contains("15 miles"),
+        "{message}"
+    );
+}
+
+#[test]
 fn what_is_wrong_is_named() {
     for (text, named) in [
         ("hull.resolutoin=1", "resolutoin"),

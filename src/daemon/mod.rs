@@ -5,8 +5,8 @@
 mod parameters;
 
 pub use parameters::{
-    CaptureParameters, HooksParameters, RecordingParameters, RigParameters, ServiceParameters,
-    SocketParameters,
+    BoxCorners, CaptureParameters, HooksParameters, RecordingParameters, RigParameters,
+    ServiceParameters, SocketParameters,
 };
 
 cfg_if::cfg_if! {
@@ -25,6 +25,8 @@ cfg_if::cfg_if! {
         #[cfg(test)]
         mod hostile_tests;
         mod names;
+        #[cfg(test)]
+        mod note_tests;
         mod notes;
         mod packing;
         mod probe;

@@ -28,11 +28,12 @@ pub(super) struct BoardArgs {
     /// How often the board is shown; the first time it lies on the table.
     #[arg(long, value_name = "N", requires = "calibration_session")]
     placements: Option<usize>,
-    /// By how much the print on the back is displaced.
+    /// By how much the print on the back is displaced; a plain number counts millimetres.
     #[arg(long, value_name = "LENGTH", value_parser = millimetres, requires = "calibration_session")]
     misprint_mm: Option<f64>,
-    /// How far the edges of the board's squares lie off its middle: along the rows, and down the columns.
-    #[arg(long, value_name = "MM,MM", value_parser = parse_bend, allow_hyphen_values = true,
+    /// How far the edges of the board's squares lie off its middle: along the rows, and down the columns. Plain numbers
+    /// count millimetres.
+    #[arg(long, value_name = "LENGTH,LENGTH", value_parser = parse_bend, allow_hyphen_values = true,
         requires = "calibration_session")]
     board_bend_mm: Option<[f64; 2]>,
     /// By how many per cent the board's squares are longer along the rows than their mean, and shorter down the
@@ -83,7 +84,7 @@ fn placement_fault(text: &str, amount: impl Fn(&str) -> Option<f64>) -> Option<P
 }
 
 fn parse_bend(text: &str) -> Result<[f64; 2], String> {
-    let expected = || format!("{text:?} is not MM,MM, such as 0.5,0");
+    let expected = || format!("{text:?} is not LENGTH,LENGTH, such as 0.5mm,0mm");
     let (along_rows, down_columns) = text.split_once(',').ok_or_else(expected)?;
     let number = |part: &str| millimetres(part).map_err(|_| expected());
     Ok([number(along_rows)?, number(down_columns)?])

@@ -50,7 +50,7 @@ pub struct Args {
     /// Number of captures, at least 1.
     #[arg(long)]
     captures: Option<usize>,
-    /// Length of the edges of the truth's triangles.
+    /// Length of the edges of the truth's triangles; a plain number counts millimetres.
     #[arg(long, value_name = "LENGTH", value_parser = millimetres)]
     spacing_mm: Option<f64>,
     /// Give the object a pattern.
@@ -138,7 +138,7 @@ struct DepthArgs {
     /// The fixed pattern, in steps of the disparity.
     #[arg(long, value_name = "STEPS")]
     depth_pattern_steps: Option<f64>,
-    /// Make readings too deep by this, without recording it.
+    /// Make readings too deep by this, without recording it; a plain number counts millimetres.
     #[arg(long, value_name = "LENGTH", value_parser = millimetres, allow_negative_numbers = true)]
     depth_bias_mm: Option<f64>,
     /// Displace the depth against its calibration.

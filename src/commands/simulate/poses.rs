@@ -18,22 +18,22 @@ pub(super) struct PoseArgs {
     #[arg(long, value_name = "FILE.json", conflicts_with = "calibration_session")]
     pub poses_truth: Option<PathBuf>,
     /// Break a ball of this radius out of the object's upper edge before a capture (counted from 0).
-    #[arg(long, value_name = "CAPTURE=MM", value_parser = parse_fault)]
+    #[arg(long, value_name = "CAPTURE=LENGTH", value_parser = parse_fault)]
     chip: Vec<CaptureFault>,
     /// Break a ball of this radius out of the middle of the top, or out of a hollow's floor, before a capture.
-    #[arg(long, value_name = "CAPTURE=MM", value_parser = parse_fault, conflicts_with = "chip")]
+    #[arg(long, value_name = "CAPTURE=LENGTH", value_parser = parse_fault, conflicts_with = "chip")]
     pit: Vec<CaptureFault>,
     /// Show something else in a capture: a shape, bigger:PERCENT, taller:PERCENT, or handle-up:MM for a mug.
     #[arg(long, value_name = "CAPTURE=WHAT", value_parser = parse_exchange)]
     exchanged: Vec<Exchange>,
     /// Put a prop of this width, in the backdrop's cloth, beside the object in a capture.
-    #[arg(long, value_name = "CAPTURE=MM", value_parser = parse_fault)]
+    #[arg(long, value_name = "CAPTURE=LENGTH", value_parser = parse_fault)]
     prop: Vec<CaptureFault>,
     /// Write which pixels show a prop, as masks of what is to be ignored.
     #[arg(long)]
     props_ignored: bool,
     /// Lose this radius of the object's outline in the first colour camera's picture of a capture, as glare would.
-    #[arg(long, value_name = "CAPTURE=MM", value_parser = parse_fault)]
+    #[arg(long, value_name = "CAPTURE=LENGTH", value_parser = parse_fault)]
     lost_piece: Vec<CaptureFault>,
     /// Standard deviation of the error of the calibrated principal points.
     #[arg(long, value_name = "PX")]
