@@ -2,10 +2,12 @@
 //! the disk refuses calls. A file under its final name is complete, and a second run makes what the first would
 //! have made. `make torture` asks for more of each.
 
+use super::desk::{Desk, said};
 use crate::support::dice::Dice;
 use crate::support::program::scand;
 use crate::support::torture::{self, times};
 use std::collections::BTreeMap;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
@@ -164,6 +166,35 @@ fn recovery_over_copying(bytes: &[u8]) -> f64 {
     ratios[ratios.len() / 2]
 }
 
+#[test]
+fn a_file_that_may_not_be_read_says_who_can_help() {
+    let desk = Desk::new();
+    std::fs::rename(desk.path("ball.mcap"), desk.path("secret.mcap")).unwrap();
+    let nobody = PermissionsExt::from_mode(0o000);
+    std::fs::set_permissions(desk.path("secret.mcap"), nobody).unwrap();
+    let is_root = std::fs::File::open(desk.path("secret.mcap")).is_ok();
+    for line in ["info secret.mcap", "replay secret.mcap"] {
+        let program = assert_cmd::cargo::cargo_bin("scand");
+        // Root may read everything, unless it gives up that right.
+        let mut command = match is_root {
+            true => Command::new("setpriv"),
+            false => Command::new(&program),
+        };
+        if is_root {
+            let rights = "--bounding-set=-dac_override,-dac_read_search";
+            command.arg(rights).arg("--").arg(&program);
+        }
+        let arguments = line.split(' ');
+        let output = command.args(arguments).current_dir(desk.path("."));
+        let output = output.output().unwrap();
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(1), "{line}: {said}");
+        for word in ["secret.mcap", "Permission denied", "ask its owner"] {
+            assert!(said.contains(word), "{line}: {word:?} is not in: {said}");
+        }
+    }
+}
+
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.
 mod long {
     use super::*;
@@ -223,6 +254,38 @@ mod long {
         println!(
             "shown: {count} refused calls of a replay (fsync, rename, mkdir): {failed} runs failed and said so, 0 half outputs"
         );
+    }
+
+    #[test]
+    fn a_disk_that_is_full_at_the_first_write_is_named_with_what_to_do() {
+        let recording = small();
+        let home = tempfile::tempdir().unwrap();
+        let written = |name: &str| home.path().join(name).display().to_string();
+        let recording = recording.display().to_string();
+        let (calibration, model) = (written("calibration.toml"), written("out"));
+        let again = written("again.mcap");
+        #[rustfmt::skip]
+        let commands = [
+            ("write", vec!["info", &recording, "--calibration", &calibration]),
+            ("write", vec!["simulate", "--shape", "ball", "--cameras", "3", "--size", "160x120", "--out", &again]),
+            // Another thread than that which tells of it writes models, and the first call of each fails.
+            ("fsync", vec!["replay", &recording, "-q", "--set", "hull.resolution=40", "--out", &model]),
+        ];
+        for (call, arguments) in commands {
+            let mut strace = Command::new("strace");
+            strace
+                .args(["-f", "--seccomp-bpf", "-qq", "-o", "/dev/null", "-e"])
+                .arg(format!("inject={call}:error=ENOSPC:when=1"))
+                .args(["-e", &format!("trace={call}")])
+                .arg(scand().get_program())
+                .args(&arguments);
+            let output = strace.output().unwrap();
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(1), "{arguments:?}: {said}");
+            for word in ["No space left", "the disk is full: free some space"] {
+                assert!(said.contains(word), "{arguments:?}: {said}");
+            }
+        }
     }
 
     #[test]

@@ -99,14 +99,31 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "replay ball.mcap --calibration camchain.yaml",
             78,
-            &["is YAML, expected TOML"],
+            &["is YAML, expected TOML", "--fix-intrinsics FILE.yaml"],
         ),
         (
             "replay ball.mcap -o ball.mcap/out",
             1,
             &["nothing was reconstructed", "--out"],
         ),
-        ("replay ball.mcap other/ball.mcap", 1, &["the same name"]),
+        (
+            "replay ball.mcap other/ball.mcap",
+            1,
+            &["the same name", "rename one of them", "--out"],
+        ),
+        (
+            "evaluate out/ball/CAPTURE/model.ply ball.truth.ply",
+            1,
+            &[
+                "CAPTURE/model.ply: there is no such file",
+                "out/ball has ball-000",
+            ],
+        ),
+        (
+            "info ball.mcap --calibration c2.json",
+            0,
+            &["the calibration is in c2.json (TOML)"],
+        ),
         ("replay empty", 1, &["has no recording"]),
         ("replay absent.mcap", 1, &["absent.mcap", "No such file"]),
         (

@@ -120,7 +120,8 @@ fn refuse_other_kinds(path: &Path) -> Result<(), FileError> {
         "is a recording, expected a calibration (TOML): scand info RECORDING --calibration FILE.toml writes that of a \
          recording to a file"
     } else if ["yaml", "yml"].contains(&ending.as_str()) {
-        "is YAML, expected TOML: scand writes calibrations for Kalibr and ROS (scand calibrate --from), and reads only its own"
+        "is YAML, expected TOML: from files of Kalibr and ROS, scand takes lenses alone. Make a calibration with them: scand \
+         calibrate SESSION.mcap --fix-intrinsics FILE.yaml --out calibration.toml"
     } else {
         return Ok(());
     };
