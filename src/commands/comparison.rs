@@ -38,12 +38,13 @@ pub(super) fn model_file(path: &Path) -> anyhow::Result<PathBuf> {
     if inside.is_file() {
         return Ok(inside);
     }
-    anyhow::ensure!(
-        path.symlink_metadata().is_ok(),
-        "{}: there is no such file or folder: name a model's file or its folder{}",
-        path.display(),
-        neighbours(path)
-    );
+    if let Err(error) = path.symlink_metadata() {
+        anyhow::bail!(
+            "{}: {error}: name a model's file or its folder{}",
+            path.display(),
+            neighbours(path)
+        );
+    }
     Ok(path.to_owned())
 }
 

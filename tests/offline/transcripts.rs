@@ -114,10 +114,7 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "evaluate out/ball/CAPTURE/model.ply ball.truth.ply",
             1,
-            &[
-                "CAPTURE/model.ply: there is no such file",
-                "out/ball has ball-000",
-            ],
+            &["CAPTURE/model.ply: No such file", "out/ball has ball-000"],
         ),
         (
             "info ball.mcap --calibration c2.json",
