@@ -2,19 +2,31 @@
 
 import io
 import json
+import struct
+import warnings
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from mcap.reader import make_reader
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.stream_reader import breakup_chunk
 
 from .protobuf import Schema
+
+_MAGIC = b"\x89MCAP0\r\n"
+#: The records that are looked at, by their opcodes; DATA_END is where the data end.
+_RECORDS = {3: records.Schema, 4: records.Channel, 5: records.Message, 6: records.Chunk, 12: records.Metadata}
+_MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
 
 #: A colour camera's frame may begin this much before the trigger, in nanoseconds.
 _TOLERANCE_NS = 5_000_000
 #: Frames of a depth camera, where a capture does not list them.
 _DEPTH_FRAMES = 30
+#: Largest file of notes that is read, in bytes, and most of its problems that are told.
+_LARGEST_NOTES = 16 << 20
+_MOST_PROBLEMS = 20
 
 
 @dataclass
@@ -112,7 +124,8 @@ class Capture:
 
 
 class Recording:
-    """A recording that is held in memory."""
+    """A recording that is held in memory. What is missing of a damaged one, and notes beside it that are left out, are told by
+    `warnings.warn`."""
 
     def __init__(self, path):
         self.path = Path(path)
@@ -121,15 +134,26 @@ class Recording:
         self._messages = {}
         #: Metadata records by name; of several of one name the last.
         self.metadata = {}
-        with open(self.path, "rb") as file:
-            reader = make_reader(file)
-            for schema, channel, message in reader.iter_messages():
-                decoded = self._decode(schema, channel, message)
-                self._messages.setdefault(channel.topic, []).append((message.log_time, decoded))
-            for record in reader.iter_metadata():
+        schemas, channels, undefined = {}, {}, 0
+        for record in _records(self.path):
+            if isinstance(record, records.Schema):
+                schemas[record.id] = record
+            elif isinstance(record, records.Channel):
+                channels[record.id] = record
+            elif isinstance(record, records.Metadata):
                 self.metadata[record.name] = dict(record.metadata)
+            elif record.channel_id in channels and channels[record.channel_id].schema_id in schemas:
+                channel = channels[record.channel_id]
+                decoded = self._decode(schemas[channel.schema_id], channel, record)
+                self._messages.setdefault(channel.topic, []).append((record.log_time, decoded))
+            else:
+                undefined += 1
+        if undefined:
+            warnings.warn(f"{path}: {undefined} messages have no channel or no schema and are left out", stacklevel=2)
         for messages in self._messages.values():
             messages.sort(key=lambda pair: pair[0])
+        #: What was noted beside the recording: (time, note).
+        self._beside = self._read_beside()
 
     def _decode(self, schema, channel, message):
         if channel.message_encoding == "json":
@@ -150,11 +174,19 @@ class Recording:
     def captures(self):
         """The captures, in the order of their triggers."""
         ends = {end["id"]: end for _, end in self._messages.get("/capture", [])}
-        seen = set()
+        for time, trigger in self._triggers().values():
+            yield self._capture(time, trigger, ends.get(trigger["id"], {}))
+
+    def session_notes(self):
+        """The notes on the session, as `Capture.notes` has those on a capture."""
+        return self._notes(self.metadata.get("session", {}).get("name"))
+
+    def _triggers(self):
+        """The first trigger of each id: (time, message)."""
+        found = {}
         for time, trigger in self._messages.get("/trigger", []):
-            if trigger["id"] not in seen:
-                seen.add(trigger["id"])
-                yield self._capture(time, trigger, ends.get(trigger["id"], {}))
+            found.setdefault(trigger["id"], (time, trigger))
+        return found
 
     def _capture(self, time, trigger, end):
         subject = trigger.get("subject")
@@ -165,7 +197,7 @@ class Recording:
             subject=None if subject is None else str(subject),
             placement=None if placement is None else str(placement),
             outcome=end.get("outcome"),
-            notes=self._notes(trigger["id"], time),
+            notes=self._notes(trigger["id"]),
         )
         listed = {id: camera.get("timestamps") for id, camera in end.get("cameras", {}).items()}
         for id in self.cameras("color"):
@@ -236,17 +268,97 @@ class Recording:
                     found = transform
         return None if found is None else _matrix(found)
 
-    def _notes(self, capture, trigger):
-        said = [(time, note) for time, note in self._messages.get("/note", []) if note["capture"] == capture]
-        beside = self.path.with_name(self.path.stem + ".notes.jsonl")
-        if beside.exists():
-            for line in beside.read_text(encoding="utf-8").splitlines():
-                note = json.loads(line)
-                if note.get("capture") == capture and note.get("trigger") == str(trigger):
-                    said.append((int(note["time"]), note))
+    def _notes(self, name):
+        """The notes on what has this name, of both places."""
+        said = [(time, note) for time, note in self._messages.get("/note", []) if note.get("capture") == name]
+        said += [(time, note) for time, note in self._beside if note["capture"] == name]
         said.sort(key=lambda pair: pair[0])
         keys = ("kind", "text", "author")
         return [{"time_ns": time, **{k: note[k] for k in keys if k in note}} for time, note in said]
+
+    def _read_beside(self):
+        """The notes of NAME.notes.jsonl, which lies beside NAME.mcap and beside NAME.mcap.part."""
+        complete = self.path.with_suffix("") if self.path.name.endswith(".mcap.part") else self.path
+        path = complete.with_name(complete.stem + ".notes.jsonl")
+        if not path.exists():
+            return []
+        if not path.is_file() or path.stat().st_size > _LARGEST_NOTES:
+            _warn(f"{path}: it is not a file of at most {_LARGEST_NOTES} bytes, and its notes are left out")
+            return []
+        session = self.metadata.get("session", {}).get("name")
+        expected = {session: None} | {id: time for id, (time, _) in self._triggers().items()}
+        said, problems = [], []
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").split("\n"), 1):
+            if not line.strip():
+                continue
+            try:
+                time, trigger, note = _note(line)
+            except (ValueError, TypeError, RecursionError) as error:
+                problems.append(f"{path}: line {number}: it is not a note ({error}) and is left out")
+                continue
+            name = note["capture"]
+            if name in expected and trigger == expected[name]:
+                said.append((time, note))
+            else:
+                problems.append(
+                    f"{path}: line {number}: it is about capture {name!r}, which {self.path} does not have: the line belongs to "
+                    "another recording and is left out"
+                )
+        for problem in problems[:_MOST_PROBLEMS]:
+            _warn(problem)
+        if len(problems) > _MOST_PROBLEMS:
+            _warn(f"{path}: {len(problems) - _MOST_PROBLEMS} more lines are left out")
+        return said
+
+
+def _warn(problem):
+    # The caller of Recording(path), above __init__ and what it calls.
+    warnings.warn(problem, stacklevel=4)
+
+
+def _note(line):
+    """A line of a file of notes: the note's time, the time of the capture's trigger if it has one, and the note."""
+    note = json.loads(line)
+    if not isinstance(note, dict):
+        raise ValueError("it is no JSON object")
+    for key in ("time", "capture", "kind"):
+        if not isinstance(note.get(key), str):
+            raise ValueError(f"its member {key!r} is missing or no text")
+    trigger = note.get("trigger")
+    return int(note["time"]), None if trigger is None else int(trigger), note
+
+
+def _records(path):
+    """The records of a recording's data that are looked at, those of chunks too. A file that ends early is read as far as its
+    records are whole, and a chunk that is damaged is left out."""
+    length = path.stat().st_size
+    with open(path, "rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise ValueError(f"{path} is no MCAP file")
+        while True:
+            at = file.tell()
+            head = file.read(9)
+            opcode, size = struct.unpack("<BQ", head) if len(head) == 9 else (0, length)
+            if size > length - file.tell():
+                _warn(f"{path}: it ends early: the record at byte {at} is not whole, and what follows is missing")
+                return
+            if opcode == _DATA_END:
+                return
+            if opcode not in _RECORDS:
+                file.seek(size, io.SEEK_CUR)
+                continue
+            stream = ReadDataStream(io.BytesIO(file.read(size)))
+            try:
+                if opcode == _MESSAGE:
+                    found = [records.Message.read(stream, size)]
+                else:
+                    found = [_RECORDS[opcode].read(stream)]
+                if opcode == _CHUNK:
+                    found = breakup_chunk(found[0], validate_crc=True)
+            except Exception as error:  # The decompressors have errors of their own.
+                _warn(f"{path}: the record at byte {at} is damaged ({error or type(error).__name__}) and left out")
+                continue
+            yield from found
 
 
 def _pixels(message):

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 import scand
 from scand.protobuf import Schema
 
 RECORDING = Path(__file__).parents[2] / "recordings/cup.mcap"
+GOLDEN = Path(__file__).parents[2] / "tests/golden/format-1"
 
 
 def ply(path):
@@ -105,16 +107,114 @@ def test_the_projects_recording_is_read_as_arrays():
         assert 0 < u < view.lens.width and 0 < v < view.lens.height
 
 
-def test_notes_beside_a_recording_count_if_they_are_of_it(tmp_path):
-    copy = tmp_path / "cup.mcap"
-    copy.symlink_to(RECORDING)
-    [capture] = scand.Recording(copy).captures()
+def note(capture, **other):
+    """A line of a file of notes."""
+    known = {"time": "5", "trigger": str(capture.time_ns), "capture": capture.id, "kind": "reject", "text": ""}
+    return json.dumps(known | other) + "\n"
+
+
+def linked(path):
+    """The project's recording under another name, and its capture."""
+    path.symlink_to(RECORDING)
+    [capture] = scand.Recording(path).captures()
     assert capture.decision() is None
-    note = {"time": "5", "trigger": str(capture.time_ns), "capture": capture.id, "kind": "reject", "text": ""}
-    other = note | {"time": "6", "trigger": "1", "kind": "accept"}
-    (tmp_path / "cup.notes.jsonl").write_text(json.dumps(note) + "\n" + json.dumps(other) + "\n")
-    [capture] = scand.Recording(copy).captures()
+    return path, capture
+
+
+def test_notes_beside_a_recording_count_if_they_are_of_it(tmp_path):
+    copy, capture = linked(tmp_path / "cup.mcap")
+    (tmp_path / "cup.notes.jsonl").write_text(note(capture) + note(capture, time="6", trigger="1", kind="accept"))
+    with pytest.warns(UserWarning, match="cup.notes.jsonl: line 2: .* another recording"):
+        [capture] = scand.Recording(copy).captures()
     assert capture.decision() == "reject"
+
+
+def test_a_line_that_is_no_note_is_named_and_the_others_count(tmp_path):
+    copy, capture = linked(tmp_path / "cup.mcap")
+    torn = ["[1]\n", "[" * 100_000 + "\n", '{"time": 5}\n', note(capture, time="x"), note(capture, trigger=[])]
+    lines = ["\n", note(capture), *torn, note(capture, time="9", kind="clear"), '{"ti']
+    (tmp_path / "cup.notes.jsonl").write_bytes("".join(lines).encode() + b"\xff")
+    with pytest.warns(UserWarning) as told:
+        [capture] = scand.Recording(copy).captures()
+    assert [str(each.message).split(": ")[1] for each in told] == [f"line {n}" for n in (3, 4, 5, 6, 7, 9)]
+    assert all(each.filename == __file__ for each in told), "each warning names who reads the recording"
+    assert [each["kind"] for each in capture.notes] == ["reject", "clear"]
+    assert capture.decision() is None
+
+
+def test_a_flood_of_lines_gives_few_warnings_and_a_huge_file_none_of_its_notes(tmp_path):
+    copy, capture = linked(tmp_path / "cup.mcap")
+    (tmp_path / "cup.notes.jsonl").write_text("{\n" * 1000)
+    with pytest.warns(UserWarning) as told:
+        scand.Recording(copy)
+    assert len(told) == 21 and "980 more lines" in str(told[-1].message)
+    with open(tmp_path / "cup.notes.jsonl", "w") as file:
+        file.write(note(capture))
+        file.truncate(17 << 20)
+    with pytest.warns(UserWarning, match="not a file of at most"):
+        [capture] = scand.Recording(copy).captures()
+    assert capture.notes == []
+
+
+def test_a_recording_that_is_being_written_has_its_notes_under_the_final_name(tmp_path):
+    whole = RECORDING.read_bytes()
+    part = tmp_path / "cup.mcap.part"
+    part.write_bytes(whole)
+    [capture] = scand.Recording(part).captures()
+    (tmp_path / "cup.notes.jsonl").write_text(note(capture))
+    (tmp_path / "cup.mcap.notes.jsonl").write_text(note(capture, time="6", kind="accept"))
+    [capture] = scand.Recording(part).captures()
+    assert capture.decision() == "reject"
+    # Cut off in the middle of a picture: what is before it is there.
+    part.write_bytes(whole[: len(whole) // 2])
+    with pytest.warns(UserWarning, match="ends early: the record at byte"):
+        [capture] = scand.Recording(part).captures()
+    assert capture.decision() == "reject"
+    (tmp_path / "cup.notes.jsonl").unlink()
+    # A chunk that was begun claims to be as long as can be.
+    part.write_bytes(whole[:8] + b"\x06" + b"\xff" * 8 + whole[8:])
+    with pytest.warns(UserWarning, match="at byte 8 is not whole"):
+        assert list(scand.Recording(part).captures()) == []
+
+
+def test_a_damaged_chunk_is_left_out_and_named(tmp_path):
+    damaged = bytearray(RECORDING.read_bytes())
+    at, chunks = 8, []
+    while damaged[at] != 0x0F:
+        if damaged[at] == 0x06:
+            chunks.append(at)
+        at += 9 + struct.unpack_from("<Q", damaged, at + 1)[0]
+    damaged[chunks[-1] + 1000] ^= 1
+    copy = tmp_path / "cup.mcap"
+    copy.write_bytes(damaged)
+    with pytest.warns(UserWarning, match=f"the record at byte {chunks[-1]} is damaged"):
+        [capture] = scand.Recording(copy).captures()
+    assert capture.colors
+
+
+def test_a_note_on_the_session_has_no_trigger(tmp_path):
+    with open(tmp_path / "day.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start("scand")
+        writer.add_metadata("session", {"name": "day"})
+        writer.finish()
+    assert scand.Recording(tmp_path / "day.mcap").session_notes() == []
+    line = {"time": "5", "capture": "day", "kind": "text", "text": "rain", "author": "Ann"}
+    (tmp_path / "day.notes.jsonl").write_text(json.dumps(line) + "\n" + json.dumps(line | {"trigger": "5"}) + "\n")
+    with pytest.warns(UserWarning, match="line 2"):
+        recording = scand.Recording(tmp_path / "day.mcap")
+    assert recording.session_notes() == [{"time_ns": 5, "kind": "text", "text": "rain", "author": "Ann"}]
+
+
+@pytest.mark.parametrize("name", ["plain", "packed"])
+def test_recordings_of_format_1_are_read(name):
+    captures = list(scand.Recording(GOLDEN / f"{name}.mcap").captures())
+    assert captures and all(capture.colors for capture in captures)
+
+
+def test_a_recording_of_format_1_that_was_cut_off_is_read_as_far_as_it_goes():
+    with pytest.warns(UserWarning, match="cut-off.mcap: it ends early"):
+        assert list(scand.Recording(GOLDEN / "cut-off.mcap").captures())
 
 
 def test_a_message_that_is_cut_off_is_an_error():
