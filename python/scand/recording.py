@@ -20,8 +20,9 @@ _MAGIC = b"\x89MCAP0\r\n"
 _RECORDS = {3: records.Schema, 4: records.Channel, 5: records.Message, 6: records.Chunk, 12: records.Metadata}
 _MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
 
-#: A colour camera's frame may begin this much before the trigger, in nanoseconds.
+#: A frame of a capture may begin this much before the trigger, and must begin this soon after it, in nanoseconds.
 _TOLERANCE_NS = 5_000_000
+_WINDOW_NS = 2_000_000_000
 #: Frames of a depth camera, where a capture does not list them.
 _DEPTH_FRAMES = 30
 #: Largest file of notes that is read, in bytes, and most of its problems that are told.
@@ -174,8 +175,10 @@ class Recording:
     def captures(self):
         """The captures, in the order of their triggers."""
         ends = {end["id"]: end for _, end in self._messages.get("/capture", [])}
-        for time, trigger in self._triggers().values():
-            yield self._capture(time, trigger, ends.get(trigger["id"], {}))
+        triggers = list(self._triggers().values())
+        for i, (time, trigger) in enumerate(triggers):
+            until = min([time + _WINDOW_NS] + [next - _TOLERANCE_NS for next, _ in triggers[i + 1 : i + 2]])
+            yield self._capture(time, until, trigger, ends.get(trigger["id"], {}))
 
     def session_notes(self):
         """The notes on the session, as `Capture.notes` has those on a capture."""
@@ -188,7 +191,7 @@ class Recording:
             found.setdefault(trigger["id"], (time, trigger))
         return found
 
-    def _capture(self, time, trigger, end):
+    def _capture(self, time, until, trigger, end):
         subject = trigger.get("subject")
         placement = trigger.get("placement")
         capture = Capture(
@@ -200,22 +203,23 @@ class Recording:
             notes=self._notes(trigger["id"]),
         )
         listed = {id: camera.get("timestamps") for id, camera in end.get("cameras", {}).items()}
+        window = range(time - _TOLERANCE_NS, until)
         for id in self.cameras("color"):
-            frames = self._frames(f"/color/{id}/image", listed.get(id), time - _TOLERANCE_NS, 1)
+            frames = self._frames(f"/color/{id}/image", listed.get(id), window, 1)
             if frames:
                 capture.colors[id] = self._color(id, *frames[0], time)
         for id in self.cameras("depth"):
-            frames = self._frames(f"/depth/{id}/image", listed.get(id), time, _DEPTH_FRAMES)
+            frames = self._frames(f"/depth/{id}/image", listed.get(id), window, _DEPTH_FRAMES)
             if frames:
                 capture.depths[id] = self._depth(id, frames, time)
         return capture
 
-    def _frames(self, topic, listed, start, most):
+    def _frames(self, topic, listed, window, most):
         messages = self._messages.get(topic, [])
-        if listed is not None:
+        if listed:
             wanted = {int(time) for time in listed}
             return [pair for pair in messages if pair[0] in wanted]
-        return [pair for pair in messages if pair[0] >= start][:most]
+        return [pair for pair in messages if pair[0] in window][:most]
 
     def _color(self, id, time, message, trigger):
         masks = [mask for at, mask in self._messages.get(f"/color/{id}/mask", []) if at == time]
@@ -227,7 +231,7 @@ class Recording:
             time_ns=time,
             lens=self._lens(f"/color/{id}/calibration", trigger),
             rig_from_camera=self._pose(id, trigger),
-            mask=_pixels(masks[0]) if masks else None,
+            mask=_pixels(masks[-1]) if masks else None,
             ignored=_pixels(ignored[-1]) if ignored else None,
             background=None if background is None else _pixels(background),
         )

@@ -107,6 +107,22 @@ def test_the_projects_recording_is_read_as_arrays():
         assert 0 < u < view.lens.width and 0 < v < view.lens.height
 
 
+def test_a_capture_that_lists_no_frames_ends_at_the_next_trigger():
+    recording = scand.Recording(RECORDING)
+    [whole] = recording.captures()
+    [times] = [view.times_ns for view in whole.depths.values()]
+    next = times[20]
+    # The same id again makes no capture.
+    recording._messages["/trigger"] += [(next - 1, {"id": whole.id}), (next, {"id": "next"})]
+    first, second = recording.captures()
+    assert [list(view.times_ns) for view in first.depths.values()] == [times[:20]]
+    assert [list(view.times_ns) for view in second.depths.values()] == [times[20:]]
+    assert first.colors.keys() == whole.colors.keys() and not second.colors
+    recording._messages["/capture"] = [(0, {"id": "next", "cameras": {"kinect": {"timestamps": [str(times[0])]}}})]
+    _, second = recording.captures()
+    assert [list(view.times_ns) for view in second.depths.values()] == [times[:1]]
+
+
 def note(capture, **other):
     """A line of a file of notes."""
     known = {"time": "5", "trigger": str(capture.time_ns), "capture": capture.id, "kind": "reject", "text": ""}
