@@ -32,6 +32,8 @@ class Model:
     uv: np.ndarray | None = None
     #: The texture's file (JPEG), as bytes; None in a .ply.
     texture: bytes | None = None
+    #: (n,) uint32: bit i is set where capture i of `fusion.captures` in the report made the surface; None of one capture.
+    captures: np.ndarray | None = None
     #: What is known of the object and of how the model came about, by name.
     about: dict = field(default_factory=dict)
 
@@ -61,7 +63,7 @@ def read_model(path):
         raise ValueError(f"{path}: {error}") from error
 
 
-_PLY_TYPES = {"float": "<f4", "uchar": "u1"}
+_PLY_TYPES = {"float": "<f4", "uchar": "u1", "uint": "<u4"}
 
 
 def _read_ply(data):
@@ -83,9 +85,13 @@ def _read_ply(data):
     def columns(*names):
         return np.stack([vertices[name] for name in names], axis=1)
 
-    # Sentences about the file stand between the names and their texts.
+    # Sentences about the file stand behind the names and their texts.
     fixed = ("frame", "red", "expected_error", "provenance")
-    pairs = (comment.split(" ", 1) for comment in comments)
+    about = {}
+    for name, *rest in (comment.split(" ", 1) for comment in comments):
+        for text in rest:
+            if name not in fixed:
+                about.setdefault(name, text)
     return Model(
         vertices=columns("x", "y", "z"),
         triangles=faces["corners"].astype(int),
@@ -93,7 +99,8 @@ def _read_ply(data):
         provenance=vertices["provenance"].copy(),
         expected_error=vertices["expected_error"].copy(),
         colors=columns("red", "green", "blue"),
-        about={name: text for name, *rest in pairs if name not in fixed for text in rest},
+        captures=vertices["captures"].copy() if "captures" in vertex.names else None,
+        about=about,
     )
 
 
@@ -139,5 +146,6 @@ def _read_glb(data):
         expected_error=values(attributes["_ERROR"]).copy(),
         uv=values(attributes["TEXCOORD_0"]) if "TEXCOORD_0" in attributes else None,
         texture=view(images[0]["bufferView"]) if images else None,
+        captures=values(attributes["_CAPTURES"]).astype(np.uint32) if "_CAPTURES" in attributes else None,
         about=dict(asset.get("extras", {})),
     )

@@ -2,13 +2,16 @@
 
 import io
 import json
+import re
 import struct
 import warnings
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.stream_reader import breakup_chunk
@@ -19,6 +22,10 @@ _MAGIC = b"\x89MCAP0\r\n"
 #: The records that are looked at, by their opcodes; DATA_END is where the data end.
 _RECORDS = {3: records.Schema, 4: records.Channel, 5: records.Message, 6: records.Chunk, 12: records.Metadata}
 _MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
+#: What the chunks of a file may hold when they are unpacked, in bytes: this, and this many times the file's length.
+_UNPACKED, _UNPACKED_TIMES = 512 << 20, 100
+#: A capture's id becomes the name of a folder.
+_CAPTURE_ID = re.compile("[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}")
 
 #: A frame of a capture may begin this much before the trigger, and must begin this soon after it, in nanoseconds.
 _TOLERANCE_NS = 5_000_000
@@ -174,7 +181,7 @@ class Recording:
 
     def captures(self):
         """The captures, in the order of their triggers."""
-        ends = {end["id"]: end for _, end in self._messages.get("/capture", [])}
+        ends = {end.get("id"): end for _, end in self._messages.get("/capture", [])}
         triggers = list(self._triggers().values())
         for i, (time, trigger) in enumerate(triggers):
             until = min([time + _WINDOW_NS] + [next - _TOLERANCE_NS for next, _ in triggers[i + 1 : i + 2]])
@@ -185,10 +192,12 @@ class Recording:
         return self._notes(self.metadata.get("session", {}).get("name"))
 
     def _triggers(self):
-        """The first trigger of each id: (time, message)."""
+        """The first trigger of each id: (time, message). A trigger whose id names no folder makes no capture."""
         found = {}
         for time, trigger in self._messages.get("/trigger", []):
-            found.setdefault(trigger["id"], (time, trigger))
+            id = trigger.get("id")
+            if isinstance(id, str) and _CAPTURE_ID.fullmatch(id):
+                found.setdefault(id, (time, trigger))
         return found
 
     def _capture(self, time, until, trigger, end):
@@ -336,6 +345,7 @@ def _records(path):
     """The records of a recording's data that are looked at, those of chunks too. A file that ends early is read as far as its
     records are whole, and a chunk that is damaged is left out."""
     length = path.stat().st_size
+    room = _UNPACKED + _UNPACKED_TIMES * length
     with open(path, "rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise ValueError(f"{path} is no MCAP file")
@@ -358,11 +368,32 @@ def _records(path):
                 else:
                     found = [_RECORDS[opcode].read(stream)]
                 if opcode == _CHUNK:
-                    found = breakup_chunk(found[0], validate_crc=True)
+                    chunk = _unpacked(found[0], room)
+                    room -= len(chunk.data)
+                    found = breakup_chunk(chunk, validate_crc=True)
             except Exception as error:  # The decompressors have errors of their own.
                 _warn(f"{path}: the record at byte {at} is damaged ({error or type(error).__name__}) and left out")
                 continue
             yield from found
+
+
+def _unpacked(chunk, room):
+    """A chunk that is not packed, of at most `room` bytes. No more is unpacked than the chunk says."""
+    size = chunk.uncompressed_size
+    if size > room:
+        raise ValueError(f"it claims {size} bytes, and {room} would be left for it")
+    if chunk.compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise ValueError(f"it is packed with {chunk.compression[:40]!r}")
+    if len(data) != size:
+        raise ValueError(f"it does not unpack to the {size} bytes that it claims")
+    return replace(chunk, compression="", data=data)
 
 
 def _pixels(message):
@@ -379,10 +410,11 @@ def _pixels(message):
     if encoding in ("yuv422_yuy2", "yuyv", "uyvy", "yuv422"):
         channels = 2
     row = width * channels * np.dtype(kind).itemsize
+    data = np.frombuffer(message["data"], np.uint8)
     # The last row may end with its last pixel.
-    data = np.zeros(step * height, np.uint8)
-    data[: len(message["data"])] = np.frombuffer(message["data"], np.uint8)[: step * height]
-    pixels = data.reshape(height, step)[:, :row].copy().view(kind)
+    if step < row or not row or not height or len(data) < step * (height - 1) + row:
+        raise ValueError(f"a picture of {width}x{height} {encoding} with rows of {step} bytes has {len(data)} bytes")
+    pixels = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1)).copy().view(kind)
     return pixels.reshape((height, width) if channels == 1 else (height, width, channels))
 
 

@@ -6,25 +6,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
+from mcap import records
+from mcap.writer import CompressionType, Writer
 
 import scand
 from scand.protobuf import Schema
+from scand.recording import _records
 
 RECORDING = Path(__file__).parents[2] / "recordings/cup.mcap"
 GOLDEN = Path(__file__).parents[2] / "tests/golden/format-1"
 
 
-def ply(path):
+def ply(path, several=False):
+    """A model of one capture, or of several."""
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment capture a-1\ncomment title A krater\n"
-        "comment frame rig, right-handed, z up; x y z in metres\nelement vertex 3\n"
+        + ("comment captures a-1, a-2\n" if several else "")
+        + "comment frame rig, right-handed, z up; x y z in metres\n"
+        + ("comment captures bit i is 1 where\n" if several else "")
+        + "element vertex 3\n"
         + "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
         + "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "provenance"))
-        + "property float expected_error\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        + "property float expected_error\n"
+        + ("property uint captures\n" if several else "")
+        + "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
     )
     corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
-    body = b"".join(struct.pack("<6f4Bf", *p, 0, 0, 1, 10, 20, 30, i, i * 1e-3) for i, p in enumerate(corners))
+    seen = [struct.pack("<I", 1 << i) if several else b"" for i in range(3)]
+    body = b"".join(struct.pack("<6f4Bf", *p, 0, 0, 1, 10, 20, 30, i, i * 1e-3) + seen[i] for i, p in enumerate(corners))
     path.write_bytes(header.encode() + body + struct.pack("<B3i", 3, 0, 1, 2))
     return path
 
@@ -72,6 +81,13 @@ def test_a_ply_and_a_glb_are_read_with_provenance_and_error(tmp_path):
     assert model.normals[0].tolist() == [0, 0, 1]
     assert model.provenance.tolist() == [scand.HULL, scand.RESTORED, scand.TABLE]
     assert model.about["capture"] == "a-1"
+
+
+def test_a_model_of_several_captures_says_which_made_each_vertex(tmp_path):
+    assert scand.read_model(ply(tmp_path / "one.ply")).captures is None
+    model = scand.read_model(ply(tmp_path / "model.ply", several=True))
+    assert model.captures.tolist() == [1, 2, 4] and model.triangles.tolist() == [[0, 1, 2]]
+    assert model.about == {"capture": "a-1", "title": "A krater", "captures": "a-1, a-2"}
 
 
 def test_other_files_are_refused_by_name(tmp_path):
@@ -231,6 +247,76 @@ def test_recordings_of_format_1_are_read(name):
 def test_a_recording_of_format_1_that_was_cut_off_is_read_as_far_as_it_goes():
     with pytest.warns(UserWarning, match="cut-off.mcap: it ends early"):
         assert list(scand.Recording(GOLDEN / "cut-off.mcap").captures())
+
+
+def message(*fields):
+    """A protobuf message of fields: number, and text or a 32-bit number."""
+    parts = []
+    for number, value in fields:
+        if isinstance(value, int):
+            parts.append(struct.pack("<BI", number << 3 | 5, value))
+        else:
+            parts.append(bytes([number << 3 | 2, len(value)]) + value)
+    return b"".join(parts)
+
+
+def one_picture(width, height, step, data):
+    return message((2, width), (3, height), (4, b"mono8"), (5, step), (6, data))
+
+
+def with_messages(path, compression, *messages):
+    """A recording of messages: topic, content, and None for JSON or the name of a schema of the project's recording."""
+    known = {}
+    for record in _records(RECORDING):
+        if isinstance(record, records.Schema):
+            known[record.name] = record.data
+    with open(path, "wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start("scand")
+        for topic, content, name in messages:
+            schema = writer.register_schema(name or "scand", "protobuf" if name else "jsonschema", known.get(name, b"{}"))
+            channel = writer.register_channel(topic, "protobuf" if name else "json", schema)
+            writer.add_message(channel, log_time=7, data=content, publish_time=7)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_chunks_of_every_packing_are_read(tmp_path, compression):
+    picture = one_picture(2, 2, 3, b"\x01\x02\x00\x03\x04")
+    trigger = b'{"id": "a"}', None
+    path = with_messages(tmp_path / "a.mcap", compression, ("/trigger", *trigger), ("/color/c/image", picture, "foxglove.RawImage"))
+    [capture] = scand.Recording(path).captures()
+    assert capture.colors["c"].picture.tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_chunk_that_unpacks_to_more_than_it_says_is_left_out(tmp_path, compression):
+    path = with_messages(tmp_path / "a.mcap", compression, ("/log", b" " * (8 << 20) + b"0", None))
+    whole = path.read_bytes()
+    at = 8
+    while whole[at] != 6:
+        at += 9 + struct.unpack_from("<Q", whole, at + 1)[0]
+    for size in (1000, 1 << 60):
+        path.write_bytes(whole[: at + 25] + struct.pack("<Q", size) + whole[at + 33 :])
+        with pytest.warns(UserWarning, match="is damaged"):
+            assert scand.Recording(path).topics() == []
+
+
+@pytest.mark.parametrize("claimed", [(2, 2, 2**32 - 1), (2**32 - 1, 2, 2**32 - 1), (2, 2**32 - 1, 0), (0, 2, 2), (2, 0, 2), (2, 3, 2)])
+def test_a_picture_that_claims_more_than_it_has_is_an_error(tmp_path, claimed):
+    picture = one_picture(*claimed, b"\x01\x02\x03\x04")
+    trigger = b'{"id": "a"}', None
+    path = with_messages(tmp_path / "a.mcap", CompressionType.NONE, ("/trigger", *trigger), ("/color/c/image", picture, "foxglove.RawImage"))
+    with pytest.raises(ValueError, match="has 4 bytes"):
+        list(scand.Recording(path).captures())
+
+
+@pytest.mark.parametrize("id", ["../a", ".a", "", "a/b", "a" * 65, "a\n", None, 7.5, [1]])
+def test_a_trigger_whose_id_names_no_folder_makes_no_capture(tmp_path, id):
+    trigger = json.dumps({"id": id}).encode()
+    path = with_messages(tmp_path / "a.mcap", CompressionType.NONE, ("/trigger", trigger, None))
+    assert list(scand.Recording(path).captures()) == []
 
 
 def test_a_message_that_is_cut_off_is_an_error():
