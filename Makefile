@@ -90,7 +90,7 @@ rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot
 torture: deps ## test each promise of docs/promises.md (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
-interop: ## check what scand writes with other people's readers (500 MB into target/interop; SCAND=PROGRAM needs no build)
+interop: ## check what scand writes with other people's readers (500 MB of readers into target/interop; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --release --locked)
 	SCAND=$(or $(SCAND),target/release/scand) tests/interop/run.sh
 

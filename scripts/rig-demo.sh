@@ -4,7 +4,7 @@
 # runs in a network namespace of its own. What it makes lies in out/rig-demo (OUT names another folder). With PRESSES=N it
 # takes N captures, one after the other, and prints how long each took from the command to the disk; only the first
 # becomes a model, by the replay. UNTIL=captured or UNTIL=done times them up to there; with done all become models.
-# ABOUT=KEY=VALUE is a fact about the session.
+# ABOUT=KEY=VALUE is a fact about the session, SUBJECT the object's number.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -24,6 +24,7 @@ fi
 mkdir -p "$out"
 presses=${PRESSES:-1}
 until=${UNTIL:-durable}
+subject=${SUBJECT:-demo}
 models=0
 if [ "$presses" -eq 1 ] || [ "$until" = done ]; then models=1; fi
 libraries=$(tests/openni2-sensor/stage.sh)
@@ -65,9 +66,9 @@ for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "c
 echo captures >&3
 "$scand" session start demo --about "${ABOUT:-project=demonstration}" --socket scand.sock
 if [ "$presses" -eq 1 ]; then
-	"$scand" trigger --socket scand.sock --subject demo --until done
+	"$scand" trigger --socket scand.sock --subject "$subject" --until done
 else
-	"$scand" trigger --socket scand.sock --subject demo
+	"$scand" trigger --socket scand.sock --subject "$subject"
 	begin=$EPOCHREALTIME
 	for _ in $(seq 2 "$presses"); do
 		pressed=$EPOCHREALTIME

@@ -1,13 +1,13 @@
 //! Checks which of our packages are built into which program, as cargo resolves them.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
-/// All packages in the program `scand` that is built with these options.
-fn all_packages(options: &[&str]) -> BTreeSet<String> {
+/// The packages that cargo's tree has with these options.
+fn tree(options: &[&str]) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--offline", "--locked", "--package", "scand"])
-        .args(["--edges", "normal", "--prefix", "none", "--format", "{lib}"])
+        .args(["--prefix", "none", "--format", "{lib}"])
         .args(options)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
@@ -18,6 +18,11 @@ fn all_packages(options: &[&str]) -> BTreeSet<String> {
     // What was listed already comes with a mark behind its name.
     let names = names.lines().filter_map(|line| line.split(' ').next());
     names.map(str::to_owned).collect()
+}
+
+/// All packages in the program `scand` that is built with these options.
+fn all_packages(options: &[&str]) -> BTreeSet<String> {
+    tree(&[&["--edges", "normal"], options].concat())
 }
 
 /// Our packages in it.
@@ -39,6 +44,34 @@ fn only_the_feature_fleet_brings_its_client() {
     // The page has TLS of its own.
     assert_eq!(has(ciphers, &[]), [false; 2]);
     assert_eq!(has(ciphers, &["--features", "rig"]), [false; 2]);
+}
+
+/// What needs a C++ compiler, CMake or libclang stays behind a feature.
+#[test]
+fn the_default_build_needs_rust_and_a_c_compiler_alone() {
+    let edges = ["--edges", "normal,build"];
+    let all = tree(&edges);
+    // The list is that of the build: its build scripts are there.
+    assert!(all.contains("cc") && all.contains("scand_core"), "{all:?}");
+    for tool in [
+        "cmake",
+        "bindgen",
+        "clang_sys",
+        "cxx",
+        "cxx_build",
+        "autocxx",
+        "cpp",
+        "cpp_build",
+        "link_cplusplus",
+        "meson",
+        "nasm_rs",
+    ] {
+        assert!(!all.contains(tool), "the default build has {tool}");
+    }
+    // Those that compile something that is not Rust: C, or assembly. A new one must be looked at before it is listed here.
+    let compiled = tree(&[&edges[..], &["--invert", "cc", "--depth", "1"]].concat());
+    let known = ["cc", "generator", "lz4_sys", "zstd_sys"].map(str::to_owned);
+    assert_eq!(compiled, known.into());
 }
 
 #[test]
@@ -75,24 +108,69 @@ fn an_installed_worker_holds_no_camera_no_page_and_no_simulator() {
     assert_eq!(has(&["--features", "rig,page,fleet"]), [true; 6]);
 }
 
-/// Both packages can be installed at once, so no file may be in both.
-#[test]
-fn the_packages_share_no_file() {
+/// The files of the packages `scand` and `scand-worker`: where each is installed, and what it is made of.
+fn package_files() -> [BTreeMap<String, String>; 2] {
     let manifest: toml::Table = include_str!("../Cargo.toml").parse().unwrap();
     let rig = &manifest["package"]["metadata"]["deb"];
     let worker = &rig["variants"]["worker"];
     assert_eq!(worker["name"].as_str(), Some("scand-worker"));
-    let files = |of: &toml::Value| -> BTreeSet<String> {
+    [rig, worker].map(|of| {
         let assets = of["assets"].as_array().unwrap().iter();
-        let name = |asset: &toml::Value| {
+        let file = |asset: &toml::Value| {
             let [from, to] = [0, 1].map(|i| asset[i].as_str().unwrap());
             let is_folder = to.ends_with('/');
             let name = from.rsplit('/').next().unwrap();
-            format!("{to}{}", if is_folder { name } else { "" })
+            let installed = format!("{to}{}", if is_folder { name } else { "" });
+            (installed, from.to_owned())
         };
-        assets.map(name).collect()
-    };
-    let (rig, worker) = (files(rig), files(worker));
+        assets.map(file).collect()
+    })
+}
+
+#[test]
+fn the_packages_have_man_pages_and_completions() {
+    let script = include_str!("../scripts/deb.sh");
+    let [rig, worker] = package_files();
+    let share = "usr/share";
+    for (files, installed, made_by) in [
+        (&rig, "man/man1/*.1", "generate man $generated/man"),
+        (
+            &rig,
+            "bash-completion/completions/scand",
+            "generate completions bash >$generated/bash/scand",
+        ),
+        (
+            &rig,
+            "zsh/vendor-completions/_scand",
+            "generate completions zsh >$generated/zsh/_scand",
+        ),
+        (
+            &rig,
+            "fish/vendor_completions.d/scand.fish",
+            "generate completions fish >$generated/fish/scand.fish",
+        ),
+        (
+            &worker,
+            "man/man1/scand-worker.1",
+            "mv $generated/man/scand-worker.1 $generated/worker/",
+        ),
+    ] {
+        let from = files.get(&format!("{share}/{installed}"));
+        let from = from.unwrap_or_else(|| panic!("{installed} is in no package: {files:?}"));
+        assert!(script.contains(made_by), "{made_by}");
+        // The package takes the file from where the script puts it.
+        let folder = from.rsplit_once('/').unwrap().0;
+        let put = made_by.rsplit(['>', ' ']).next().unwrap();
+        let put = put.replace("$generated", "target/generated");
+        assert!(put.starts_with(folder), "{from} is not made: {made_by}");
+    }
+}
+
+/// Both packages can be installed at once, so no file may be in both.
+#[test]
+fn the_packages_share_no_file() {
+    let files = package_files().map(|files| files.into_keys().collect::<BTreeSet<_>>());
+    let [rig, worker] = files;
     assert!(worker.contains("usr/bin/scand-worker") && rig.contains("usr/bin/scand"));
     assert_eq!(rig.intersection(&worker).count(), 0, "{rig:?} {worker:?}");
 }

@@ -8,6 +8,7 @@ import numpy as np
 import published
 
 CAPTURE = "demo-0001"
+SUBJECT = "1884.3"
 
 
 def passed(what):
@@ -25,7 +26,7 @@ def main(home):
     for ending in ("recordings/demo.mcap", "recordings/demo.notes.jsonl", f"{CAPTURE}/model.glb", f"{CAPTURE}.html"):
         assert any(name.endswith(ending) for name in names), f"{ending}: {names}"
     sheet = json.loads((home / "package/data/paradata/demo" / f"{CAPTURE}.json").read_text())
-    assert sheet["object"]["number"] == "demo" and sheet["by_whom"]["operator"] == "Zacharias"
+    assert sheet["object"]["number"] == SUBJECT and sheet["by_whom"]["operator"] == "Zacharias"
     assert sheet["by_whom"]["notes"]["decision"] == "accepted"
     passed(f"bagit: a valid package of {len(names)} files")
 
@@ -38,7 +39,7 @@ def main(home):
         assert abs(len(mesh.faces) / len(full.faces) / share - 1) < 0.1
     assert 0.05 < np.ptp(full.vertices[:, 1]) < 0.15, "a cup of 95 mm, y up"
     asset = json.loads(glb_json(model))["asset"]["extras"]
-    assert asset["subject"] == "demo" and asset["operator"] == "Zacharias"
+    assert asset["subject"] == SUBJECT and asset["operator"] == "Zacharias"
     passed(f"trimesh: a closed model of {len(full.faces)} triangles, and a level of detail")
 
     scene = pycolmap.Reconstruction(str(home / "colmap" / CAPTURE / "sparse/0"))

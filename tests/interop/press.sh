@@ -10,11 +10,18 @@ rm -rf "$work"
 mkdir -p "$(dirname "$work")"
 # Cameras, daemon, background pictures, a session, a press, its model.
 cd "$root"
-OUT=$(realpath -m --relative-to=. "$work") SCAND=$(realpath --relative-to=. "$scand") ABOUT=operator=Zacharias scripts/rig-demo.sh recordings/cup.mcap
+export ABOUT=operator=Zacharias SUBJECT=1884.3
+OUT=$(realpath -m --relative-to=. "$work") SCAND=$(realpath --relative-to=. "$scand") scripts/rig-demo.sh recordings/cup.mcap
 cd "$work"
 "$scand" note demo-0001 accept --author Zacharias --recording recordings/demo.mcap
-"$scand" archive demo --recordings recordings --models models -o package --date 2026-01-31
-"$scand" verify package
+# The object's number, the session and the capture each name the same recording here.
+for name in $SUBJECT demo demo-0001; do
+	"$scand" archive "$name" --recordings recordings --models models -o "by/$name" --date 2026-01-31
+	"$scand" verify "by/$name"
+done
+mv "by/$SUBJECT" package
+diff -r package by/demo
+diff -r package by/demo-0001
 "$scand" export models --format glb --lod 1 -o exported
 "$scand" export recordings/demo.mcap --dataset colmap --model models -o colmap
 "$scand" publish models --recordings recordings --address https://museum.example/3d -o site

@@ -4,6 +4,7 @@ Voyager itself is in no registry. What must stay out is looked for in every byte
 
 import json
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from urllib.parse import urlparse
 
@@ -87,7 +88,13 @@ def scenes(site):
         assert model["units"] == "m"
         low, high = model["boundingBox"]["min"], model["boundingBox"]["max"]
         derivatives = model["derivatives"]
+        # High.glb alone would be a model without levels of detail.
+        assert len(derivatives) >= 2, f"{path}: {len(derivatives)} level of detail"
         assert [d["quality"] for d in derivatives] == QUALITIES[: len(derivatives)]
+        named = {asset["uri"] for derivative in derivatives for asset in derivative["assets"]}
+        assert named == {file.name for file in path.parent.glob("*.glb")}, named
+        faces = [asset["numFaces"] for derivative in derivatives for asset in derivative["assets"]]
+        assert all(less < more / 2 for more, less in pairwise(faces)), faces
         for derivative in derivatives:
             (asset,) = derivative["assets"]
             file = path.parent / asset["uri"]

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # `make interop`: from a simulated recording to a model, an archive package, exports, datasets and a published folder,
 # each checked with other people's readers, and then all of it from a press on the simulated rig (press.sh), if the
-# program has cameras. The readers are installed into target/interop, versions and hashes locked. SCAND names the
-# program. INTEROP=all also runs readers that are larger (large.sh).
+# program has cameras. The readers are installed into target/interop, versions and hashes locked, and may take
+# 500 MB. SCAND names the program. INTEROP=all also runs readers that are larger (large.sh).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 here=tests/interop
@@ -10,6 +10,8 @@ environment=target/interop/environment
 work=target/interop/work
 scand=$(realpath "${SCAND:-target/release/scand}")
 python=$environment/bin/python
+# What Python compiles would count with the readers.
+export PYTHONDONTWRITEBYTECODE=1
 
 # Once for each version of the lock.
 lock=$(sha256sum $here/requirements.txt | cut -d ' ' -f 1)
@@ -62,5 +64,12 @@ elif [ -n "${SCAND_REQUIRE_ALL:-}" ]; then
 else
 	echo "skipped: from a press: $scand has no cameras (build with --features rig)"
 fi
+took=$SECONDS
+size() { { du -smc --apparent-size "$@" 2>/dev/null || true; } | tail -n 1 | cut -f 1; }
+readers=$(size $environment)
+echo "interop: $readers MB of readers, $(size $work target/interop/press) MB made, $took s"
+if [ "$readers" -gt 500 ]; then
+	echo "interop: the readers take $readers MB, more than 500 MB: move the largest to large.sh" >&2
+	exit 1
+fi
 if [ "${INTEROP:-}" = all ]; then $here/large.sh; fi
-echo "interop: $(du -sm $environment | cut -f 1) MB of readers, $SECONDS s"
