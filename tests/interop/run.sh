@@ -56,7 +56,8 @@ done
 "$scand" publish out --recordings . --address https://museum.example/3d -o site
 "$python" ../../../$here/check.py .
 cd ../../..
-if "$scand" --version | grep -q aravis; then
+version=$("$scand" --version)
+if [[ $version == *aravis* && $version == *openni2* ]]; then
 	SCAND=$scand PYTHON=$(realpath -s target/interop/environment/bin/python) $here/press.sh target/interop/press
 elif [ -n "${SCAND_REQUIRE_ALL:-}" ]; then
 	echo "interop: $scand has no cameras, and so no press" >&2
