@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 
 /// A number that can be put in order.
 pub trait Number: Copy {
-    /// The order that IEEE 754 gives to all its values.
+    /// Its order; of floating point numbers the one that IEEE 754 gives to all their values.
     fn order(&self, other: &Self) -> Ordering;
 }
 
@@ -21,6 +21,18 @@ impl Number for f64 {
     }
 }
 
+impl Number for usize {
+    fn order(&self, other: &Self) -> Ordering {
+        self.cmp(other)
+    }
+}
+
+impl Number for i128 {
+    fn order(&self, other: &Self) -> Ordering {
+        self.cmp(other)
+    }
+}
+
 /// The median; of an even number of values the upper of the two in the middle, `None` of none. Puts the values in
 /// another order.
 pub fn upper_median<T: Number>(values: &mut [T]) -> Option<T> {
@@ -31,6 +43,12 @@ pub fn upper_median<T: Number>(values: &mut [T]) -> Option<T> {
 /// another order.
 pub fn lower_median<T: Number>(values: &mut [T]) -> Option<T> {
     ranked(values, values.len().checked_sub(1)? / 2)
+}
+
+/// The value that at least a `share` of the values lies below, 0 to 1; a share of a half gives the upper median. `None`
+/// of none, and of a share that no value is above. Puts the values in another order.
+pub fn upper_quantile<T: Number>(values: &mut [T], share: f64) -> Option<T> {
+    ranked(values, (share * values.len() as f64) as usize)
 }
 
 /// The value whose rank is nearest to that below which a `share` of the values lies, 0 to 1; of two ranks that are as
@@ -77,6 +95,10 @@ mod tests {
         let mut values: Vec<f64> = (0..=10).rev().map(f64::from).collect();
         assert_eq!(nearest_rank_quantile(&mut values, 0.0), Some(0.0));
         assert_eq!(nearest_rank_quantile(&mut values, 0.98), Some(10.0));
+        assert_eq!(upper_quantile(&mut values, 0.0), Some(0.0));
+        assert_eq!(upper_quantile(&mut values, 0.5), upper_median(&mut values));
+        assert_eq!(upper_quantile(&mut values, 0.8), Some(8.0));
+        assert_eq!(upper_quantile(&mut values, 1.0), None);
         assert_eq!(interpolated_quantile(&[1.0, 2.0], 0.25), Some(1.25));
         assert_eq!(interpolated_quantile(&[1.0, 2.0], 7.0), Some(2.0));
     }
@@ -86,6 +108,19 @@ mod tests {
         assert_eq!(upper_median::<f32>(&mut []), None);
         assert_eq!(lower_median::<f64>(&mut []), None);
         assert_eq!(nearest_rank_quantile::<f32>(&mut [], 0.5), None);
+        assert_eq!(upper_quantile::<f32>(&mut [], 0.5), None);
         assert_eq!(interpolated_quantile(&[], 0.5), None);
+    }
+
+    /// Tenths have no exact binary form; their ranks are those of whole numbers all the same.
+    #[test]
+    fn ranks_of_tenths_are_exact() {
+        for length in 1..5000usize {
+            let mut values: Vec<usize> = (0..length).collect();
+            for tenths in [1, 2, 8] {
+                let found = upper_quantile(&mut values, tenths as f64 / 10.0);
+                assert_eq!(found, Some(length * tenths / 10), "{length} {tenths}");
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@
 use scand_core::frame::{CameraId, Picture, Timestamp};
 use scand_core::image::{readings_from_raw, rgb_from_file, rgb_from_raw};
 use scand_core::recording::{self, DepthPart, MessageRef, Recording, Topic};
+use scand_core::statistics::upper_median;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -235,8 +236,7 @@ fn rate(depths: &[MessageRef]) -> u32 {
         .windows(2)
         .map(|t| t[1].nanoseconds_since(t[0]))
         .collect();
-    apart.sort_unstable();
-    let median = apart.get(apart.len() / 2).copied().unwrap_or(33_333_333);
+    let median = upper_median(&mut apart).unwrap_or(33_333_333);
     (1e9 / median.max(1) as f64).round().clamp(1.0, 240.0) as u32
 }
 

@@ -4,6 +4,7 @@
 use super::planar::homography;
 use super::session::Corner;
 use crate::calibration::Board;
+use crate::statistics::upper_median;
 use nalgebra::{Point2, Vector2, Vector3};
 use std::collections::BTreeMap;
 
@@ -105,8 +106,7 @@ fn extent(labelled: &Labelled, axis: impl Fn(&(i32, i32)) -> i32) -> Option<[i32
         *lines.entry(axis(at)).or_default() += 1;
     }
     let mut counts: Vec<usize> = lines.values().copied().collect();
-    counts.sort_unstable();
-    let usual = *counts.get(counts.len() / 2)? as f64;
+    let usual = upper_median(&mut counts)? as f64;
     let full = |count: &&usize| **count as f64 >= EDGE_PART * usual;
     let first = lines.iter().find(|(_, count)| full(count))?.0;
     let last = lines.iter().rev().find(|(_, count)| full(count))?.0;

@@ -6,6 +6,7 @@
 
 use super::window::Window;
 use crate::image::Grid;
+use crate::statistics::upper_quantile;
 
 /// What the plate is made of, in units in which the readings' error is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,11 +154,7 @@ impl Fields {
             .filter(|&i| known(i - 1) && known(i) && known(i + 1))
             .map(|i| (z[i - 1] - 2.0 * z[i] + z[i + 1]).abs())
             .collect();
-        if bends.is_empty() {
-            return 0.0;
-        }
-        let fifth = bends.len() * 4 / 5;
-        *bends.select_nth_unstable_by(fifth, f32::total_cmp).1 / 1.28
+        upper_quantile(&mut bends, 0.8).map_or(0.0, |bend| bend / 1.28)
     }
 
     /// Sets the weights of the bending by how much the plate bends now (Geman and McClure's penalty).

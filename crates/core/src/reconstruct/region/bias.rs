@@ -6,7 +6,7 @@ use super::front::{HullRenderings, stands_on_table};
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
-use crate::statistics::lower_median;
+use crate::statistics::{lower_median, upper_median, upper_quantile};
 use nalgebra::{Point2, Point3};
 
 /// An offset of the depth.
@@ -215,10 +215,13 @@ fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64
         return None;
     }
     values.sort_by(f32::total_cmp);
-    let low = &values[..(LOW * values.len() as f64) as usize];
-    let spread = f64::from(low[low.len() - 1] - low[low.len() / 10]);
+    let count = (LOW * values.len() as f64) as usize;
+    let low = &mut values[..count];
+    let greatest = *low.last()?;
+    let spread = f64::from(greatest - upper_quantile(low, 0.1)?);
+    let middle = f64::from(upper_median(low)?);
     // Only a sharp lower end is a surface that the hull touches; a slope is a cavity seen at a slant.
-    (spread < 4e-3).then(|| (f64::from(low[low.len() / 2]), spread))
+    (spread < 4e-3).then_some((middle, spread))
 }
 
 /// Median and its error, where the values agree.
