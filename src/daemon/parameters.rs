@@ -1,6 +1,7 @@
 //! The settings of captures, recordings, readiness, the socket and the hooks, with their defaults and ranges. Data
 //! only.
 
+use crate::level::Level;
 use crate::range::{count, milliseconds};
 use std::path::PathBuf;
 
@@ -187,9 +188,9 @@ impl HooksParameters {
             ("accepted", &self.accepted),
             ("captured", &self.captured),
             ("durable", &self.durable),
-            ("green", &self.green),
-            ("amber", &self.amber),
-            ("red", &self.red),
+            (Level::Green.name(), &self.green),
+            (Level::Amber.name(), &self.amber),
+            (Level::Red.name(), &self.red),
             ("failed", &self.failed),
         ];
         all.into_iter().map(|(name, command)| (name, &command[..]))

@@ -1,5 +1,6 @@
 //! What `/metrics` tells, in OpenMetrics' text: presses by outcome, how long they took, and what the last status said.
 
+use crate::level::Level;
 use crate::trigger::Event;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -18,9 +19,9 @@ const OUTCOMES: [&str; 8] = [
     "failed",
     "retried",
     "refused",
-    "green",
-    "amber",
-    "red",
+    Level::Green.name(),
+    Level::Amber.name(),
+    Level::Red.name(),
     "model_failed",
 ];
 

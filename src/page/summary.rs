@@ -1,6 +1,7 @@
 //! What the history shows of a capture: a few members of its report, each text cut at a length. A recording may be
 //! anybody's, and so may be the words in its report.
 
+use crate::level::Level;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -71,7 +72,7 @@ impl Report {
         let level = self.verdict.as_ref()?.level.as_str();
         let figures = self.color_cameras.iter().take(MOST_CAMERAS);
         let known = figures.filter_map(|c| Some((c.camera.clone(), c.sharpness_percent?)));
-        (level == "green").then(|| known.collect())
+        (level == Level::Green.name()).then(|| known.collect())
     }
 }
 
@@ -102,7 +103,7 @@ impl Summary {
     pub(super) fn add(&mut self, report: Report) {
         match (report.verdict, report.reason) {
             (Some(verdict), _) => {
-                let known = ["green", "amber", "red"].contains(&verdict.level.as_str());
+                let known = Level::ALL.iter().any(|level| level.name() == verdict.level);
                 self.verdict = if known {
                     verdict.level
                 } else {
@@ -113,7 +114,7 @@ impl Summary {
             (None, Some(words)) => {
                 self.verdict = "failed".into();
                 self.reasons = vec![Reason {
-                    level: "red".into(),
+                    level: Level::Red.name().into(),
                     code: "failed".into(),
                     words,
                 }];

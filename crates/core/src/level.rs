@@ -16,8 +16,11 @@ pub enum Level {
 }
 
 impl Level {
+    /// All of them, the best first.
+    pub const ALL: [Self; 3] = [Self::Green, Self::Amber, Self::Red];
+
     /// Its word in JSON, in a hook's environment and on the console.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Green => "green",
             Self::Amber => "amber",

@@ -3,6 +3,7 @@
 use super::{Args, exists, write};
 use crate::export::{self, Format, ReadModel, compress, level_of_detail};
 use crate::frame::CaptureId;
+use crate::level::Level;
 use crate::make_model::object_folder_name;
 use crate::words::count;
 use anyhow::Context;
@@ -166,7 +167,7 @@ fn remark(path: &Path) -> Option<&'static str> {
         (decision, _) if decision == "rejected" => {
             Some("the capture was rejected; its model is exported, as it was asked for")
         }
-        (_, level) if level == "red" => {
+        (_, level) if level == Level::Red.name() => {
             Some("the verdict is red: do not use the model before you know why (report.json)")
         }
         _ => None,
