@@ -8,7 +8,7 @@ use super::rewriting::{copy_ownership, io, lock, remove_stale, with_ending};
 use super::scan::{Event, LARGEST_RECORD, Scan, Span};
 use super::source::Source;
 use super::{Damage, Error, Recording};
-use crate::storage::sync_parent;
+use crate::storage::rename_durably;
 use bytes::Bytes;
 use crc32fast::Hasher;
 use mcap::MAGIC;
@@ -306,8 +306,7 @@ fn put_into_place(file: &File, path: &Path, packed: &Path) -> Result<Packed, Err
         copy_ownership(&copy, &original)?;
         copy.set_times(FileTimes::new().set_modified(original.modified()?))?;
         copy.sync_all()?;
-        std::fs::rename(packed, path)?;
-        sync_parent(path)
+        rename_durably(packed, path)
     };
     moved().map_err(io(path))?;
     Ok(Packed::Smaller(original.len(), after))
