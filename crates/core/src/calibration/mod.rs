@@ -32,6 +32,13 @@ pub enum Error {
         found: String,
         expected: &'static str,
     },
+    /// The same, where the range is checked by [`crate::range`].
+    #[error("{what} is {found}, expected {expected}")]
+    OutOfRange {
+        what: &'static str,
+        found: String,
+        expected: String,
+    },
     /// A lens model that is not read.
     #[error("distortion model {0:?} is not plumb_bob, rational_polynomial or empty")]
     UnknownDistortionModel(String),

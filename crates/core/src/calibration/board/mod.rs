@@ -9,6 +9,7 @@ pub use pattern::Rectangle;
 pub use shape::{BoardShape, Surface};
 
 use super::Error;
+use crate::range;
 use calib_targets_aruco::{Dictionary, builtins};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::ops::Range;
@@ -134,12 +135,10 @@ impl Board {
             let found = format!("{}x{}", self.columns, self.rows);
             return bad("board size", found, "2x2 to 100x100 inner corners");
         }
-        if !(1e-3..=1.0).contains(&self.square) {
-            return bad("board square", metres(self.square), "0.001 to 1 m");
-        }
-        if !(0.0..=0.2).contains(&self.thickness) {
-            return bad("board thickness", metres(self.thickness), "0 to 0.2 m");
-        }
+        let square = range::check(self.square, [1e-3, 1.0], " m");
+        in_range("board square", self.square, square)?;
+        let thickness = range::check(self.thickness, [0.0, 0.2], " m");
+        in_range("board thickness", self.thickness, thickness)?;
         match self.kind {
             BoardKind::Checkerboard if self.two_sided => bad(
                 "board with two sides",
@@ -152,11 +151,8 @@ impl Board {
     }
 
     fn checked_markers(&self, markers: Markers) -> Result<(), Error> {
-        let part = markers.side / self.square;
-        if !(0.3..=0.95).contains(&part) {
-            let expected = "0.3 to 0.95 of the square";
-            return bad("board marker", metres(markers.side), expected);
-        }
+        let part = range::check(markers.side / self.square, [0.3, 0.95], " of the square");
+        in_range("board marker", markers.side, part)?;
         let Some(dictionary) = builtins::builtin_dictionary(markers.dictionary) else {
             let found = markers.dictionary.to_owned();
             return bad("board dictionary", found, "a name such as DICT_4X4_100");
@@ -271,8 +267,17 @@ impl Board {
     }
 }
 
-fn metres(length: f64) -> String {
-    format!("{length} m")
+/// Refuses a length in metres whose check failed.
+fn in_range(
+    what: &'static str,
+    length: f64,
+    checked: Result<f64, range::OutOfRange>,
+) -> Result<(), Error> {
+    checked.map(drop).map_err(|range| Error::OutOfRange {
+        what,
+        found: format!("{length} m"),
+        expected: range.expected,
+    })
 }
 
 fn bad<T>(what: &'static str, found: String, expected: &'static str) -> Result<T, Error> {
