@@ -6,6 +6,7 @@ mod settings;
 pub use settings::{CameraSettings, Transfer};
 
 use crate::image::RawPixels;
+use crate::words::beginning;
 use bytes::Bytes;
 use std::fmt;
 use std::sync::Arc;
@@ -36,7 +37,7 @@ impl CameraId {
         }
         Err(NameError {
             kind: "camera id",
-            found: shortened(name),
+            found: beginning(name),
             expected: "1 to 32 of a-z, 0-9, _ and -",
         })
     }
@@ -77,7 +78,7 @@ impl CaptureId {
         }
         Err(NameError {
             kind: "capture id",
-            found: shortened(name),
+            found: beginning(name),
             expected: "1 to 64 of A-Z, a-z, 0-9, ., _ and - not starting with a dot",
         })
     }
@@ -112,11 +113,6 @@ serialize_as_text! {
     Timestamp: |time| time.0;
 }
 
-/// Enough of a hostile name to find it, and no more.
-fn shortened(name: &str) -> String {
-    name.chars().take(80).collect()
-}
-
 /// UTC nanoseconds since 1970.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(pub u64);
@@ -135,7 +131,7 @@ impl<'de> serde::Deserialize<'de> for Timestamp {
     fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         let text = String::deserialize(from)?;
         text.parse().map(Self).map_err(|_| {
-            let found = shortened(&text);
+            let found = beginning(&text);
             serde::de::Error::custom(format!("{found:?} is not a string of decimal nanoseconds"))
         })
     }

@@ -1,5 +1,5 @@
-//! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, and names as
-//! a shell takes them.
+//! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, names as a
+//! shell takes them, and the beginnings of hostile texts.
 
 use std::path::Path;
 
@@ -7,6 +7,24 @@ use std::path::Path;
 pub fn count(number: usize, noun: &str) -> String {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")
+}
+
+/// Enough of a hostile text to find it, and no more.
+pub fn beginning(text: &str) -> String {
+    text.chars().take(80).collect()
+}
+
+/// The beginning of a hostile text, with nothing that a terminal would obey.
+pub fn shortened(text: &str) -> String {
+    let mut short = String::new();
+    for letter in beginning(text).chars() {
+        if letter.is_control() {
+            short.extend(letter.escape_default());
+        } else {
+            short.push(letter);
+        }
+    }
+    short
 }
 
 /// A file's name as a person can paste it into a shell.

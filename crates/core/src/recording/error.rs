@@ -1,6 +1,7 @@
 //! The errors of reading and writing recordings. Each names the file and locates the fault in it.
 
 use crate::storage::advice;
+pub(super) use crate::words::shortened;
 use crate::{calibration, frame};
 use std::fmt;
 use std::path::PathBuf;
@@ -150,17 +151,4 @@ impl fmt::Display for Damage {
         }
         Ok(())
     }
-}
-
-/// Enough of a hostile text to find it, and nothing that a terminal would obey.
-pub(super) fn shortened(text: &str) -> String {
-    let mut short = String::new();
-    for letter in text.chars().take(80) {
-        if letter.is_control() {
-            short.extend(letter.escape_default());
-        } else {
-            short.push(letter);
-        }
-    }
-    short
 }
