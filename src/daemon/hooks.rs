@@ -6,16 +6,13 @@ use super::HooksParameters;
 use super::events::{Event, Events, Subscription};
 use crate::clock::Clock;
 use crate::log;
-use crate::process::{Cancel, Child, ChildExit};
+use crate::process::{Cancel, Child, ChildExit, last_line};
 use std::process::Command;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
-
-/// Letters of a command's words that the log gets: the last of them.
-const MOST_LETTERS: usize = 300;
 
 /// The thread that runs commands.
 pub struct Hooks {
@@ -111,10 +108,7 @@ fn log_ending(name: &str, ended: std::io::Result<(ChildExit, String)>) {
     match ended {
         Ok((ChildExit::Ended(status), _)) if status.success() => {}
         Ok((ChildExit::Ended(status), words)) => {
-            let words = words.trim();
-            let before = words.chars().count().saturating_sub(MOST_LETTERS);
-            let last: String = words.chars().skip(before).collect();
-            log::warning!("hooks.{name}: {status}: {last}");
+            log::warning!("hooks.{name}: {status}: {}", last_line(&words));
         }
         Ok((ChildExit::TimedOut, _)) => log::warning!(
             "hooks.{name}: the command was killed, because it \

@@ -6,7 +6,7 @@
 use super::models::{ModelFile, Models};
 use crate::clock::Clock;
 use crate::log;
-use crate::process::{Cancel, Child, ChildExit};
+use crate::process::{Cancel, Child, ChildExit, last_line};
 use parking_lot::Mutex;
 use sha2::{Digest, Sha256};
 use std::collections::VecDeque;
@@ -245,13 +245,7 @@ impl Views {
                 Ok(made) => Err(format!("it made {} bytes", made.len())),
                 Err(error) => Err(said(error)),
             },
-            (ChildExit::Ended(status), words) => {
-                let last = words.lines().last().unwrap_or_default();
-                Err(format!(
-                    "{status}: {}",
-                    last.chars().take(300).collect::<String>()
-                ))
-            }
+            (ChildExit::Ended(status), words) => Err(format!("{status}: {}", last_line(&words))),
             (ChildExit::TimedOut | ChildExit::Cancelled, _) => Err("it took too long".into()),
         }
     }

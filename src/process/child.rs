@@ -21,6 +21,19 @@ const PIECE: usize = 4096;
 /// talking.
 const LAST_PIECES: usize = 16;
 
+/// Characters of a line that a process said as it ended that are passed on.
+const LONGEST_LINE: usize = 300;
+
+/// The last line of what a process said that is not empty, cut to 300 characters: its reason for ending.
+pub fn last_line(said: &str) -> String {
+    let lines = said.lines().map(str::trim);
+    let last = lines.rev().find(|line| !line.is_empty());
+    last.unwrap_or_default()
+        .chars()
+        .take(LONGEST_LINE)
+        .collect()
+}
+
 /// How a process came to its end.
 #[derive(Debug)]
 pub enum ChildExit {
@@ -224,6 +237,13 @@ mod tests {
         assert!(matches!(end, ChildExit::Ended(status) if status.code() == Some(3)));
         assert!(words.ends_with("8998\n8999\n"), "{words}");
         assert!(words.len() <= MOST_WORDS, "{}", words.len());
+    }
+
+    #[test]
+    fn its_last_line_is_short_and_says_something() {
+        assert_eq!(last_line("a\nb \n\n"), "b");
+        assert_eq!(last_line(""), "");
+        assert_eq!(last_line(&"é".repeat(1000)).chars().count(), LONGEST_LINE);
     }
 
     #[test]

@@ -9,7 +9,7 @@ mod priority;
 mod system;
 
 pub use cancel::Cancel;
-pub use child::{Child, ChildExit};
+pub use child::{Child, ChildExit, last_line};
 pub use confine::{ConfineError, Limits, bind_to_parent, confine};
 pub use priority::{lower_priority, lower_thread_priority};
 pub use system::close_inherited;

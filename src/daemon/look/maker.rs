@@ -6,7 +6,7 @@ use super::{CameraLook, Looks};
 use crate::clock::Clock;
 use crate::frame::{Frame, Picture, Stream};
 use crate::log;
-use crate::process::{Cancel, Child, ChildExit, lower_thread_priority};
+use crate::process::{Cancel, Child, ChildExit, last_line, lower_thread_priority};
 use crate::trigger::LookFigures;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -168,9 +168,7 @@ impl Maker {
         match ended.map_err(said)? {
             (ChildExit::Ended(status), _) if status.success() => {}
             (ChildExit::Ended(status), words) => {
-                let last = words.lines().last().unwrap_or_default();
-                let last: String = last.chars().take(300).collect();
-                return Err(format!("{status}: {last}"));
+                return Err(format!("{status}: {}", last_line(&words)));
             }
             (ChildExit::TimedOut, _) => return Err("it took too long".into()),
             (ChildExit::Cancelled, _) => return Err("the daemon is ending".into()),
