@@ -18,12 +18,12 @@ pub fn probe(
     patience: Duration,
 ) -> std::io::Result<BTreeMap<String, CameraStatus>> {
     let mut rig = Rig::start(rig_cameras, clock, 64, Backoff::default())?;
-    let deadline = Instant::now() + patience;
+    let deadline = clock.now() + patience;
     while rig
         .states()
         .any(|(.., state)| !matches!(state, State::Ready(_)))
     {
-        let message = rig.events().recv_deadline(deadline);
+        let message = clock.recv_timeout(rig.events(), clock.until(deadline));
         let Ok(message) = message else { break };
         rig.note(message);
     }

@@ -1,5 +1,6 @@
 //! The daemon as a service: reports when it is ready and what its state is, shows that its socket is served, and
-//! reloads its configuration on request. It runs beside the socket, on the same thread.
+//! reloads its configuration on request. It runs beside the socket, on the same thread, with tokio's timers: a `Clock`
+//! wakes no task. How long the daemon has run, it reads from its `Clock`.
 
 use super::capturing::{Capturing, Order, ReloadedSettings};
 use super::parameters::ServiceParameters;

@@ -3,7 +3,6 @@
 
 use super::protocol::{COMMAND, CuttingSettings, Head, LARGEST_OUTPUT, PARENT, Pixels};
 use super::{CameraLook, Looks};
-use crate::clock::Clock;
 use crate::frame::{Frame, Picture, Stream};
 use crate::log;
 use crate::process::{Cancel, Child, ChildExit, last_line, lower_thread_priority};
@@ -164,7 +163,7 @@ impl Maker {
         command.env("RAYON_NUM_THREADS", "1");
         let written = output.try_clone().map_err(said)?;
         let child = Child::start_between(&mut command, input, written).map_err(said)?;
-        let ended = child.wait(PATIENCE, Clock::system(), &self.cancel);
+        let ended = child.wait(PATIENCE, self.looks.clock(), &self.cancel);
         match ended.map_err(said)? {
             (ChildExit::Ended(status), _) if status.success() => {}
             (ChildExit::Ended(status), words) => {

@@ -62,6 +62,11 @@ impl Looks {
         }))
     }
 
+    /// The clock that pictures are stamped by.
+    pub(super) fn clock(&self) -> Clock {
+        self.0.clock
+    }
+
     /// How many look.
     pub(super) fn count(&self) -> usize {
         self.0.lookers.load(Ordering::Acquire)

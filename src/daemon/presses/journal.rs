@@ -117,6 +117,8 @@ fn old(path: &Path) -> PathBuf {
     path.with_extension("old.jsonl")
 }
 
+/// Seconds since 1970 by the wall clock, and not by the daemon's `Clock`: that keeps the date that it began with, which
+/// may be wrong until the network is there, and a line with a wrong date would be forgotten at the next start.
 fn now() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);
     now.unwrap_or_default().as_secs()

@@ -1,6 +1,7 @@
 //! Limits what clients may use: a rate of requests shared by all of them, served in order of arrival, and a number of
 //! lines in the daemon's log. The number of clients is in `connection_limit`, the longest line in
-//! `trigger::LONGEST_REQUEST`.
+//! `trigger::LONGEST_REQUEST`. Tasks wait here with tokio's timers, because a `Clock` wakes no task; what decides is
+//! handed the time.
 
 use crate::log;
 use parking_lot::Mutex;
