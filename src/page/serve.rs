@@ -29,7 +29,7 @@ use tokio::time::Sleep;
 /// Connections at a time; any further one is closed at once.
 const CONNECTIONS: usize = 256;
 /// How long the headers of a request may take, and a connection may be idle.
-const HEADERS: Duration = Duration::from_secs(5);
+pub(super) const HEADERS: Duration = Duration::from_secs(5);
 /// How long the other side may refuse to read.
 const STALL: Duration = Duration::from_secs(20);
 /// Most headers of a request, and bytes that are read ahead.
@@ -105,7 +105,7 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = app.watch.keep_events(&app.daemon) => {}
         () = app.watch.keep_status(&app.daemon) => {}
         () = app.look.keep(&app.daemon, &app.models) => {}
-        () = accept(listener, tls, router(app.clone())) => {}
+        () = accept(listener, tls, router(app.clone()), HEADERS) => {}
         () = renewal => {}
         () = prepare(&app) => {}
         () = told_to_end() => {}
@@ -178,8 +178,14 @@ async fn told_to_end() {
     }
 }
 
-/// Accepts connections, for ever.
-pub(super) async fn accept(listener: TcpListener, tls: Option<Arc<Tls>>, router: Router) {
+/// Accepts connections, for ever. `patience` is how long the headers of a request may take, and how long a connection
+/// may be idle.
+pub(super) async fn accept(
+    listener: TcpListener,
+    tls: Option<Arc<Tls>>,
+    router: Router,
+    patience: Duration,
+) {
     let slots = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
         let Ok((stream, _)) = listener.accept().await else {
@@ -195,12 +201,12 @@ pub(super) async fn accept(listener: TcpListener, tls: Option<Arc<Tls>>, router:
         let stream = StallGuard::new(stream);
         tokio::spawn(async move {
             match acceptor {
-                None => serve_one(stream, router).await,
+                None => serve_one(stream, router, patience).await,
                 Some(acceptor) => {
                     // One that greets too slowly, or not at all, is left as one with slow headers is.
-                    let greeted = tokio::time::timeout(HEADERS, acceptor.accept(stream)).await;
+                    let greeted = tokio::time::timeout(patience, acceptor.accept(stream)).await;
                     if let Ok(Ok(stream)) = greeted {
-                        serve_one(stream, router).await;
+                        serve_one(stream, router, patience).await;
                     }
                 }
             }
@@ -209,10 +215,14 @@ pub(super) async fn accept(listener: TcpListener, tls: Option<Arc<Tls>>, router:
     }
 }
 
-async fn serve_one(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
+async fn serve_one(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    router: Router,
+    patience: Duration,
+) {
     let connection = hyper::server::conn::http1::Builder::new()
         .timer(TokioTimer::new())
-        .header_read_timeout(HEADERS)
+        .header_read_timeout(patience)
         .max_headers(MOST_HEADERS)
         .max_buf_size(BUFFER)
         .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));

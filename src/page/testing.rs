@@ -3,7 +3,7 @@
 
 use super::http::router;
 use super::parameters::Parameters;
-use super::serve::{accept, app};
+use super::serve::{HEADERS, accept, app};
 use super::sessions::Role;
 use super::tls::{Tls, TlsParameters};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -109,11 +109,11 @@ pub(super) struct Answer {
 
 impl Page {
     pub(super) fn start() -> Self {
-        Self::start_with(None)
+        Self::start_with(None, HEADERS)
     }
 
-    /// With TLS, if its files are given.
-    pub(super) fn start_with(tls: Option<TlsParameters>) -> Self {
+    /// With TLS, if its files are given; a connection may take so long for its headers.
+    pub(super) fn start_with(tls: Option<TlsParameters>, patience: Duration) -> Self {
         let root = tempfile::tempdir().unwrap();
         let daemon = Counted::default();
         daemon.serve(&root.path().join("scand.sock"));
@@ -151,7 +151,7 @@ impl Page {
                     () = served.watch.keep_events(&served.daemon) => {}
                     () = served.watch.keep_status(&served.daemon) => {}
                     () = served.look.keep(&served.daemon, &served.models) => {}
-                    () = accept(listener, tls, router(served.clone())) => {}
+                    () = accept(listener, tls, router(served.clone()), patience) => {}
                 }
             });
         });

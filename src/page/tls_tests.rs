@@ -1,5 +1,6 @@
 //! The page with a certificate of its own: what comes over TLS is answered, and nothing else.
 
+use super::serve::HEADERS;
 use super::sessions::Role;
 use super::testing::Page;
 use super::tls::tests::{CERTIFICATE, files};
@@ -33,7 +34,7 @@ fn ask(page: &Page, request: &str) -> String {
 #[test]
 fn what_comes_over_tls_is_answered_and_plain_requests_and_other_names_are_not() {
     let folder = tempfile::tempdir().unwrap();
-    let page = Page::start_with(Some(files(folder.path())));
+    let page = Page::start_with(Some(files(folder.path())), HEADERS);
     let port = page.address.port();
     let get = |host: &str, headers: &str| {
         format!("GET /api/me HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{headers}\r\n")

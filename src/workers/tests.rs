@@ -233,11 +233,20 @@ fn one_that_crashes_fails_alone_with_a_report_and_its_words() {
 fn one_that_hangs_is_killed_when_its_time_is_over() {
     let place = Place::new("[ $capture = s-1 ] && exec sleep 1000\nmake");
     let jobs = place.jobs();
-    place.offer(&jobs, 1..=2);
-    let (_workers, heard) = place.start(&jobs, |plan| plan.parameters.time_limit_s = 1);
-    let reason = heard.next().model.unwrap_err();
+    place.offer(&jobs, 1..=1);
+    let clock = Clock::by_hand(crate::frame::Timestamp(0));
+    let (_workers, heard) = place.start(&jobs, |plan| plan.clock = clock);
+    // Its time begins when its thread reads the clock, whenever that is.
+    let hung = loop {
+        clock.advance(Duration::from_secs(24 * 3600));
+        if let Ok(job) = heard.0.recv_timeout(Duration::from_millis(1)) {
+            break job;
+        }
+    };
+    let reason = hung.model.unwrap_err();
     assert!(reason.contains("workers.time_limit_s"), "{reason}");
     assert_eq!(place.report("s-1")["outcome"], "failed");
+    place.offer(&jobs, 2..=2);
     assert!(heard.next().model.is_ok());
 }
 

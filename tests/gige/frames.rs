@@ -217,15 +217,14 @@ fn triggers_may_be_rare() {
     alone("frames::triggers_may_be_rare", || {
         let stand = Stand::new([64, 48]);
         let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
-        for number in 0..2 {
-            let until = Instant::now() + Duration::from_secs(10);
-            while Instant::now() < until {
-                std::thread::sleep(device.idle_period());
-                device.idle().unwrap();
-            }
-            let (_, frames, stats) = stand.shoot(device.as_mut(), number);
-            assert_eq!((frames.len(), stats), (1, Ok(Default::default())));
+        // A camera lets go of who sends it nothing for three seconds: that is its own time, and no clock of ours.
+        let until = Instant::now() + Duration::from_secs(4);
+        while Instant::now() < until {
+            std::thread::sleep(device.idle_period());
+            device.idle().unwrap();
         }
+        let (_, frames, stats) = stand.shoot(device.as_mut(), 0);
+        assert_eq!((frames.len(), stats), (1, Ok(Default::default())));
     });
 }
 
