@@ -11,7 +11,6 @@ use crate::output::encode_jpeg;
 use crate::page::make_view::{DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
 use crate::process::Limits;
 use anyhow::Context;
-use flate2::Compression as Level;
 use flate2::write::GzEncoder;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -112,7 +111,7 @@ fn view_of(view: View, source: &[u8]) -> anyhow::Result<Vec<u8>> {
     match view {
         View::Model => {
             let small = compress(source, Compression::Quantization).map_err(anyhow::Error::msg)?;
-            let mut encoder = GzEncoder::new(Vec::new(), Level::default());
+            let mut encoder = GzEncoder::new(Vec::new(), flate2::Compression::default());
             encoder.write_all(&small)?;
             Ok(encoder.finish()?)
         }
