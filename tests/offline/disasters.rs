@@ -126,8 +126,7 @@ fn seconds(command: &mut Command) -> f64 {
     begin.elapsed().as_secs_f64()
 }
 
-/// The ratio depends on the machine and on what runs beside this test: it is printed, and held where nothing does, by
-/// `make torture`.
+/// The ratio depends on the machine and on what runs beside this test: `make test` prints it, `make torture` holds it.
 #[test]
 fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
     // A capture of a rig's size, several times.
@@ -142,7 +141,7 @@ fn a_recording_that_was_cut_off_is_recovered_about_as_fast_as_it_is_copied() {
     for (what, bytes) in [("cut off", cut_off), ("damaged in the middle", &damaged)] {
         let ratio = recovery_over_copying(bytes);
         println!("shown: recovery of {size} MB, {what}, at {ratio:.2} times the speed of copying");
-        assert!(!is_alone || ratio > 0.3, "{what}: {ratio}");
+        assert!(!is_alone || ratio >= 0.5, "{what}: {ratio}");
     }
 }
 
