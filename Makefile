@@ -58,13 +58,14 @@ check: ## all checks without root or a camera library: format, clippy, documenta
 	@CARGO=$(CARGO) scripts/check.sh
 
 test: deps check ## the gate: install what the tests need, then `check`, then the long tests, the rig's and the page's
+	scripts/part.sh "tests, without the laboratory" $(CARGO) test --locked --package scand --no-default-features --lib --quiet absent::
 	scripts/part.sh "tests, long" $(CARGO) test --locked --workspace --quiet -- long::
 	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
 	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page,fleet --lib --bins $(RIG_TESTS)
 	scripts/part.sh "tests, page" scripts/page-test.sh
 
-calibration-trial: ## calibrate rendered sessions with and without faults, and print the messages (SCAND_TRIAL=full for 5 megapixels)
-	$(CARGO) test --release --locked --test offline calibration_trial:: -- --ignored --nocapture --test-threads 1
+calibration-trial: ## calibrate rendered sessions with and without faults, print the messages, and hold stated errors against true ones (SCAND_TRIAL=full for 5 megapixels)
+	$(CARGO) test --release --locked --test offline -- calibration_trial:: stated_uncertainties_hold_over_many_sessions --ignored --nocapture --test-threads 1
 
 error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1

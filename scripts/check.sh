@@ -31,6 +31,11 @@ lint() {
 	part "clippy, ${features:-default}" "$cargo" clippy --locked --workspace "$@" ${features:+--features "$features"} -- -D warnings
 }
 
+# Clippy of the package alone, without the laboratory, with these features: what an installed program is.
+lint_installed() {
+	part "clippy, installed${1:+ with $1}" "$cargo" clippy --locked --package scand --no-default-features ${1:+--features "$1"} --lib --bins -- -D warnings
+}
+
 # rustfmt leaves comments as they are.
 narrow_comments() {
 	local wide
@@ -74,6 +79,8 @@ lint pedal --lib --bins
 lint openni2 --lib --bins
 lint page --lib --bins
 lint fleet --all-targets
+lint_installed ""
+lint_installed fleet
 documented=live
 if has_aravis; then
 	lint aravis --lib --bins
@@ -87,7 +94,7 @@ else
 fi
 if has_aravis && has_libclang; then
 	lint rig,page,fleet --all-targets
-	part "clippy, the package of Debian" "$cargo" clippy --locked --package scand --no-default-features --features rig,page,fleet --lib --bins -- -D warnings
+	lint_installed rig,page,fleet
 	documented=rig,page,fleet
 else
 	skip "clippy, rig" "it wants aravis and libclang"

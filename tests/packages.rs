@@ -77,18 +77,16 @@ fn the_default_build_needs_rust_and_a_c_compiler_alone() {
 #[test]
 fn an_installed_rig_holds_no_simulator() {
     let script = include_str!("../scripts/deb.sh");
-    let options = ["--no-default-features", "--features", "rig"];
-    assert!(
-        script.contains(&options.join(" ")),
-        "how the package is built"
-    );
+    let options = ["--no-default-features", "--features", "rig,page,fleet"];
+    let built = format!("features=({})\n", options.join(" "));
+    assert!(script.contains(&built), "how the package is built");
     assert_eq!(
         packages(&options),
         ["scand", "scand_core"].map(str::to_owned).into()
     );
     // What is built otherwise has it.
     let all = ["scand", "scand_core", "scand_lab"].map(str::to_owned);
-    assert_eq!(packages(&["--features", "rig"]), all.into());
+    assert_eq!(packages(&["--features", "rig,page,fleet"]), all.into());
 }
 
 #[test]

@@ -59,7 +59,7 @@ cd ../../..
 version=$("$scand" --version)
 if [[ $version == *aravis* && $version == *openni2* ]]; then
 	SCAND=$scand PYTHON=$(realpath -s target/interop/environment/bin/python) $here/press.sh target/interop/press
-elif [ -n "${SCAND_REQUIRE_ALL:-}" ]; then
+elif [ "${SCAND_REQUIRE_ALL:-}" = 1 ]; then
 	echo "interop: $scand has no cameras, and so no press" >&2
 	exit 1
 else

@@ -319,7 +319,7 @@ fn knows_depth(measured: &Measured) {
 
 /// Errors of one session hang together, for all are told in the frame of one placement: this takes several.
 #[test]
-#[ignore = "six sessions take two minutes"]
+#[ignore = "six sessions take two minutes: make calibration-trial"]
 fn stated_uncertainties_hold_over_many_sessions() {
     let mut errors = Vec::new();
     for seed in 1..=6 {
