@@ -194,7 +194,7 @@ fn a_model_that_is_made_again_lies_beside_the_first() {
     let settings = std::collections::BTreeMap::from([("hull.resolution".into(), 60.into())]);
     let remake = Remake::new(&capture, &settings).unwrap();
     // It is asked for first, and made last.
-    jobs.remakes().offer(remake).unwrap();
+    jobs.remakes().enqueue(remake).unwrap();
     let (_workers, heard) = start(&jobs, plan(home.path(), |_| ()));
     let tell = move |news| drop(remade.send(news));
     let _remaking = start_remakes(&jobs, plan(home.path(), |_| ()), tell).unwrap();
@@ -209,7 +209,7 @@ fn a_model_that_is_made_again_lies_beside_the_first() {
     assert!(again.len() > before.len());
     assert!(before == std::fs::read(first.folder.join("model.glb")).unwrap());
     let unknown = Remake::new("cup-999", &settings).unwrap();
-    jobs.remakes().offer(unknown).unwrap();
+    jobs.remakes().enqueue(unknown).unwrap();
     let none = heard_remade.recv_timeout(Duration::from_secs(120)).unwrap();
     assert!(none.model.unwrap_err().contains("no recording in"));
     assert!(!home.path().join("models/.remake").exists());

@@ -2,6 +2,10 @@
 //! the same lines in the rooms' own parameters.
 
 use super::Config;
+use crate::daemon::{
+    CaptureParameters, HooksParameters, RecordingParameters, ServiceParameters, SocketParameters,
+};
+use crate::workers;
 use std::path::Path;
 use toml::Table;
 
@@ -149,27 +153,31 @@ fn a_number_of_a_calibration_says_them_too() {
     assert!(ranges >= 20, "{ranges}");
 }
 
-/// The defaults of the whole comment above a line, such as `… Default 0.005 and 0.03.`
-fn defaults_above(text: &str, begin: &str) -> Vec<f64> {
+/// The words of the whole comment above a line.
+fn comment_above<'a>(text: &'a str, begin: &str) -> Vec<&'a str> {
     let lines: Vec<&str> = text.lines().map(str::trim).collect();
     let at = lines.iter().position(|line| line.starts_with(begin));
     let at = at.unwrap_or_else(|| panic!("no line begins with {begin:?}"));
+    // What reads a setting stands between it and its comment.
+    let above = lines[..at].iter().rev();
+    let above = above.skip_while(|line| line.starts_with("#["));
     let is_comment = |line: &&&str| line.starts_with("# ") || line.starts_with("/// ");
-    let mut comment: Vec<&str> = lines[..at]
-        .iter()
-        .rev()
-        .take_while(is_comment)
-        .copied()
-        .collect();
+    let mut comment: Vec<&str> = above.take_while(is_comment).copied().collect();
     comment.reverse();
-    let words = comment
-        .iter()
-        .flat_map(|line| line.split_whitespace().skip(1));
+    let words = comment.into_iter();
+    words
+        .flat_map(|line| line.split_whitespace().skip(1))
+        .collect()
+}
+
+/// The defaults of the whole comment above a line, such as `… Default 0.005 and 0.03.`
+fn defaults_above(text: &str, begin: &str) -> Vec<f64> {
+    let words = comment_above(text, begin).into_iter();
     let after = words.skip_while(|word| *word != "Default").skip(1);
     let numbers =
         after.take_while(|word| *word == "and" || word.starts_with(|c: char| c.is_ascii_digit()));
     numbers
-        .filter_map(|word| word.trim_end_matches('.').parse().ok())
+        .filter_map(|word| word.trim_end_matches(['.', ':']).parse().ok())
         .collect()
 }
 
@@ -189,4 +197,54 @@ fn the_verdicts_limits_say_their_defaults() {
         let documented = defaults_above(&source, &format!("pub {name}: "));
         assert_eq!(documented, expected, "verdict.{name}");
     }
+}
+
+/// The numbers of the rig, of the workers and of the page: their comments say their defaults, and have a range.
+#[test]
+fn a_number_of_the_rig_says_its_default_and_has_a_range() {
+    let daemon = "src/daemon/parameters.rs";
+    let shown: Table = toml::from_str(&text("config/page.toml")).unwrap();
+    let all = [
+        (
+            daemon,
+            "CaptureParameters",
+            of(CaptureParameters::default()),
+        ),
+        (
+            daemon,
+            "RecordingParameters",
+            of(RecordingParameters::default()),
+        ),
+        (
+            daemon,
+            "ServiceParameters",
+            of(ServiceParameters::default()),
+        ),
+        (daemon, "SocketParameters", of(SocketParameters::default())),
+        (daemon, "HooksParameters", of(HooksParameters::default())),
+        (
+            "src/workers/parameters.rs",
+            "Parameters",
+            of(workers::Parameters::default()),
+        ),
+        ("src/page/parameters.rs", "Parameters", shown),
+    ];
+    let mut seen = 0;
+    for (source, name, defaults) in all {
+        let source = text(source);
+        let parameters = &source[source.find(&format!("pub struct {name} ")).unwrap()..];
+        for (key, value) in numbers(&defaults) {
+            let begin = format!("pub {key}: ");
+            assert_eq!(defaults_above(parameters, &begin), [value], "{name}.{key}");
+            let words = comment_above(parameters, &begin).join(" ");
+            let has_range = words.contains(" to ") || words.contains("0 or more");
+            assert!(has_range, "{name}.{key}: {words}");
+            seen += 1;
+        }
+    }
+    assert!(seen >= 18, "{seen}");
+}
+
+fn of(parameters: impl serde::Serialize) -> Table {
+    Table::try_from(parameters).unwrap()
 }

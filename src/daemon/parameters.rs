@@ -12,7 +12,8 @@ pub struct CaptureParameters {
     /// How often a failed capture is automatically taken again, 0 to 10. Default 1.
     #[serde(deserialize_with = "count::<_, _, 0, 10>")]
     pub retry: u32,
-    /// Largest spread of the colour frames' timestamps, in milliseconds; more is a failed capture. Default 50.
+    /// Largest spread of the colour frames' timestamps, in milliseconds, 0 to 3600000; more is a failed capture.
+    /// Default 50.
     #[serde(deserialize_with = "milliseconds")]
     pub largest_skew_ms: f64,
     /// How long frames are waited for after the end of a capture's window, in milliseconds: they may be exposed in time
@@ -80,11 +81,11 @@ impl RecordingParameters {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, Default, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct RigParameters {
-    /// Its name, which every recording carries.
+    /// Its name, which every recording carries. Default empty.
     pub name: String,
     /// The calibration of its cameras; a relative path is beside the configuration. Needed.
     pub calibration: PathBuf,
-    /// The box that is reconstructed, in metres of the rig's frame.
+    /// The box that is reconstructed, in metres of the rig's frame. Default that of the calibration.
     pub volume: Option<BoxCorners>,
 }
 
@@ -92,9 +93,9 @@ pub struct RigParameters {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServiceParameters {
-    /// Cameras that may be missing once all were waited for. Default 0: not ready before all have answered.
+    /// Cameras that may be missing once all were waited for, 0 or more. Default 0: not ready before all have answered.
     pub missing_cameras: usize,
-    /// How long all cameras are waited for before fewer are enough, in seconds. Default 60.
+    /// How long all cameras are waited for before fewer are enough, in seconds, 0 to 86400. Default 60.
     #[serde(deserialize_with = "crate::range::seconds_of_a_day")]
     pub patience_s: f64,
 }

@@ -17,29 +17,29 @@ const LARGEST_FILE: u64 = 64 << 10;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// The address and port that the page listens on; one of loopback without `tls`.
+    /// The address and port that the page listens on; one of loopback without `tls`. Default `127.0.0.1:8437`.
     pub listen: SocketAddr,
-    /// The administrator's certificate; `None` for the page without TLS.
+    /// The administrator's certificate. Default none: the page without TLS.
     pub tls: Option<TlsParameters>,
-    /// How browsers reach the page, such as `https://rig.example`; empty: under `localhost` and the address of
+    /// How browsers reach the page, such as `https://rig.example`. Default none: under `localhost` and the address of
     /// `listen`.
     pub origins: Vec<String>,
-    /// What the page calls the rig.
+    /// What the page calls the rig. Default empty.
     pub rig: String,
-    /// The daemon's socket.
+    /// The daemon's socket. Default `/run/scand/scand.sock`.
     pub socket: PathBuf,
-    /// The folder of models.
+    /// The folder of models. Default `/var/lib/scand/models`.
     pub models: PathBuf,
-    /// The folder of the page's own state, which only its user can read.
+    /// The folder of the page's own state, which only its user can read. Default `/var/lib/scand-page`.
     pub state: PathBuf,
-    /// The folder of small forms of models' files, which may be removed at any time.
+    /// The folder of small forms of models' files, which may be removed at any time. Default `/var/cache/scand-page`.
     pub cache: PathBuf,
-    /// The socket on which `scand page pair` and `revoke` ask.
+    /// The socket on which `scand page pair` and `revoke` ask. Default `/run/scand-page/control.sock`.
     pub control: PathBuf,
-    /// How long an operator's session lasts, in hours, 1 to 744.
+    /// How long an operator's session lasts, in hours, 1 to 744. Default 12.
     #[serde(deserialize_with = "range::count::<_, _, 1, 744>")]
     pub operator_hours: u32,
-    /// How long a viewer's session lasts, in hours, 1 to 8784.
+    /// How long a viewer's session lasts, in hours, 1 to 8784. Default 720.
     #[serde(deserialize_with = "range::count::<_, _, 1, 8784>")]
     pub viewer_hours: u32,
 }

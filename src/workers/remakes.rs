@@ -163,7 +163,7 @@ impl Remakes {
     ///
     /// # Errors
     /// If too many wait, the same one waits already, it cannot be written, or the daemon is ending.
-    pub fn offer(&self, remake: Remake) -> Result<usize, String> {
+    pub fn enqueue(&self, remake: Remake) -> Result<usize, String> {
         let mut state = self.state.lock();
         if state.is_stopped {
             return Err("the daemon is ending".into());
@@ -319,25 +319,25 @@ mod tests {
             Remake::new(&format!("a-{n:04}"), &one).unwrap()
         };
         for n in 0..MOST_WAITING {
-            assert_eq!(remakes.offer(remake(n)), Ok(n));
+            assert_eq!(remakes.enqueue(remake(n)), Ok(n));
         }
         assert!(
             remakes
-                .offer(remake(3))
+                .enqueue(remake(3))
                 .unwrap_err()
                 .contains("waiting already")
         );
         assert!(
             remakes
-                .offer(remake(99))
+                .enqueue(remake(99))
                 .unwrap_err()
                 .contains("10 remakes")
         );
         assert_eq!(remakes.take(|| true), Some(remake(0)));
-        assert_eq!(remakes.offer(remake(99)), Ok(MOST_WAITING));
+        assert_eq!(remakes.enqueue(remake(99)), Ok(MOST_WAITING));
         remakes.stop();
         assert!(remakes.take(|| true).is_none());
-        assert!(remakes.offer(remake(7)).is_err());
+        assert!(remakes.enqueue(remake(7)).is_err());
     }
 
     #[test]
@@ -350,7 +350,7 @@ mod tests {
         };
         let remakes = Remakes::open(&file);
         for capture in ["a-0001", "a-0002", "a-0003"] {
-            remakes.offer(remake(capture)).unwrap();
+            remakes.enqueue(remake(capture)).unwrap();
         }
         assert_eq!(remakes.take(|| true), Some(remake("a-0001")));
         remakes.finish();
@@ -384,7 +384,7 @@ mod tests {
         let remakes = Remakes::open(&file.join("remakes.json"));
         let one = settings(json!({ "hull.resolution": 120 }));
         let refused = remakes
-            .offer(Remake::new("a-0001", &one).unwrap())
+            .enqueue(Remake::new("a-0001", &one).unwrap())
             .unwrap_err();
         assert!(refused.contains("cannot be kept"), "{refused}");
         assert!(remakes.is_empty());

@@ -248,7 +248,7 @@ impl Capturing {
         settings: &BTreeMap<String, serde_json::Value>,
     ) -> Result<String, String> {
         let jobs = self.jobs.as_ref().ok_or("this daemon makes no models")?;
-        let before = jobs.remakes().offer(Remake::new(capture, settings)?)?;
+        let before = jobs.remakes().enqueue(Remake::new(capture, settings)?)?;
         let words = format!("the model of {capture} is made again when no other waits");
         Ok(match before {
             0 => words,

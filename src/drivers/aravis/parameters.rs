@@ -22,26 +22,26 @@ pub struct Parameters {
     pub pixel_format: Option<PixelFormat>,
     /// Part of the sensor that is read, in pixels.
     pub region: Option<Region>,
-    /// Exposure in seconds.
+    /// Exposure in seconds, above 0.
     #[serde(deserialize_with = "range::optional_positive")]
     pub exposure: Option<f64>,
     /// Whether the camera may choose the exposure; default `false`, and then it is switched off.
     pub auto_exposure: Option<bool>,
-    /// Gain in decibels.
+    /// Gain in decibels, any finite number.
     #[serde(deserialize_with = "range::optional_finite")]
     pub gain_db: Option<f64>,
     /// Gain in the camera's own steps, for one that knows no decibels (`GainRaw`).
     pub gain_raw: Option<i64>,
     /// Whether the camera may choose the gain; default `false`, and then it is switched off.
     pub auto_gain: Option<bool>,
-    /// Gains of red, green and blue.
+    /// Gains of red, green and blue, each above 0.
     #[serde(deserialize_with = "range::optional_three_positive")]
     pub white_balance: Option<[f64; 3]>,
     /// Whether the camera may choose the white balance; default `false`, and then it is switched off.
     pub auto_white_balance: Option<bool>,
     /// How its colours are encoded, which it cannot tell; default `linear`, what sensors give without a gamma.
     pub transfer: Option<Transfer>,
-    /// Size of its packets in bytes, with their IP header; default: the largest that gets through.
+    /// Size of its packets in bytes, with their IP header, 220 to 16404; default: the largest that gets through.
     #[serde(deserialize_with = "range::optional_count::<_, 220, 16_404>")]
     pub packet_size: Option<u32>,
     /// Pause between two of its packets in nanoseconds.
@@ -56,7 +56,7 @@ pub struct Parameters {
     pub trigger_source: Option<String>,
     /// Which edge of a line starts the exposure; default `rising-edge`.
     pub trigger_activation: Option<Activation>,
-    /// Frames a second, with `free-run`.
+    /// Frames a second, with `free-run`, above 0.
     #[serde(deserialize_with = "range::optional_positive")]
     pub frame_rate: Option<f64>,
     /// Device key of action commands; default 0.
@@ -65,7 +65,7 @@ pub struct Parameters {
     pub action_group_key: Option<u32>,
     /// Group mask of action commands; default 1.
     pub action_group_mask: Option<u32>,
-    /// How long after a trigger the exposure of an action command is scheduled, in seconds; default 0.02.
+    /// How long after a trigger the exposure of an action command is scheduled, in seconds above 0; default 0.02.
     #[serde(deserialize_with = "range::optional_positive")]
     pub action_lead: Option<f64>,
     /// Whether its clock follows the network's (PTP, IEEE 1588); default `true` with `action`.

@@ -11,7 +11,7 @@ pub struct Parameters {
     /// no other camera of the rig has. A URI names a USB port's address, which changes when the camera is plugged in
     /// again. Default `any`.
     pub device: Option<String>,
-    /// Width and height of depth and colour, in pixels. Default 640 by 480.
+    /// Width and height of depth and colour, in pixels, 1 to 16384 each. Default 640 by 480.
     #[serde(deserialize_with = "range::optional_size")]
     pub size: Option<[u32; 2]>,
     /// Frames in a second, from 1 to 240. Default 30.
@@ -32,11 +32,11 @@ pub struct Parameters {
     /// Whether the camera's light is on for its captures alone, because depth cameras that see the same place disturb
     /// each other. Default false.
     pub take_turns: Option<bool>,
-    /// Without a frame for so long, in milliseconds, the camera counts as away. Default 1000.
+    /// Without a frame for so long, in milliseconds, 0 to 3600000, the camera counts as away. Default 1000.
     #[serde(deserialize_with = "range::optional_milliseconds")]
     pub silence_ms: Option<f64>,
-    /// Time from the beginning of an exposure to the arrival of its frame, in milliseconds; nothing measures it.
-    /// Default: the time between two frames.
+    /// Time from the beginning of an exposure to the arrival of its frame, in milliseconds, 0 to 3600000; nothing
+    /// measures it. Default: the time between two frames.
     #[serde(deserialize_with = "range::optional_milliseconds")]
     pub latency_ms: Option<f64>,
     /// Of an `.oni` file: whether it begins again at its end. Default true.

@@ -14,15 +14,15 @@ pub struct Parameters {
     /// Its path, one that stays: below `/dev/v4l/by-id` or `/dev/v4l/by-path`, or a link of a rule of one's own. The
     /// numbers of `/dev/video0` and so on change. Needed.
     pub device: Option<String>,
-    /// Width and height in pixels. Needed.
+    /// Width and height in pixels, 1 to 16384 each. Needed.
     #[serde(deserialize_with = "range::optional_size")]
     pub size: Option<[u32; 2]>,
     /// How its pixels come. Default `mjpeg`.
     pub pixel_format: Option<PixelFormat>,
-    /// Frames in a second.
+    /// Frames in a second, above 0 and up to 1000.
     #[serde(deserialize_with = "range::optional_rate")]
     pub rate: Option<f64>,
-    /// Exposure in seconds (`exposure_time_absolute`, which counts 100 µs).
+    /// Exposure in seconds, above 0 and up to 3600 (`exposure_time_absolute`, which counts 100 µs).
     #[serde(deserialize_with = "range::optional_seconds")]
     pub exposure: Option<f64>,
     /// Whether the camera may choose the exposure. Default false, and then it is switched off.
@@ -43,14 +43,14 @@ pub struct Parameters {
     pub trigger: Option<TriggerMode>,
     /// How its colours are encoded, which it cannot tell. Default `srgb`.
     pub transfer: Option<Transfer>,
-    /// Time from the end of an exposure to the frame's last line, in seconds; for cameras that stamp the end of a
-    /// frame. Default: the time between two frames, or 0 where that is not known.
+    /// Time from the end of an exposure to the frame's last line, in seconds above 0 and up to 3600; for cameras that
+    /// stamp the end of a frame. Default: the time between two frames, or 0 where that is not known.
     #[serde(deserialize_with = "range::optional_seconds")]
     pub readout: Option<f64>,
     /// Frames that the kernel has memory for, 4 to 32. Default 6.
     #[serde(deserialize_with = "range::optional_count::<_, 4, 32>")]
     pub buffers: Option<u32>,
-    /// Without a frame for so long, in milliseconds, a free-running camera counts as away. Default 2000.
+    /// Without a frame for so long, in milliseconds, 0 to 3600000, a free-running camera counts as away. Default 2000.
     #[serde(deserialize_with = "range::optional_milliseconds")]
     pub silence_ms: Option<f64>,
 }

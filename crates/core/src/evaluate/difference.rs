@@ -17,14 +17,14 @@ use serde::Serialize;
 #[derive(serde::Deserialize, Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct DifferenceParameters {
-    /// Points on each surface, beside its vertices. Default 200 000.
+    /// Points on each surface, beside its vertices, 1 to 20 000 000. Default 200 000.
     pub samples: usize,
-    /// Surfaces nowhere farther apart than this are the same, in millimetres. Default 0.01. Round-off is never a
-    /// difference.
+    /// Surfaces nowhere farther apart than this are the same, in millimetres, 0 or more; round-off is never a
+    /// difference. Default 0.01.
     pub tolerance_mm: f64,
-    /// Largest number of places with the largest differences that are listed. Default 8.
+    /// Largest number of places with the largest differences that are listed, 0 or more. Default 8.
     pub places: usize,
-    /// Places are at least this far apart, in millimetres. Default 10.
+    /// Places are at least this far apart, in millimetres, 0 or more. Default 10.
     pub place_distance_mm: f64,
 }
 

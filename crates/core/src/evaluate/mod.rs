@@ -52,27 +52,30 @@ pub enum Error {
     NoSurface { what: &'static str, floor_mm: f64 },
 }
 
-/// What is measured, and how closely.
+/// What is measured, and how closely. Lengths are finite numbers of 0 or more, where no other range is named; the
+/// commands check what they let a person set.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
-    /// Points on each surface. Default 200 000.
+    /// Points on each surface, 1 to 20 000 000. Default 200 000.
     pub samples: usize,
-    /// What is at or below this height (of z, in millimetres) is left out, for no camera sees it. Default 1.5.
+    /// What is at or below this height (of z, in millimetres) is left out, for no camera sees it; any
+    /// finite number. Default 1.5.
     pub floor_mm: f64,
-    /// Thresholds of the F-scores, in millimetres. Default 0.5, 1 and 2.
+    /// Thresholds of the F-scores, in millimetres, each above 0. Default 0.5, 1 and 2.
     pub thresholds_mm: Vec<f64>,
     /// The truth's concave part lies deeper than this inside its convex hull, in millimetres. Default 4.
     pub concave_depth_mm: f64,
-    /// Distances along the normal and errors of thickness count as at most this, in millimetres. Default 30.
+    /// Distances along the normal and errors of thickness count as at most this, in millimetres, above 0. Default 30.
     pub cap_mm: f64,
-    /// A rim bends outwards with a radius below this, in millimetres. Default 3.
+    /// A rim bends outwards with a radius below this, in millimetres, above 0. Default 3.
     pub rim_radius_mm: f64,
     /// What is nearer to a rim than this is near it, in millimetres. Default 3.
     pub rim_width_mm: f64,
-    /// Largest thickness of a wall, in millimetres. Default 10.
+    /// Largest thickness of a wall, in millimetres, above 0. Default 10.
     pub wall_mm: f64,
-    /// Where the bins of expected errors end, in millimetres, ascending. Default 0.1, 0.25, 0.5, 1, 2, 4 and 8.
+    /// Where the bins of expected errors end, in millimetres, above 0 and ascending. Default 0.1, 0.25, 0.5, 1, 2, 4
+    /// and 8.
     pub expected_bins_mm: Vec<f64>,
 }
 

@@ -16,13 +16,16 @@ use std::collections::BTreeMap;
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
-    /// Root mean square residual, in pixels, up to which a calibration is good. Default 0.25.
+    /// Root mean square residual, in pixels, up to which a calibration is good.
+    /// Default 0.25, from 0 to `accepted_px`.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub good_px: f64,
-    /// Up to which it is accepted. Default 0.4.
+    /// The same, up to which it is accepted.
+    /// Default 0.4, from `good_px` to `refused_px`.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub accepted_px: f64,
-    /// Beyond which it is refused. Default 0.6.
+    /// The same, beyond which it is refused.
+    /// Default 0.6, from `accepted_px` to 100.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub refused_px: f64,
     /// Largest ratio of the residual of held-out placements to that of the fit.

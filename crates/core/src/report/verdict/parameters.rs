@@ -3,13 +3,13 @@
 use super::Level;
 use serde::{Deserialize, Serialize};
 
-/// Two limits of one figure.
+/// Two limits of one figure, in its unit. Any number is taken: beyond one that no figure reaches, nothing is a reason.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
     /// Beyond this it is amber.
     pub amber: f64,
-    /// Beyond this it is red; without it, it never is.
+    /// Beyond this it is red. Default none: it never is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub red: Option<f64>,
 }
