@@ -68,7 +68,8 @@ fn the_default_build_needs_rust_and_a_c_compiler_alone() {
     ] {
         assert!(!all.contains(tool), "the default build has {tool}");
     }
-    // Those that compile something that is not Rust: C, or assembly. A new one must be looked at before it is listed here.
+    // Those that compile something that is not Rust: C, or assembly. A new one must be looked at before it is listed
+    // here.
     let compiled = tree(&[&edges[..], &["--invert", "cc", "--depth", "1"]].concat());
     let known = ["cc", "generator", "lz4_sys", "zstd_sys"].map(str::to_owned);
     assert_eq!(compiled, known.into());

@@ -1,4 +1,5 @@
-//! Runs what a new user types: `scand demo`, and the lines of README.md and docs/commands.md that can be pasted in order.
+//! Runs what a new user types: `scand demo`, and the lines of README.md and docs/commands.md that can be pasted in
+//! order.
 
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.
 mod long {
