@@ -45,7 +45,7 @@ export class Rig {
   /** What a command says, or an error with it. */
   scand(...args) {
     const found = spawnSync(SCAND, args, { cwd: this.folder, encoding: "utf8" });
-    if (found.status !== 0) throw new Error(`scand ${args.join(" ")}: ${found.error ?? ""} ${found.stderr}`);
+    if (found.status !== 0) throw new Error(`scand ${args.join(" ")}: ${found.error ?? ""} ${found.stderr} ${found.stdout}`);
     return found.stdout;
   }
 
