@@ -89,7 +89,7 @@ started+=($!)
 exec 3>commands
 until_true "the cameras" grep -q serving cameras.log
 start daemon "$scand" run --config rig.toml
-for n in $(seq 1 $cameras); do until_true "the daemon" grep -q "camera c0$((n - 1)): ready" daemon.log; done
+for n in $(seq 1 $cameras); do until_true "the daemon" grep -q "camera c0$((n - 1)) is ready: " daemon.log; done
 start fleet "$scand" fleet run --config rig.toml --name hall
 
 say "a server and two workers"

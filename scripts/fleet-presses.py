@@ -134,7 +134,7 @@ packet_size = 9000
         self.command("simulate", *shape, "--out", "served.mcap")
         self.command("info", "served.mcap", "--calibration", "calibration.toml")
         self.start("cameras", self.scand, "simulate", "--serve", "served.mcap", "--empty", said=["serving"])
-        ready = [f"camera c{n:02}: ready" for n in range(CAMERAS)]
+        ready = [f"camera c{n:02} is ready: " for n in range(CAMERAS)]
         self.start("daemon", self.scand, "run", "--config", f"{SERVER_PORT}.toml", said=ready)
         self.command("background", "--socket", "scand.sock")
         self.running["cameras"].stdin.write(b"captures\n")

@@ -60,7 +60,7 @@ until_said serving cameras.log
 LD_LIBRARY_PATH=$libraries SCAND_OPENNI2_FRAMES=$out/frames "$scand" run --config rig.toml --set workers.count=$models 2>daemon.log &
 daemon=$!
 until_said listening daemon.log
-for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "camera $camera: ready" daemon.log; done
+for camera in $(cut -d' ' -f1 <cameras.log | grep '^c') kinect; do until_said "camera $camera is ready: " daemon.log; done
 
 "$scand" background --socket scand.sock
 echo captures >&3

@@ -120,9 +120,14 @@ fn find(args: &FindArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+fn parent(path: &Path) -> anyhow::Result<&Path> {
+    let parent = path.parent();
+    parent.with_context(|| format!("{} has no parent folder", path.display()))
+}
+
 fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
     args.confinement.bind_to_parent()?;
-    let folder = args.to.parent().context("no folder")?;
+    let folder = parent(&args.to)?;
     let reads = [args.recording.clone(), args.config.clone()];
     args.confinement.confine(&reads, &[folder.to_owned()])?;
     let config = Config::load(Some(&args.config), &[])?;
@@ -161,7 +166,7 @@ fn make(args: make_model::Args) -> anyhow::Result<ExitCode> {
 
 fn put_into_place(args: &CommitArgs) -> anyhow::Result<ExitCode> {
     args.confinement.bind_to_parent()?;
-    let folder = args.target.parent().context("no folder")?.to_owned();
+    let folder = parent(&args.target)?.to_owned();
     std::fs::create_dir_all(&folder)?;
     let mut reads = vec![args.bundle.clone(), args.recording.clone()];
     reads.extend(Some(beside(&args.recording)).filter(|path| path.exists()));
@@ -205,8 +210,9 @@ impl make_model::Args {
             .writes()?
             .into_iter()
             .next()
-            .context("no recording")?;
-        let capture = replay.captures().first().context("no capture")?;
+            .context("no output folder was given for a recording")?;
+        let capture = replay.captures().first();
+        let capture = capture.context("no capture was named")?;
         Ok((folder, capture.clone()))
     }
 }

@@ -58,11 +58,12 @@ fn made(mut input: impl BufRead) -> anyhow::Result<Vec<u8>> {
         .by_ref()
         .take(LONGEST_HEAD)
         .read_until(b'\n', &mut line)?;
-    let head: Head = serde_json::from_slice(&line).context("the first line")?;
+    let head: Head =
+        serde_json::from_slice(&line).context("cannot parse the request's first line")?;
     let mut bytes = |pixels: &Pixels| -> anyhow::Result<Vec<u8>> {
         anyhow::ensure!(
             pixels.bytes <= LARGEST_INPUT,
-            "a picture of {} bytes",
+            "the picture has {} bytes, expected at most {LARGEST_INPUT}",
             pixels.bytes
         );
         let mut bytes = vec![0; pixels.bytes as usize];
@@ -73,12 +74,13 @@ fn made(mut input: impl BufRead) -> anyhow::Result<Vec<u8>> {
     let (seen, picture) = if head.depth {
         depth(&head.frame, &frame)?
     } else {
-        let picture = decoded(&head.frame, &frame).context("the frame")?;
+        let picture = decoded(&head.frame, &frame).context("cannot decode the frame")?;
         drop(frame);
         let background = match &head.background {
             Some(background) => {
                 let encoded = bytes(background)?;
-                Some(decoded(background, &encoded).context("the background")?)
+                let decoded = decoded(background, &encoded);
+                Some(decoded.context("cannot decode the background")?)
             }
             None => None,
         };
@@ -152,7 +154,8 @@ fn cutting(head: &Head, background: Option<RgbImage>) -> anyhow::Result<Result<C
         camera: camera.clone(),
         volume,
         background,
-        parameters: serde_json::from_value(silhouette.clone()).context("silhouette")?,
+        parameters: serde_json::from_value(silhouette.clone())
+            .context("cannot read the silhouette settings")?,
     }))
 }
 
@@ -174,7 +177,7 @@ fn checked(size: (usize, usize)) -> anyhow::Result<(usize, usize)> {
     let (width, height) = size;
     anyhow::ensure!(
         width.saturating_mul(height) <= MOST_PIXELS,
-        "a picture of {width}x{height} pixels, expected at most {MOST_PIXELS} pixels"
+        "the picture has {width}x{height} pixels, expected at most {MOST_PIXELS} pixels"
     );
     Ok(size)
 }

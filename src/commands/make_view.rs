@@ -76,7 +76,9 @@ fn form_of(form: &str, source: &[u8]) -> anyhow::Result<Vec<u8>> {
 
 /// How far two models are apart, as a line of JSON and a picture.
 fn difference_of(source: &[u8]) -> anyhow::Result<Vec<u8>> {
-    let (length, both) = source.split_first_chunk().context("no length")?;
+    let (length, both) = source
+        .split_first_chunk()
+        .context("the input ends before the first model's length")?;
     let length = usize::try_from(u64::from_le_bytes(*length))?;
     let (a, b) = both
         .split_at_checked(length)

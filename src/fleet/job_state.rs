@@ -122,7 +122,7 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
         while self.lacks_space() && !self.is_over() {
             let folder = self.offers.spool.display();
             self.report_problem(&format!(
-                "{folder} has less than {} MB left",
+                "{folder} has less than {} MB left; jobs wait until you free some space",
                 KEEP_FREE / 1_000_000
             ));
             self.offers.pause(Duration::from_secs(5)).await;

@@ -20,9 +20,9 @@ const HALVINGS: u32 = 4;
 /// How long the end of a process waits for the server.
 const FLUSH: Duration = Duration::from_secs(2);
 
-/// Why the server did not do what it was asked. Whoever gets it waits and asks again.
+/// Why the server did not do what it was asked. The caller waits and asks again.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("the server does not {doing}: {cause}")]
+#[error("the fleet's server failed to {doing}: {cause}")]
 pub(super) struct ServerError {
     pub(super) doing: &'static str,
     pub(super) cause: String,
@@ -101,7 +101,7 @@ impl FleetClient {
     /// Makes a stream if it is not there; a smaller one, as often `halved` or more often, on a server whose storage is
     /// small. Returns how often.
     async fn make_stream(&self, wanted: Config, halved: u32) -> Result<u32, ServerError> {
-        let failed = ServerError::error_while("keep streams");
+        let failed = ServerError::error_while("create a stream");
         let (name, most) = (&wanted.name, wanted.max_bytes);
         for halved in halved..=HALVINGS {
             let config = Config {
@@ -132,7 +132,7 @@ impl FleetClient {
     /// Stores a message; it is on the server when this returns.
     pub(super) async fn store(&self, subject: String, bytes: Bytes) -> Result<(), ServerError> {
         self.is_there()?;
-        let failed = ServerError::error_while("store");
+        let failed = ServerError::error_while("store the message");
         let stored = self.context.publish(subject, bytes).await;
         let stored = stored.map_err(|e| failed(&e))?;
         stored.await.map(drop).map_err(|e| failed(&e))

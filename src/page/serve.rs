@@ -46,9 +46,9 @@ pub enum Error {
     Parameters(#[from] parameters::Error),
     #[error("this program was built without the page's files: run `make ui`, and build it again")]
     NoFiles,
-    #[error("tls: {0}")]
+    #[error("cannot set up TLS: {0}")]
     Tls(String),
-    #[error("sessions: {0}")]
+    #[error("cannot read the sessions: {0}")]
     Sessions(String),
     #[error("{what}: {cause}")]
     Io { what: String, cause: std::io::Error },

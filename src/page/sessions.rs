@@ -62,11 +62,11 @@ pub(super) enum Error {
     Unknown,
     #[error("there were {MOST_TRIES} wrong tries within a minute: wait a minute")]
     TooManyTries,
-    #[error("{MOST_PAIRINGS} links wait already: use one, or wait ten minutes")]
+    #[error("{MOST_PAIRINGS} links are still unused: use one, or wait ten minutes")]
     TooManyPairings,
     #[error("{MOST_SESSIONS} sessions are open: end some with `scand page revoke`")]
     TooManySessions,
-    #[error("no random bytes: {0}")]
+    #[error("the system gave no random bytes for a link or a session: {0}")]
     Random(std::io::Error),
     #[error(transparent)]
     Storage(#[from] storage::Error),

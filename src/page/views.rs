@@ -246,7 +246,8 @@ impl Views {
                 Err(error) => Err(said(error)),
             },
             (ChildExit::Ended(status), words) => Err(format!("{status}: {}", last_line(&words))),
-            (ChildExit::TimedOut | ChildExit::Cancelled, _) => Err("it took too long".into()),
+            (ChildExit::TimedOut, _) => Err("it took too long".into()),
+            (ChildExit::Cancelled, _) => Err("the page is ending".into()),
         }
     }
 

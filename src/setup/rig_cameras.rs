@@ -135,7 +135,7 @@ fn add(
     {
         let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
         return Err(format!(
-            "camera {id} has no calibration, rig.calibration has {}",
+            "camera {id} is not in rig.calibration, which has {}: calibrate it, or remove it from the configuration",
             known.join(", ")
         ));
     }

@@ -632,7 +632,7 @@ mod long {
         );
         let errors = alone.refused(78, &["--set", "calibration.limits.coverage=20"]);
         assert!(
-            errors.contains("calibration.limits.coverage=20: 20 found, expected 0 to 1"),
+            errors.contains("calibration.limits.coverage=20: the value is 20, expected 0 to 1"),
             "{errors}"
         );
         std::fs::write(&config, "[calibration.limits]\ngod_px = 1\n").unwrap();

@@ -185,7 +185,7 @@ fn rejected_captures_and_foreign_folders_are_left_alone() {
         (
             "publish out -o other --force",
             1,
-            "no folder that scand published",
+            "was not published by scand",
         ),
         ("publish out out -o twice", 2, "named before"),
         (

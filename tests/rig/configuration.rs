@@ -62,7 +62,7 @@ fn what_is_wrong_is_named_and_nothing_touched() {
         ),
         (
             sound.replace("cameras.c01", "cameras.c77"),
-            "camera c77 has no calibration",
+            "camera c77 is not in rig.calibration",
         ),
         (
             format!("{sound}[links.a]\nspeed_mbit = 1\ncameras = [\"c00\", \"c01\"]\n"),

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A job panicked; its panic message.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
-#[error("internal error: {0}")]
+#[error("scand has a bug and stopped this job ({0}): please report it with the recording")]
 pub struct Panicked(pub String);
 
 /// Runs jobs 0 to `count` - 1 on `workers` threads and returns their results in order. A job that panics

@@ -197,7 +197,7 @@ pub fn check(found: f64, [least, most]: [f64; 2], unit: &str) -> Result<f64, Out
 
 /// A number that is not within its range.
 #[derive(Debug, thiserror::Error)]
-#[error("{found} found, expected {expected}")]
+#[error("the value is {found}, expected {expected}")]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub struct OutOfRange {
     pub found: f64,
@@ -270,7 +270,9 @@ fn checked<E: Error>(value: f64, holds: bool, expected: &str) -> Result<f64, E> 
     if holds {
         return Ok(value);
     }
-    Err(E::custom(format!("{value} found, expected {expected}")))
+    Err(E::custom(format!(
+        "the value is {value}, expected {expected}"
+    )))
 }
 
 #[cfg(test)]

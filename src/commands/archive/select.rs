@@ -51,7 +51,7 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
         let session = open(&path)?;
         anyhow::ensure!(
             !session.captures().is_empty(),
-            "{file}: has no capture that can be read: scand info {file} lists what it has"
+            "{file} has no capture that can be read: scand info {file} lists what it has"
         );
         take(&mut chosen, &path, session, |_, _| Some(false));
     }

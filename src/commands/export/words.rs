@@ -57,7 +57,7 @@ pub(super) fn compression(text: &str) -> Result<Compression, String> {
              (quantization), or let gltfpack or gltf-transform compress the exported file"
                 .into(),
         ),
-        _ => Err("expected quantization, which is the only one".into()),
+        _ => Err("expected quantization, the only compression".into()),
     }
 }
 

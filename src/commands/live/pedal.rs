@@ -112,7 +112,7 @@ fn press(daemon: &Daemon, press_id: &str) {
         Ok(Reply::Failed { capture, reason }) => log::error!("{capture}: failed: {reason}"),
         Ok(Reply::Busy) => log::warning!("busy: a capture is being taken"),
         Ok(Reply::Refused { reason }) => log::error!("a press was refused: {reason}"),
-        Ok(reply) => log::warning!("{reply:?}"),
+        Ok(reply) => log::warning!("the daemon gave an unexpected answer: {reply:?}"),
         Err(error) => log::error!("no capture was taken: {error}"),
     }
 }

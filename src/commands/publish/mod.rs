@@ -160,7 +160,7 @@ fn refuse_to_replace(args: &Args) -> anyhow::Result<()> {
     let is_ours = args.out.join("objects").is_dir() && args.out.join(MARK).is_file();
     anyhow::ensure!(
         is_ours,
-        "{} is no folder that scand published, and is not replaced: give another --out",
+        "{} was not published by scand, so it is not replaced: give another --out",
         args.out.display()
     );
     Ok(())

@@ -101,7 +101,8 @@ mod serving {
         let words: Vec<&str> = line.split_whitespace().collect();
         let id = |name: &str| -> anyhow::Result<CameraId> {
             let id = CameraId::new(name)?;
-            anyhow::ensure!(rig.cameras().any(|(c, ..)| *c == id), "no camera {id}");
+            let is_known = rig.cameras().any(|(c, ..)| *c == id);
+            anyhow::ensure!(is_known, "the recording has no camera {id}");
             Ok(id)
         };
         match words[..] {

@@ -78,7 +78,11 @@ impl PrecisionTime {
         match status.as_str() {
             "Master" => Ok(words),
             "Slave" if near => Ok(words),
-            "Slave" => Err(format!("{words}, more than {} ns", self.within_ns)),
+            "Slave" => Err(format!(
+                "PTP: the clock is {} ns from its master, expected at most {} ns",
+                offset.unwrap_or_default(),
+                self.within_ns
+            )),
             _ => Err(format!("{words}, expected Slave or Master")),
         }
     }

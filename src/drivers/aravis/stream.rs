@@ -70,7 +70,7 @@ impl Frames {
             .create_stream()
             .map_err(|e| away(e.message().into()))?;
         let stream = stream.downcast::<GvStream>();
-        let stream = stream.map_err(|_| away("not a GigE Vision camera".into()))?;
+        let stream = stream.map_err(|_| away("it is not a GigE Vision camera".into()))?;
         stream.set_packet_resend(match parameters.packet_resend {
             Some(false) => GvStreamPacketResend::Never,
             _ => GvStreamPacketResend::Always,

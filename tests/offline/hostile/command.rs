@@ -87,6 +87,7 @@ impl Ended {
         for word in [
             "panicked",
             "internal error",
+            "scand has a bug",
             "overflow",
             "memory allocation",
         ] {

@@ -142,7 +142,7 @@ fn calibrations_that_no_camera_has_are_refused() {
         (
             "short-k",
             lens(|c| c.k.truncate(4)),
-            &[LENS, "K is 4 numbers"],
+            &[LENS, "K has 4 numbers"],
         ),
         ("mirrored-r", mirrored, &[LENS, "R is [-1.0"]),
         (

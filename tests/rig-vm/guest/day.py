@@ -64,7 +64,7 @@ def configured():
     run("adduser", "ann", "scand")
     run("adduser", "ann", "systemd-journal")
     expect(wrong(ann("scand", "check", expected=1)), ["backgrounds"], "what is wrong for one of the group")
-    until("she reads the log", lambda: "camera c00: ready" in ann("journalctl", "-u", "scand"))
+    until("she reads the log", lambda: "camera c00 is ready: " in ann("journalctl", "-u", "scand"))
 
 
 @chapter.step("a day's work by one of the group: backgrounds, a session, presses, notes, what happens, the evening")
@@ -98,7 +98,7 @@ def bundled():
     with tarfile.open(bundle.with_suffix("")) as packed:
         journal = packed.extractfile("journal.txt").read().decode()
         names = packed.getnames()
-    contains(journal, "camera c00: ready", "client connected: user")
+    contains(journal, "camera c00 is ready: ", "client connected: user")
     for name in ("check.txt", "status.json", "rig.toml", "calibration.toml", "service.txt"):
         expect(name in names, True, f"{name} in the bundle")
 

@@ -83,7 +83,7 @@ def dropped():
         if " before number " in scand.said(since):
             break
         scand.ask("trigger")
-    contains(scand.said(since), "camera c00: lost: ", "did not arrive")
+    contains(scand.said(since), "camera c00 lost data: ", "did not arrive")
     vivid.control(0, percentage_of_dropped_buffers=100)
     contains(scand.becomes("c00", "away"), "no complete frame arrived for 10.0 s")
     contains(scand.ask("trigger", expected=1), "camera c00")

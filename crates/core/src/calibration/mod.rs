@@ -40,7 +40,7 @@ pub enum Error {
         expected: String,
     },
     /// A lens model that is not read.
-    #[error("distortion model {0:?} is not plumb_bob, rational_polynomial or empty")]
+    #[error("distortion model is {0:?}, expected plumb_bob, rational_polynomial or an empty name")]
     UnknownDistortionModel(String),
 }
 

@@ -45,7 +45,7 @@ pub enum Error {
         counts: String,
     },
     /// No captures.
-    #[error("{path}: has no /trigger that can be read, expected one for each capture{details}")]
+    #[error("{path} has no /trigger that can be read, expected one for each capture{details}")]
     NoTrigger {
         path: PathBuf,
         /// What may be the reason.
@@ -53,7 +53,7 @@ pub enum Error {
     },
     /// More than a rig gives in a session.
     #[error(
-        "{path}: has {} on /trigger and /capture and {}, expected at most {most} as their product",
+        "{path} has {} on /trigger and /capture and {}, expected at most {most} as their product",
         count(*triggers, "message"), count(*cameras, "camera")
     )]
     TooMany {
@@ -92,7 +92,7 @@ pub enum Error {
         reason: String,
     },
     /// No capture of this name.
-    #[error("{path}: has no capture {id}, only {known}")]
+    #[error("{path} has no capture {id}, only {known}")]
     NoSuchCapture {
         path: PathBuf,
         /// The name that was asked for.

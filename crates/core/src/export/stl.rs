@@ -14,7 +14,7 @@ pub(super) fn encode(model: &Model) -> Result<Vec<u8>, Error> {
     let mesh = &model.mesh;
     let count = u32::try_from(mesh.triangles.len()).map_err(|_| Error::TooLarge {
         format: "STL",
-        what: "more than 4 billion triangles",
+        what: "it has more than 4 billion triangles",
     })?;
     // A header that began with "solid" would be taken for a text.
     let mut bytes = b"binary STL of scand; millimetres, z up".to_vec();

@@ -35,7 +35,7 @@ pub(super) fn pack(
 ) -> Result<Vec<u8>, Error> {
     let too_large = || Error::TooLarge {
         format,
-        what: "4 GiB or more",
+        what: "it has 4 GiB or more",
     };
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for entry in entries {

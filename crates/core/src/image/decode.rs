@@ -18,13 +18,13 @@ use zune_jpeg::JpegDecoder;
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum DecodeError {
     /// An encoding that is not read here.
-    #[error("encoding is {found:?}, expected {expected}")]
+    #[error("the picture's encoding is {found:?}, expected {expected}")]
     Encoding {
         found: String,
         expected: &'static str,
     },
     /// Not the size it should have.
-    #[error("size is {}x{}, expected {}x{} pixels", found.0, found.1, expected.0, expected.1)]
+    #[error("the picture's size is {}x{}, expected {}x{} pixels", found.0, found.1, expected.0, expected.1)]
     Size {
         /// Width and height that were there.
         found: (usize, usize),
@@ -32,7 +32,7 @@ pub enum DecodeError {
         expected: (usize, usize),
     },
     /// Rows closer together than they are long.
-    #[error("step is {found} bytes, expected at least {expected}")]
+    #[error("the row step is {found} bytes, expected at least {expected}")]
     Step {
         /// Bytes from row to row.
         found: usize,
@@ -40,10 +40,10 @@ pub enum DecodeError {
         expected: usize,
     },
     /// Too few bytes.
-    #[error("data has {found} bytes, expected {expected}")]
+    #[error("the picture's data has {found} bytes, expected {expected}")]
     Short { found: usize, expected: usize },
     /// A picture file that is broken.
-    #[error("{format} data: {reason}")]
+    #[error("the {format} data is broken: {reason}")]
     Broken {
         format: &'static str,
         /// What the decoder said.

@@ -96,17 +96,26 @@ fn raw_pictures_that_do_not_fit_are_refused() {
     let rgb = |size, step, data| rgb_from_raw(&raw((4, 2), "rgb8", step, data), size);
     assert!(rgb(size, 12, &data[..]).is_ok());
     let short = rgb(size, 12, &data[..23]).unwrap_err();
-    assert_eq!(short.to_string(), "data has 23 bytes, expected 24");
+    assert_eq!(
+        short.to_string(),
+        "the picture's data has 23 bytes, expected 24"
+    );
     let step = rgb(size, 11, &data[..]).unwrap_err();
-    assert_eq!(step.to_string(), "step is 11 bytes, expected at least 12");
+    assert_eq!(
+        step.to_string(),
+        "the row step is 11 bytes, expected at least 12"
+    );
     let wrong = rgb((4, 3), 12, &data[..]).unwrap_err();
-    assert_eq!(wrong.to_string(), "size is 4x2, expected 4x3 pixels");
+    assert_eq!(
+        wrong.to_string(),
+        "the picture's size is 4x2, expected 4x3 pixels"
+    );
     assert!(rgb(size, usize::MAX, &data[..]).is_err());
     let unknown = rgb_from_raw(&raw(size, "rgba8", 16, &data), size).unwrap_err();
     assert!(
         unknown
             .to_string()
-            .starts_with("encoding is \"rgba8\", expected bayer_rggb8")
+            .starts_with("the picture's encoding is \"rgba8\", expected bayer_rggb8")
     );
     assert!(readings_from_raw(&raw(size, "mono16", 8, &data), size).is_err());
     assert!(grey_from_raw(&raw(size, "rgb8", 12, &data), size).is_err());

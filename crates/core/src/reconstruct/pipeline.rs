@@ -95,7 +95,7 @@ pub enum Error {
         first: silhouette::Error,
     },
     /// Someone asked it to stop.
-    #[error("cancelled")]
+    #[error("the reconstruction was cancelled")]
     Cancelled,
 }
 

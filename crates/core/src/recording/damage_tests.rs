@@ -312,7 +312,7 @@ fn messages_that_make_no_sense_are_named() {
         "protobuf",
         b"",
     );
-    assert!(lens.contains("K is 0 numbers"), "{lens}");
+    assert!(lens.contains("K has 0 numbers"), "{lens}");
     let trigger = |json: &str| open("/trigger", "scand.Trigger", "json", json.as_bytes());
     assert!(trigger(r#"{"source": "pedal"}"#).contains("missing field `id`"));
     assert!(trigger(r#"{"id": "../../etc"}"#).contains("capture id \"../../etc\""));

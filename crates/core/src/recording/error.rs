@@ -18,25 +18,25 @@ pub enum Error {
         cause: std::io::Error,
     },
     /// A folder, a pipe or a device.
-    #[error("{path}: is not a regular file, expected an MCAP recording")]
+    #[error("{path} is not a regular file, expected an MCAP recording")]
     NotAFile { path: PathBuf },
     /// Nothing that a crash left behind.
-    #[error("{path}: is not an interrupted recording: its name should end in .mcap.part")]
+    #[error("{path} is not an interrupted recording: its name should end in .mcap.part")]
     NotUnfinished { path: PathBuf },
     /// Nothing is missing at its end.
-    #[error("{path}: is not cut off, so there is nothing to complete: scand info lists its damage")]
+    #[error("{path} is not cut off, so there is nothing to complete: scand info lists its damage")]
     NotCutOff { path: PathBuf },
     /// A recording that is not lost.
-    #[error("{path}: is still being written: close its session first, or stop the daemon")]
+    #[error("{path} is still being written: close its session first, or stop the daemon")]
     BeingWritten { path: PathBuf },
     /// Not an MCAP file at all.
     #[error(
-        "{path}: is not an MCAP file: {found}, expected the magic bytes 89 4d 43 41 50 30 0d 0a"
+        "{path} is not an MCAP file: {found}, expected the magic bytes 89 4d 43 41 50 30 0d 0a"
     )]
     NotMcap { path: PathBuf, found: String },
     /// A recording of another version.
     #[error(
-        "{path}: has the unknown format {found:?}, expected \"1\": a newer version of scand \
+        "{path} has the unknown format {found:?}, expected \"1\": a newer version of scand \
         may read it"
     )]
     UnknownFormat {
@@ -77,7 +77,7 @@ pub enum Error {
     },
     /// A note about something that the recording does not have.
     #[error(
-        "{path}: has neither a capture nor a session named {name:?}: a note must be about one of them"
+        "{path} has neither a capture nor a session named {name:?}: a note must be about one of them"
     )]
     NothingToNote {
         path: PathBuf,
@@ -118,6 +118,13 @@ pub enum MessageError {
         field: &'static str,
         found: String,
         expected: String,
+    },
+    /// A member with too few or too many numbers.
+    #[error("{field} has {found} numbers, expected {expected}")]
+    WrongCount {
+        field: &'static str,
+        found: usize,
+        expected: &'static str,
     },
     /// A calibration that no camera has.
     #[error(transparent)]

@@ -216,7 +216,8 @@ fn lines(path: &Path) -> Result<Option<String>, String> {
         return Err("it is not a regular file".into());
     }
     if about.len() > LARGEST {
-        return Err(format!("{} bytes, expected at most {LARGEST}", about.len()));
+        let bytes = about.len();
+        return Err(format!("it has {bytes} bytes, expected at most {LARGEST}"));
     }
     let mut bytes = Vec::new();
     file.take(LARGEST)

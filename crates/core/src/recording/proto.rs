@@ -73,9 +73,11 @@ fn checked_k(k: &[f64]) -> Result<&[f64; 9], MessageError> {
         found,
         expected: "fx 0 cx 0 fy cy 0 0 1".into(),
     };
-    let k: &[f64; 9] = k
-        .try_into()
-        .map_err(|_| bad(format!("{} numbers", k.len())))?;
+    let k: &[f64; 9] = k.try_into().map_err(|_| MessageError::WrongCount {
+        field: "K",
+        found: k.len(),
+        expected: "9: fx 0 cx 0 fy cy 0 0 1",
+    })?;
     let zeros = [k[1], k[3], k[6], k[7]];
     if zeros != [0.0; 4] || k[8] != 1.0 {
         return Err(bad(format!("{k:?}")));

@@ -11,7 +11,7 @@ impl CaptureThread {
     pub(super) fn check_capacity(&self) -> Result<(), String> {
         if !self.recorder.has_room() {
             return Err(format!(
-                "the recorder's queue is full: {} must still be written",
+                "the recorder's queue is full: {} must still be written; wait for the recorder and press again",
                 count(self.recorder.waiting(), "capture")
             ));
         }
@@ -19,7 +19,8 @@ impl CaptureThread {
         let pool = &self.plan.pool;
         if pool.in_use() as u64 + bytes > pool.limit() as u64 {
             return Err(format!(
-                "a capture needs {} MB of memory, but {} of {} MB are in use (capture.memory_mb)",
+                "a capture needs {} MB of memory, but {} of {} MB are in use; press again when captures are written, or \
+                 raise capture.memory_mb",
                 bytes / 1_000_000,
                 pool.in_use() / 1_000_000,
                 pool.limit() / 1_000_000
@@ -30,7 +31,7 @@ impl CaptureThread {
         if self.usable(free).is_none_or(|usable| usable < bytes) {
             return Err(format!(
                 "the disk is full: {} has {} MB left, a capture takes {} MB, {} must still be written, and {} MB must \
-                 stay free (recording.keep_free_mb)",
+                 stay free (recording.keep_free_mb); move recordings elsewhere",
                 folder.display(),
                 free / 1_000_000,
                 bytes / 1_000_000,

@@ -189,7 +189,7 @@ impl CaptureThread {
         let states = self.rig.states().find(|(camera, ..)| **camera == id);
         match states.map(|(.., state)| state.clone()) {
             Some(State::Ready(info)) => {
-                log::notice!("camera {id}: ready, {}", info.identity);
+                log::notice!("camera {id} is ready: {}", info.identity);
                 self.tell_camera(&id, "ready", info.identity);
                 if let Some(settings) = info.settings {
                     self.plan.header.settings.insert(id, settings);
@@ -220,7 +220,7 @@ impl CaptureThread {
         for (id, answer) in &result.answers {
             let lost = answer.as_ref().map_or(&[][..], |stats| &stats.lost);
             for words in lost {
-                log::error!("camera {id}: lost: {words}");
+                log::error!("camera {id} lost data: {words}");
             }
             *self.lost.entry(id.to_string()).or_default() += lost.len() as u64;
         }

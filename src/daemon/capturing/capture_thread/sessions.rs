@@ -74,7 +74,7 @@ impl CaptureThread {
         if !self.hand_over(RecorderTask::Begin(session, answer)) {
             return;
         }
-        log::info!("session {name}");
+        log::info!("session {name} began");
         self.plan.events.publish(Event::Session {
             name: Some(name.clone()),
         });
@@ -121,7 +121,9 @@ impl CaptureThread {
         let work = RecorderTask::Change(header, self.largest_file(), self.rig.clock().timestamp());
         if self.session.is_some() && !self.hand_over(work) {
             // A session of its own, so that no capture has a background that is older than its session.
-            log::warning!("{QUEUE_FULL}: the next capture begins a session");
+            log::warning!(
+                "{QUEUE_FULL}, so the new settings or backgrounds start a new session at the next capture"
+            );
             self.session = None;
         }
     }

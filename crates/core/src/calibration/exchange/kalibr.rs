@@ -122,9 +122,10 @@ pub(super) fn cameras(tree: &Tree) -> Result<Vec<Camera>, String> {
         cameras.push(camera(tree, &name, before).map_err(|e| format!("{name}: {e}"))?);
     }
     match cameras.is_empty() {
-        true => {
-            Err("neither a ROS camera_info (camera_matrix) nor a Kalibr camchain (cam0)".into())
-        }
+        true => Err(
+            "the file is neither a ROS camera_info (it has no camera_matrix) nor a Kalibr camchain (it has no cam0)"
+                .into(),
+        ),
         false => Ok(cameras),
     }
 }
@@ -135,7 +136,7 @@ fn camera(tree: &Tree, name: &str, before: Option<Isometry3<f64>>) -> Result<Cam
     let distortion_model = word(tree, &of("distortion_model")).unwrap_or("none");
     if model != "pinhole" || !["radtan", "none"].contains(&distortion_model) {
         return Err(format!(
-            "{model:.40?} with {distortion_model:.40?}, expected pinhole with radtan or none"
+            "camera_model is {model:.40?} with {distortion_model:.40?}, expected pinhole with radtan or none"
         ));
     }
     let [fx, fy, cx, cy] = exactly(tree, &of("intrinsics"))?;

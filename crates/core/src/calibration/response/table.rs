@@ -93,7 +93,8 @@ fn row(line: &str) -> Result<Measurement, String> {
         .filter(|p| !p.is_empty());
     let parts: Vec<&str> = parts.collect();
     if !(2..=3).contains(&parts.len()) {
-        return Err(format!("{} columns, expected {COLUMNS}", parts.len()));
+        let found = parts.len();
+        return Err(format!("it has {found} columns, expected {COLUMNS}"));
     }
     let number = |k: usize, what: &str| {
         let Some(text) = parts.get(k) else {

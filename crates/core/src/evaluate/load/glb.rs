@@ -99,7 +99,7 @@ impl Reader<'_> {
         self.model.mesh.vertices.extend(vertices);
         let count = self.model.mesh.vertices.len() - base;
         if base + count > MAX_ELEMENTS {
-            return Err(format!("more than {MAX_ELEMENTS} vertices"));
+            return Err(format!("it has more than {MAX_ELEMENTS} vertices"));
         }
         self.add_triangles(primitive, base, count, world_from_node.determinant() < 0.0)?;
         let values = |name: &str| {
@@ -134,7 +134,7 @@ impl Reader<'_> {
         }
         let mesh = &mut self.model.mesh;
         if mesh.triangles.len() + indices.len() / 3 > MAX_ELEMENTS {
-            return Err(format!("more than {MAX_ELEMENTS} triangles"));
+            return Err(format!("it has more than {MAX_ELEMENTS} triangles"));
         }
         for corner in indices.chunks_exact(3) {
             let mut triangle = [corner[0], corner[1], corner[2]].map(|i| base as u32 + i as u32);

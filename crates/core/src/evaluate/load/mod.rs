@@ -45,7 +45,7 @@ pub fn load(path: &Path) -> Result<LoadedModel, Error> {
     if size > MAX_FILE_BYTES {
         return Err(Error::Format {
             path: path.to_owned(),
-            what: format!("{size} bytes, expected at most {MAX_FILE_BYTES}"),
+            what: format!("it has {size} bytes, expected at most {MAX_FILE_BYTES}"),
         });
     }
     load_unwelded(&std::fs::read(path).map_err(io)?, path).map(weld_if_open)
@@ -98,7 +98,7 @@ fn parse_with(parse: Parse, bytes: &[u8], name: &Path) -> Result<LoadedModel, Er
 /// What every reader owes: triangles, indices within range and finite coordinates.
 fn examine(mesh: &Mesh) -> Result<(), String> {
     if mesh.triangles.is_empty() {
-        return Err("no triangles".to_owned());
+        return Err("the file has no triangles".to_owned());
     }
     let finite = |p: &Point3<f32>| p.coords.iter().all(|c| c.is_finite());
     if let Some(v) = mesh.vertices.iter().position(|p| !finite(p)) {

@@ -334,7 +334,9 @@ fn read_polygon(
     let length = property.length.unwrap_or(property.scalar);
     let count = source.list_length(length, property.scalar)?;
     if count > MAX_CORNERS {
-        return Err(format!("{count} corners, expected at most {MAX_CORNERS}"));
+        return Err(format!(
+            "it has {count} corners, expected at most {MAX_CORNERS}"
+        ));
     }
     for _ in 0..count {
         let index = source.next(property.scalar)?;

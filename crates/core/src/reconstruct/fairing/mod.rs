@@ -111,8 +111,8 @@ pub enum Refusal {
     TooThin,
     /// Too much would have to stay the hull.
     #[error(
-        "{:.0} % of the surface would have to stay the hull, at most {:.0} % may: on {:.0} % the outlines would be farther \
-         from the contours, on {:.0} % a part would lose too much of its thickness; the rest lies between",
+        "fairing would leave {:.0} % of the surface as the hull, and at most {:.0} % is allowed: on {:.0} % the outlines \
+         would move away from the contours, on {:.0} % a part would become too thin, and the rest lies beside these places",
         100.0 * kept, 100.0 * accept::TOO_MUCH, 100.0 * disagreeing, 100.0 * thin
     )]
     TooMuchKept {
@@ -125,7 +125,7 @@ pub enum Refusal {
     },
     /// The faired surface has other pieces or handles.
     #[error(
-        "the faired surface has other pieces or handles than the hull ({after:?}, not {before:?} handles of its pieces)"
+        "fairing changed the topology: its pieces have {after:?} handles, the hull's have {before:?}"
     )]
     OtherHandles {
         /// Handles of the hull's pieces.

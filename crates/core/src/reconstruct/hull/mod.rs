@@ -95,8 +95,8 @@ pub enum Error {
     },
     /// Something in the volume, but nothing that a cell could hold.
     #[error(
-        "the visual hull is thinner than its cells of {cell_size:.2e} m everywhere: expected an object, or a \
-         smaller hull.cell_size"
+        "the visual hull is thinner than its cells of {cell_size:.2e} m everywhere: the rig is empty, or \
+         hull.cell_size must be smaller"
     )]
     Thin {
         /// Edge of a cell.
