@@ -1,4 +1,4 @@
-//! What a person is told first of a damaged recording, in one line: what is missing, and what to do.
+//! What scand says first about a damaged recording, in one line: what is missing, and what to do.
 
 use crate::recording::{Damage, Error, Recording};
 use crate::words::{count, shell_word};

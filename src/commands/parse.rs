@@ -20,7 +20,7 @@ pub fn parse() -> Cli {
     })
 }
 
-/// What else is to be said of an error.
+/// What a person should know about an error besides its text.
 fn tip(error: &Error) -> Option<String> {
     if error.kind() != ErrorKind::InvalidSubcommand {
         return None;

@@ -22,7 +22,7 @@ struct Script {
 }
 
 impl Script {
-    /// The last answer to a press.
+    /// The final answer to a press.
     fn press(&self) -> Reply {
         self.clock.advance(Duration::from_secs(10));
         self.stand.press().pop().unwrap()

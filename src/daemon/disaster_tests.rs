@@ -115,7 +115,7 @@ fn kills_at_random_moments_lose_nothing_that_a_client_was_told() {
         let (process, socket) = daemon(test, folder.path());
         let after = Duration::from_millis(1 + dice.below(200));
         let of_this = told_until(&socket, &names, after, || end(process));
-        // Whoever asks again hears the same, and an end that stays.
+        // A client that asks again gets the same, and a final answer that stays.
         let (process, socket) = daemon(test, folder.path());
         for (name, heard) in &of_this {
             let ask = || replies(&mut connect(&socket), &trigger(Some(name), Until::Durable));

@@ -109,7 +109,7 @@ impl NoteEffects {
         }
     }
 
-    /// Withdraws a waiting job; its press is told that there will be no model.
+    /// Withdraws a waiting job; its press gets the answer that there will be no model.
     fn withdraw(&self, jobs: &Jobs, capture: &str) {
         if let Some(recording) = jobs.withdraw(capture) {
             log::notice!("capture {capture}: rejected before its model was made");

@@ -324,7 +324,7 @@ fn told_to_end_it_finishes_the_capture_and_every_client_has_its_end() {
     assert_eq!(found.iter().flat_map(captures).count(), 1);
 }
 
-/// Presses by a name until that has its end, and goes away at any moment meanwhile; all last answers that were heard.
+/// Presses by a name until that has its end, and goes away at any moment meanwhile; all final answers that arrived.
 fn press_and_stray(service: &Service, name: &str, dice: &mut Dice) -> Reply {
     until(|| {
         let mut client = service.client();
@@ -370,7 +370,7 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
             .collect()
     });
     assert_eq!(ends.len(), presses);
-    // Whoever asks again hears the same.
+    // A client that asks again gets the same.
     for (name, end) in ends.iter().step_by(50) {
         assert_eq!(service.press(Some(name)).last(), Some(end));
     }
@@ -393,7 +393,7 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
     }
     assert_eq!(taken.len(), presses);
     println!(
-        "shown: {presses} presses whose clients go away at any moment: one last answer and one capture each"
+        "shown: {presses} presses whose clients go away at any moment: one final answer and one capture each"
     );
 }
 

@@ -49,12 +49,12 @@ struct Shared {
     ending: watch::Sender<bool>,
 }
 
-/// Clients that are still connected when the socket is closed: they still get their last answers.
+/// Clients that are still connected when the socket is closed: they still get their final answers.
 #[must_use]
 pub struct Clients(Arc<Shared>);
 
 impl Clients {
-    /// Waits until all clients have their last answers, when nothing more will happen, but at most `patience`.
+    /// Waits until all clients have their final answers, when nothing more will happen, but at most `patience`.
     pub fn finish(self, patience: Duration) {
         self.0.ending.send_replace(true);
         let end = Instant::now() + patience;
@@ -114,7 +114,7 @@ pub fn serve(
     if own {
         let _ = std::fs::remove_file(path);
     }
-    // Clients hear the end of the capture in progress; whoever signals again does not want to wait for it.
+    // Clients get the end of the capture in progress; a person who signals again does not want to wait for it.
     second_signal_exits(runtime);
     Ok(Clients(shared))
 }
@@ -146,7 +146,7 @@ fn adopt(listener: std::os::unix::net::UnixListener) -> std::io::Result<UnixList
     UnixListener::from_std(listener)
 }
 
-/// Makes the socket, in the place of one that a daemon left which is gone.
+/// Makes the socket. It replaces one that a daemon left when it ended.
 pub(super) fn listen(path: &Path) -> Result<UnixListener, SocketError> {
     let io = |cause| SocketError::Io {
         path: path.into(),

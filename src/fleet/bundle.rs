@@ -172,7 +172,7 @@ pub(super) fn stated_contents(path: &Path) -> Result<String, BundleError> {
 /// than such a file may be; what its first line says of them, the SHA-256 that is returned with it, has to be true.
 ///
 /// # Errors
-/// If it cannot be read, or is none.
+/// If it cannot be read, or is not a bundle.
 pub fn read_bundle(path: &Path) -> Result<(Bundle, String), BundleError> {
     let io = |cause| BundleError::Io {
         path: path.to_owned(),

@@ -203,7 +203,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             return self.withdraw(offer).await;
         }
         let mut missing = 0;
-        // However much is heard of it meanwhile.
+        // However many messages come from it meanwhile.
         let mut next_question = Instant::now() + POLL_INTERVAL;
         loop {
             let wait = next_question.saturating_duration_since(Instant::now());
@@ -285,7 +285,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 .for_each(|heard| *heard = Instant::now());
         }
         let offers = self.offers;
-        // Who was heard of since without this job has given it back.
+        // A worker that sent messages since then, but none of this job, has given it back.
         self.started.retain(|instance, started| {
             let heard = offers.last_heard(instance, digest);
             heard.is_none_or(|(at, does_it)| does_it || at <= *started)

@@ -249,7 +249,7 @@ pub struct HeartbeatJob {
 }
 
 impl Heartbeat {
-    /// Seconds by which a worker's clock may differ from this machine's before it is told.
+    /// Seconds by which a worker's clock may differ from this machine's before that is reported.
     const CLOCK_TOLERANCE_S: u64 = 60;
 
     /// What is wrong with the worker's clock, or with this machine's. Jobs and models depend on neither.

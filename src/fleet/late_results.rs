@@ -1,5 +1,5 @@
-//! Results that came while nobody heard of them: after a restart, or while the server could not be reached. Each is of
-//! a job whose model is in place, and is compared with it as if it had been heard of.
+//! Results that came while nobody listened: after a restart, or while the server could not be reached. Each is of
+//! a job whose model is in place, and is compared with it as if it had come in time.
 
 use super::dispatcher::Dispatcher;
 use super::distrust::is_marked;

@@ -22,9 +22,9 @@ use tokio::task::JoinSet;
 
 /// How often the folder of jobs is looked at.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
-/// How often it is said in the folder that a worker still does a job.
+/// How often the rig writes into the folder that a worker still does a job.
 const REPEAT_INTERVAL: Duration = Duration::from_secs(5);
-/// How often the server is told of a failure until it is there.
+/// How often the rig sends a failure to the server, until it is there.
 const FAILURE_INTERVAL: Duration = Duration::from_secs(5);
 /// Jobs that are offered at the same time; others stay on the disk.
 const MAX_IN_FLIGHT: usize = 32;

@@ -100,7 +100,7 @@ pub(super) fn listen(path: &Path) -> std::io::Result<UnixListener> {
     Ok(listener)
 }
 
-/// Answers who asks, for ever.
+/// Answers each client, for ever.
 pub(super) async fn serve(listener: UnixListener, sessions: Arc<Sessions>, origin: String) {
     let slots = Arc::new(Semaphore::new(MOST));
     loop {

@@ -57,8 +57,8 @@ impl Look {
         }
     }
 
-    /// What changed after the number `since`, as soon as something did, but after `at_most` in any case. Whoever asks
-    /// keeps the pictures coming for five seconds.
+    /// What changed after the number `since`, as soon as something did, but after `at_most` in any case. A client
+    /// that asks keeps the pictures coming for five seconds.
     pub(super) async fn after(&self, since: u64, at_most: Duration) -> Value {
         self.wanted.send_replace(Some(Instant::now() + LASTS));
         let mut changed = self.changed.subscribe();

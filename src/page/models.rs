@@ -93,7 +93,7 @@ impl Models {
         found
     }
 
-    /// The captures of a recording, the newest first; `None` if the name is none of a recording.
+    /// The captures of a recording, the newest first; `None` if no recording has this name.
     pub(super) fn captures(&self, recording: &str) -> Option<Vec<Summary>> {
         if !is_name(recording) {
             return None;

@@ -72,7 +72,7 @@ struct Shown {
     since: Instant,
 }
 
-/// A capture, as far as events told of it.
+/// A capture, as far as events described it.
 #[derive(Clone, Debug)]
 pub(super) struct CaptureEntry {
     pub(super) capture: String,
@@ -99,7 +99,7 @@ pub(super) struct Now {
 }
 
 impl Now {
-    /// Whether events arrive. What was in progress when they ended has an outcome that was not heard.
+    /// Whether events arrive. What was in progress when they ended has an unknown outcome.
     pub(super) fn set_listening(&mut self, listening: bool) {
         self.history += u64::from(self.listening != listening);
         self.listening = listening;
@@ -109,7 +109,7 @@ impl Now {
         }
     }
 
-    /// What the daemon told of itself at that time; `None` if it did not answer.
+    /// What the daemon said about itself at that time; `None` if it did not answer.
     pub(super) fn set_status(&mut self, status: Option<Value>, at: Instant) {
         self.status = status.map(|status| (at, status));
     }

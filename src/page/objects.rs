@@ -1,4 +1,4 @@
-//! What the daemon told of models that are not the first of a capture: of objects of which there are several captures,
+//! What the daemon said about models that are not the first of a capture: of objects of which there are several captures,
 //! how these lie against each other, which side to show next, and what became of the model of all of them; and of the
 //! last model that was made again with other settings. No I/O.
 
@@ -11,7 +11,7 @@ use std::time::Instant;
 /// Objects that are remembered, the newest ones.
 const MOST_OBJECTS: usize = 50;
 
-/// The objects that events told of.
+/// The objects that events named.
 #[derive(Default)]
 pub(super) struct Objects {
     told: VecDeque<Object>,

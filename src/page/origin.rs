@@ -17,7 +17,7 @@ pub(super) struct Origin {
 pub(super) struct Origins(Vec<Origin>);
 
 impl Origins {
-    /// Reads origins; refuses what is none, and one of the network without TLS, in words.
+    /// Reads origins. Refuses what is not an origin, and one of the network without TLS; the error says why.
     pub(super) fn parse(texts: &[String]) -> Result<Self, String> {
         let origins: Result<Vec<_>, _> = texts.iter().map(|text| parse(text)).collect();
         Ok(Self(origins?))

@@ -1,5 +1,5 @@
 //! What an administrator can configure of the page, read from a file of its own: a recording carries a copy of the
-//! rig's configuration, and nothing of who may look at a page belongs into a recording.
+//! rig's configuration, and a recording must not say who may look at a page.
 
 use super::origin::Origins;
 use super::tls::TlsParameters;
@@ -142,7 +142,7 @@ impl Parameters {
     /// The origins under which browsers reach the page.
     ///
     /// # Errors
-    /// If one is none, or is one of the network without TLS.
+    /// If one is not an origin, or is one of the network without TLS.
     pub(super) fn origins(&self) -> Result<Origins, Error> {
         if !self.origins.is_empty() {
             return Origins::parse(&self.origins).map_err(Error::Origin);

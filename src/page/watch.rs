@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// Models that wait until somebody takes them.
 const MOST_MADE: usize = 50;
 
-/// What holds now, shared by those who keep it and those who show it.
+/// What holds now, shared by the threads that keep it and those that show it.
 pub(super) struct Watch {
     now: Mutex<Now>,
     metrics: Mutex<Metrics>,

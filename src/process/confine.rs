@@ -31,7 +31,7 @@ pub struct Limits {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ConfineError {
-    /// Who started it is gone.
+    /// The process that started it has ended.
     #[error("the process that started this one has ended")]
     Orphan,
     /// A limit cannot be set.
@@ -49,7 +49,7 @@ pub enum ConfineError {
 /// standard ones. To be called before anything is opened.
 ///
 /// # Errors
-/// If that one is gone already, or the system refuses.
+/// If that process has ended already, or the system refuses.
 pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
     let refused = |cause: rustix::io::Errno| limit("its end with its parent", cause.into());
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(refused)?;

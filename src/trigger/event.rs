@@ -203,7 +203,7 @@ pub enum Event {
         /// Its name; `None` if the session was completed.
         name: Option<String>,
     },
-    /// A person said something of a capture.
+    /// A person noted something about a capture.
     Note {
         /// The capture.
         capture: String,
@@ -213,7 +213,7 @@ pub enum Event {
         #[serde(default)]
         text: String,
     },
-    /// The daemon was told to stop. A client whose press has no last answer yet gets it when it asks again.
+    /// The daemon was told to stop. A client whose press has no final answer yet gets it when it asks again.
     Ending,
     /// The listener was too slow and missed this number of events.
     Lost {

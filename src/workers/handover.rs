@@ -54,7 +54,7 @@ pub fn settings(recordings: &Path) -> PathBuf {
     folder(recordings).join("settings.toml")
 }
 
-/// The jobs that have no answer, the oldest first. What was said of jobs that are over is removed.
+/// The jobs that have no answer, the oldest first. Answers about jobs that are over are removed.
 ///
 /// # Errors
 /// If the folder cannot be read.
@@ -149,7 +149,7 @@ pub(super) fn is_neglected(file: &Path, wait: Duration) -> bool {
     last.is_ok_and(|last| last.elapsed().is_ok_and(|silent| silent >= wait))
 }
 
-/// Forgets what was said of a job.
+/// Removes the answers about a job.
 pub(super) fn forget(file: &Path) {
     for ending in [ANSWER, STARTED] {
         let _ = std::fs::remove_file(file.with_extension(ending));
@@ -187,7 +187,7 @@ mod tests {
             (captures(), answer_to(&file)),
             (vec!["a-2".into()], Some(failed))
         );
-        // The daemon ends it; what was said of it goes, and the job is kept.
+        // The daemon ends it; the answers about it go, and the job is kept.
         std::fs::remove_file(&file).unwrap();
         assert_eq!(captures(), ["a-2"]);
         assert_eq!(answer_to(&file), None);

@@ -98,7 +98,7 @@ impl Shared {
                 self.fuse(&mut taken)
             };
             match is_done {
-                // Rather told twice, after a crash, than never.
+                // Better to report it twice, after a crash, than never.
                 Some(true) => objects.finish(&taken),
                 Some(false) => {
                     taken.job.is_registered = true;

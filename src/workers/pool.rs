@@ -200,7 +200,7 @@ impl Shared {
             }
         }
         let done = ended.model.is_ok();
-        // Rather told twice, after a crash, than never.
+        // Better to report it twice, after a crash, than never.
         (self.ended)(ended);
         let file = self.jobs.file(taken);
         self.jobs.finish(taken, done);

@@ -77,7 +77,7 @@ impl Making {
                 capture: remake.capture,
                 model,
             });
-            // Rather told twice, after a crash, than never.
+            // Better to report it twice, after a crash, than never.
             self.jobs.remakes().finish();
         }
     }

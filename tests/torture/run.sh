@@ -27,7 +27,7 @@ promises() {
 		damage|damaged and hostile recordings: an error, bounded, no panic|offline|hostile::
 		damage|recordings cut, flipped and recovered at every byte|core|recording::
 		damage|damaged inputs of every parser: no panic|offline|fuzzing::
-		presses|every press has one last answer and at most one capture|lib|daemon::service_tests::a_thousand_presses daemon::service_tests::told_to_end
+		presses|every press has one final answer and at most one capture|lib|daemon::service_tests::a_thousand_presses daemon::service_tests::told_to_end
 		presses|storms and nonsense harm neither capture, memory nor log|lib|daemon::hostile_tests::
 		cameras|cameras that fail are named and come back|rig|cameras_that_fail a_late_frame
 		cameras|lost, repeated, reordered and damaged packets make no wrong picture|rig|a_network_that

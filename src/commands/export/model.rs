@@ -128,7 +128,7 @@ fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
 }
 
 fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Result<()> {
-    // Known before the work; whoever comes first in the meantime keeps the name.
+    // Known before the work; a file that takes the name in the meantime keeps it.
     let main = args.out.join(format!("{stem}.{}", format.name()));
     if !args.force && main.symlink_metadata().is_ok() {
         return Err(exists(&main));

@@ -127,7 +127,7 @@ fn serve_rig(
     let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
     // The order of shutdown: workers and packing, the capture in progress with its recorder and cameras, the clients'
-    // last answers, and the hooks that those caused.
+    // final answers, and the hooks that those caused.
     log::notice!("the daemon is ending");
     // Models are made after the next start: the capture in progress has the machine to itself.
     drop(workers);

@@ -281,7 +281,7 @@ impl Replay<'_> {
         let session = CaptureSession::open(path, self.sync)?;
         let mut wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
         wanted.retain(|id| self.is_in_shard(&session, id));
-        // A capture that is asked for by its name is wanted, whatever was said of it.
+        // A capture that is asked for by its name is wanted, whatever its notes say.
         let takes_all = self.with_rejected || !self.only.is_empty();
         let is_rejected = |id: &CaptureId| session.notes().on(id.as_str()).is_rejected();
         let (left_out, wanted): (Vec<CaptureId>, Vec<CaptureId>) = wanted

@@ -106,12 +106,12 @@ impl Looks {
 pub(super) struct LookSubscription {
     looks: Looks,
     changed: watch::Receiver<u64>,
-    /// The number of what was told of each camera.
+    /// For each camera, the number of the message that was sent last.
     told: BTreeMap<String, u64>,
 }
 
 impl LookSubscription {
-    /// The next picture that was not told yet, of the camera that was told longest ago.
+    /// The next picture that was not sent yet, of the camera whose last one was sent longest ago.
     pub(super) async fn next(&mut self) -> Event {
         loop {
             self.changed.mark_unchanged();

@@ -1,4 +1,4 @@
-//! Looks at scripted cameras: who is told what, that a press waits for one picture at most, and that looking ends by
+//! Looks at scripted cameras: which client gets what, that a press waits for one picture at most, and that looking ends by
 //! itself.
 
 use super::*;

@@ -124,7 +124,7 @@ fn now() -> u64 {
     now.unwrap_or_default().as_secs()
 }
 
-/// The lines of a file that are not too old; what makes no sense is left out, and said.
+/// The lines of a file that are not too old; what makes no sense is left out, and logged.
 fn read(path: &Path) -> Vec<Line> {
     let mut bytes = Vec::new();
     let all = File::open(path).and_then(|f| f.take(2 * LARGEST_FILE).read_to_end(&mut bytes));

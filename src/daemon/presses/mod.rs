@@ -387,7 +387,7 @@ impl Presses {
         self.effects.push(Effect::Publish(event));
     }
 
-    /// Answers a press: in the journal first, then to its client. The last answer is synced to the disk.
+    /// Answers a press: in the journal first, then to its client. The final answer is synced to the disk.
     fn reply(&mut self, press: PressKey, event: Event) {
         self.advance(press, &event);
         let tracked = self.presses.get(&press);

@@ -1,4 +1,4 @@
-//! Tests the presses with inputs in any order: each press gets one last answer and at most one capture with its
+//! Tests the presses with inputs in any order: each press gets one final answer and at most one capture with its
 //! retries, and nothing is acknowledged before it has happened; also over a restart at any moment.
 
 use super::recorded::Recorded;
@@ -362,7 +362,7 @@ proptest! {
     ) {
         let mut watched = Watched::new();
         steps.into_iter().for_each(|step| watched.take(step));
-        // A power cut takes lines that were not brought to the disk, and captures that no client was told of.
+        // A power cut takes lines that were not brought to the disk, and captures that no client knows of.
         let kept = watched.synced.max(watched.journal.len().saturating_sub(lost));
         let journal = watched.journal[..kept].to_vec();
         let recorded: Vec<Recorded> = watched.shots.iter().enumerate().filter_map(|(i, (capture, press))| {
@@ -499,7 +499,7 @@ fn what_was_cut_short_has_failed_and_stays_so() {
     );
     let lines = [accepted("a-0001"), event.clone(), done("a-0001")].map(line);
     let (mut presses, effects) = Presses::restore(Instant::now(), lines, &[]);
-    // A press that has its last answer gets no more; only listeners to events are still told.
+    // A press that has its final answer gets no more; only listeners to events are still told.
     assert_eq!(effects.len(), 2, "{effects:?}");
     let ended = presses.on(Instant::now(), Input::JobEnded(done("a-0001")));
     assert_eq!(ended, [Effect::Publish(done("a-0001"))]);

@@ -195,7 +195,7 @@ impl OpenCamera {
 impl OpenCamera {
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         self.in_control()?;
-        // A camera that is gone is told now, and not when the library gives up.
+        // A camera that is gone is reported now, and not when the library gives up.
         self.check()?;
         self.camera_clock.keep_known(&self.camera, &self.device);
         let mut stats = ShotStats::default();

@@ -9,7 +9,7 @@ use super::stream::Stream;
 use crate::drivers::live::{CameraInfo, Fault};
 use std::ffi::c_int;
 
-/// What was read back of a setting, or is to be said of it.
+/// What was read back of a setting, or what a person should know about it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Readback {
     /// Name, what was asked for, what was found.

@@ -248,7 +248,8 @@ async fn ask(app: &App, request: Request) -> Result<Response, Refusal> {
     told(app.daemon.ask(&request).await)
 }
 
-/// The daemon's answer, with the members that the page shows. A reason may name a folder: it is for whoever may press.
+/// The daemon's answer, with the members that the page shows. A reason may name a folder, so only a client
+/// that may press gets it.
 fn told(reply: Result<Reply, daemon::Error>) -> Result<Response, Refusal> {
     let reply = reply.map_err(|error| {
         let code = if matches!(error, daemon::Error::Full) {

@@ -253,7 +253,7 @@ fn send(
         full: Vec::with_capacity(PIECE),
     };
     tokio::task::spawn_blocking(move || {
-        // Whoever went away needs no more.
+        // A client that went away needs no more.
         let _ = copy(file, size, pieces, coding == Coding::Gzip);
         drop(slot);
     });

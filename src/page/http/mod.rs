@@ -1,4 +1,4 @@
-//! What the page answers over HTTP: routes, and who may ask what. Every request goes through `guard` first.
+//! What the page answers over HTTP: routes, and which client may ask for what. Every request goes through `guard` first.
 
 mod act;
 mod files;

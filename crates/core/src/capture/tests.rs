@@ -513,7 +513,7 @@ fn a_capture_in_a_recording_of_its_own_is_the_same_scene_and_the_same_facts() {
         assert_eq!(facts.left_out.len(), 1);
         let recording = own.recording();
         assert_eq!((own.captures().len(), recording.is_packed()), (1, true));
-        // The digest is that of what the file holds, whoever computes it, and tells captures apart.
+        // The digest is that of what the file holds, whichever program computes it, and tells captures apart.
         assert_eq!(recording.content_sha256().unwrap(), content);
         let again = small(id.as_str(), &format!("{id}-again.mcap")).unwrap();
         assert_eq!(again.1, content);

@@ -1,6 +1,6 @@
 //! What a look at a camera shows while a rig is set up: a small picture, highlights that are clipped, how sharp its
-//! edges are, and the silhouette's outline as it would be cut. It judges one picture and keeps nothing; who takes the
-//! pictures and who shows them is decided elsewhere.
+//! edges are, and the silhouette's outline as it would be cut. It judges one picture and keeps nothing; other rooms
+//! take the pictures and show them.
 
 mod contours;
 #[cfg(test)]

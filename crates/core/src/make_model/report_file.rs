@@ -17,7 +17,7 @@ const LONGEST: u64 = 16 << 20;
 pub struct Model {
     /// How far it can be trusted.
     pub verdict: Level,
-    /// Why not further, and what else is to be said.
+    /// Why it cannot be trusted further, and what else a person should know.
     pub reasons: Vec<String>,
     /// Its folder.
     pub folder: PathBuf,

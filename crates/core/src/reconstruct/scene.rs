@@ -49,7 +49,7 @@ pub struct DepthView {
 /// One reading of a depth camera.
 #[derive(Clone, Debug)]
 pub struct DepthFrame {
-    /// Raw readings; 0 is none.
+    /// Raw readings; 0 means no reading.
     pub readings: Grid<u16>,
     /// The colour picture nearest in time; shared where colour is rarer than depth.
     pub color: Arc<RgbImage>,

@@ -91,7 +91,7 @@ pub struct LostParts {
     pub unused_frames: u64,
 }
 
-/// `scand.Note`: what a person said of a capture.
+/// `scand.Note`: what a person noted about a capture.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// The capture.

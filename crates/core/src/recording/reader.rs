@@ -468,7 +468,7 @@ fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<Chunk>) {
     chunks.retain(|chunk| {
         let size = chunk.header.uncompressed_size;
         let sum = total.saturating_add(size);
-        // One that is too large by itself is told when it is read.
+        // One that is too large by itself is reported when it is read.
         let keep = sum <= allowed || size > LARGEST_RECORD;
         if keep && size <= LARGEST_RECORD {
             total = sum;

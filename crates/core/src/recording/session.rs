@@ -145,7 +145,7 @@ impl RecordingSession {
         Ok(path)
     }
 
-    /// Writes what a person said of a capture, and brings it to the disk.
+    /// Writes what a person noted about a capture, and brings it to the disk.
     ///
     /// # Errors
     /// As for [`Self::append`].
@@ -188,7 +188,7 @@ impl RecordingSession {
         written
     }
 
-    /// Why the last full file could not be completed, told once.
+    /// Why the last full file could not be completed, reported once.
     pub fn take_unfinished(&mut self) -> Option<Error> {
         self.unfinished.take()
     }
@@ -288,7 +288,7 @@ fn begin_file(
     settings(writer, &SessionHeader::default(), header, time)
 }
 
-/// Whether a file would begin with something that cannot be said later in it.
+/// Whether a file would begin with something that cannot follow later in it.
 fn begins_otherwise(before: &SessionHeader, now: &SessionHeader) -> bool {
     before.colors != now.colors
         || before.depths != now.depths

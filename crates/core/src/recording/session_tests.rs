@@ -258,7 +258,7 @@ fn what_is_being_written_is_whole_up_to_where_it_is() {
     let open = Recording::open(&part).unwrap();
     assert_eq!((open.damage(), open.verify().unwrap()), (&[][..], vec![]));
     assert_eq!(count(&open, &Topic::Capture), 1);
-    // The same bytes and half a record, whose writer is at it, and then is gone.
+    // The same bytes and half a record, whose writer is at work, and then ends.
     let mut bytes = std::fs::read(&part).unwrap();
     bytes.extend_from_slice(&bytes.clone()[8..40]);
     std::fs::write(&half, bytes).unwrap();

@@ -67,7 +67,7 @@ impl Recording {
         })
     }
 
-    /// What a person said of a capture.
+    /// What a person noted about a capture.
     pub fn note(&self, message: &MessageRef) -> Result<Note, Error> {
         self.typed(&Topic::Note, message, |_, data| {
             json::read("scand.Note", &data)

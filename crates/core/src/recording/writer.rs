@@ -203,7 +203,7 @@ impl Writer {
         self.json(&Topic::Capture, &json::write(capture), time)
     }
 
-    /// Writes what a person said of a capture.
+    /// Writes what a person noted about a capture.
     pub fn note(&mut self, note: &Note, time: Timestamp) -> Result<(), Error> {
         self.json(&Topic::Note, &json::write(note), time)
     }

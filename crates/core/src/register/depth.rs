@@ -26,7 +26,7 @@ pub(super) struct Depths(Vec<Depth>);
 #[derive(Clone, Debug)]
 struct Depth {
     camera: DepthCamera,
-    /// The nearest reading around each pixel in metres; 0 is none.
+    /// The nearest reading around each pixel in metres; 0 means no reading.
     nearest: Grid<f32>,
     points: Vec<Point3<f64>>,
     tolerance: f64,

@@ -41,7 +41,8 @@ pub(super) const PLAIN: f64 = 0.06;
 pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
 /// Depth tells no turn from another where it objects to fewer of them than this share …
 pub(super) const DEPTH_OBJECTS_TO: f64 = 0.4;
-/// … and to no more in a row than these degrees: what fits after a quarter of a turn is told by more.
+/// … and to no more in a row than these degrees. For an object that fits again after a quarter of a turn, it objects
+/// to more.
 pub(super) const DEPTH_OBJECTS_IN_A_ROW_DEG: f64 = 45.0;
 /// A part of a free turn that depth finds equally good is wide from these degrees on: it claims no turn.
 pub(super) const DEPTH_WIDE_DEG: f64 = 75.0;

@@ -68,7 +68,7 @@ fn session(wide_degrees: f64, noise_px: f64, seed: u64) -> Session {
     }
 }
 
-/// What is said of lenses of these degrees, for each noise and seed.
+/// What the fit says about lenses of these degrees, for each noise and seed.
 fn told(wide_degrees: f64, noises_px: &[f64], seeds: u64) -> Vec<Told> {
     let of = |noise_px: f64, seed: u64| {
         let fit = fit(
@@ -104,7 +104,7 @@ fn told(wide_degrees: f64, noises_px: &[f64], seeds: u64) -> Vec<Told> {
     told
 }
 
-/// What is said of a lens.
+/// What the fit says about a lens.
 struct Told {
     is_named: bool,
     is_doubted: bool,

@@ -17,7 +17,7 @@ pub struct Source<'a> {
 pub enum Wanted<'a> {
     /// Those of this subject.
     Subject(&'a str),
-    /// Those of these names, whatever was said of them.
+    /// Those of these names, whatever their notes say.
     Captures(&'a [String]),
 }
 

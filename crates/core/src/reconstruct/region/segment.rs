@@ -18,7 +18,7 @@ pub(super) struct Evidence<'a> {
 
 /// Numbers the regions: pixels of the paper's segmentation grown over adjacent ones that belong, where
 /// enough of them are significant and hollow, with what they enclose and lies behind the hull too. Returns labels from
-/// 1 (0 is none) and how many there are.
+/// 1 on (0 means no region) and how many there are.
 pub(super) fn regions(
     difference: &Grid<f32>,
     evidence: &Evidence,

@@ -21,7 +21,7 @@ pub(super) fn of(session: &Session, fit: &Fit, least: Least) -> Vec<Finding> {
     });
     let mut findings: Vec<Finding> = Vec::new();
     for finding in found {
-        // What two cameras contradict each other about is told once.
+        // What two cameras contradict each other about is reported once.
         if findings
             .iter()
             .all(|known| known.cameras != finding.cameras)

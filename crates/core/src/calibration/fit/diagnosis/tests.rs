@@ -91,7 +91,7 @@ fn bumped(cameras: usize, camera: usize, degrees: f64, from: usize) -> Session {
 
 #[test]
 fn a_camera_that_is_bumped_late_is_named_with_turn_and_placement() {
-    // The last digit that is told differs from processor to processor.
+    // The last printed digit differs from processor to processor.
     for (degrees, told) in [(0.1, "0.1"), (0.7, "0.7")] {
         let words = [
             &format!("camera c02 moved by {told}") as &str,
