@@ -1,6 +1,6 @@
-//! What the daemon said about models that are not the first of a capture: of objects of which there are several captures,
-//! how these lie against each other, which side to show next, and what became of the model of all of them; and of the
-//! last model that was made again with other settings. No I/O.
+//! What the daemon said about models that are not the first of a capture: of objects with several captures, how these
+//! lie against each other, which side to show next, and what became of the model of all of them; and of the last model
+//! that was made again with other settings. No I/O.
 
 use crate::trigger::Event;
 use serde_json::{Value, json};

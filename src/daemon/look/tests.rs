@@ -1,5 +1,5 @@
-//! Looks at scripted cameras: which client gets what, that a press waits for one picture at most, and that looking ends by
-//! itself.
+//! Looks at scripted cameras: which client gets what, that a press waits for one picture at most, and that looking ends
+//! by itself.
 
 use super::*;
 use crate::daemon::rig::{Rig, RigLook, State};

@@ -8,7 +8,8 @@ use crate::trigger::Event;
 pub(super) const MOST_PRESSES: usize = 10_000;
 
 impl Presses {
-    /// Adds a press. If there are too many, forgets the oldest one that has its final answer and that no client follows.
+    /// Adds a press. If there are too many, forgets the oldest one that has its final answer and that no client
+    /// follows.
     pub(super) fn insert(&mut self, press: Press) -> PressKey {
         let key = PressKey(self.next);
         self.next += 1;

@@ -1,4 +1,5 @@
-//! What the page answers over HTTP: routes, and which client may ask for what. Every request goes through `guard` first.
+//! What the page answers over HTTP: routes, and which client may ask for what. Every request goes through `guard`
+//! first.
 
 mod act;
 mod files;

@@ -1,6 +1,6 @@
 //! Packages for archives that follow BagIt (RFC 8493): a folder with the files under `data/`, and lists of their
-//! SHA-512 digests. `Bag` makes one, and `verify` checks one, whichever program made it. This room knows nothing of the files'
-//! contents.
+//! SHA-512 digests. `Bag` makes one, and `verify` checks one, whichever program made it. This room knows nothing of the
+//! files' contents.
 
 mod manifest;
 mod verify;

@@ -141,7 +141,8 @@ impl Painter {
         }
     }
 
-    /// Where a direction of the camera meets the face, as a place of the board as it is described; NaN where it does not.
+    /// Where a direction of the camera meets the face, as a place of the board as it is described; NaN where it does
+    /// not.
     #[inline]
     fn on_face(&self, direction: [f64; 2]) -> [f64; 2] {
         let ray = self.face_from_camera.rotation * Vector3::new(direction[0], direction[1], 1.0);
