@@ -447,7 +447,7 @@ fn a_trigger_without_frames_fails_alone() {
     messages.0.push(trigger);
     let ended = replay_whole("no-frames", &messages);
     assert_eq!(ended.code, 3, "{}", ended.stderr);
-    ended.says(&["again", "camera c00 gave 0 of at least 1 frames"]);
+    ended.says(&["again", "camera c00 gave no frame"]);
     assert_eq!(ended.report("again")["outcome"], "failed");
     assert_eq!(ended.report("bowl-000")["outcome"], "done");
 }
