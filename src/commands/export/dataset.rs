@@ -23,8 +23,8 @@ const SHEET: &str = "scand.json";
 /// datasets lie in a folder for each recording.
 ///
 /// # Errors
-/// At the first that cannot be read or written; those before it are complete. Before any work, if two recordings have the
-/// same name too.
+/// At the first that cannot be read or written; those before it are complete. Before any work, if two recordings have
+/// the same name too.
 pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
     for path in &args.what {
         refuse_other(path)?;

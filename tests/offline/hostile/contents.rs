@@ -391,7 +391,7 @@ fn triggers_and_responses_that_make_no_sense_are_refused() {
             one_bowl().without("/trigger"),
             &["no /trigger"],
         ),
-        ("late-trigger", late, &["camera c00 gave 0 of", "c03"]),
+        ("late-trigger", late, &["camera c00 gave no frame", "c03"]),
         ("broken-trigger", broken, &["/trigger", "scand.Trigger"]),
         ("climbing-trigger", climbing, &["/trigger", "../../up"]),
         (

@@ -108,8 +108,8 @@ pub struct File {
 }
 
 /// The files of a model in a format, all of whose names begin with `stem`: the file that a reader opens comes last, so
-/// that it is there only when the others are. glTF is encoded anew here, as `glb` says; a model that is not changed needs
-/// no encoding.
+/// that it is there only when the others are. glTF is encoded anew here, as `glb` says; a model that is not changed
+/// needs no encoding.
 ///
 /// # Errors
 /// If the model's parts do not fit each other, or it is larger than the format allows.

@@ -89,8 +89,8 @@ fn header(model: &Model, about: &Description) -> String {
     text
 }
 
-/// A text in ASCII, which is all that many readers of headers take: other letters as in JSON (`\u00e4`), and a backslash
-/// twice.
+/// A text in ASCII, which is all that many readers of headers take: other letters as in JSON (`\u00e4`), and a
+/// backslash twice.
 fn ascii(text: &str) -> String {
     let mut plain = String::with_capacity(text.len());
     for letter in text.chars() {

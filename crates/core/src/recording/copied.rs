@@ -1,5 +1,5 @@
-//! Completes copies of recordings: the copy that was cut off stays, and another one is completed. The notes beside it go
-//! along.
+//! Completes copies of recordings: the copy that was cut off stays, and another one is completed. The notes beside it
+//! go along.
 
 use super::notes::beside;
 use super::recovery::{Recovered, recover, unfinished_name};
