@@ -91,8 +91,10 @@ rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot
 torture: deps ## test each promise of docs/promises.md (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
+# With cameras, where their libraries are installed.
+interop: CAMERAS = $(shell pkg-config --exists 'aravis-0.8 >= 0.8.25' libopenni2 2>/dev/null && echo --features rig)
 interop: ## check what scand writes with other people's readers (500 MB of readers into target/interop; SCAND=PROGRAM needs no build)
-	$(if $(SCAND),,$(CARGO) build --release --locked)
+	$(if $(SCAND),,$(CARGO) build --release --locked $(CAMERAS))
 	SCAND=$(or $(SCAND),target/release/scand) tests/interop/run.sh
 
 kinect-driver: ## build OpenNI2's driver for the Kinect v1 from Debian's source and install it (as root on Debian)

@@ -1,6 +1,7 @@
 """Reads models (`model.ply`, `model.glb`) with what they know of each vertex."""
 
 import json
+import re
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,6 +64,15 @@ def read_model(path):
         raise ValueError(f"{path}: {error}") from error
 
 
+def _unescaped(text):
+    """A text of a PLY's comment, where other letters than ASCII stand as in JSON, and a backslash is there twice."""
+    units = re.sub(
+        r"\\\\|\\u([0-9a-f]{4})", lambda found: chr(int(found[1], 16)) if found[1] else "\\", text
+    )
+    # Letters beyond U+FFFF are two units.
+    return units.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
 _PLY_TYPES = {"float": "<f4", "uchar": "u1", "uint": "<u4"}
 
 
@@ -91,7 +101,7 @@ def _read_ply(data):
     for name, *rest in (comment.split(" ", 1) for comment in comments):
         for text in rest:
             if name not in fixed:
-                about.setdefault(name, text)
+                about.setdefault(name, _unescaped(text))
     return Model(
         vertices=columns("x", "y", "z"),
         triangles=faces["corners"].astype(int),

@@ -324,8 +324,13 @@ def test_a_message_that_is_cut_off_is_an_error():
         Schema(b"\x0a\xff\x01abc")
 
 
-def test_the_notebook_runs(monkeypatch, capsys):
-    monkeypatch.chdir(RECORDING.parents[1])
+def test_the_notebook_runs(monkeypatch, capsys, tmp_path):
+    folder = tmp_path / "out/cup/cup-000"
+    folder.mkdir(parents=True)
+    ply(folder / "model.ply")
+    (folder / "report.json").write_text('{"version": 1, "verdict": {"level": "amber", "reasons": []}}')
+    (tmp_path / "recordings").symlink_to(RECORDING.parent)
+    monkeypatch.chdir(tmp_path)
     notebook = json.loads((Path(__file__).parents[1] / "examples/capture.ipynb").read_text())
     names = {}
     for cell in notebook["cells"]:
@@ -333,3 +338,11 @@ def test_the_notebook_runs(monkeypatch, capsys):
             exec("".join(cell["source"]), names)
     told = capsys.readouterr().out
     assert "of the pixels, noise" in told and "c00" in told
+    assert "a-1 amber" in told and "restored  33.3%, expected error 2.00 mm" in told
+
+
+def test_a_ply_says_any_letter_in_ascii(tmp_path):
+    path = ply(tmp_path / "model.ply")
+    escaped = rb'comment title Krater \u00ab\u0397\u00bb \\u00 "\ud80c\udc00" 100 %'
+    path.write_bytes(path.read_bytes().replace(b"comment title A krater", escaped))
+    assert scand.read_model(path).about["title"] == 'Krater «Η» \\u00 "𓀀" 100 %'

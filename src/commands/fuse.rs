@@ -1,6 +1,7 @@
 //! `scand fuse`: makes one model of several captures of one object, or says why it cannot.
 
 use super::wrong_usage;
+use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
 use crate::config::Config;
 use crate::frame::CaptureId;
@@ -47,6 +48,9 @@ pub struct Args {
     /// Write the model into DIR/RECORDING/SUBJECT.object/
     #[arg(short, long, default_value = "out", value_name = "DIR")]
     out: PathBuf,
+    /// Use this calibration (TOML) instead of the recorded ones
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Read this configuration (TOML); config/replay.toml shows every setting
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -73,6 +77,10 @@ const EXIT_LEFT_OUT: u8 = super::EXIT_INCOMPLETE;
 /// If the arguments contradict each other, a recording cannot be read, or no capture is the object's.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let config = Config::load(args.config.as_deref(), &args.set)
+        .map_err(|e| super::BadConfiguration(e.into()))?;
+    let calibration = args.calibration.as_deref().map(RigCalibration::load);
+    let calibration = calibration
+        .transpose()
         .map_err(|e| super::BadConfiguration(e.into()))?;
     let settings = Settings {
         reconstruction: config.reconstruction(),
@@ -117,7 +125,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     storage::check_writable(&folder).context("nothing was made: give another folder with --out")?;
     let maker = ModelMaker {
         settings: &settings,
-        calibration: None,
+        calibration: calibration.as_ref(),
         force: args.force,
         folder,
         on_stage: &|_, stage| {

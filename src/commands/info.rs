@@ -7,11 +7,12 @@ use crate::capture::{
     CaptureSession, CaptureSummary, LeftOutCamera, RigAt, calibration_digest, input_digest,
 };
 use crate::frame::{CameraId, CaptureId, Timestamp};
+use crate::notes::CaptureNotes;
 use crate::recording::noted_recording;
 use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Recording, Topic};
 use crate::storage::write_atomically;
 use crate::sync;
-use crate::words::count;
+use crate::words::{at_most, count, printable};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -114,12 +115,16 @@ fn lines(args: &Args) -> ExitCode {
                 }
                 match args.json {
                     true => outln!("{}", serde_json::to_string(&info).unwrap_or_default()),
-                    false => outln!("{}", printable(&info.line())),
+                    false => outln!("{}", line_of(&info.line())),
                 }
             }
             Err(error) => {
                 code = ExitCode::from(EXIT_INCOMPLETE);
-                eprintln!("scand: {error:#}");
+                let problem = format!("{error:#}");
+                if args.json {
+                    outln!("{}", serde_json::json!({ "file": file, "error": problem }));
+                }
+                eprintln!("scand: {}", printable(&problem));
             }
         }
     }
@@ -139,6 +144,8 @@ struct Info {
     channels: Vec<ChannelInfo>,
     cameras: Vec<CameraInfo>,
     volume: Result<[[f64; 3]; 2], String>,
+    /// People's notes on the session.
+    session_notes: CaptureNotes,
     captures: Vec<CaptureSummary>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     digests: Vec<CaptureDigests>,
@@ -265,6 +272,7 @@ impl Info {
             channels: recording.channels(),
             cameras,
             volume,
+            session_notes: session.notes().on_session(recording),
             captures: session.captures(),
             digests: Vec::new(),
             left_out: session.left_out().to_vec(),
@@ -352,7 +360,7 @@ impl Sections {
         }
         self.0 += &format!("\n{heading}\n");
         for line in shown {
-            self.0 += &format!("  {}\n", printable(&line));
+            self.0 += &format!("  {}\n", line_of(&line));
         }
         let left = lines.count();
         if left > 0 {
@@ -361,10 +369,18 @@ impl Sections {
     }
 }
 
-/// Text without letters that a terminal would obey, and not endless.
-fn printable(text: &str) -> String {
-    let letter = |c: char| if c.is_control() { '\u{fffd}' } else { c };
-    text.chars().take(400).map(letter).collect()
+/// Most letters of a value that are printed, and of a line, which has several.
+const MOST_LETTERS: usize = 400;
+const LONGEST_LINE: usize = 1000;
+
+/// A line without letters that a terminal would obey, and not endless.
+fn line_of(text: &str) -> String {
+    printable(&at_most(LONGEST_LINE, text))
+}
+
+/// A value that anybody may have written.
+fn value(text: &str) -> String {
+    at_most(MOST_LETTERS, text)
 }
 
 impl Info {
@@ -410,7 +426,7 @@ impl Info {
     }
 
     fn in_words(&self) -> String {
-        let title = printable(&format!(
+        let title = line_of(&format!(
             "{}: {} bytes, profile {:?}, written by {:?}",
             self.file.display(),
             self.bytes,
@@ -419,10 +435,10 @@ impl Info {
         ));
         let first_aid = self
             .first_aid()
-            .map(|aid| printable(&aid) + "\n\n")
+            .map(|aid| line_of(&aid) + "\n\n")
             .unwrap_or_default();
         let mut words = Sections(first_aid + &title + "\n");
-        words.section("Metadata", self.metadata.iter().map(metadata_line));
+        words.section("Metadata", self.metadata.iter().flat_map(metadata_lines));
         words.section(
             "Attachments",
             self.attachments
@@ -438,7 +454,8 @@ impl Info {
                 Err(error) => error.clone(),
             }],
         );
-        words.section("Captures", self.captures.iter().map(capture_line));
+        words.section("Notes on the session", self.session_notes.lines());
+        words.section("Captures", self.captures.iter().flat_map(capture_lines));
         words.section(
             "Digests (SHA-256)",
             self.digests.iter().map(CaptureDigests::line),
@@ -450,9 +467,11 @@ impl Info {
     }
 }
 
-fn metadata_line((name, pairs): &(String, BTreeMap<String, String>)) -> String {
-    let pairs: Vec<String> = pairs.iter().map(|(k, v)| format!("{k} = {v}")).collect();
-    format!("{name}: {}", pairs.join(", "))
+fn metadata_lines((name, pairs): &(String, BTreeMap<String, String>)) -> Vec<String> {
+    let pairs = pairs
+        .iter()
+        .map(|(k, v)| format!("  {} = {}", value(k), value(v)));
+    std::iter::once(value(name)).chain(pairs).collect()
 }
 
 fn channel_line(channel: &ChannelInfo) -> String {
@@ -471,7 +490,8 @@ fn channel_line(channel: &ChannelInfo) -> String {
     format!("{messages:6} {topic:28} {schema} in {encoding}{remark}")
 }
 
-fn capture_line(capture: &CaptureSummary) -> String {
+/// A capture, and below it the notes on it.
+fn capture_lines(capture: &CaptureSummary) -> Vec<String> {
     let CaptureSummary {
         id,
         time,
@@ -486,26 +506,24 @@ fn capture_line(capture: &CaptureSummary) -> String {
     } = capture;
     let outcome = match failure {
         None => "complete".to_owned(),
-        Some(reason) => format!("failed: {reason}"),
+        Some(reason) => format!("failed: {}", value(reason)),
     };
     let skew_ms = *skew_ns as f64 / 1e6;
-    let object = subject
-        .as_ref()
-        .map_or_else(String::new, |number| format!(" of object {number}"));
+    let object = subject.as_ref().map_or_else(String::new, |number| {
+        format!(" of object {}", value(number))
+    });
     let placed = placement
         .as_ref()
-        .map_or_else(String::new, |words| format!(", {words}"));
-    let said: String = notes
-        .lines()
-        .iter()
-        .map(|line| format!("; {line}"))
-        .collect();
-    format!(
-        "{id}{object}{placed} at {} by {source}: {} and {}, skew {skew_ms} ms, {outcome}{said}",
+        .map_or_else(String::new, |words| format!(", {}", value(words)));
+    let line = format!(
+        "{id}{object}{placed} at {} by {}: {} and {}, skew {skew_ms} ms, {outcome}",
         time.iso_8601(),
+        value(source),
         count(*color_frames, "colour frame"),
         count(*depth_frames, "depth frame"),
-    )
+    );
+    let said = notes.lines().into_iter().map(|line| format!("  {line}"));
+    std::iter::once(line).chain(said).collect()
 }
 
 impl CameraInfo {

@@ -36,6 +36,7 @@ pub mod make_model;
 pub mod make_object;
 #[cfg(feature = "page")]
 pub mod make_view;
+mod model_notes;
 pub mod pack;
 #[cfg(feature = "page")]
 pub mod page;

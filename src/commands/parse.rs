@@ -2,14 +2,14 @@
 
 use super::Cli;
 use crate::words::shell_word;
-use clap::Parser;
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
+use clap::{CommandFactory, Parser};
 use std::ffi::OsString;
 use std::path::Path;
 
 /// Reads the command line. Ends the process where it asks for help or cannot be read.
 pub fn parse() -> Cli {
-    let arguments: Vec<OsString> = std::env::args_os().collect();
+    let arguments = asked_for_help(std::env::args_os().collect());
     Cli::try_parse_from(&arguments).unwrap_or_else(|error| {
         let tip = tip(&error);
         let _ = error.print();
@@ -18,6 +18,20 @@ pub fn parse() -> Cli {
         }
         std::process::exit(error.exit_code())
     })
+}
+
+/// `scand help COMMAND` of a command that this build does not have is that command, which says where it is.
+fn asked_for_help(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    let asked = |at: usize| arguments.get(at).and_then(|word| word.to_str());
+    let is_absent = |name: &str| {
+        let command = Cli::command();
+        let found = command.find_subcommand(name);
+        found.is_some_and(|command| command.is_disable_help_flag_set())
+    };
+    if asked(1) == Some("help") && asked(2).is_some_and(is_absent) {
+        arguments.remove(1);
+    }
+    arguments
 }
 
 /// What a person should know about an error besides its text.
@@ -50,4 +64,25 @@ fn tip(error: &Error) -> Option<String> {
         _ => return None,
     };
     Some(format!("you may want: {known}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(line: &str) -> Vec<OsString> {
+        line.split(' ').map(Into::into).collect()
+    }
+
+    #[test]
+    fn help_on_a_command_that_is_not_here_says_where_it_is() {
+        let asked = asked_for_help(words("scand help page"));
+        match cfg!(feature = "page") {
+            true => assert_eq!(asked, words("scand help page")),
+            false => assert_eq!(asked, words("scand page")),
+        }
+        for line in ["scand help replay", "scand help", "scand replay help page"] {
+            assert_eq!(asked_for_help(words(line)), words(line));
+        }
+    }
 }

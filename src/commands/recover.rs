@@ -2,7 +2,7 @@
 
 use super::EXIT_INCOMPLETE;
 use crate::recording::{
-    Error, Recovered, finished_name, interrupted, recover, recover_copy, unfinished,
+    Error, Recovered, beside, finished_name, interrupted, recover, recover_copy, unfinished,
 };
 use crate::words::count;
 use std::path::{Path, PathBuf};
@@ -46,6 +46,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             Ok(recovered) => {
                 lost |= recovered.tail.is_some();
                 outln!("{}", words(&recovered));
+                let notes = beside(&recovered.path);
+                if is_cut_copy && notes.is_file() {
+                    outln!("{}: a copy of the notes", notes.display());
+                }
             }
             Err(error) => {
                 failed = true;

@@ -1,7 +1,7 @@
 //! `scand verify`: checks a package for an archive, made by scand or by another program.
 
-use crate::bag::verify;
-use crate::words::count;
+use crate::bag::{Checked, verify};
+use crate::words::{count, printable};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -24,30 +24,38 @@ pub struct Args {
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
     for folder in &args.folders {
-        let name = folder.display();
-        let (findings, error) = match verify(folder) {
-            Ok(findings) => (findings, None),
-            Err(error) => (Vec::new(), Some(error.to_string())),
+        let name = printable(&folder.display().to_string());
+        let (checked, error) = match verify(folder) {
+            Ok(checked) => (checked, None),
+            Err(error) => (Checked::default(), Some(error.to_string())),
         };
+        let Checked {
+            findings,
+            unchecked,
+        } = checked;
         let is_whole = findings.is_empty() && error.is_none();
         if !is_whole {
             code = ExitCode::FAILURE;
         }
         if args.json {
             let line = serde_json::json!({
-                "package": folder, "whole": is_whole, "findings": findings, "error": error,
+                "package": folder, "whole": is_whole, "findings": findings, "unchecked": unchecked,
+                "error": error,
             });
             outln!("{line}");
             continue;
         }
         match error {
-            Some(error) => eprintln!("scand: {name}: {error}"),
+            Some(error) => eprintln!("scand: {name}: {}", printable(&error)),
             None if is_whole => outln!("{name}: intact: no file was changed"),
             None => {
                 eprintln!("scand: {name}: {}", count(findings.len(), "problem"));
                 findings.iter().for_each(|finding| eprintln!("  {finding}"));
             }
         }
+        unchecked
+            .iter()
+            .for_each(|words| eprintln!("  note: {words}"));
     }
     Ok(code)
 }

@@ -63,7 +63,7 @@ fn write_to_one(candidates: &[PathBuf], note: &Note, time: Timestamp) -> Result<
         let written =
             Recording::open(path).and_then(|recording| note_beside(&recording, note, time));
         match written {
-            Ok(file) => return Ok(format!("the note is in {}", file.display())),
+            Ok(written) => return Ok(written.words()),
             Err(error) => refused = error.to_string(),
         }
     }

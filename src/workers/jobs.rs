@@ -1,12 +1,13 @@
 //! The queue of jobs: a small file for each in the folder `jobs` beside the recordings, durable once it is enqueued and
 //! removed when it is done. Memory holds only the jobs in progress and the number that wait.
 
+use super::find::find;
 use super::job::{ENDING, Job};
 use super::object_jobs::ObjectJobs;
 use super::remakes::Remakes;
 use crate::log;
 use crate::process::Cancel;
-use crate::recording::{Recording, unfinished_name};
+use crate::recording::{Notes, Recording, unfinished_name};
 use crate::storage::{self, write_atomically};
 use parking_lot::{Condvar, Mutex};
 use std::collections::BTreeMap;
@@ -241,6 +242,46 @@ impl Jobs {
             }
         }
         self.changed.notify_all();
+    }
+
+    /// Lets notes take effect that were written beside recordings while no daemon ran: a job whose capture was rejected
+    /// is withdrawn, and a withdrawn one whose capture is not rejected any more is offered again. Returns the captures
+    /// of the former, with their recordings. What cannot be read stays as it is.
+    pub fn heed_notes(&self) -> Vec<(String, PathBuf)> {
+        let files = std::fs::read_dir(&self.folder).into_iter().flatten();
+        let mut paths: Vec<PathBuf> = files.flatten().map(|file| file.path()).collect();
+        paths.sort();
+        let mut notes: BTreeMap<PathBuf, Option<Notes>> = BTreeMap::new();
+        let mut withdrawn = Vec::new();
+        for path in paths {
+            let is_withdrawn = !is_hidden(&path) && path.extension().is_some_and(|e| e == REJECTED);
+            if !is_withdrawn && !is_job(&path) {
+                continue;
+            }
+            let job = std::fs::read(&path).map_err(|e| e.to_string());
+            let Ok(job) = job.and_then(|bytes| Job::parse(&bytes)) else {
+                continue;
+            };
+            let Some(recording) = find(&self.recordings, &job) else {
+                continue;
+            };
+            let notes = notes.entry(recording.clone()).or_insert_with(|| {
+                let recording = Recording::open(&recording);
+                recording.ok().map(|recording| Notes::of(&recording))
+            });
+            let Some(notes) = notes else {
+                continue;
+            };
+            match (is_withdrawn, notes.on(&job.capture).is_rejected()) {
+                (true, false) => self.offer_again(&job.capture),
+                (false, true) => {
+                    let of = self.withdraw(&job.capture);
+                    withdrawn.extend(of.map(|recording| (job.capture, recording)));
+                }
+                _ => {}
+            }
+        }
+        withdrawn
     }
 
     /// Whether the model of a capture is being made.

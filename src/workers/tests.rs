@@ -6,7 +6,10 @@ use super::*;
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::level::Level;
-use crate::recording::{CaptureRecord, Compression, Outcome, Writer, recover, unfinished_name};
+use crate::recording::{
+    CaptureRecord, Compression, Note, Outcome, Recording, Writer, note_beside, recover,
+    unfinished_name,
+};
 use crate::support::wait::until;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -459,6 +462,43 @@ fn a_crash_between_a_capture_and_its_job_is_made_good() {
         .unwrap();
     let gone = place.recording("gone.mcap");
     jobs.enqueue_missing(&[path, gone], &place.models());
+    assert_eq!(jobs.backlog().waiting, 2);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);
+}
+
+#[test]
+fn notes_that_were_written_while_no_daemon_ran_take_effect_at_its_start() {
+    let place = Place::new("make");
+    let path = place.recording("a.mcap");
+    record(&path, &[("a-1", 1000), ("a-2", 2000), ("a-3", 3000)], true);
+    let jobs = place.jobs();
+    for (capture, ms) in [("a-1", 1000), ("a-2", 2000), ("a-3", 3000)] {
+        jobs.enqueue(&Job::new(&path, capture, at(ms).0, "test"))
+            .unwrap();
+    }
+    assert!(jobs.withdraw("a-2").is_some());
+    drop(jobs);
+    let note = |capture: &str, kind: &str, time| {
+        let note = Note {
+            capture: capture.into(),
+            kind: kind.into(),
+            text: String::new(),
+            author: None,
+        };
+        note_beside(&Recording::open(&path).unwrap(), &note, at(time)).unwrap();
+    };
+    note("a-1", "reject", 9000);
+    // What was rejected at the rig stays so until that is taken back.
+    note("a-2", "reject", 8000);
+    assert_eq!(
+        place.jobs().heed_notes(),
+        [("a-1".to_owned(), path.clone())]
+    );
+    assert_eq!(place.jobs().backlog().waiting, 1);
+    note("a-2", "clear", 9000);
+    let jobs = place.jobs();
+    assert_eq!(jobs.heed_notes(), []);
     assert_eq!(jobs.backlog().waiting, 2);
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);

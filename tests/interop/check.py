@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import published
+from entitle import TITLE
 
 import scand
 
@@ -29,6 +30,7 @@ def read_with_scand(home):
     ply, glb = scand.read_model(folder), scand.read_model(folder / "model.glb")
     close(ply.volume(), glb.volume(), 1e-5, "volume of .ply and .glb")
     assert ply.about["capture"] == glb.about["capture"] == CAPTURE
+    assert ply.about["title"] == glb.about["title"] == TITLE
     assert glb.texture[:2] == b"\xff\xd8"
     assert len(ply.provenance) == len(ply.vertices) and ply.provenance.max() < len(scand.PROVENANCES)
     assert np.isfinite(ply.expected_error).all() and (ply.expected_error > 0).all()
@@ -57,6 +59,11 @@ def with_trimesh(home, model):
     """Units, axes, texture and watertightness of OBJ, STL and glTF."""
     import trimesh
 
+    # Its reader of headers takes ASCII alone.
+    plain = trimesh.load(home / "out/cup" / CAPTURE / "model.ply", process=False)
+    close(plain.volume, model.volume(), 1e-5, "model.ply: volume")
+    scene = trimesh.load(home / f"export/{CAPTURE}.glb")
+    assert scene.metadata["title"] == TITLE or TITLE in str(scene.metadata), scene.metadata
     height = np.ptp(model.vertices[:, 2])
     for ending, scale, up in (("obj", 1, 1), ("glb", 1, 1), ("stl", 1000, 2)):
         for name in (CAPTURE, f"{CAPTURE}-lod1"):
@@ -115,6 +122,9 @@ def with_lib3mf(home, model):
         triangles = np.array([list(t.Indices) for t in mesh.GetTriangleIndices()])
         close(volume(vertices, triangles), model.volume() * 1e9, near, f"{name}.3mf: volume")
         assert document.GetTexture2Ds().Count() == 1
+        said = document.GetMetaDataGroup()
+        texts = [said.GetMetaData(i).GetValue() for i in range(said.GetMetaDataCount())]
+        assert any(TITLE in text for text in texts), texts
     passed("lib3mf: 3MF in strict mode: millimetres, a solid, texture")
 
 
@@ -126,6 +136,8 @@ def with_usd(home, model):
     for name, near in ((CAPTURE, 1e-4), (f"{CAPTURE}-lod1", 0.02)):
         path = str(home / f"export/{name}.usdz")
         stage = Usd.Stage.Open(path)
+        said = stage.GetRootLayer().customLayerData
+        assert said["title"] == TITLE, said
         problems = [f"{e.GetName()}: {e.GetMessage()}" for e in rules.Validate(stage)]
         assert not problems, problems
         assert UsdGeom.GetStageMetersPerUnit(stage) == 1 and UsdGeom.GetStageUpAxis(stage) == "Y"

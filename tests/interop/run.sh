@@ -41,7 +41,9 @@ rm -rf $work
 mkdir -p $work
 cd $work
 python=../environment/bin/python
-"$scand" simulate --shape cup --textured --cameras 8 --size 640x480 --encoding jpeg --captures 2 --out cup.mcap
+"$scand" simulate --shape cup --textured --cameras 8 --size 640x480 --encoding jpeg --captures 2 --out plain.mcap
+"$python" ../../../$here/entitle.py plain.mcap cup.mcap
+rm plain.mcap
 "$scand" note cup-000 accept --author Zacharias --recording cup.mcap
 "$scand" replay cup.mcap -q
 "$scand" archive cup.mcap -o package --date 2026-01-31
@@ -63,12 +65,14 @@ elif [ "${SCAND_REQUIRE_ALL:-}" = 1 ]; then
 	echo "interop: $scand has no cameras, and so no press" >&2
 	exit 1
 else
-	echo "skipped: from a press: $scand has no cameras (build with --features rig)"
+	echo "skipped: from a press: $scand has no cameras (make interop builds them where tests/deps.sh has installed their libraries)"
 fi
 took=$SECONDS
 size() { { du -smc --apparent-size "$@" 2>/dev/null || true; } | tail -n 1 | cut -f 1; }
 readers=$(size $environment)
 echo "interop: $readers MB of readers, $(size $work target/interop/press) MB made, $took s"
+# Machines differ, so a long time is told and fails nothing.
+if [ "$took" -gt 300 ]; then echo "interop: took $took s, more than 300 s"; fi
 if [ "$readers" -gt 500 ]; then
 	echo "interop: the readers take $readers MB, more than 500 MB: move the largest to large.sh" >&2
 	exit 1

@@ -2,6 +2,7 @@
 
 use super::desk::{Desk, files};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 #[test]
 fn a_package_holds_all_that_is_known_and_is_the_same_again() {
@@ -125,7 +126,153 @@ fn a_rejected_model_stays_out_unless_its_capture_is_named() {
     );
     assert!(!files(&desk.path("session")).contains_key("data/models/ball/ball-000/model.glb"));
     desk.done(&["archive", "ball-000", "-o", "capture"]);
-    assert!(files(&desk.path("capture")).contains_key("data/models/ball/ball-000/model.glb"));
+    let capture = files(&desk.path("capture"));
+    assert!(capture.contains_key("data/models/ball/ball-000/model.glb"));
+    // Named beside its recording, it is named too.
+    desk.done(&["archive", "ball.mcap", "ball-000", "-o", "both"]);
+    assert!(files(&desk.path("both")).contains_key("data/models/ball/ball-000/model.glb"));
+    // The model was made before the note: the copy in the package says what is known now.
+    let name = |file: &str| format!("data/models/ball/ball-000/{file}");
+    let report: Value = serde_json::from_slice(&capture[&name("report.json")]).unwrap();
+    assert_eq!(report["notes"]["decision"], "rejected");
+    let kept = |file: &str| std::fs::read(desk.path("out/ball/ball-000").join(file)).unwrap();
+    assert!(capture[&name("preview.png")] != kept("preview.png"));
+    assert!(capture[&name("model.glb")] == kept("model.glb"));
+    let report: Value = serde_json::from_slice(&kept("report.json")).unwrap();
+    assert_eq!(
+        report["notes"]["decision"],
+        Value::Null,
+        "the model itself stays as it was"
+    );
+    assert!(desk.run(&["verify", "capture"]).status.success());
+}
+
+#[test]
+fn the_report_of_a_failure_is_no_model() {
+    let desk = Desk::new();
+    let folder = desk.path("out/ball/ball-000");
+    std::fs::create_dir_all(&folder).unwrap();
+    let report =
+        r#"{"version":1,"reason":"the memory was not enough","capture":{"id":"ball-000"}}"#;
+    std::fs::write(folder.join("report.json"), report).unwrap();
+    let told = desk.done(&["archive", "ball-000", "-o", "bag"]);
+    assert!(
+        told.contains("could not be made (the memory was not enough)"),
+        "{told}"
+    );
+    let bag = files(&desk.path("bag"));
+    assert!(!bag.keys().any(|name| name.starts_with("data/models")));
+    let sheet: Value = serde_json::from_slice(&bag["data/paradata/ball/ball-000.json"]).unwrap();
+    assert_eq!(sheet["processing"]["method"], "no model is in the package");
+    assert_eq!(sheet["data"]["models"], Value::Null);
+}
+
+#[test]
+fn captures_of_an_open_session_are_named() {
+    let desk = Desk::with_a_model();
+    let bytes = std::fs::read(desk.path("ball.mcap")).unwrap();
+    std::fs::write(desk.path("late.mcap.part"), &bytes[..bytes.len() - 9]).unwrap();
+    let output = desk.run(&["archive", "ball-000", "-o", "bag"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(3), "{told}");
+    assert!(
+        told.contains("late.mcap.part has 1 capture of them") && told.contains("scand recover"),
+        "{told}"
+    );
+    assert!(desk.run(&["verify", "bag"]).status.success());
+    // Another recording's names mean nothing in it.
+    desk.tell("ball.mcap", &[("name", "monday")]);
+    desk.done(&["archive", "monday", "-o", "session"]);
+    std::fs::remove_file(desk.path("ball.mcap")).unwrap();
+    let output = desk.run(&["archive", "ball-000", "-o", "none"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(
+        told.contains("late.mcap.part has 1 capture of them"),
+        "{told}"
+    );
+    let output = desk.run(&["archive", "late", "-o", "none", "--date", "2026-99-99"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("no such day"), "{told}");
+}
+
+/// The parameters that `docs/formats.md` lists in the section of this heading: `section.name`.
+fn documented(heading: &str) -> BTreeSet<String> {
+    let page = include_str!("../../docs/formats.md");
+    let (_, after) = page.split_once(heading).expect(heading);
+    let section = after.split("\n#").next().unwrap();
+    let rows = section.lines().filter_map(|line| line.strip_prefix("| `"));
+    let mut found = BTreeSet::new();
+    for row in rows {
+        let (section, rest) = row.split_once('`').unwrap();
+        let names = rest.split('|').nth(1).unwrap();
+        found.extend(
+            names
+                .split('`')
+                .skip(1)
+                .step_by(2)
+                .map(|name| format!("{section}.{name}")),
+        );
+    }
+    found
+}
+
+fn parameters(sheet: &Value) -> BTreeSet<String> {
+    let sections = sheet.as_object().unwrap().iter();
+    let of = |(section, values): (&String, &Value)| {
+        let names = values.as_object().into_iter().flatten();
+        names
+            .map(|(name, _)| format!("{section}.{name}"))
+            .collect::<Vec<_>>()
+    };
+    sections
+        .filter(|(section, _)| *section != "other_pairs")
+        .flat_map(of)
+        .collect()
+}
+
+#[test]
+fn the_sheet_has_each_parameter_and_what_the_session_says_of_it() {
+    let desk = Desk::with_a_model();
+    let pairs = [
+        ("name", "monday"),
+        ("lighting", "two D65 panels"),
+        ("temperature", "21 °C"),
+        ("humidity", "45 %"),
+        ("location", "store 3"),
+        ("condition", "a crack in the base"),
+        ("material", "clay"),
+        ("dimensions", "8 cm"),
+        ("purpose", "loan"),
+        ("conservator", "Ben <b>"),
+    ];
+    desk.tell("ball.mcap", &pairs);
+    desk.done(&["archive", "ball-000", "-o", "bag"]);
+    let bag = files(&desk.path("bag"));
+    let sheet: Value = serde_json::from_slice(&bag["data/paradata/ball/ball-000.json"]).unwrap();
+    for (section, key) in [
+        ("environment", "lighting"),
+        ("environment", "temperature"),
+        ("environment", "humidity"),
+        ("environment", "location"),
+        ("object", "condition"),
+        ("object", "material"),
+        ("object", "dimensions"),
+        ("purpose", "purpose"),
+        ("other_pairs", "conservator"),
+    ] {
+        let expected = pairs.iter().find(|pair| pair.0 == key).unwrap().1;
+        assert_eq!(sheet[section][key], expected, "{section}.{key}");
+    }
+    assert_eq!(
+        sheet["other_pairs"].get("lighting"),
+        None,
+        "each pair has one place"
+    );
+    assert_eq!(parameters(&sheet), documented("### Sheets of paradata"));
+    let page = String::from_utf8_lossy(&bag["data/paradata/ball/ball-000.html"]);
+    assert!(page.contains("Ben &lt;b&gt;") && page.contains("two D65 panels"));
 }
 
 #[test]
@@ -207,7 +354,18 @@ fn a_model_of_several_captures_goes_with_them() {
     ]);
     let model = "data/models/ball/ball-000.object/model.glb";
     desk.done(&["archive", "ball", "-o", "both"]);
-    assert!(files(&desk.path("both")).contains_key(model));
+    let both = files(&desk.path("both"));
+    assert!(both.contains_key(model));
+    let sheet = &both["data/paradata/ball/ball-000.object.json"];
+    let sheet: Value = serde_json::from_slice(sheet).unwrap();
+    assert_eq!(sheet["captures"][1]["id"], "ball-001");
+    assert_eq!(sheet["data"]["models"], "models/ball/ball-000.object");
+    assert!(sheet["how_exact"]["verdict"]["level"].is_string());
+    assert!(both.contains_key("data/paradata/ball/ball-000.object.html"));
+    assert_eq!(
+        parameters(&sheet),
+        documented("#### Models of several captures")
+    );
     let told = desk.done(&["archive", "ball-001", "-o", "one"]);
     assert!(
         told.contains("does not have ball-000 of ball.mcap"),

@@ -5,9 +5,10 @@ use assert_cmd::Command;
 use nalgebra::{Isometry3, Point2, Point3, Quaternion, Translation3, UnitQuaternion};
 use scand::capture::CaptureSession;
 use scand::evaluate::load::load;
+use scand::export::read;
 use scand::frame::CaptureId;
 use scand::mesh::{bounding_box, check, volume_and_total_area};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Output;
 
 struct Home(tempfile::TempDir);
@@ -394,7 +395,11 @@ fn a_file_is_replaced_only_with_force() {
     assert_eq!(std::fs::read(&file).unwrap(), b"mine");
     home.hold("export out --format stl --force", 0, &[]);
     assert!(std::fs::read(&file).unwrap().len() > 84);
-    home.hold("export out out --format obj", 1, &["same name"]);
+    // The same model twice is one; another of the same name is told, and the first one is there.
+    home.hold("export out out --format obj", 0, &[]);
+    copy_folder(&home.path("out"), &home.path("copy"));
+    home.hold("export out copy --format usdz", 3, &["same name"]);
+    assert!(home.path("export/ball-000.usdz").is_file());
     let line = "export ball.mcap --dataset colmap -o sets";
     home.hold(line, 0, &[]);
     home.hold(line, 1, &["already exists"]);
@@ -409,6 +414,139 @@ fn a_file_is_replaced_only_with_force() {
 fn a_rejected_model_is_exported_with_a_remark() {
     let home = Home::new();
     home.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
-    home.done(&["replay", "ball.mcap"]);
+    // The report is older than the note.
     home.hold("export out --format stl", 0, &["the capture was rejected"]);
+    std::fs::create_dir(home.path("elsewhere")).unwrap();
+    home.hold(
+        "export out --format stl -f --recordings elsewhere",
+        0,
+        &["elsewhere does not have ball.mcap", "--recordings"],
+    );
+    home.done(&["replay", "ball.mcap"]);
+    home.hold(
+        "export out --format stl -f --recordings elsewhere",
+        0,
+        &["the capture was rejected"],
+    );
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        match path.is_dir() {
+            true => copy_folder(&path, &target),
+            false => drop(std::fs::copy(&path, &target).unwrap()),
+        }
+    }
+}
+
+#[test]
+fn captures_of_one_name_are_put_apart_and_a_damaged_model_stops_no_other() {
+    let home = Home::new();
+    copy_folder(&home.path("out/ball"), &home.path("out/other"));
+    std::fs::copy(home.path("ball.mcap"), home.path("other.mcap")).unwrap();
+    let output = home.done(&["export", "out", "--format", "obj", "-o", "both"]);
+    for place in ["both/ball", "both/other"] {
+        for ending in ["obj", "mtl", "png"] {
+            assert!(
+                home.path(&format!("{place}/ball-000.{ending}")).is_file(),
+                "{output}"
+            );
+        }
+    }
+    let line = "export ball.mcap other.mcap --dataset colmap -o sets";
+    home.hold(line, 0, &["sets/ball/ball-000: ", "sets/other/ball-000: "]);
+    home.hold(&format!("{line} -f"), 0, &[]);
+    std::fs::create_dir(home.path("twin")).unwrap();
+    std::fs::copy(home.path("ball.mcap"), home.path("twin/ball.mcap")).unwrap();
+    home.hold(
+        "export ball.mcap twin/ball.mcap --dataset colmap -o none -f",
+        2,
+        &["twin/ball.mcap", "another --out"],
+    );
+    assert!(!home.path("none").exists());
+    home.hold(
+        "export ball.mcap ball.mcap --dataset colmap -o once",
+        0,
+        &["once/ball-000"],
+    );
+    // The damaged one comes first.
+    std::fs::write(home.path("out/ball/ball-000/model.glb"), b"glTF").unwrap();
+    home.hold(
+        "export out --format stl -o rest",
+        3,
+        &["out/ball/ball-000/model.glb", "rest/other/ball-000.stl"],
+    );
+    home.hold(
+        "publish out -o site",
+        3,
+        &["out/ball/ball-000/model.glb", "1 object"],
+    );
+    assert!(home.path("site/index.html").is_file());
+    home.hold(
+        "publish out/ball -o void",
+        1,
+        &["nothing is left to publish"],
+    );
+    assert!(!home.path("void").exists());
+}
+
+#[test]
+fn a_dataset_takes_settings_and_a_calibration() {
+    let home = Home::new();
+    home.hold(
+        "export ball.mcap --dataset colmap --set silhouette.nothing=1",
+        78,
+        &["silhouette"],
+    );
+    home.hold(
+        "export out --format stl --set hull.resolution=40",
+        2,
+        &["--format"],
+    );
+    home.done(&["info", "ball.mcap", "--calibration", "other.toml"]);
+    let text = std::fs::read_to_string(home.path("other.toml")).unwrap();
+    let start = text.find("center_px = [").unwrap() + "center_px = [".len();
+    let end = start + text[start..].find(',').unwrap();
+    let moved = text[start..end].parse::<f64>().unwrap() + 7.25;
+    let text = format!("{}{moved:?}{}", &text[..start], &text[end..]);
+    std::fs::write(home.path("other.toml"), text).unwrap();
+    let line = "export ball.mcap --dataset colmap -o";
+    home.hold(&format!("{line} recorded"), 0, &[]);
+    home.hold(&format!("{line} other --calibration other.toml"), 0, &[]);
+    let [recorded, other] = ["recorded", "other"].map(|folder| {
+        let file = home.path(folder).join("ball-000/scand.json");
+        let sheet: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+        sheet["calibration_sha256"].clone()
+    });
+    assert!(recorded.is_string() && recorded != other);
+}
+
+#[test]
+fn a_level_of_detail_keeps_how_the_model_was_written() {
+    let home = Home::new();
+    home.done(&[
+        "replay",
+        "ball.mcap",
+        "--set",
+        "hull.resolution=40",
+        "--set",
+        "glb.unlit=true",
+        "--set",
+        "glb.jpeg_quality=60",
+        "-q",
+        "-o",
+        "unlit",
+    ]);
+    home.done(&["export", "unlit", "--format", "glb", "--lod", "1"]);
+    home.done(&[
+        "export", "out", "--format", "glb", "--lod", "1", "-o", "lit",
+    ]);
+    let less = read(&home.path("export/ball-000-lod1.glb")).unwrap().glb;
+    assert_eq!((less.unlit, less.jpeg_quality), (true, 60));
+    let less = read(&home.path("lit/ball-000-lod1.glb")).unwrap().glb;
+    assert_eq!((less.unlit, less.jpeg_quality), (false, 90));
 }

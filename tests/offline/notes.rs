@@ -1,6 +1,7 @@
 //! What people say of captures of a complete recording: `scand note --recording`, and what `info` and `replay` make
 //! of it.
 
+use super::desk::{Desk, said};
 use assert_cmd::Command;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -90,7 +91,9 @@ fn a_rejected_capture_is_left_out_until_that_is_taken_back() {
     );
     assert!(told.contains("ball.notes.jsonl"), "{told}");
     let info = ball.scand(&["info", "ball.mcap"]);
-    let line = info.lines().find(|line| line.contains("ball-000")).unwrap();
+    let of_capture = |line: &&str| line.contains("ball-000 at");
+    let line = info.lines().skip_while(|line| !of_capture(line)).nth(1);
+    let line = line.unwrap();
     assert!(
         line.contains("rejected by Ann on 20") && line.contains("a hand is in it"),
         "{line}"
@@ -188,6 +191,7 @@ fn a_word_close_to_a_decision_is_asked_about() {
         ("Reject", "reject"),
         ("rejected: a hand", "reject"),
         ("cleer", "clear"),
+        ("accepted", "accept"),
     ] {
         let mut note = ball.command(&["note", "ball-000", what, "--recording", "ball.mcap"]);
         let output = note.output().unwrap();
@@ -198,6 +202,20 @@ fn a_word_close_to_a_decision_is_asked_about() {
             "{words}"
         );
         assert!(!ball.path("ball.notes.jsonl").exists(), "{what}");
+    }
+    // What merely begins like a decision is a text.
+    for text in [
+        "object was turned left",
+        "project 12",
+        "clean",
+        "except the handle",
+    ] {
+        ball.note("ball-000", &[text]);
+        let notes = std::fs::read_to_string(ball.path("ball.notes.jsonl")).unwrap();
+        assert!(
+            notes.contains(&format!(r#""kind":"text","text":"{text}""#)),
+            "{notes}"
+        );
     }
     ball.note("ball-000", &["rejcet", "--text"]);
     let notes = std::fs::read_to_string(ball.path("ball.notes.jsonl")).unwrap();
@@ -240,4 +258,105 @@ fn notes_of_another_recording_and_without_one_are_named() {
         words.contains("gone.notes.jsonl") && words.contains("gone.mcap does not exist"),
         "{words}"
     );
+}
+
+#[test]
+fn notes_on_a_session_are_shown_and_decide_nothing() {
+    let desk = Desk::with_a_model();
+    desk.tell("ball.mcap", &[("name", "monday")]);
+    let on_session = [
+        "note",
+        "monday",
+        "the lamp was changed",
+        "--author",
+        "Ann",
+        "--recording",
+        "ball.mcap",
+    ];
+    desk.done(&on_session);
+    let info = desk.done(&["info", "ball.mcap"]);
+    let line = "note by Ann on ";
+    let (_, after) = info.split_once("Notes on the session\n").expect(&info);
+    assert!(after.trim_start().starts_with(line), "{info}");
+    assert!(info.contains("the lamp was changed"), "{info}");
+    let refused = desk.run(&["note", "monday", "reject", "--recording", "ball.mcap"]);
+    let words = said(&refused);
+    assert_eq!(refused.status.code(), Some(1), "{words}");
+    assert!(
+        words.contains("\"monday\" is the session") && words.contains("capture's id"),
+        "{words}"
+    );
+    desk.done(&["archive", "ball-000", "-o", "bag"]);
+    let sheet = std::fs::read(desk.path("bag/data/paradata/ball/ball-000.json")).unwrap();
+    let sheet: Value = serde_json::from_slice(&sheet).unwrap();
+    let noted = &sheet["by_whom"]["notes_on_the_session"]["said"][0]["text"];
+    assert_eq!(noted, "the lamp was changed");
+}
+
+#[test]
+fn a_copy_that_is_recovered_takes_the_notes_along() {
+    let desk = Desk::new();
+    desk.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
+    let bytes = std::fs::read(desk.path("ball.mcap")).unwrap();
+    std::fs::write(desk.path("cut.mcap"), &bytes[..bytes.len() - 9]).unwrap();
+    let noted = |name: &str| desk.path(&format!("{name}.notes.jsonl"));
+    std::fs::copy(noted("ball"), noted("cut")).unwrap();
+    let told = said(&desk.run(&["recover", "cut.mcap"]));
+    assert!(
+        told.contains("cut.recovered.notes.jsonl: a copy of the notes"),
+        "{told}"
+    );
+    assert_eq!(
+        std::fs::read(noted("cut.recovered")).unwrap(),
+        std::fs::read(noted("cut")).unwrap()
+    );
+    let info = desk.done(&["info", "cut.recovered.mcap"]);
+    assert!(info.contains("rejected on 20"), "{info}");
+    // Notes of that name may be about something else.
+    std::fs::remove_file(desk.path("cut.recovered.mcap")).unwrap();
+    let refused = desk.run(&["recover", "cut.mcap"]);
+    assert_eq!(refused.status.code(), Some(1), "{refused:?}");
+    assert!(said(&refused).contains("cut.recovered.notes.jsonl"));
+    assert!(!desk.path("cut.recovered.mcap").exists());
+}
+
+#[test]
+fn each_note_and_each_pair_has_a_line_and_long_ones_end_visibly() {
+    let desk = Desk::new();
+    let long = "ä".repeat(900);
+    desk.tell("ball.mcap", &[("title", &long), ("zebra", "last")]);
+    for text in [&long, "the second"] {
+        desk.done(&["note", "ball-001", text, "--recording", "ball.mcap"]);
+    }
+    let info = desk.done(&["info", "ball.mcap"]);
+    assert!(
+        info.contains(&format!("title = {}…\n", "ä".repeat(399))),
+        "{info}"
+    );
+    assert!(info.contains("    zebra = last\n"), "{info}");
+    assert!(
+        info.contains(&format!(": {}…\n", "ä".repeat(400))),
+        "{info}"
+    );
+    assert!(info.contains(": the second\n"), "{info}");
+}
+
+#[test]
+fn a_note_with_a_clock_that_is_slow_says_that_it_changes_nothing() {
+    let ball = Ball::new();
+    let later = format!(
+        "{{\"time\":\"9{}\",\"trigger\":\"TRIGGER\",\"capture\":\"ball-000\",\"kind\":\"accept\",\"text\":\"\"}}\n",
+        "0".repeat(18)
+    );
+    ball.note("ball-000", &["seen"]);
+    let notes = std::fs::read_to_string(ball.path("ball.notes.jsonl")).unwrap();
+    let line: Value = serde_json::from_str(notes.trim()).unwrap();
+    let later = later.replace("TRIGGER", line["trigger"].as_str().unwrap());
+    std::fs::write(ball.path("ball.notes.jsonl"), later).unwrap();
+    let told = ball.note("ball-000", &["reject"]);
+    assert!(
+        told.contains("changes nothing") && told.contains("set the clock"),
+        "{told}"
+    );
+    assert!(ball.scand(&["info", "ball.mcap"]).contains("accepted on"));
 }

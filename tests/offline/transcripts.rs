@@ -489,3 +489,67 @@ fn lengths_of_the_command_line_may_have_any_unit() {
     );
     assert_ne!(inch, told[0]);
 }
+
+#[test]
+fn nothing_is_left_of_a_recording_that_is_not_there() {
+    let desk = Desk::new();
+    hold(&desk, "replay absent.mcap", 1, &["absent.mcap"]);
+    assert!(!desk.path("out").exists());
+    hold(
+        &desk,
+        "replay absent.mcap ball.mcap --set hull.resolution=40 -q",
+        3,
+        &["absent.mcap"],
+    );
+    assert!(desk.path("out/ball").is_dir() && !desk.path("out/absent").exists());
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_found_before_the_work() {
+    let desk = Desk::new();
+    std::fs::write(desk.path("file"), "").unwrap();
+    let simulate = "simulate --shape ball --out new.mcap";
+    for (line, option) in [
+        (format!("{simulate} --truth file/t.ply"), "--truth"),
+        (
+            format!("{simulate} --poses upright --poses-truth file/p.json"),
+            "--poses-truth",
+        ),
+        (
+            "calibrate ball.mcap --report file/r.html".into(),
+            "--report",
+        ),
+        (
+            "calibrate ball.mcap --kalibr file/k.yaml".into(),
+            "--kalibr",
+        ),
+        ("calibrate ball.mcap --ros file/ros".into(), "--ros"),
+    ] {
+        hold(&desk, &line, 1, &["file", "nothing was", option]);
+    }
+    assert!(!desk.path("new.mcap").exists());
+    hold(
+        &desk,
+        "board --kind checkerboard --square 25 -o b.pdf",
+        2,
+        &["25mm"],
+    );
+    assert!(!desk.path("b.pdf").exists());
+}
+
+#[test]
+fn of_several_recordings_one_that_cannot_be_read_has_a_line_too() {
+    let desk = Desk::new();
+    std::fs::write(desk.path("bad.mcap"), "no recording").unwrap();
+    let output = desk.run(&["info", "--json", "bad.mcap", "ball.mcap"]);
+    assert_eq!(output.status.code(), Some(3));
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let lines: Vec<serde_json::Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines[0]["file"], "bad.mcap");
+    assert!(lines[0]["error"].as_str().unwrap().contains("bad.mcap"));
+    assert_eq!(lines[1]["captures"].as_array().unwrap().len(), 2);
+    assert_eq!(desk.run(&["info", "bad.mcap"]).status.code(), Some(1));
+}

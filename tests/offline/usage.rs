@@ -119,3 +119,33 @@ fn the_digests_of_a_recording_are_those_that_its_model_states() {
     assert_eq!(found["calibration"], stated["calibration_sha256"]);
     assert!(found["input"].is_string());
 }
+
+#[test]
+fn several_captures_are_fused_with_the_calibration_that_is_given() {
+    let desk = super::desk::Desk::new();
+    let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+    let poses = format!("{{\"rig_from_object\":[{pose},{pose}]}}");
+    std::fs::write(desk.path("poses.json"), poses).unwrap();
+    desk.done(&["info", "ball.mcap", "--calibration", "other.toml"]);
+    let text = std::fs::read_to_string(desk.path("other.toml")).unwrap();
+    let start = text.find("center_px = [").unwrap() + "center_px = [".len();
+    let end = start + text[start..].find(',').unwrap();
+    let moved = text[start..end].parse::<f64>().unwrap() + 0.25;
+    let text = format!("{}{moved:?}{}", &text[..start], &text[end..]);
+    std::fs::write(desk.path("other.toml"), text).unwrap();
+    #[rustfmt::skip]
+    let fuse = [
+        "fuse", "ball.mcap", "--capture", "ball-000", "--capture", "ball-001", "--poses", "poses.json",
+        "--set", "hull.resolution=40", "-q",
+    ];
+    let digest = |more: &[&str]| {
+        desk.done(&[&fuse[..], more].concat());
+        let report = desk.path("out/ball/ball-000.object/report.json");
+        let report: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(report).unwrap()).unwrap();
+        report["description"]["calibration_sha256"].clone()
+    };
+    let recorded = digest(&[]);
+    let other = digest(&["--calibration", "other.toml", "--force"]);
+    assert!(recorded.is_string() && other != recorded);
+}

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 /// Letters of a text that are kept.
-const LONGEST: usize = 400;
+pub(crate) const LONGEST: usize = 400;
 
 /// What is known of a model.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]

@@ -1,6 +1,6 @@
 //! People's notes on a capture, and which of them is valid. Data only; `recording` reads and writes notes.
 
-use crate::description::clean;
+use crate::description::{LONGEST, clean};
 use crate::frame::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +19,11 @@ pub enum NoteKind {
 }
 
 impl NoteKind {
+    /// Whether a note of this kind decides something about a capture.
+    pub fn decides(self) -> bool {
+        self != Self::Text
+    }
+
     /// The kind of this name; a name that is not known is that of a text.
     pub fn of(name: &str) -> Self {
         match name {
@@ -104,7 +109,9 @@ impl CaptureNotes {
 fn line(what: &str, said: &CaptureNote) -> String {
     let author = said.author.as_deref().and_then(clean);
     let author = author.map_or_else(String::new, |author| format!(" by {author}"));
-    let text = clean(&said.text).map_or_else(String::new, |text| format!(": {text}"));
+    let is_cut = said.text.trim().chars().count() > LONGEST;
+    let more = if is_cut { "…" } else { "" };
+    let text = clean(&said.text).map_or_else(String::new, |text| format!(": {text}{more}"));
     format!("{what}{author} on {}{text}", said.time_ns.iso_8601())
 }
 

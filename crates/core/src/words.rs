@@ -16,15 +16,30 @@ pub fn beginning(text: &str) -> String {
 
 /// The beginning of a hostile text, with nothing that a terminal would obey.
 pub fn shortened(text: &str) -> String {
-    let mut short = String::new();
-    for letter in beginning(text).chars() {
-        if letter.is_control() {
-            short.extend(letter.escape_default());
+    printable(&beginning(text))
+}
+
+/// A hostile text as one line of a terminal: what it would obey, or what would turn the order of letters round, is
+/// escaped.
+pub fn printable(text: &str) -> String {
+    let turns = |c| matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let mut line = String::with_capacity(text.len());
+    for letter in text.chars() {
+        if letter.is_control() || turns(letter) {
+            line.extend(letter.escape_default());
         } else {
-            short.push(letter);
+            line.push(letter);
         }
     }
-    short
+    line
+}
+
+/// At most so many letters of a text; the last one says that there are more.
+pub fn at_most(letters: usize, text: &str) -> String {
+    match text.char_indices().nth(letters) {
+        Some(_) => text.chars().take(letters.max(1) - 1).chain(['…']).collect(),
+        None => text.to_owned(),
+    }
 }
 
 /// A file's name as a person can paste it into a shell.
@@ -49,7 +64,7 @@ pub fn closest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 }
 
 /// How many letters must be put in, taken out, changed or swapped with their neighbour to make one word of the other.
-fn distance(a: &str, b: &str) -> usize {
+pub fn distance(a: &str, b: &str) -> usize {
     let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
     let mut rows = vec![(0..=b.len()).collect::<Vec<usize>>()];
     for i in 1..=a.len() {
@@ -100,6 +115,14 @@ mod tests {
         ] {
             assert_eq!(shell_word(Path::new(name)), word);
         }
+    }
+
+    #[test]
+    fn a_terminal_obeys_nothing_of_a_printable_text() {
+        let hostile = "a\nb\u{1b}[2J\u{9b}\u{202e}ü…";
+        let line = r"a\nb\u{1b}[2J\u{9b}\u{202e}ü…";
+        assert_eq!(printable(hostile), line);
+        assert_eq!([at_most(3, "abc"), at_most(3, "abcd")], ["abc", "ab…"]);
     }
 
     #[test]

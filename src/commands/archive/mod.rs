@@ -10,13 +10,15 @@ use super::{EXIT_INCOMPLETE, first_aid};
 use crate::bag::Bag;
 use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
+use crate::make_model::marked;
+use crate::notes::CaptureNotes;
 use crate::recording::beside;
-use crate::words::count;
+use crate::words::{count, printable};
 use anyhow::Context;
-use models::ModelInput;
+use models::{FoundModel, ModelInput, ObjectModel};
 use select::{ChosenCapture, SelectedCaptures};
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::SystemTime;
@@ -101,6 +103,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         damaged: !unread.is_empty(),
         warnings: unread,
         identifiers: BTreeSet::new(),
+        decisions: decisions(&chosen),
     };
     for (path, text) in DOCUMENTS {
         packing.bag.put(path, without_pictures(text).as_bytes())?;
@@ -131,7 +134,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         ),
     ])?;
     for warning in &packing.warnings {
-        eprintln!("scand: {warning}");
+        eprintln!("scand: {}", printable(warning));
     }
     outln!(
         "{}: {} of {}; check the package with scand verify",
@@ -156,6 +159,19 @@ struct Packing<'a> {
     warnings: Vec<String>,
     damaged: bool,
     identifiers: BTreeSet<String>,
+    /// What people said of all captures in the package, by the file names of their recordings and their ids.
+    decisions: BTreeMap<(String, String), CaptureNotes>,
+}
+
+fn decisions(chosen: &[SelectedCaptures]) -> BTreeMap<(String, String), CaptureNotes> {
+    let of = |chosen: &SelectedCaptures| {
+        let file = models::file_name(&chosen.path);
+        let captures = chosen.captures.iter().map(|c| &c.summary);
+        captures
+            .map(|c| ((file.clone(), c.id.to_string()), c.notes.clone()))
+            .collect::<Vec<_>>()
+    };
+    chosen.iter().flat_map(of).collect()
 }
 
 impl Packing<'_> {
@@ -220,16 +236,18 @@ impl Packing<'_> {
         let folder = self.models.join(stem).join(id);
         let made = self.report(chosen, capture, &folder);
         if made.is_some() {
-            self.add_model(&folder, name, id)?;
+            self.add_model(&folder, name, id, &capture.summary.notes)?;
         }
         let sheet = paradata::of(&chosen.session, &capture.summary, made.as_ref(), name);
-        let text = serde_json::to_string_pretty(&sheet)? + "\n";
-        self.bag
-            .put(&format!("paradata/{name}/{id}.json"), text.as_bytes())?;
-        let page = page::of(id, &sheet);
-        self.bag
-            .put(&format!("paradata/{name}/{id}.html"), page.as_bytes())?;
-        Ok(())
+        self.add_sheet(name, id, &sheet)
+    }
+
+    fn add_sheet(&mut self, name: &str, what: &str, sheet: &Value) -> anyhow::Result<()> {
+        let text = serde_json::to_string_pretty(sheet)? + "\n";
+        let path = format!("paradata/{name}/{what}");
+        self.bag.put(&format!("{path}.json"), text.as_bytes())?;
+        let page = page::of(what, sheet);
+        Ok(self.bag.put(&format!("{path}.html"), page.as_bytes())?)
     }
 
     /// The report of a capture's model and the model's input, if the model goes into the package; a warning says why
@@ -247,24 +265,25 @@ impl Packing<'_> {
             ));
             return None;
         }
-        let Some(report) = models::report(folder) else {
-            self.warnings.push(format!(
-                "{id}: no model is in {}: the package has the recording",
-                folder.display()
-            ));
-            return None;
+        let missing = match models::look(folder) {
+            FoundModel::Model(report) => {
+                let input = ModelInput::of(&chosen.session, &capture.summary, &report);
+                self.warnings.extend(input.warning(id.as_str(), folder));
+                return (input != ModelInput::OtherRecording).then_some((report, input));
+            }
+            FoundModel::Failure(reason) => format!("its model could not be made ({reason})"),
+            FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
-        let input = ModelInput::of(&chosen.session, &capture.summary, &report);
-        self.warnings.extend(input.warning(id.as_str(), folder));
-        (input != ModelInput::OtherRecording).then_some((report, input))
+        self.warnings
+            .push(format!("{id}: {missing}: the package has the recording"));
+        None
     }
 
     /// Adds the models of several captures, if the package has all of their captures.
     fn add_objects(&mut self, stem: &str, name: &str) -> anyhow::Result<()> {
         for object in models::of_objects(&self.models.join(stem), &self.kept) {
             if object.missing.is_empty() {
-                let folder = object.folder.file_name().unwrap_or_default();
-                self.add_model(&object.folder, name, &safe(&folder.to_string_lossy()))?;
+                self.add_object(&object, name)?;
             } else {
                 self.warnings.push(format!(
                     "{}: the model of several captures is left out, because the package does not have {}",
@@ -276,12 +295,44 @@ impl Packing<'_> {
         Ok(())
     }
 
-    fn add_model(&mut self, folder: &Path, name: &str, model: &str) -> anyhow::Result<()> {
+    fn add_object(&mut self, object: &ObjectModel, name: &str) -> anyhow::Result<()> {
+        let of = |key: &(String, String)| self.decisions.get(key).cloned().unwrap_or_default();
+        let captures: Vec<_> = object.captures.iter().map(|key| (key, of(key))).collect();
+        // The report of a model of several says nothing of any one.
+        let notes = match &captures[..] {
+            [(_, only)] => only.clone(),
+            _ => CaptureNotes::default(),
+        };
+        let folder = models::file_name(&object.folder);
+        let model = safe(&folder);
+        let sheet = paradata::of_object(&object.report, &captures, &format!("{name}/{model}"));
+        self.add_model(&object.folder, name, &model, &notes)?;
+        self.add_sheet(name, &model, &sheet)
+    }
+
+    /// Adds a model's files. Report and preview are marked with these notes: people may have said more since they were
+    /// written.
+    fn add_model(
+        &mut self,
+        folder: &Path,
+        name: &str,
+        model: &str,
+        notes: &CaptureNotes,
+    ) -> anyhow::Result<()> {
+        let marked = marked(folder, notes).with_context(|| folder.display().to_string())?;
+        let (report, preview) = match marked {
+            Some(marked) => (Some(marked.report.into_bytes()), marked.preview),
+            None => (None, None),
+        };
         for file in models::FILES {
+            let place = format!("models/{name}/{model}/{file}");
             let path = folder.join(file);
-            if path.is_file() {
-                self.bag
-                    .put_file(&format!("models/{name}/{model}/{file}"), &path)?;
+            match (file, &report, &preview) {
+                (models::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
+                    self.bag.put(&place, bytes)?;
+                }
+                _ if path.is_file() => self.bag.put_file(&place, &path)?,
+                _ => {}
             }
         }
         Ok(())
@@ -317,12 +368,48 @@ fn date(text: &str) -> Result<String, String> {
             4 | 7 => *byte == b'-',
             _ => byte.is_ascii_digit(),
         });
-    is_date
-        .then(|| text.to_owned())
-        .ok_or_else(|| "expected YYYY-MM-DD".into())
+    if !is_date {
+        return Err("expected YYYY-MM-DD".into());
+    }
+    let number = |range: std::ops::Range<usize>| text[range].parse::<u32>().unwrap_or_default();
+    let (year, month, day) = (number(0..4), number(5..7), number(8..10));
+    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let days = match month {
+        2 => 28 + u32::from(is_leap),
+        4 | 6 | 9 | 11 => 30,
+        1 | 3 | 5 | 7 | 8 | 10 | 12 => 31,
+        _ => 0,
+    };
+    match (1..=days).contains(&day) {
+        true => Ok(text.to_owned()),
+        false => Err("the calendar has no such day".into()),
+    }
 }
 
 fn today() -> String {
     let now = Timestamp::from(SystemTime::now());
     now.iso_8601().chars().take(10).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_day_is_one_of_the_calendar() {
+        for day in ["2026-01-31", "2024-02-29", "2000-02-29"] {
+            assert_eq!(date(day).as_deref(), Ok(day));
+        }
+        for day in [
+            "2026-99-99",
+            "2026-02-29",
+            "1900-02-29",
+            "2026-04-31",
+            "2026-00-10",
+            "2026-01-00",
+            "2026-1-1",
+        ] {
+            assert!(date(day).is_err(), "{day}");
+        }
+    }
 }

@@ -9,7 +9,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The files of a model's folder.
-pub(super) const FILES: [&str; 4] = ["model.glb", "model.ply", "preview.png", "report.json"];
+pub(super) const FILES: [&str; 4] = ["model.glb", "model.ply", PREVIEW, REPORT];
+pub(super) const PREVIEW: &str = "preview.png";
+pub(super) const REPORT: &str = "report.json";
 
 /// How the input of a model relates to the capture that is recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,7 +52,7 @@ impl ModelInput {
     /// The same for the sheet of paradata.
     pub(super) fn words(&self) -> String {
         match self {
-            Self::AsRecorded => "the recorded capture; its digest was compared".into(),
+            Self::AsRecorded => "the recorded capture: its digest was compared, which shows accidents and not intent".into(),
             Self::OtherCalibration => {
                 "the recorded pictures with another calibration, which is not in the package".into()
             }
@@ -80,8 +82,34 @@ impl ModelInput {
     }
 }
 
+/// What lies where a capture's model belongs.
+pub(super) enum FoundModel {
+    /// A model with this report.
+    Model(Value),
+    /// The report of a failure: why no model could be made.
+    Failure(String),
+    /// Nothing that can be read.
+    Nothing,
+}
+
+/// Looks into the folder of a capture's model.
+pub(super) fn look(folder: &Path) -> FoundModel {
+    match report(folder) {
+        Some(report) if is_model(folder, &report) => FoundModel::Model(report),
+        Some(report) => match report["reason"].as_str() {
+            Some(reason) => FoundModel::Failure(reason.to_owned()),
+            None => FoundModel::Nothing,
+        },
+        None => FoundModel::Nothing,
+    }
+}
+
+fn is_model(folder: &Path, report: &Value) -> bool {
+    report["verdict"].is_object() && folder.join(FILES[0]).is_file()
+}
+
 /// A report; `None` if there is none that can be read.
-pub(super) fn report(folder: &Path) -> Option<Value> {
+fn report(folder: &Path) -> Option<Value> {
     let bytes = std::fs::read(folder.join("report.json")).ok()?;
     serde_json::from_slice(&bytes).ok()
 }
@@ -102,7 +130,7 @@ pub(super) fn kept(chosen: &[SelectedCaptures]) -> BTreeSet<(String, String)> {
     chosen.iter().flat_map(of_recording).collect()
 }
 
-fn file_name(path: &Path) -> String {
+pub(super) fn file_name(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default();
     name.to_string_lossy().into_owned()
 }
@@ -110,6 +138,9 @@ fn file_name(path: &Path) -> String {
 /// A model of several captures.
 pub(super) struct ObjectModel {
     pub(super) folder: PathBuf,
+    pub(super) report: Value,
+    /// Its captures: the file names of their recordings, and their ids.
+    pub(super) captures: Vec<(String, String)>,
     /// Its captures that are not in the package.
     pub(super) missing: Vec<String>,
 }
@@ -141,5 +172,10 @@ fn of_object(folder: PathBuf, kept: &BTreeSet<(String, String)>) -> Option<Objec
     let missing: Vec<String> = missing
         .map(|(file, id)| format!("{id} of {file}"))
         .collect();
-    (missing.len() < fused.len()).then_some(ObjectModel { folder, missing })
+    (missing.len() < fused.len()).then_some(ObjectModel {
+        folder,
+        report,
+        captures: fused,
+        missing,
+    })
 }

@@ -1,12 +1,104 @@
-//! Makes the sheet of paradata: how, with what, how exactly and by whom an object was digitised. The sections are those
-//! for which the EU's study of quality in 3D digitisation (VIGIE 2020/654) asks; unknown values are marked as unknown.
+//! Makes the sheets of paradata: how, with what, how exactly and by whom an object was digitised. The parameters are
+//! after those for which the EU's study of quality in 3D digitisation (VIGIE 2020/654) asks; `docs/formats.md` lists
+//! them. Unknown values are marked as unknown.
 
 use super::models::ModelInput;
 use crate::capture::{CaptureSession, CaptureSummary};
-use serde_json::{Value, json};
+use crate::notes::CaptureNotes;
+use serde_json::{Map, Value, json};
 
 /// What is not in the recording.
 const UNKNOWN: &str = "not recorded";
+const STUDY: &str =
+    "EU study on quality in 3D digitisation of tangible cultural heritage (VIGIE 2020/654)";
+
+/// The pairs of a session that have a place of their own in the sheet.
+const PLACED: [&str; 15] = [
+    "condition",
+    "dimensions",
+    "humidity",
+    "lighting",
+    "location",
+    "material",
+    "name",
+    "operator",
+    "project",
+    "purpose",
+    "rig",
+    "rights",
+    "subject",
+    "temperature",
+    "title",
+];
+
+/// All other pairs of a session.
+fn other_pairs(session: &CaptureSession) -> Value {
+    let records = session.recording().metadata().iter();
+    let pairs = records.filter(|(name, _)| name == "session");
+    let pairs = pairs.flat_map(|(_, pairs)| pairs);
+    let others = pairs.filter(|(key, _)| !PLACED.contains(&key.as_str()));
+    let others: Map<String, Value> = others
+        .map(|(key, value)| (key.clone(), value.as_str().into()))
+        .collect();
+    others.into()
+}
+
+fn method(report: &Value) -> Value {
+    json!({
+        "name": report["method"],
+        "source": "Jang, Park and Lee, Hybrid optical system for three-dimensional shape acquisition, Applied Optics \
+                   52(16), 3680-3688, 2013",
+        "program": report["program"],
+        "digest": report["digest"],
+    })
+}
+
+fn how_exact(verdict: &Value, model: &Value) -> Value {
+    json!({
+        "verdict": verdict,
+        "model": model,
+        "expected_error": "each vertex of the model has its expected distance to the true surface in metres, and says where \
+                           it comes from",
+        "measured_against_a_truth": "no: the figures are the program's own expectation",
+    })
+}
+
+/// The sheet of a model of several captures, given with the notes on them; its folder is `models/PLACE`.
+pub(super) fn of_object(
+    report: &Value,
+    captures: &[(&(String, String), CaptureNotes)],
+    place: &str,
+) -> Value {
+    let described = |key: &str| match &report["description"][key] {
+        Value::Null => json!(UNKNOWN),
+        known => known.clone(),
+    };
+    let captures = captures.iter().map(|((recording, id), notes)| {
+        json!({ "id": id, "recording": recording, "decision": notes.decision })
+    });
+    json!({
+        "sheet": {
+            "what": "paradata of one model of several captures; each capture has a sheet of its own",
+            "after": STUDY,
+        },
+        "object": {
+            "number": described("subject"),
+            "title": described("title"),
+            "rights": described("rights"),
+        },
+        "captures": captures.collect::<Vec<_>>(),
+        "processing": {
+            "method": method(report),
+            "registration": report["fusion"],
+            "description": report["description"],
+        },
+        "how_exact": how_exact(&report["verdict"], &report["model"]),
+        "data": {
+            "models": format!("models/{place}"),
+            "units": "metres; the rig's frame at the capture in \"description\" has z up, the glTF has y up",
+        },
+    })
+}
 
 /// The sheet of a capture, from its recording, and the report and input of its model, if there is one.
 pub(super) fn of(
@@ -33,18 +125,21 @@ pub(super) fn of(
     json!({
         "sheet": {
             "what": "paradata of the 3-D digitisation of one object by one capture",
-            "after": "EU study on quality in 3D digitisation of tangible cultural heritage (VIGIE 2020/654)",
+            "after": STUDY,
         },
         "object": {
             "number": subject,
             "title": pair("title"),
             "rights": pair("rights"),
-            "condition": UNKNOWN,
+            "material": pair("material"),
+            "dimensions": pair("dimensions"),
+            "condition": pair("condition"),
         },
-        "purpose": { "project": pair("project") },
+        "purpose": { "project": pair("project"), "purpose": pair("purpose") },
         "by_whom": {
             "operator": pair("operator"),
             "notes": capture.notes,
+            "notes_on_the_session": session.notes().on_session(recording),
         },
         "equipment": {
             "rig": pair("rig"),
@@ -53,12 +148,18 @@ pub(super) fn of(
             "color_cameras": of_report("color_cameras"),
             "depth_cameras": of_report("depth_cameras"),
         },
-        "environment": { "lighting": UNKNOWN, "temperature": UNKNOWN },
+        "environment": {
+            "location": pair("location"),
+            "lighting": pair("lighting"),
+            "temperature": pair("temperature"),
+            "humidity": pair("humidity"),
+        },
         "capture": {
             "id": capture.id,
             "session": pair("name"),
             "time": capture.time.iso_8601(),
             "triggered_by": capture.source,
+            "placement": capture.placement.as_deref().unwrap_or(UNKNOWN),
             "outcome": capture.failure.as_deref().unwrap_or("complete"),
             "color_pictures": capture.color_frames,
             "depth_frames": capture.depth_frames,
@@ -66,23 +167,12 @@ pub(super) fn of(
             "details": of_report("capture"),
         },
         "processing": {
-            "method": report.map_or(json!("no model is in the package"), |report| json!({
-                "name": report["method"],
-                "source": "Jang, Park and Lee, Hybrid optical system for three-dimensional shape acquisition, \
-                           Applied Optics 52(16), 3680-3688, 2013",
-                "program": report["program"],
-                "digest": report["digest"],
-            })),
+            "method": report.map_or(json!("no model is in the package"), method),
             "input": made.map(|(_, input)| input.words()),
             "description": of_report("description"),
         },
-        "how_exact": {
-            "verdict": of_report("verdict"),
-            "model": of_report("model"),
-            "expected_error": "each vertex of the model has its expected distance to the true surface in metres, and says \
-                               where it comes from",
-            "measured_against_a_truth": "no: the figures are the program's own expectation",
-        },
+        "how_exact": how_exact(&of_report("verdict"), &of_report("model")),
+        "other_pairs": other_pairs(session),
         "data": {
             "recording": format!("recordings/{name}.mcap"),
             "models": report.map(|_| format!("models/{name}/{}", capture.id)),

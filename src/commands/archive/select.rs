@@ -3,6 +3,7 @@
 use crate::capture::{CaptureSession, CaptureSummary};
 use crate::recording::{Recording, finished_name};
 use crate::sync;
+use crate::words::count;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,7 @@ pub(super) struct ChosenCapture {
 /// What the words name.
 pub(super) struct Selection {
     pub(super) chosen: Vec<SelectedCaptures>,
-    /// Recordings of the folder that cannot be read, and why: what they have is not known.
+    /// Recordings of the folder that cannot be read, or are not complete: what is not in the package, and why.
     pub(super) unread: Vec<String>,
 }
 
@@ -41,6 +42,7 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
     }
     let (files, names): (Vec<&String>, Vec<&String>) =
         words.iter().partition(|word| Path::new(word).is_file());
+    let mut found = vec![false; names.len()];
     for file in files {
         let path = PathBuf::from(file);
         if finished_name(&path).is_some() {
@@ -53,15 +55,18 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
             !session.captures().is_empty(),
             "{file} has no capture that can be read: scand info {file} lists what it has"
         );
-        take(&mut chosen, &path, session, |_, _| Some(false));
+        // A name may mean one of its captures, too.
+        take(&mut chosen, &path, session, |about, capture| {
+            let named = about.is_named(&names, capture, &mut found);
+            Some(named.unwrap_or(false))
+        });
     }
     let recordings = if names.is_empty() {
         Vec::new()
     } else {
         recordings(folder)?
     };
-    let mut found = vec![false; names.len()];
-    let mut unread = Vec::new();
+    let (mut unread, mut open_ones) = (Vec::new(), Vec::new());
     for path in recordings {
         let session = match open(&path) {
             Ok(session) => session,
@@ -72,21 +77,27 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
                 continue;
             }
         };
-        let name = session.recording().session_pair("name").map(str::to_owned);
-        take(&mut chosen, &path, session, |stem, capture| {
-            let mut is_named = None;
-            for (word, found) in names.iter().zip(&mut found) {
-                let by_id = capture.id.as_str() == *word;
-                let by_object = capture.subject.as_ref() == Some(*word);
-                let by_session = name.as_ref() == Some(*word) || stem == word.as_str();
-                if by_id || by_object || by_session {
-                    *found = true;
-                    is_named = Some(is_named.unwrap_or(false) || by_id);
-                }
+        if finished_name(&path).is_some() {
+            let about = About::of(&path, &session);
+            let mut nowhere = vec![false; names.len()];
+            let captures = session.captures();
+            let named = |c: &&CaptureSummary| about.is_named(&names, c, &mut nowhere).is_some();
+            let named = captures.iter().filter(named).count();
+            if named > 0 {
+                open_ones.push(format!(
+                    "{} has {} of them, but is not complete and not in the package: close its session, or complete it \
+                     with scand recover",
+                    path.display(),
+                    count(named, "capture")
+                ));
             }
-            is_named
+            continue;
+        }
+        take(&mut chosen, &path, session, |about, capture| {
+            about.is_named(&names, capture, &mut found)
         });
     }
+    unread.extend(open_ones);
     if let Some((word, _)) = names.iter().zip(&found).find(|(_, found)| !**found) {
         let unread: String = unread.iter().map(|line| format!("\n  {line}")).collect();
         anyhow::bail!(
@@ -101,22 +112,55 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
     })
 }
 
+/// The names by which a recording can be meant.
+struct About {
+    stem: String,
+    session: Option<String>,
+}
+
+impl About {
+    fn of(path: &Path, session: &CaptureSession) -> Self {
+        let complete = finished_name(path).unwrap_or_else(|| path.to_owned());
+        let stem = complete.file_stem().unwrap_or_default().to_string_lossy();
+        Self {
+            stem: stem.into_owned(),
+            session: session.recording().session_pair("name").map(str::to_owned),
+        }
+    }
+
+    /// `None` if no name means a capture; else whether its own id does. Enters the names that mean it as found.
+    fn is_named(
+        &self,
+        names: &[&String],
+        capture: &CaptureSummary,
+        found: &mut [bool],
+    ) -> Option<bool> {
+        let mut is_named = None;
+        for (word, found) in names.iter().zip(found) {
+            let by_id = capture.id.as_str() == *word;
+            let by_object = capture.subject.as_ref() == Some(*word);
+            let by_session = self.session.as_ref() == Some(*word) || self.stem == word.as_str();
+            if by_id || by_object || by_session {
+                *found = true;
+                is_named = Some(is_named.unwrap_or(false) || by_id);
+            }
+        }
+        is_named
+    }
+}
+
 /// Adds the captures of a recording that are wanted: `Some(true)` for one that is named by its id.
 fn take(
     chosen: &mut BTreeMap<PathBuf, SelectedCaptures>,
     path: &Path,
     session: CaptureSession,
-    mut wanted: impl FnMut(&str, &CaptureSummary) -> Option<bool>,
+    mut wanted: impl FnMut(&About, &CaptureSummary) -> Option<bool>,
 ) {
-    let stem = path
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let about = About::of(path, &session);
     let captures = session.captures().into_iter();
     let captures: Vec<ChosenCapture> = captures
         .filter_map(|summary| {
-            let is_named = wanted(&stem, &summary)?;
+            let is_named = wanted(&about, &summary)?;
             Some(ChosenCapture { summary, is_named })
         })
         .collect();
@@ -141,13 +185,14 @@ fn open(path: &Path) -> anyhow::Result<CaptureSession> {
     )?)
 }
 
-/// The complete recordings in a folder, in the order of their names.
+/// The recordings in a folder, complete or not, in the order of their names.
 fn recordings(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let at = |error: std::io::Error| anyhow::anyhow!("{}: {error}", folder.display());
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(at)? {
         let path = entry.map_err(at)?.path();
-        if path.extension().is_some_and(|ending| ending == "mcap") && path.is_file() {
+        let is_recording = path.extension().is_some_and(|ending| ending == "mcap");
+        if (is_recording || finished_name(&path).is_some()) && path.is_file() {
             found.push(path);
         }
     }

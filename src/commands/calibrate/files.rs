@@ -6,10 +6,10 @@ use crate::calibration::RigCalibration;
 use crate::calibration::exchange::{to_kalibr, to_ros};
 use crate::calibration::fit::{Limits, scale_words};
 use crate::capture::Placements;
-use crate::commands::refuse_to_replace;
+use crate::commands::{check_folder_of, refuse_to_replace};
 use crate::frame::CameraId;
 use crate::report::{CalibrationPage, calibration_page};
-use crate::storage::write_atomically;
+use crate::storage::{check_writable, write_atomically};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +41,23 @@ impl FileArgs {
         cameras
             .into_iter()
             .try_for_each(|id| refuse_to_replace("--ros", Some(&ros_file(folder, id)), force))
+    }
+
+    /// Finds out before the work whether the files can be written.
+    pub(super) fn check_folders(&self) -> anyhow::Result<()> {
+        for (option, file) in [("--report", &self.report), ("--kalibr", &self.kalibr)] {
+            if let Some(file) = file {
+                check_folder_of(file).with_context(|| {
+                    format!("nothing was done: give another file with {option}")
+                })?;
+            }
+        }
+        match &self.ros {
+            Some(folder) if folder.is_dir() => check_writable(folder),
+            Some(folder) => check_folder_of(folder),
+            None => Ok(()),
+        }
+        .context("nothing was done: give another folder with --ros")
     }
 
     /// Writes the report, whatever the verdict.

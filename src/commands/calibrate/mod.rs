@@ -139,6 +139,7 @@ impl From<ModelArgument> for LensModel {
 /// already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--out", args.out.as_deref(), args.force)?;
+    args.files.check_folders()?;
     if let Some(from) = &args.from {
         let (out, files) = (args.out.as_deref(), &args.files);
         return export::run(from, out, files, args.force, args.quiet);

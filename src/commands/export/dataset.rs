@@ -1,43 +1,93 @@
 //! Exports captures of recordings as datasets for other programs that reconstruct.
 
 use super::{Args, exists};
-use crate::capture::{CaptureSession, calibration_digest, input_digest};
+use crate::calibration::RigCalibration;
+use crate::capture::{CaptureSession, calibration_digest, input_digest, replace_cameras};
+use crate::commands::{BadConfiguration, wrong_usage};
+use crate::config::Config;
 use crate::dataset::{self, Kind, View};
 use crate::export;
 use crate::frame::CaptureId;
 use crate::reconstruct::{Model, Scene, silhouette};
-use crate::storage::StagedFolder;
-use crate::sync;
+use crate::storage::{StagedFolder, check_writable};
 use crate::words::count;
 use anyhow::Context;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The file that distinguishes a dataset of scand from other folders.
 const SHEET: &str = "scand.json";
 
-/// Writes the dataset of each capture of the recordings.
+/// Writes the dataset of each capture of the recordings. Where captures of several recordings have one name, the
+/// datasets lie in a folder for each recording.
 ///
 /// # Errors
-/// At the first that cannot be read or written; those before it are complete.
+/// At the first that cannot be read or written; those before it are complete. Before any work, if two recordings have
+/// the same name too.
 pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
     for path in &args.what {
         refuse_other(path)?;
     }
+    let bad = |error: Box<dyn std::error::Error + Send + Sync>| BadConfiguration(error);
+    let config = Config::load(args.config.as_deref(), &args.set).map_err(|e| bad(e.into()))?;
+    let calibration = args.calibration.as_deref().map(RigCalibration::load);
+    let calibration = calibration.transpose().map_err(|e| bad(e.into()))?;
+    let mut sessions = Vec::new();
+    let mut seen = BTreeSet::new();
     for path in &args.what {
-        let session = CaptureSession::open(path, &sync::Parameters::default())?;
-        for id in wanted(&session, args).with_context(|| path.display().to_string())? {
+        if seen.insert(path.canonicalize().unwrap_or_else(|_| path.clone())) {
+            let session = CaptureSession::open(path, &config.sync)?;
+            let wanted = wanted(&session, args).with_context(|| path.display().to_string())?;
+            sessions.push((path, session, wanted));
+        }
+    }
+    let all = sessions.iter().flat_map(|(_, _, wanted)| wanted);
+    let mut ids = BTreeSet::new();
+    let is_apart = !all.fold(true, |once, id| ids.insert(id.to_string()) && once);
+    let stem = |path: &Path| path.file_stem().unwrap_or_default().to_owned();
+    let mut stems = BTreeSet::new();
+    if let Some((path, _, _)) = sessions
+        .iter()
+        .find(|(path, _, _)| !stems.insert(stem(path)))
+        && is_apart
+    {
+        return Err(wrong_usage(format!(
+            "{}: another recording of this run has the same name and captures of the same names: export it with another \
+             --out",
+            path.display()
+        )));
+    }
+    check_writable(&args.out)?;
+    let settings = Settings {
+        silhouette: &config.silhouette,
+        calibration: calibration.as_ref(),
+    };
+    for (path, session, wanted) in &sessions {
+        let out = match is_apart {
+            true => args.out.join(stem(path)),
+            false => args.out.clone(),
+        };
+        for id in wanted {
             let capture = Capture {
-                session: &session,
+                session,
                 path,
-                id,
+                id: id.clone(),
+                out: &out,
+                settings: &settings,
             };
             capture
                 .export(kind, args)
-                .with_context(|| format!("{}: {}", path.display(), capture.id))?;
+                .with_context(|| format!("{}: {id}", path.display()))?;
         }
     }
     Ok(())
+}
+
+/// What datasets depend on besides recordings.
+struct Settings<'a> {
+    silhouette: &'a silhouette::Parameters,
+    calibration: Option<&'a RigCalibration>,
 }
 
 /// Says of a model what a dataset is made of.
@@ -91,14 +141,20 @@ struct Capture<'a> {
     session: &'a CaptureSession,
     path: &'a Path,
     id: CaptureId,
+    out: &'a Path,
+    settings: &'a Settings<'a>,
 }
 
 impl Capture<'_> {
     fn export(&self, kind: Kind, args: &Args) -> anyhow::Result<()> {
-        let folder = args.out.join(self.id.as_str());
+        let folder = self.out.join(self.id.as_str());
         refuse_to_replace(&folder, args.force)?;
-        let (scene, facts) = self.session.load(&self.id)?;
-        let (views, mut warnings) = dataset::views(&scene, &silhouette::Parameters::default());
+        let (mut scene, mut facts) = self.session.load(&self.id)?;
+        if let Some(calibration) = self.settings.calibration {
+            replace_cameras(&mut scene, calibration)?;
+            facts.calibration = calibration.verdict.clone();
+        }
+        let (views, mut warnings) = dataset::views(&scene, self.settings.silhouette);
         let model = args
             .model
             .as_ref()
@@ -107,7 +163,7 @@ impl Capture<'_> {
         let points = model.map_or(Vec::new(), |model| dataset::points(&model, &views));
         if let Some(verdict) = facts.calibration.as_ref().filter(|v| !v.reasons.is_empty()) {
             warnings.push(format!(
-                "the recording calls its calibration {}: {}",
+                "the calibration is called {}: {}",
                 verdict.level.name(),
                 verdict.reasons.join("; ")
             ));

@@ -55,6 +55,23 @@ pub struct Args {
     /// Put points of this model (or of the capture's model in this folder) into the dataset
     #[arg(long, requires = "dataset")]
     model: Option<PathBuf>,
+    /// Look in the recordings of this folder for notes that are newer than the models' reports
+    #[arg(
+        long,
+        value_name = "DIR",
+        default_value = ".",
+        conflicts_with = "dataset"
+    )]
+    recordings: PathBuf,
+    /// With --dataset: use this calibration (TOML) instead of the recorded one
+    #[arg(long, value_name = "FILE", conflicts_with = "format")]
+    calibration: Option<PathBuf>,
+    /// With --dataset: read this configuration (TOML), of which `sync` and `silhouette` matter
+    #[arg(short, long, value_name = "FILE", conflicts_with = "format")]
+    config: Option<PathBuf>,
+    /// With --dataset: set one value of the configuration; may be given several times
+    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "format")]
+    set: Vec<String>,
     /// Write into this folder
     #[arg(short, long, value_name = "DIR", default_value = "export")]
     out: PathBuf,
@@ -63,10 +80,10 @@ pub struct Args {
     force: bool,
 }
 
-/// Exports what was named.
+/// Exports what was named. The exit code is 3 if some models could not be exported.
 ///
 /// # Errors
-/// If a file is not what it should be, something exists that is not to be replaced, or cannot be written.
+/// If none could: a file is not what it should be, something exists that is not to be replaced, or cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match (args.format, args.dataset) {
         (Some(format), _) => {
@@ -75,15 +92,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             }
             let models = model::find(&args.what)?;
             check_writable(&args.out)?;
-            model::export(&models, format, &args)?;
+            Ok(model::export(&models, format, &args))
         }
         (None, Some(kind)) => {
-            check_writable(&args.out)?;
             dataset::export(kind, &args)?;
+            Ok(ExitCode::SUCCESS)
         }
-        (None, None) => return Err(wrong_usage("give --format or --dataset")),
+        (None, None) => Err(wrong_usage("give --format or --dataset")),
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 /// Writes a file, durably, and replaces one only if that was asked for.

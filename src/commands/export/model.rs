@@ -1,14 +1,18 @@
 //! Exports models: finds the files that are named, and writes those of each in the format that was asked for.
 
 use super::{Args, exists, write};
+use crate::commands::{EXIT_INCOMPLETE, model_notes};
 use crate::export::{self, Format, ReadModel, compress, level_of_detail};
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::make_model::object_folder_name;
+use crate::storage::check_writable;
 use crate::words::count;
 use anyhow::Context;
-use std::collections::BTreeSet;
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// The name that a model has in its capture's folder.
 const MODEL: &str = "model.glb";
@@ -85,26 +89,81 @@ fn refuse_other(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// Writes each model.
-///
-/// # Errors
-/// At the first that cannot be read or written; those before it are complete.
-pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> anyhow::Result<()> {
+/// Writes each model. The exit code is 3 if some could not be read or written, and 1 if none could.
+pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> ExitCode {
     let mut names = BTreeSet::new();
-    for path in models {
-        let read = export::read(path)?;
-        let stem = stem(&read, path, args.lod)?;
-        anyhow::ensure!(
-            names.insert(stem.clone()),
-            "{}: a model of the same name, {stem}, was exported in this run: export it with another --out",
-            path.display()
-        );
-        one(&read, &stem, format, args).with_context(|| path.display().to_string())?;
-        if let Some(remark) = remark(path) {
-            eprintln!("scand: {}: {remark}", path.display());
+    let mut not_found = BTreeSet::new();
+    let mut failed = 0;
+    let places = places(models);
+    for (path, folder) in &places {
+        let told = export_one(path, &args.out.join(folder), &mut names, format, args);
+        match told {
+            Ok(()) => {
+                let (remark, recordings) = remark(path, &args.recordings);
+                not_found.extend(recordings);
+                if let Some(remark) = remark {
+                    eprintln!("scand: {}: {remark}", path.display());
+                }
+            }
+            // The others are exported.
+            Err(error) => {
+                failed += 1;
+                eprintln!("scand: {error:#}");
+            }
         }
     }
-    Ok(())
+    model_notes::tell_not_found(&not_found, &args.recordings);
+    match failed {
+        0 => ExitCode::SUCCESS,
+        _ if failed == places.len() => ExitCode::FAILURE,
+        _ => ExitCode::from(EXIT_INCOMPLETE),
+    }
+}
+
+/// Each model once, with the folder below `--out` that its files go into: one of its recording's name where captures
+/// of several recordings have one name.
+fn places(models: &[PathBuf]) -> Vec<(&Path, PathBuf)> {
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_owned();
+    let of = |path: &Path| {
+        let folder = path.parent().filter(|_| path.ends_with(MODEL))?;
+        Some((name(folder), name(folder.parent()?)))
+    };
+    let mut recordings: BTreeMap<_, BTreeSet<_>> = BTreeMap::new();
+    for (capture, recording) in models.iter().filter_map(|path| of(path)) {
+        recordings.entry(capture).or_default().insert(recording);
+    }
+    let mut seen = BTreeSet::new();
+    let first = |path: &&PathBuf| {
+        let same = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+        seen.insert(same)
+    };
+    let place = |path: &PathBuf| {
+        let (capture, recording) = of(path)?;
+        (recordings[&capture].len() > 1).then(|| PathBuf::from(recording))
+    };
+    let first: Vec<&PathBuf> = models.iter().filter(first).collect();
+    first
+        .into_iter()
+        .map(|path| (path.as_path(), place(path).unwrap_or_default()))
+        .collect()
+}
+
+fn export_one(
+    path: &Path,
+    folder: &Path,
+    names: &mut BTreeSet<PathBuf>,
+    format: Format,
+    args: &Args,
+) -> anyhow::Result<()> {
+    let read = export::read(path)?;
+    let stem = stem(&read, path, args.lod)?;
+    anyhow::ensure!(
+        names.insert(folder.join(&stem)),
+        "{}: a model of the same name, {stem}, was exported in this run: export it with another --out",
+        path.display()
+    );
+    check_writable(folder)?;
+    one(&read, folder, &stem, format, args).with_context(|| path.display().to_string())
 }
 
 /// The name of a model's files, without their endings: its capture's or, of a model of several captures, its object's.
@@ -127,9 +186,15 @@ fn stem(read: &ReadModel, path: &Path, level: u32) -> anyhow::Result<String> {
     })
 }
 
-fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Result<()> {
+fn one(
+    read: &ReadModel,
+    folder: &Path,
+    stem: &str,
+    format: Format,
+    args: &Args,
+) -> anyhow::Result<()> {
     // Known before the work; a file that takes the name in the meantime keeps it.
-    let main = args.out.join(format!("{stem}.{}", format.name()));
+    let main = folder.join(format!("{stem}.{}", format.name()));
     if !args.force && main.symlink_metadata().is_ok() {
         return Err(exists(&main));
     }
@@ -140,7 +205,7 @@ fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Res
             name: format!("{stem}.glb"),
             bytes: read.bytes.clone(),
         }],
-        _ => export::encode(&model, &read.about, format, stem)?,
+        _ => export::encode(&model, &read.about, format, stem, &read.glb)?,
     };
     if let Some(compression) = args.compress {
         for file in &mut files {
@@ -148,7 +213,7 @@ fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Res
         }
     }
     for file in &files {
-        write(&args.out.join(&file.name), &file.bytes, args.force)?;
+        write(&folder.join(&file.name), &file.bytes, args.force)?;
     }
     outln!(
         "{}: {}, {}",
@@ -159,19 +224,24 @@ fn one(read: &ReadModel, stem: &str, format: Format, args: &Args) -> anyhow::Res
     Ok(())
 }
 
-/// What the report beside a model says that a person who hands the model on should know.
-fn remark(path: &Path) -> Option<&'static str> {
-    let bytes = std::fs::read(path.with_file_name("report.json")).ok()?;
-    let report: serde_json::Value = serde_json::from_slice(&bytes).ok()?;
-    match (&report["notes"]["decision"], &report["verdict"]["level"]) {
-        (decision, _) if decision == "rejected" => {
-            Some("the capture was rejected; its model is exported, as it was asked for")
-        }
-        (_, level) if level == Level::Red.name() => {
-            Some("the verdict is red: do not use the model before you know why (report.json)")
-        }
-        _ => None,
-    }
+/// What a person who hands the model on should know of it, from the report beside it and the notes, which may be newer;
+/// and the recordings whose notes were not found.
+fn remark(path: &Path, recordings: &Path) -> (Option<&'static str>, Vec<String>) {
+    let report = std::fs::read(path.with_file_name("report.json")).ok();
+    let report = report.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+    let Some(report) = report else {
+        return (None, Vec::new());
+    };
+    let capture = path.parent().and_then(Path::file_name).unwrap_or_default();
+    let found = model_notes::find(&report, &capture.to_string_lossy(), recordings);
+    let remark = if found.is_rejected {
+        Some("the capture was rejected; its model is exported, as it was asked for")
+    } else if report["verdict"]["level"] == Level::Red.name() {
+        Some("the verdict is red: do not use the model before you know why (report.json)")
+    } else {
+        None
+    };
+    (remark, found.not_found)
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! `scand trigger`, `background`, `session`, `note`, `status` and `events`: clients of a running daemon.
 
+use super::decision_word::{self, KINDS};
 use super::status_table;
 use crate::commands::{EXIT_BUSY, wrong_usage};
 use crate::level::Level;
 use crate::recording::{self, Recording, note_beside};
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
-use crate::words::closest;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -231,8 +231,8 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
             text,
             author: args.author,
         };
-        let file = note_beside(&Recording::open(path)?, &note, SystemTime::now().into())?;
-        outln!("the note is in {}", file.display());
+        let written = note_beside(&Recording::open(path)?, &note, SystemTime::now().into())?;
+        outln!("{}", written.words());
         return Ok(ExitCode::SUCCESS);
     }
     let request = Request::Note {
@@ -253,8 +253,8 @@ fn kind_and_text(args: &NoteArgs) -> anyhow::Result<(String, String)> {
         return Ok((what.to_owned(), why));
     }
     // A person may write a decision and its reason as one text.
-    let first = what.split([' ', ',', ':', '.']).next().unwrap_or_default();
-    if let Some(close) = closest(first, KINDS).filter(|_| !args.text) {
+    if let Some(close) = decision_word::meant(what).filter(|_| !args.text) {
+        let first = what.split([' ', ',', ':', '.']).next().unwrap_or_default();
         return Err(wrong_usage(format!(
             "{first:?} is close to {close:?}: write `scand note {} {close}`, followed by the reason if there is one, or \
              give --text to store {what:?} as a text",
@@ -270,9 +270,6 @@ fn kind_and_text(args: &NoteArgs) -> anyhow::Result<(String, String)> {
     let text = [what, &why].join(" ");
     Ok(("text".into(), text.trim().to_owned()))
 }
-
-/// The words that decide something about a capture.
-const KINDS: [&str; 3] = ["accept", "reject", "clear"];
 
 /// Shows the status.
 pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {

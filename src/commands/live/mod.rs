@@ -5,6 +5,7 @@ pub mod check;
 pub mod client;
 #[cfg(feature = "live")]
 mod config_args;
+mod decision_word;
 #[cfg(feature = "live")]
 mod models;
 #[cfg(feature = "pedal")]

@@ -4,6 +4,7 @@ use crate::clock::Clock;
 use crate::config::Config;
 use crate::daemon::Capturing;
 use crate::daemon::events::Event;
+use crate::log;
 use crate::workers::{
     FinishedJob, Jobs, ObjectNews, Remade, WorkerPlan, Workers, object_protocol, protocol,
     start_models, start_objects, start_remakes,
@@ -52,6 +53,14 @@ impl Models {
             command: vec!["/proc/self/exe".into(), object_protocol::COMMAND.into()],
             ..plan.clone()
         };
+        for (capture, recording) in self.jobs.heed_notes() {
+            log::notice!("capture {capture}: rejected before its model was made");
+            capturing.job_ended(Event::JobFailed {
+                capture,
+                recording: Some(recording),
+                reason: "the capture was rejected before its model was made".into(),
+            });
+        }
         let events = capturing.events().clone();
         let tell = move |ended| capturing.job_ended(event(ended));
         let workers = start_models(&self.jobs, plan.clone(), tell)?;

@@ -1,6 +1,6 @@
 //! Makes an exhibit of a model: what may be public of it, its levels of detail and its pictures.
 
-use super::notes;
+use crate::commands::model_notes;
 use crate::export::{self, Compression, Format, compress, describe, encode, level_of_detail};
 use crate::level::Level;
 use crate::mesh::bounding_box;
@@ -40,7 +40,7 @@ pub(super) fn make(
 ) -> anyhow::Result<Option<Made>> {
     let read = export::read(path)?;
     let report = report_beside(path);
-    let found = notes::find(&report, &read.about.capture, recordings);
+    let found = model_notes::find(&report, &read.about.capture, recordings);
     if found.is_rejected && !rejected {
         return Ok(None);
     }
@@ -67,7 +67,7 @@ pub(super) fn make(
             break;
         }
         let model = level_of_detail(&read.model, number)?;
-        let encoded = encode(&model, &about, Format::Glb, name)?;
+        let encoded = encode(&model, &about, Format::Glb, name, &read.glb)?;
         for file in encoded {
             let bytes =
                 compress(&file.bytes, Compression::Quantization).map_err(anyhow::Error::msg)?;

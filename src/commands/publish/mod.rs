@@ -2,11 +2,10 @@
 //! levels of detail, and the files that other programs read. This file has the arguments and writes the folder.
 
 mod exhibit;
-mod notes;
 mod viewer;
 
 use super::export::find_models;
-use super::{check_folder_of, wrong_usage};
+use super::{EXIT_INCOMPLETE, check_folder_of, model_notes, wrong_usage};
 use crate::publish::{
     Address, Extra, PageOptions, STYLE, collection, gallery, manifest, object_page, scene,
 };
@@ -60,10 +59,10 @@ pub struct Args {
 /// Lies in each published folder, so that nothing else is ever replaced.
 const MARK: &str = "style.css";
 
-/// Makes the folder.
+/// Makes the folder. The exit code is 3 if a model was left out because it cannot be read.
 ///
 /// # Errors
-/// If a model cannot be read, nothing is left to publish, or the folder cannot be written.
+/// If nothing is left to publish, or the folder cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace(&args)?;
     let models = find_models(&args.what)?;
@@ -78,9 +77,19 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let mut exhibits = Vec::new();
     let mut not_found = BTreeSet::new();
     let mut ids = BTreeSet::new();
+    let mut failed = 0;
     for path in &models {
         let made = make(path, &args.recordings, &with, args.rejected)
-            .with_context(|| path.display().to_string())?;
+            .with_context(|| path.display().to_string());
+        let made = match made {
+            Ok(made) => made,
+            // The others are published.
+            Err(error) => {
+                failed += 1;
+                eprintln!("scand: left out, because it cannot be published: {error:#}");
+                continue;
+            }
+        };
         let Some(made) = made else {
             eprintln!(
                 "scand: {}: left out, because the capture was rejected (--rejected takes it)",
@@ -132,19 +141,12 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         }
     }
     folder.commit(args.force)?;
-    if let Some(first) = not_found.first() {
-        let others = match not_found.len() - 1 {
-            0 => String::new(),
-            n => format!(" and {}", count(n, "other recording")),
-        };
-        eprintln!(
-            "scand: notes that are newer than the reports were not read, because {} does not have {first}{others}: give its \
-             folder with --recordings",
-            args.recordings.display()
-        );
-    }
+    model_notes::tell_not_found(&not_found, &args.recordings);
     print_result(&args, exhibits.len());
-    Ok(ExitCode::SUCCESS)
+    Ok(match failed {
+        0 => ExitCode::SUCCESS,
+        _ => ExitCode::from(EXIT_INCOMPLETE),
+    })
 }
 
 /// An existing folder is replaced only if that was asked for and scand made it.

@@ -5,7 +5,7 @@ use crate::capture::CaptureSession;
 use crate::commands::first_aid;
 use crate::level::Level;
 use crate::reconstruct::Stage;
-use crate::words::count;
+use crate::words::{count, printable};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -89,7 +89,9 @@ impl Console {
         }
     }
 
+    /// A line for a person. What a recording says may be in it.
     pub(super) fn line(&self, text: &str) {
+        let text = printable(text);
         match &self.bars {
             _ if self.quiet => {}
             Some(bars) => bars.suspend(|| eprintln!("{text}")),
@@ -104,7 +106,7 @@ impl Console {
             // Most errors name their file themselves.
             let file = format!("{}: ", failed.recording);
             let told = told.strip_prefix(&file).unwrap_or(&told);
-            eprintln!("scand: {}: {told}", name(failed));
+            eprintln!("scand: {}: {}", name(failed), printable(told));
         }
         if !self.json && !self.quiet {
             self.table(outcomes, out);
@@ -130,7 +132,7 @@ impl Console {
                 outln!("  {line}");
             }
             for reason in &outcome.reasons {
-                outln!("  {reason}");
+                outln!("  {}", printable(reason));
             }
             match &outcome.folder {
                 Some(folder) if outcome.result == ReplayResult::Unchanged => {
@@ -157,8 +159,9 @@ impl Console {
 }
 
 fn name(outcome: &Outcome) -> String {
+    let recording = printable(&outcome.recording);
     match &outcome.capture {
-        Some(capture) => format!("{}: {capture}", outcome.recording),
-        None => outcome.recording.clone(),
+        Some(capture) => format!("{recording}: {capture}"),
+        None => recording,
     }
 }

@@ -193,6 +193,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         warnings,
     } = files::find(&replay)?;
     let stems = files::stems(&recordings)?;
+    let was_there = args.out.exists();
     // A full day's work is not lost at its end for want of a folder.
     for stem in &stems {
         storage::check_writable(&args.out.join(stem))
@@ -241,6 +242,13 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
                 outcomes.push(unreadable);
             }
         }
+    }
+    // Nothing is left of a recording without a model, not even a folder: only empty ones can be removed so.
+    for stem in &stems {
+        let _ = std::fs::remove_dir(args.out.join(stem));
+    }
+    if !was_there {
+        let _ = std::fs::remove_dir(&args.out);
     }
     console.summary(&outcomes, &args.out);
     if args.shard.is_some() && outcomes.is_empty() {

@@ -227,6 +227,16 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         out.display()
     );
     check_folder_of(&out).context("nothing was rendered: give another file with --out")?;
+    for (option, file) in [
+        ("--truth", &truth),
+        ("--poses-truth", &args.poses.poses_truth),
+    ] {
+        if let Some(file) = file {
+            check_folder_of(file).with_context(|| {
+                format!("nothing was rendered: give another file with {option}")
+            })?;
+        }
+    }
     let compression = match args.zstd {
         true => Compression::Zstd,
         false => Compression::None,

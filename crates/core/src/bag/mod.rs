@@ -6,7 +6,7 @@ mod manifest;
 mod verify;
 mod write;
 
-pub use verify::{Finding, verify};
+pub use verify::{Checked, Finding, verify};
 pub use write::Bag;
 
 use std::path::PathBuf;

@@ -20,7 +20,7 @@ fn bag(folder: &Path) -> PathBuf {
 }
 
 fn words(folder: &Path) -> String {
-    let findings = verify(folder).unwrap();
+    let findings = verify(folder).unwrap().findings;
     findings
         .iter()
         .map(|finding| format!("{finding}\n"))
@@ -118,11 +118,82 @@ fn what_is_no_package_says_so() {
     assert!(words(empty.path()).contains("not a BagIt package"));
     let version = after(|bag| fs::write(bag.join("bagit.txt"), "BagIt-Version: 2.0\n").unwrap());
     assert!(version.contains("version"), "{version}");
-    let weak = after(|bag| fs::write(bag.join("manifest-md5.txt"), "").unwrap());
-    assert!(weak.contains("manifest-md5.txt: only SHA-512"), "{weak}");
-    let none = after(|bag| fs::remove_file(bag.join("manifest-sha512.txt")).unwrap());
+    let none = after(|bag| {
+        let list = bag.join("manifest-sha512.txt");
+        fs::rename(list, bag.join("manifest-md5.txt")).unwrap();
+    });
     assert!(none.contains("no manifest-sha512.txt"), "{none}");
     let torn = after(|bag| fs::write(bag.join("manifest-sha512.txt"), "abc  data/a.txt").unwrap());
     assert!(torn.contains("128 hexadecimal digits"), "{torn}");
     assert!(verify(Path::new("/nonexistent")).is_err());
+}
+
+#[test]
+fn packages_of_other_programs_are_checked_as_far_as_possible() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), "x").unwrap();
+    let target = bag(folder.path());
+    let md5 = "0".repeat(32);
+    fs::write(
+        target.join("manifest-md5.txt"),
+        format!("{md5}  data/a.txt\n"),
+    )
+    .unwrap();
+    fs::write(
+        target.join("tagmanifest-md5.txt"),
+        format!("{md5}  bagit.txt\n"),
+    )
+    .unwrap();
+    fs::write(target.join("thumbs.db"), "x").unwrap();
+    let mut file = fs::File::open(target.join("data/a.txt")).unwrap();
+    let digest = manifest::Algorithm::Sha256.digest(&mut file).unwrap();
+    let sha256 = target.join("manifest-sha256.txt");
+    fs::write(&sha256, format!("{digest}  data/a.txt\n")).unwrap();
+    let checked = verify(&target).unwrap();
+    let unchecked = checked.unchecked.join("\n");
+    for name in [
+        "in manifest-md5.txt",
+        "in tagmanifest-md5.txt",
+        "thumbs.db was not checked",
+    ] {
+        assert!(unchecked.contains(name), "{name}: {unchecked}");
+    }
+    // Each list of the payload that can be checked must have all of it.
+    let extra: Vec<String> = checked.findings.iter().map(ToString::to_string).collect();
+    assert!(
+        extra.contains(&"data/again.txt is not listed".into()),
+        "{extra:?}"
+    );
+    fs::remove_file(&sha256).unwrap();
+    assert_eq!(verify(&target).unwrap().findings, []);
+    // Lines may end as they did on old machines.
+    for name in ["manifest-sha512.txt", "bagit.txt", "bag-info.txt"] {
+        let text = fs::read_to_string(target.join(name)).unwrap();
+        fs::write(target.join(name), text.replace('\n', "\r")).unwrap();
+    }
+    fs::remove_file(target.join("tagmanifest-sha512.txt")).unwrap();
+    let checked = verify(&target).unwrap();
+    assert_eq!(checked.findings, []);
+    let unchecked = checked.unchecked.join("\n");
+    assert!(
+        unchecked.contains("bag-info.txt was not checked"),
+        "{unchecked}"
+    );
+}
+
+#[test]
+fn no_terminal_obeys_a_name_in_a_package() {
+    let hostile = "data/a\nb\u{1b}[2J";
+    let extra = after(|bag| fs::write(bag.join(hostile), "").unwrap());
+    assert!(
+        extra.contains(r"data/a\nb\u{1b}[2J is not listed"),
+        "{extra}"
+    );
+    let missing = after(|bag| list(bag, "data/a%0Ab\u{1b}[2J"));
+    assert!(
+        missing.contains(r"data/a\nb\u{1b}[2J is listed but missing"),
+        "{missing}"
+    );
+    let link = after(|bag| std::os::unix::fs::symlink("x", bag.join(hostile)).unwrap());
+    assert!(link.contains(r"data/a\nb\u{1b}[2J is a link"), "{link}");
 }

@@ -3,6 +3,7 @@
 
 use super::Error;
 use super::manifest::{Algorithm, parse};
+use crate::words::printable;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Read;
@@ -49,12 +50,14 @@ pub enum Finding {
 impl std::fmt::Display for Finding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Refused { words } | Self::Oxum { words } => f.write_str(words),
-            Self::Missing { path } => write!(f, "{path} is listed but missing"),
-            Self::Extra { path } => write!(f, "{path} is not listed"),
-            Self::Changed { path } => {
-                write!(f, "{path} was changed: its digest does not match")
-            }
+            Self::Refused { words } | Self::Oxum { words } => f.write_str(&printable(words)),
+            Self::Missing { path } => write!(f, "{} is listed but missing", printable(path)),
+            Self::Extra { path } => write!(f, "{} is not listed", printable(path)),
+            Self::Changed { path } => write!(
+                f,
+                "{} was changed: its digest does not match",
+                printable(path)
+            ),
         }
     }
 }
@@ -65,20 +68,34 @@ fn refused(words: impl Into<String>) -> Finding {
     }
 }
 
-/// Checks the package in a folder: what is wrong with it, nothing if it is whole.
+/// What a check of a package found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// What is wrong with it; nothing if it is whole.
+    pub findings: Vec<Finding>,
+    /// What was not checked, and why.
+    pub unchecked: Vec<String>,
+}
+
+/// Checks the package in a folder.
 ///
 /// # Errors
 /// If the folder or a file in it cannot be read.
-pub fn verify(folder: &Path) -> Result<Vec<Finding>, Error> {
+pub fn verify(folder: &Path) -> Result<Checked, Error> {
+    let of = |findings| Checked {
+        findings,
+        unchecked: Vec::new(),
+    };
     let mut tree = Tree::default();
     tree.walk(folder, "", 0)?;
     if !tree.findings.is_empty() {
-        return Ok(tree.findings);
+        return Ok(of(tree.findings));
     }
     let lists = match lists(folder, &tree.files)? {
         Ok(lists) => lists,
-        Err(finding) => return Ok(vec![finding]),
+        Err(finding) => return Ok(of(vec![finding])),
     };
+    let unchecked = unchecked(&tree.files, &lists);
     let mut findings = Vec::new();
     for path in tree.files.keys().filter(|path| path.starts_with("data/")) {
         let is_listed = |list: &List| !list.of_payload || list.files.contains_key(path);
@@ -106,7 +123,49 @@ pub fn verify(folder: &Path) -> Result<Vec<Finding>, Error> {
     findings.extend(oxum(folder, &tree.files)?);
     findings.sort();
     findings.dedup();
-    Ok(findings)
+    Ok(Checked {
+        findings,
+        unchecked,
+    })
+}
+
+/// Whether a file of a package is a list of digests, and of the payload.
+fn is_list(name: &str) -> Option<bool> {
+    let name = name.strip_suffix(".txt")?;
+    if name.contains('/') {
+        None
+    } else if name.starts_with("tagmanifest-") {
+        Some(false)
+    } else {
+        name.starts_with("manifest-").then_some(true)
+    }
+}
+
+/// What no list with digests that can be computed here vouches for.
+fn unchecked(files: &BTreeMap<String, u64>, lists: &[List]) -> Vec<String> {
+    let mut words = Vec::new();
+    for name in files.keys().filter(|name| is_list(name).is_some()) {
+        if !lists.iter().any(|list| list.name == *name) {
+            words.push(format!(
+                "the digests in {} were not computed: scand computes SHA-512 and SHA-256",
+                printable(name)
+            ));
+        }
+    }
+    // A list of tags cannot list itself.
+    let is_tag = |name: &&String| !name.starts_with("data/") && is_list(name) != Some(false);
+    let is_vouched_for = |name: &String| lists.iter().any(|list| list.files.contains_key(name));
+    for name in files
+        .keys()
+        .filter(is_tag)
+        .filter(|name| !is_vouched_for(name))
+    {
+        words.push(format!(
+            "{} was not checked, because no list has its digest",
+            printable(name)
+        ));
+    }
+    words
 }
 
 /// Everything in a package's folder.
@@ -160,6 +219,7 @@ impl Tree {
 
 /// A list of digests.
 struct List {
+    name: String,
     of_payload: bool,
     algorithm: Algorithm,
     files: BTreeMap<String, String>,
@@ -196,15 +256,14 @@ fn lists(
         )));
     }
     let mut lists = Vec::new();
-    for name in files.keys().filter(|name| !name.contains('/')) {
-        let of_tags = name.strip_prefix("tagmanifest-");
-        let Some(rest) = of_tags.or_else(|| name.strip_prefix("manifest-")) else {
+    for name in files.keys() {
+        let Some(of_payload) = is_list(name) else {
             continue;
         };
-        let Some(algorithm) = rest.strip_suffix(".txt").and_then(Algorithm::of) else {
-            return Ok(Err(refused(format!(
-                "{name}: only SHA-512 and SHA-256 can be checked"
-            ))));
+        // Beside a list that is checked there may be others.
+        let (_, algorithm) = name.split_once('-').unwrap_or_default();
+        let Some(algorithm) = algorithm.strip_suffix(".txt").and_then(Algorithm::of) else {
+            continue;
         };
         let Some(text) = text(folder, files, name)? else {
             return Ok(Err(refused(format!(
@@ -215,7 +274,6 @@ fn lists(
             Ok(files) => files,
             Err(problem) => return Ok(Err(refused(format!("{name}: {problem}")))),
         };
-        let of_payload = of_tags.is_none();
         if let Some(path) = files
             .keys()
             .find(|path| path.starts_with("data/") != of_payload)
@@ -225,6 +283,7 @@ fn lists(
             ))));
         }
         lists.push(List {
+            name: name.clone(),
             of_payload,
             algorithm,
             files,
@@ -232,13 +291,14 @@ fn lists(
     }
     if !lists.iter().any(|list| list.of_payload) {
         return Ok(Err(refused(
-            "there is no manifest-sha512.txt or manifest-sha256.txt",
+            "there is no manifest-sha512.txt or manifest-sha256.txt: scand checks no other digests",
         )));
     }
     Ok(Ok(lists))
 }
 
-/// The text of a file of the package; `None` if it is not there, too large or not UTF-8.
+/// The text of a file of the package, whose lines may end in any of the three ways that RFC 8493 allows; `None` if it
+/// is not there, too large or not UTF-8.
 fn text(folder: &Path, files: &BTreeMap<String, u64>, name: &str) -> Result<Option<String>, Error> {
     if files.get(name).is_none_or(|&length| length > LARGEST_LIST) {
         return Ok(None);
@@ -249,7 +309,8 @@ fn text(folder: &Path, files: &BTreeMap<String, u64>, name: &str) -> Result<Opti
     file.take(LARGEST_LIST)
         .read_to_end(&mut bytes)
         .map_err(Error::io(&path))?;
-    Ok(String::from_utf8(bytes).ok())
+    let text = String::from_utf8(bytes).ok();
+    Ok(text.map(|text| text.replace("\r\n", "\n").replace('\r', "\n")))
 }
 
 /// Whether the bytes and files under `data/` are as many as `bag-info.txt` says.

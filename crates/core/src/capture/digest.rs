@@ -118,3 +118,36 @@ fn add_camera(hash: &mut Sha256, camera: &Camera) {
     // Debug prints the shortest text that reads back as the same number, so no bit is lost.
     hash.update(format!("{camera:?}"));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{DepthResponse, Distortion, Intrinsics, Volume};
+    use crate::frame::CameraId;
+    use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
+
+    /// The texts of which digests are made, as `docs/formats.md` shows them: others must be able to make them too.
+    #[test]
+    fn the_texts_are_those_that_are_documented() {
+        let lens = Intrinsics::new(
+            640,
+            480,
+            Vector2::new(800.0, 801.5),
+            Vector2::new(319.5, 239.5),
+            Distortion::default(),
+        );
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.5);
+        let pose = Isometry3::from_parts(Translation3::new(0.25, 0.0, -0.5), rotation);
+        let camera = Camera::new(CameraId::new("c00").unwrap(), lens.unwrap(), pose);
+        let volume = Volume::new(Point3::new(-0.1, -0.1, 0.0), Point3::new(0.1, 0.1, 0.2));
+        let texts = [
+            format!("{:?}", volume.unwrap()),
+            format!("{camera:?}"),
+            format!("{:?}", DepthResponse::default()),
+        ];
+        let page = include_str!("../../../../docs/formats.md");
+        for text in texts {
+            assert!(page.contains(&text), "{text}");
+        }
+    }
+}

@@ -108,7 +108,8 @@ pub struct File {
 }
 
 /// The files of a model in a format, all of whose names begin with `stem`: the file that a reader opens comes last, so
-/// that it is there only when the others are. glTF is encoded anew here; a model that is not changed needs no encoding.
+/// that it is there only when the others are. glTF is encoded anew here, as `glb` says; a model that is not changed
+/// needs no encoding.
 ///
 /// # Errors
 /// If the model's parts do not fit each other, or it is larger than the format allows.
@@ -117,6 +118,7 @@ pub fn encode(
     about: &Description,
     format: Format,
     stem: &str,
+    glb: &output::glb::Parameters,
 ) -> Result<Vec<File>, Error> {
     let name = format!("{stem}.{}", format.name());
     let one = |bytes| Ok(vec![File { name, bytes }]);
@@ -125,11 +127,7 @@ pub fn encode(
         Format::Stl => one(stl::encode(model)?),
         Format::ThreeMf => one(three_mf::encode(model, about)?),
         Format::Usdz => one(usdz::encode(model, about)?),
-        Format::Glb => one(output::glb::encode(
-            model,
-            about,
-            &output::glb::Parameters::default(),
-        )?),
+        Format::Glb => one(output::glb::encode(model, about, glb)?),
     }
 }
 

@@ -6,6 +6,7 @@ use crate::description::Description;
 use crate::gltf_file::GltfFile;
 use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::mesh::Mesh;
+use crate::output::{glb, jpeg_quality};
 use crate::reconstruct::{Model, Provenance, Texture};
 use gltf::Semantic;
 use gltf::accessor::{DataType, Dimensions};
@@ -27,6 +28,8 @@ pub struct ReadModel {
     pub model: Model,
     /// What is known of it.
     pub about: Description,
+    /// How the file was written, so that a level of detail is written the same way.
+    pub glb: glb::Parameters,
     /// The file's bytes.
     pub bytes: Vec<u8>,
 }
@@ -52,11 +55,28 @@ pub fn read(path: &Path) -> Result<ReadModel, Error> {
     }
     let bytes = std::fs::read(path).map_err(io)?;
     let (model, about) = parse(&bytes).map_err(what)?;
+    let glb = GltfFile::parse(&bytes).map_err(what)?;
+    let glb = written_as(&glb);
     Ok(ReadModel {
         model,
         about,
+        glb,
         bytes,
     })
+}
+
+/// The parameters with which a file was written, as far as it tells.
+fn written_as(file: &GltfFile<'_>) -> glb::Parameters {
+    let texture = file.root().images.first();
+    let texture = texture
+        .and_then(|image| image.buffer_view)
+        .and_then(|view| file.view_bytes(view));
+    let quality = texture.and_then(jpeg_quality);
+    let mut extensions = file.root().extensions_used.iter();
+    glb::Parameters {
+        jpeg_quality: quality.unwrap_or(glb::Parameters::default().jpeg_quality),
+        unlit: extensions.any(|name| name == glb::UNLIT),
+    }
 }
 
 /// The model in the bytes of a file, and what is known of it.

@@ -44,7 +44,7 @@ fn scene(model: &Model, about: &Description) -> String {
     let _ = writeln!(
         usda,
         "def Xform \"Model\" (\n    displayName = {}\n    kind = \"component\"\n)\n{{",
-        quoted(&about.heading())
+        quoted(&clean(&about.heading()).unwrap_or_default())
     );
     push_surface(&mut usda, model);
     usda.push_str(match model.texture {
@@ -188,6 +188,25 @@ const GREY: &str = r#"    def Material "Material"
 mod tests {
     use super::super::testing::{described, textured_square};
     use super::*;
+
+    #[test]
+    fn a_title_is_one_line_wherever_it_stands() {
+        let about = Description {
+            title: Some("a\nkrater\u{1b}".into()),
+            ..described("a")
+        };
+        let usda = scene(&textured_square(), &about);
+        assert!(
+            usda.contains("displayName = \"1884.3, a krater  (a)\""),
+            "{usda}"
+        );
+        assert!(!usda.contains('\u{1b}'));
+        let name = usda
+            .lines()
+            .find(|line| line.contains("displayName"))
+            .unwrap();
+        assert_eq!(name.matches('"').count(), 2, "{name}");
+    }
 
     #[test]
     fn the_scene_is_in_metres_with_y_up_and_its_texts_stay_texts() {

@@ -36,10 +36,41 @@ pub fn mark_also(folder: &Path, said: &[CaptureNote]) -> Result<(), Error> {
     })
 }
 
+/// The report and the preview of a model as [`mark`] would leave them.
+#[derive(Debug)]
+pub struct Marked {
+    /// The text of the report.
+    pub report: String,
+    /// The picture, if there is one.
+    pub preview: Option<Vec<u8>>,
+}
+
+/// What [`mark`] would write, for a copy of the model; `None` if the model says already what these notes say.
+///
+/// # Errors
+/// As for [`mark`].
+pub fn marked(folder: &Path, notes: &CaptureNotes) -> Result<Option<Marked>, Error> {
+    marked_with(folder, |_| notes.clone())
+}
+
 fn mark_with(
     folder: &Path,
     change: impl FnOnce(&CaptureNotes) -> CaptureNotes,
 ) -> Result<(), Error> {
+    let Some(marked) = marked_with(folder, change)? else {
+        return Ok(());
+    };
+    write_atomically(&folder.join(report_file::NAME), marked.report.as_bytes())?;
+    if let Some(preview) = marked.preview {
+        write_atomically(&folder.join(PREVIEW), &preview)?;
+    }
+    Ok(())
+}
+
+fn marked_with(
+    folder: &Path,
+    change: impl FnOnce(&CaptureNotes) -> CaptureNotes,
+) -> Result<Option<Marked>, Error> {
     let text = report_file::text(folder).map_err(Error::Unmarked)?;
     let mut members: Members = serde_json::from_str(&text)?;
     let before: CaptureNotes = members
@@ -49,20 +80,20 @@ fn mark_with(
         })?;
     let after = change(&before);
     if after == before {
-        return Ok(());
+        return Ok(None);
     }
     members.put(MEMBER, serde_json::to_string_pretty(&after)?)?;
-    write_atomically(&folder.join(report_file::NAME), members.text()?.as_bytes())?;
-    let picture = folder.join(PREVIEW);
-    match std::fs::read(&picture) {
+    let report = members.text()?;
+    let preview = match std::fs::read(folder.join(PREVIEW)) {
         Ok(bytes) => {
             let mut sheet = output::decode_png(&bytes, MOST_PIXELS)?;
             report::stamp(&mut sheet, &after);
-            Ok(write_atomically(&picture, &output::encode_png(&sheet)?)?)
+            Some(output::encode_png(&sheet)?)
         }
         // A person may keep reports without their pictures.
-        Err(_) => Ok(()),
-    }
+        Err(_) => None,
+    };
+    Ok(Some(Marked { report, preview }))
 }
 
 /// The members of a JSON object in their order, each as the text that it was.

@@ -29,7 +29,7 @@ pub struct Parameters {
 }
 
 /// The extension by which viewers add no light.
-const UNLIT: &str = "KHR_materials_unlit";
+pub(crate) const UNLIT: &str = "KHR_materials_unlit";
 
 impl Default for Parameters {
     fn default() -> Self {

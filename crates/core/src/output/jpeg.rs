@@ -42,6 +42,32 @@ pub fn encode(picture: &RgbImage, quality: u8) -> Result<Vec<u8>, Error> {
     })
 }
 
+/// The quality with which [`encode`] wrote a file; `None` if another program wrote it.
+pub fn quality(file: &[u8]) -> Option<u8> {
+    let tables = tables(file);
+    let sample = [0; BLOCK * BLOCK * 3];
+    (1..=100).rev().find(|&quality| {
+        let written = strip(&sample, BLOCK, quality);
+        !tables.is_empty() && written.is_ok_and(|written| self::tables(&written) == tables)
+    })
+}
+
+/// The tables of quantization before the first scan.
+fn tables(file: &[u8]) -> Vec<&[u8]> {
+    let mut tables = Vec::new();
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low]) = file.get(at..at + 4)
+        && marker != 0xda
+    {
+        let next = at + 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == 0xdb {
+            tables.extend(file.get(at + 4..next));
+        }
+        at = next;
+    }
+    tables
+}
+
 fn strip(pixels: &[u8], width: usize, quality: u8) -> Result<Vec<u8>, EncodingError> {
     let mut bytes = Vec::with_capacity(pixels.len() / 8);
     let height = pixels.len() / 3 / width;
@@ -128,6 +154,19 @@ mod tests {
             let decode = |bytes: &[u8]| rgb_from_file("jpeg", bytes, (width, height)).unwrap();
             assert_eq!(decode(&whole), decode(&joined), "{width}x{height}");
         }
+    }
+
+    #[test]
+    fn a_file_tells_its_quality() {
+        for quality in [1, 50, 72, 90, 100] {
+            let file = encode(&picture(40, 300), quality).unwrap();
+            assert_eq!(super::quality(&file), Some(quality));
+        }
+        assert_eq!(super::quality(b"\xff\xd8"), None);
+        assert_eq!(
+            super::quality(b"\xff\xd8\xff\xdb\0\x04aa\xff\xda\0\x02"),
+            None
+        );
     }
 
     #[test]

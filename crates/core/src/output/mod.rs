@@ -15,7 +15,7 @@ mod xmp;
 pub use attributes::{unit, y_up};
 pub use board_sheet::{Paper, board_sheet, largest_square_mm};
 pub use failure::write_failure;
-pub use jpeg::encode as encode_jpeg;
+pub use jpeg::{encode as encode_jpeg, quality as jpeg_quality};
 pub use png::{decode_png, encode_grey_png, encode_png};
 
 /// Why the bytes of a file could not be made.

@@ -69,7 +69,7 @@ fn header(model: &Model, about: &Description) -> String {
     ];
     // A line break in a comment would end it.
     let known = about.pairs().into_iter();
-    let known = known.filter_map(|(name, text)| Some(format!("{name} {}", clean(text)?)));
+    let known = known.filter_map(|(name, text)| Some(format!("{name} {}", ascii(&clean(text)?))));
     for comment in known.chain(comments).chain(captures) {
         let _ = writeln!(text, "comment {comment}");
     }
@@ -87,6 +87,24 @@ fn header(model: &Model, about: &Description) -> String {
     let _ = writeln!(text, "element face {}", model.mesh.triangles.len());
     text.push_str("property list uchar int vertex_indices\nend_header\n");
     text
+}
+
+/// A text in ASCII, which is all that many readers of headers take: other letters as in JSON (`\u00e4`), and a
+/// backslash twice.
+fn ascii(text: &str) -> String {
+    let mut plain = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '\\' => plain.push_str("\\\\"),
+            ' '..='~' => plain.push(letter),
+            _ => {
+                for unit in letter.encode_utf16(&mut [0; 2]) {
+                    let _ = write!(plain, "\\u{unit:04x}");
+                }
+            }
+        }
+    }
+    plain
 }
 
 fn provenance_name(provenance: &Provenance) -> String {
@@ -112,6 +130,19 @@ mod tests {
         let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
         let header = std::str::from_utf8(&bytes[..at]).unwrap();
         (header.lines().collect(), &bytes[at + end.len()..])
+    }
+
+    #[test]
+    fn a_header_is_ascii_whatever_the_title_is() {
+        let about = Description {
+            title: Some(r#"Krater «Η Νίκη» \ "𓀀" 100 %"#.into()),
+            ..Description::default()
+        };
+        let bytes = encode(&textured_square(), &about).unwrap();
+        let (lines, _) = parts(&bytes);
+        let escaped = r#"comment title Krater \u00ab\u0397 \u039d\u03af\u03ba\u03b7\u00bb \\ "\ud80c\udc00" 100 %"#;
+        assert!(lines.contains(&escaped), "{lines:?}");
+        assert!(lines.iter().all(|line| line.is_ascii()));
     }
 
     fn float(bytes: &[u8], at: usize) -> f32 {

@@ -84,6 +84,15 @@ pub enum Error {
         /// What the note is about, shortened.
         name: String,
     },
+    /// A decision about a session.
+    #[error(
+        "{path}: {name:?} is the session: accept, reject and clear decide about a capture; give the capture's id, or a text"
+    )]
+    DecisionOnSession {
+        path: PathBuf,
+        /// The session's name, shortened.
+        name: String,
+    },
     /// The file could not be written.
     #[error("{path}: cannot write the recording: {cause}{}", advice(cause))]
     Write {

@@ -3,6 +3,7 @@
 
 mod chunk;
 mod container;
+mod copied;
 mod error;
 mod extract;
 mod index;
@@ -26,14 +27,15 @@ mod typed;
 mod writer;
 
 pub use container::Compression;
+pub use copied::recover_copy;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CaptureRecord, Lost, LostParts, Note, Outcome};
-pub use notes::{Notes, beside, note_beside, noted_recording};
+pub use notes::{Notes, WrittenNote, beside, note_beside, noted_recording};
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
-pub use recovery::{Recovered, finished_name, recover, recover_copy, unfinished, unfinished_name};
+pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
 pub use session::{FinishedCapture, RecordingSession, SessionHeader};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::Writer;

@@ -64,6 +64,12 @@ impl Notes {
         CaptureNotes::new(self.by_name.get(name).cloned().unwrap_or_default())
     }
 
+    /// The notes on the session of a recording.
+    pub fn on_session(&self, recording: &Recording) -> CaptureNotes {
+        let name = recording.session_pair("name");
+        name.map(|name| self.on(name)).unwrap_or_default()
+    }
+
     /// Notes that could not be read, or that belong to another recording.
     pub fn problems(&self) -> &[String] {
         &self.problems
@@ -152,11 +158,40 @@ pub fn noted_recording(path: &Path) -> Option<PathBuf> {
     (!stem.is_empty()).then(|| path.with_file_name(format!("{stem}.mcap")))
 }
 
+/// A note that is on the disk.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WrittenNote {
+    /// The file that has it.
+    pub file: PathBuf,
+    /// The time of a decision that is later, and so wins: a clock was wrong.
+    pub later: Option<Timestamp>,
+}
+
+impl WrittenNote {
+    /// For a person.
+    pub fn words(&self) -> String {
+        let file = self.file.display();
+        match self.later {
+            None => format!("the note is in {file}"),
+            Some(later) => format!(
+                "the note is in {file}, but changes nothing: a decision of {}, which is later than this machine's clock, \
+                 stays valid; set the clock and repeat the note",
+                later.iso_8601()
+            ),
+        }
+    }
+}
+
 /// Adds a note to the file beside a complete recording. When this returns, the note survives a power cut.
 ///
 /// # Errors
-/// If the recording has neither the capture nor a session of that name, or the file cannot be written.
-pub fn note_beside(recording: &Recording, note: &Note, time: Timestamp) -> Result<PathBuf, Error> {
+/// If the recording has neither the capture nor a session of that name, the note decides something about a session, or
+/// the file cannot be written.
+pub fn note_beside(
+    recording: &Recording,
+    note: &Note,
+    time: Timestamp,
+) -> Result<WrittenNote, Error> {
     let named = Named::of(recording);
     let trigger = named.triggers.get(&note.capture).copied();
     if !named.has(&note.capture, trigger) {
@@ -165,6 +200,16 @@ pub fn note_beside(recording: &Recording, note: &Note, time: Timestamp) -> Resul
             name: super::error::shortened(&note.capture),
         });
     }
+    let decides = NoteKind::of(&note.kind).decides();
+    if decides && trigger.is_none() {
+        return Err(Error::DecisionOnSession {
+            path: recording.path().into(),
+            name: super::error::shortened(&note.capture),
+        });
+    }
+    let before = Notes::of(recording).on(&note.capture).said;
+    let later = before.into_iter().rfind(|said| said.kind.decides());
+    let later = later.filter(|said| decides && said.time_ns > time);
     let path = beside(recording.path());
     let line = Line {
         time,
@@ -175,7 +220,10 @@ pub fn note_beside(recording: &Recording, note: &Note, time: Timestamp) -> Resul
         path: path.clone(),
         cause,
     })?;
-    Ok(path)
+    Ok(WrittenNote {
+        file: path,
+        later: later.map(|said| said.time_ns),
+    })
 }
 
 /// Appends a line and brings it to the disk. A line that a power cut left unfinished is ended first.
@@ -229,6 +277,7 @@ fn lines(path: &Path) -> Result<Option<String>, String> {
 #[cfg(test)]
 mod tests {
     use super::super::testing::noted_recording as recording_of;
+    use super::super::{Compression, Writer};
     use super::*;
     use crate::notes::Decision;
 
@@ -252,7 +301,7 @@ mod tests {
             Some(Decision::Accepted)
         );
         let file = note_beside(&open(), &note("reject", "a hand\nin it"), Timestamp(400)).unwrap();
-        assert_eq!(file, folder.path().join("cup.notes.jsonl"));
+        assert_eq!(file.file, folder.path().join("cup.notes.jsonl"));
         let notes = Notes::of(&open());
         assert_eq!(notes.problems(), [""; 0]);
         let on = notes.on("cup-1");
@@ -270,7 +319,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = recording_of(folder.path(), &[("accept", 300)]);
         let recording = Recording::open(&path).unwrap();
-        note_beside(&recording, &note("reject", ""), Timestamp(200)).unwrap();
+        let written = note_beside(&recording, &note("reject", ""), Timestamp(200)).unwrap();
+        assert_eq!(written.later, Some(Timestamp(300)));
+        let words = written.words();
+        assert!(words.contains("changes nothing"), "{words}");
+        let text = note_beside(&recording, &note("text", "seen"), Timestamp(200)).unwrap();
+        assert_eq!(text.later, None);
         assert_eq!(
             Notes::of(&recording).on("cup-1").decision,
             Some(Decision::Accepted)
@@ -300,6 +354,28 @@ mod tests {
         };
         let refused = note_beside(&recording, &unknown, Timestamp(1)).unwrap_err();
         assert!(refused.to_string().contains("cup-9"), "{refused}");
+    }
+
+    #[test]
+    fn a_note_on_the_session_is_a_text() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("monday.mcap");
+        let mut writer = Writer::create(&path, "scand test", Compression::None).unwrap();
+        let pairs = [("name".to_owned(), "monday".to_owned())].into();
+        writer.metadata("session", &pairs).unwrap();
+        writer.finish().unwrap();
+        let recording = Recording::open(&path).unwrap();
+        let on_session = |kind| Note {
+            capture: "monday".into(),
+            ..note(kind, "the lamp was changed")
+        };
+        for kind in ["accept", "reject", "clear"] {
+            let refused = note_beside(&recording, &on_session(kind), Timestamp(1)).unwrap_err();
+            assert!(refused.to_string().contains("is the session"), "{refused}");
+        }
+        note_beside(&recording, &on_session("text"), Timestamp(1)).unwrap();
+        let on = Notes::of(&recording).on_session(&recording);
+        assert_eq!(on.said.len(), 1);
     }
 
     #[test]

@@ -2,10 +2,10 @@
 //! `NAME.mcap.part` up to the first damage, and `NAME.mcap.tail` gets the rest. The file is repaired in place, so only
 //! the tail needs space. Nothing is cut off before it is on the disk elsewhere.
 
+use super::Error;
 use super::repair::{Truncated, find_end};
 use super::rewriting::{PART, copy_ownership, io, remove_stale, with_ending};
 use super::source::Source;
-use super::{Error, Recording};
 use crate::storage::{rename_noreplace, sync_parent};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
@@ -40,35 +40,6 @@ pub fn unfinished(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     }
     parts.sort();
     Ok(parts)
-}
-
-/// Completes a copy of a recording that has its final name and was cut off, as an interrupted copy from a stick is. The
-/// copy is `NAME.recovered.mcap`; the file itself is never touched.
-///
-/// # Errors
-/// If the file is not cut off, the copy's name is taken, or there is no room for the copy.
-pub fn recover_copy(cut: &Path) -> Result<Recovered, Error> {
-    let recording = Recording::open(cut)?;
-    if !recording.is_cut_off()? {
-        return Err(Error::NotCutOff { path: cut.into() });
-    }
-    let copied = cut.with_extension("recovered.mcap");
-    let part = unfinished_name(&copied);
-    for taken in [&copied, &part] {
-        if taken.try_exists().map_err(io(taken))? {
-            return Err(io(taken)(std::io::ErrorKind::AlreadyExists.into()));
-        }
-    }
-    let mut from = File::open(cut).map_err(io(cut))?;
-    let made = File::create_new(&part).and_then(|mut to| {
-        std::io::copy(&mut from, &mut to)?;
-        to.sync_all()
-    });
-    let recovered = made.map_err(io(&part)).and_then(|()| recover(&part));
-    if recovered.is_err() {
-        remove_stale(&part)?;
-    }
-    recovered
 }
 
 /// Completes a recording that was cut off. Intact bytes are never overwritten, and the rest is cut off when it is on

@@ -11,6 +11,7 @@ mod free_running;
 pub use free_running::FreeRunning;
 
 use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
+use crate::words::count;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fmt;
 
@@ -125,14 +126,17 @@ impl fmt::Display for Shortfall {
             Stream::Color => "colour",
             Stream::Depth | Stream::DepthColor => "depth",
         };
+        let found = match self.found {
+            0 => "no frame".to_owned(),
+            found => count(found, "frame"),
+        };
         write!(
             f,
-            "{kind} camera {} gave {} of at least {} frames from {:.1} to {:.1} ms after the trigger",
+            "{kind} camera {} gave {found} from {:.1} to {:.1} ms after the trigger, expected at least {}",
             self.camera,
-            self.found,
-            self.needed,
             ms(self.window[0]),
             ms(self.window[1]),
+            self.needed,
         )?;
         match self.nearest {
             Some(t) => write!(f, "; its nearest frame is at {:.1} ms", ms(t)),

@@ -5,6 +5,7 @@ use crate::daemon::events::Event;
 use crate::daemon::names;
 use crate::daemon::recorder::{Answer, NotePlace, QUEUE_FULL, RecorderTask};
 use crate::log;
+use crate::notes::NoteKind;
 use crate::recording::{Note, RecordingSession};
 use std::collections::BTreeMap;
 
@@ -85,6 +86,14 @@ impl CaptureThread {
     /// recording that has it. The note takes effect only when it is on the disk.
     pub(super) fn write_down(&mut self, note: Note, answer: Answer) {
         let time = self.rig.clock().timestamp();
+        let decides = NoteKind::of(&note.kind).decides();
+        let is_session = |session: &SessionNaming| session.name == note.capture;
+        if decides && self.session.as_ref().is_some_and(is_session) {
+            return answer(Err(format!(
+                "{:?} is the session: accept, reject and clear decide about a capture; give the capture's id, or a text",
+                note.capture
+            )));
+        }
         let is_of = |session: &SessionNaming| {
             names::has_capture(&session.name, session.captures, &note.capture)
         };

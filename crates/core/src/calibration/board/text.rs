@@ -197,7 +197,21 @@ fn metres(what: &'static str, text: &str) -> Result<f64, Error> {
 /// `25mm`.
 fn length(what: &'static str, text: &str) -> Result<f64, Error> {
     let value = crate::range::metres_below(1.0, text).filter(|&value| value >= 0.0);
-    value.map_or_else(|| bad(what, shown(text), LENGTH), Ok)
+    // Millimetres are what a plain number of this size most likely counts.
+    let is_plain = text.trim().parse::<f64>().is_ok_and(|number| number >= 1.0);
+    match value {
+        Some(value) => Ok(value),
+        None if is_plain => bad(
+            what,
+            format!(
+                "{} without a unit ({}mm counts millimetres)",
+                shown(text),
+                text.trim()
+            ),
+            LENGTH,
+        ),
+        None => bad(what, shown(text), LENGTH),
+    }
 }
 
 /// A length as [`length`] reads it back: in millimetres, or in metres where no short number of millimetres would do.
@@ -248,7 +262,7 @@ mod tests {
             ("checkerboard:11:25mm", "\"11\", expected COLUMNSxROWS"),
             (
                 "checkerboard:11x8:25",
-                "\"25\", expected a length with its unit",
+                "\"25\" without a unit (25mm counts millimetres), expected a length with its unit",
             ),
             ("checkerboard:11x8:25mm:two-sided", "cannot be told apart"),
             (

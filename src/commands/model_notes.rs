@@ -6,7 +6,9 @@ use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
 use crate::recording::{Recording, finished_name};
 use crate::sync;
+use crate::words::{count, printable};
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// What people said of a model's captures.
@@ -18,6 +20,23 @@ pub(super) struct FoundNotes {
     pub(super) is_rejected: bool,
     /// Recordings that were not found, so that only the report's notes are known.
     pub(super) not_found: Vec<String>,
+}
+
+/// Says of recordings that were not found that their notes were not read.
+pub(super) fn tell_not_found(not_found: &BTreeSet<String>, recordings: &Path) {
+    let Some(first) = not_found.first() else {
+        return;
+    };
+    let others = match not_found.len() - 1 {
+        0 => String::new(),
+        n => format!(" and {}", count(n, "other recording")),
+    };
+    eprintln!(
+        "scand: notes that are newer than the reports were not read, because {} does not have {}{others}: give its folder \
+         with --recordings",
+        recordings.display(),
+        printable(first)
+    );
 }
 
 /// Reads the notes on the captures of a model with this report and capture.
