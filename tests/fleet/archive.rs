@@ -1,8 +1,11 @@
 //! An archive made again by workers: the same bytes as here, what is there is left alone, and what cannot be made ends
 //! as failed, with its reason.
 
-use crate::test_bench::{TestBench, finished, made_here, models, program, said, simulated, told};
+use crate::test_bench::{
+    TestBench, finished, made_here, models, program, said, simulated, spawned, told,
+};
 use rustix::process::Signal;
+use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -110,7 +113,8 @@ fn a_run_that_was_stopped_goes_on_where_it_was() {
     };
     crate::support::wait::until("some are made", || origins() >= 3);
     let id = rustix::process::Pid::from_child(&started);
-    rustix::process::kill_process(id, Signal::TERM).unwrap();
+    // As Ctrl-C does; services get SIGTERM, which is heard in the same place.
+    rustix::process::kill_process(id, Signal::INT).unwrap();
     let stopped = finished(started);
     assert_eq!(stopped.status.code(), Some(3), "{}", said(&stopped));
     assert!(
@@ -132,6 +136,75 @@ fn a_run_that_was_stopped_goes_on_where_it_was() {
         "{unchanged} of {before}"
     );
     assert!(models(&bench.path("out")) == made_here(&bench, &recording));
+}
+
+#[test]
+fn a_run_that_is_killed_again_and_again_puts_each_model_into_place_once() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(12);
+    let here = made_here(&bench, &recording);
+    let _workers = [bench.worker("w1", &[]), bench.worker("w2", &[])];
+    let inodes = || -> std::collections::BTreeMap<PathBuf, u64> {
+        use std::os::unix::fs::MetadataExt;
+        let folders = std::fs::read_dir(bench.path("out/fleet-12"));
+        let folders = folders.into_iter().flatten().flatten();
+        // What is being put into place has another name yet.
+        let placed = folders.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
+        let models = placed.map(|entry| entry.path().join("model.glb"));
+        let known = models.filter_map(|path| Some((path.clone(), path.metadata().ok()?.ino())));
+        known.collect()
+    };
+    let mut seen = std::collections::BTreeMap::new();
+    for made in [1, 4, 7, 10] {
+        let mut killed = spawned(bench.by_fleet(&recording, "out", &["--quiet"]));
+        crate::support::wait::until("some are made", || inodes().len() >= made);
+        killed.kill().unwrap();
+        killed.wait().unwrap();
+        let now = inodes();
+        // What is in place stays there.
+        let stays = |(path, inode): (&PathBuf, &u64)| now.get(path) == Some(inode);
+        assert!(seen.iter().all(stays), "{seen:?}, then {now:?}");
+        seen = now;
+    }
+    let output = bench.by_fleet(&recording, "out", &[]).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let now = inodes();
+    let stays = |(path, inode): (&PathBuf, &u64)| now.get(path) == Some(inode);
+    assert!(seen.iter().all(stays), "{seen:?}, then {now:?}");
+    assert!(models(&bench.path("out")) == here);
+    assert!(!said(&output).contains("difference"), "{}", said(&output));
+    let spool = bench.path("out/.fleet-spool");
+    assert!(!spool.exists(), "{}", spool.display());
+}
+
+#[test]
+fn models_of_other_settings_stay_and_no_machine_is_blamed() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let worker = bench.worker("w", &[]);
+    let output = bench.by_fleet(&recording, "out", &[]).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let before = models(&bench.path("out"));
+    // Nobody is there to make them once more.
+    drop(worker);
+    let other = ["--set", "hull.resolution=26"];
+    let output = bench.by_fleet(&recording, "out", &other).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(!said(&output).contains("faulty"), "{}", said(&output));
+    let told = told(&output);
+    assert_eq!(results(&told), ["failed"; 6]);
+    let reason = told[0]["reasons"][0].as_str().unwrap();
+    assert!(reason.contains("give --force to replace it"), "{reason}");
+    assert!(models(&bench.path("out")) == before);
+    let _worker = bench.worker("w", &[]);
+    let forced = [&other[..], &["--force"]].concat();
+    let output = bench.by_fleet(&recording, "out", &forced).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(models(&bench.path("out")) != before);
 }
 
 #[test]

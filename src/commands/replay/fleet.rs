@@ -7,7 +7,7 @@ use super::{Options, Replay};
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
 use crate::commands::EXIT_INCOMPLETE;
-use crate::commands::fleet::{AccessArgs, AddressParser, block_on, termination};
+use crate::commands::fleet::{AccessArgs, AddressParser, KEEP_FREE, block_on, termination};
 use crate::config::Config;
 use crate::fleet::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Program, Role, Task};
 use crate::frame::{CaptureId, Timestamp};
@@ -77,6 +77,7 @@ impl FleetReplay<'_> {
             time_limit_s: self.config.workers.time_limit_s,
             nice: 10,
             models: self.options.out.clone(),
+            keep_free_bytes: KEEP_FREE,
             recheck: self.config.workers.recheck,
             replace: self.options.force,
         };
@@ -231,6 +232,9 @@ impl FleetReplay<'_> {
         progress: &Progress,
         wanted: Wanted,
     ) -> Option<Outcome> {
+        if offers.is_stopped() {
+            return None;
+        }
         let complete = finished_name(&wanted.recording).unwrap_or_else(|| wanted.recording.clone());
         let task = Task {
             recording: wanted.recording.clone(),
@@ -260,6 +264,9 @@ impl FleetReplay<'_> {
             }
             JobOutcome::MakeLocally { .. } => {
                 let _turn = here.acquire().await;
+                if offers.is_stopped() {
+                    return None;
+                }
                 Some(self.make_here(wanted).await)
             }
             JobOutcome::Withdrawn => None,

@@ -160,7 +160,14 @@ impl Args {
 /// # Errors
 /// As [`run`].
 pub fn run_for_a_person(args: Args) -> anyhow::Result<ExitCode> {
-    interrupt::explain();
+    // A run with a fleet ends by itself, with its summary, and takes back what it has just erased.
+    #[cfg(feature = "fleet")]
+    let has_fleet = args.options.fleet.fleet.is_some();
+    #[cfg(not(feature = "fleet"))]
+    let has_fleet = false;
+    if !has_fleet {
+        interrupt::explain();
+    }
     run(args)
 }
 
