@@ -45,7 +45,7 @@ impl ModelOrigin {
         Ok(())
     }
 
-    /// Notes what will be known of a model that is about to be put into place, in a folder that is there.
+    /// Notes what will be known of a model that is about to be put into place.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -121,7 +121,6 @@ mod tests {
     fn a_process_that_was_killed_at_a_commit_leaves_whose_model_it_is() {
         let home = tempfile::tempdir().unwrap();
         let target = home.path().join("cup").join("a1");
-        std::fs::create_dir(home.path().join("cup")).unwrap();
         let origin = |contents: String| ModelOrigin {
             digest: "d".into(),
             contents_sha256: contents,

@@ -114,15 +114,8 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             self.wait_for_space(0).await;
             // So that it is known whose model it is even if this process is killed right after it was put into place.
             let origin = self.origin(offer, made_of, worker, contents);
-            let folder = self.task.target.parent().unwrap_or(&self.task.target);
-            let announced = std::fs::create_dir_all(folder).map_err(|e| e.to_string());
-            let announced = announced.and_then(|()| {
-                origin
-                    .announce(&self.task.target)
-                    .map_err(|e| e.to_string())
-            });
-            if let Err(problem) = announced {
-                self.report_problem(&problem);
+            if let Err(error) = origin.announce(&self.task.target) {
+                self.report_problem(&error.to_string());
             }
             let task = self.task.clone();
             let bundle = bundle.to_owned();
