@@ -26,6 +26,8 @@ pub struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Step {
     Find(FindArgs),
+    List(Box<AnswerArgs>),
+    Replay(Box<AnswerArgs>),
     Pack(PackArgs),
     Make(Box<make_model::Args>),
     Commit(CommitArgs),
@@ -43,6 +45,16 @@ struct FindArgs {
     #[arg(long)]
     job: PathBuf,
     /// The folder in which to write the recording's name.
+    #[arg(long)]
+    to: PathBuf,
+}
+
+/// Looks into a recording, or replays it, and answers in a file.
+#[derive(Debug, clap::Args)]
+struct AnswerArgs {
+    #[command(flatten)]
+    make: make_model::Args,
+    /// The folder in which to write the answer.
     #[arg(long)]
     to: PathBuf,
 }
@@ -101,6 +113,8 @@ struct CommitArgs {
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     match args.step {
         Step::Find(args) => find(&args),
+        Step::List(args) => answer(*args, replay::confined::list),
+        Step::Replay(args) => answer(*args, replay::confined::outcomes),
         Step::Pack(args) => pack(&args),
         Step::Make(args) => make(*args),
         Step::Commit(args) => put_into_place(&args),
@@ -123,6 +137,15 @@ fn find(args: &FindArgs) -> anyhow::Result<ExitCode> {
 fn parent(path: &Path) -> anyhow::Result<&Path> {
     let parent = path.parent();
     parent.with_context(|| format!("{} has no parent folder", path.display()))
+}
+
+fn answer(
+    args: AnswerArgs,
+    work: fn(replay::Args) -> anyhow::Result<String>,
+) -> anyhow::Result<ExitCode> {
+    let replay = args.make.confined(std::slice::from_ref(&args.to))?;
+    std::fs::write(args.to.join(step::ANSWER), work(replay)?)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {

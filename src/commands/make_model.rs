@@ -3,6 +3,7 @@
 
 use super::confined::ConfinementArgs;
 use super::replay;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Make a model of a capture in a confined process. Only the daemon calls this.
@@ -15,9 +16,25 @@ pub struct Args {
     replay: replay::Args,
 }
 
-#[cfg(feature = "fleet")]
 impl Args {
+    /// Confines this process to what the replay needs and to folders in which it may write, too. Returns what is to be
+    /// replayed.
+    ///
+    /// # Errors
+    /// If the process cannot be confined.
+    pub(super) fn confined(self, more: &[PathBuf]) -> anyhow::Result<replay::Args> {
+        self.confinement.bind_to_parent()?;
+        let mut writes = self.replay.writes()?;
+        for folder in &writes {
+            std::fs::create_dir_all(folder)?;
+        }
+        writes.extend_from_slice(more);
+        self.confinement.confine(&self.replay.reads(), &writes)?;
+        Ok(self.replay)
+    }
+
     /// What is replayed.
+    #[cfg(feature = "fleet")]
     pub(super) fn replay(&self) -> &replay::Args {
         &self.replay
     }
@@ -28,13 +45,7 @@ impl Args {
 /// # Errors
 /// If it cannot be confined; else those of a replay.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    args.confinement.bind_to_parent()?;
-    let writes = args.replay.writes()?;
-    for folder in &writes {
-        std::fs::create_dir_all(folder)?;
-    }
-    args.confinement.confine(&args.replay.reads(), &writes)?;
-    replay::run(args.replay)
+    replay::run(args.confined(&[])?)
 }
 
 #[cfg(test)]
@@ -42,7 +53,7 @@ mod tests {
     use super::*;
     use crate::workers::protocol;
     use clap::Parser;
-    use std::path::{Path, PathBuf};
+    use std::path::Path;
 
     #[derive(Parser)]
     struct Cli {

@@ -4,7 +4,7 @@
 use super::bundle::{Bundle, REPORT, contents_sha256, read_bundle};
 use crate::evaluate::load::load_unwelded;
 use crate::mesh::{self, Mesh};
-use crate::storage::StagedFolder;
+use crate::storage::{self, StagedFolder};
 use serde_json::Value;
 use std::path::Path;
 
@@ -52,26 +52,36 @@ pub fn commit(
     if let Some(problem) = problem(&bundle, (recording, capture)) {
         return Ok(CommitResult::Refused(problem));
     }
-    let is_model = bundle.files.len() > 1;
-    if target.exists() && !replace {
-        if contents_sha256(target).is_ok_and(|there| there == contents) {
-            return Ok(CommitResult::Equal);
-        }
-        let failed = is_failure(target);
-        match (failed, is_model) {
-            // A model, or newer reasons, in the place of the report of a failure.
-            (true, _) => {}
-            // A model is worth more than the report of a failure; that two runs of one job differ is a defect.
-            (false, _) => return Ok(CommitResult::Differs),
-        }
+    if !replace && let Some(there) = compared(target, contents) {
+        return Ok(there);
     }
+    // Only what was compared, or is to be replaced, gives way to it.
+    let replace = replace || target.exists();
     let placed = StagedFolder::create(target).and_then(|staged| {
         let mut files = bundle.files.iter();
         files.try_for_each(|(name, bytes)| staged.write(name, bytes))?;
-        staged.commit(true)
+        staged.commit(replace)
     });
-    placed.map_err(|e| e.to_string())?;
-    Ok(CommitResult::Placed)
+    match placed {
+        Ok(()) => Ok(CommitResult::Placed),
+        Err(error @ storage::Error::Exists { .. }) => {
+            compared(target, contents).ok_or_else(|| error.to_string())
+        }
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// How a result compares with what is in its place; `None` if that may give way to it: there is nothing, or the report
+/// of a failure.
+fn compared(target: &Path, contents: &str) -> Option<CommitResult> {
+    if !target.exists() {
+        None
+    } else if contents_sha256(target).is_ok_and(|there| there == contents) {
+        Some(CommitResult::Equal)
+    } else {
+        // That two runs of one job differ is a defect.
+        (!is_failure(target)).then_some(CommitResult::Differs)
+    }
 }
 
 /// What is wrong with the files of a result.
@@ -83,7 +93,7 @@ fn problem(bundle: &Bundle, (recording, capture): (&str, &str)) -> Option<String
         Ok(report) => report,
         Err(error) => return Some(format!("{REPORT}: {error}")),
     };
-    if let Some(problem) = against_schema(&report) {
+    if let Some(problem) = against_schema(&report).or_else(|| of_words(&report)) {
         return Some(format!("{REPORT}: {problem}"));
     }
     if report["capture"]["id"] != capture || report["recording"] != recording {
@@ -144,6 +154,26 @@ fn against_schema(report: &Value) -> Option<String> {
         Ok(_) => Some("it does not have the members that a report has (report.schema.json)".into()),
         Err(error) => Some(format!("the schema of reports: {error}")),
     }
+}
+
+/// What is wrong with the words that terminals and logs show: each is of a length that a person reads, and has no
+/// character that a terminal obeys.
+fn of_words(report: &Value) -> Option<String> {
+    const LONGEST: usize = 20_000;
+    let reasons = report["verdict"]["reasons"].as_array();
+    let words = reasons.into_iter().flatten().map(|reason| &reason["words"]);
+    let mut words = words.chain([&report["reason"]]).filter_map(Value::as_str);
+    words.find_map(|text| {
+        let obeyed = |c: &char| c.is_control() && *c != '\n' && *c != '\t';
+        match text.chars().find(obeyed) {
+            _ if text.len() > LONGEST => Some(format!(
+                "a reason has {} bytes, expected at most {LONGEST}",
+                text.len()
+            )),
+            Some(found) => Some(format!("a reason has the control character {found:?}")),
+            None => None,
+        }
+    })
 }
 
 fn of_mesh(mesh: &Mesh, says_open: bool) -> Option<String> {

@@ -6,11 +6,14 @@ use crate::log;
 use crate::workers::FleetAddress;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event};
+use parking_lot::Mutex;
+use std::collections::BTreeMap;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use tokio::sync::Semaphore;
 
 /// Bytes of the longest credentials.
 const LONGEST_CREDENTIALS: u64 = 64 << 10;
@@ -100,6 +103,12 @@ pub struct FleetClient {
     pub(super) name: String,
     /// How often it was made.
     connections: Arc<AtomicU64>,
+    /// Lets one file be sent, and one be received, at a time: the first of many arrives early, and what is in memory is
+    /// bounded.
+    pub(super) uploads: Arc<Semaphore>,
+    pub(super) downloads: Arc<Semaphore>,
+    /// Bytes that each stream may hold.
+    pub(super) capacities: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
 impl FleetClient {
@@ -131,6 +140,9 @@ impl FleetClient {
             context,
             name,
             connections,
+            uploads: Arc::new(Semaphore::new(1)),
+            downloads: Arc::new(Semaphore::new(1)),
+            capacities: Arc::default(),
         })
     }
 

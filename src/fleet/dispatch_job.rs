@@ -7,8 +7,8 @@ use super::job_state::{JobState, Received, has_model};
 use super::model_origin::ModelOrigin;
 use super::step::Packed;
 use super::store::ServerError;
-use super::subjects::{self, JOBS, RESULTS};
-use super::transfer::{TransferError, pieces};
+use super::subjects::{self, CAPTURES, JOBS, RESULTS};
+use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
@@ -17,6 +17,8 @@ use tokio::sync::mpsc;
 const MAX_LOST_WORKERS: usize = 10;
 /// A worker that has not been heard of for this long, while the server was there, is lost.
 const LOST_AFTER: Duration = Duration::from_secs(25);
+/// How much longer than its limits a job may take a worker that the server reaches.
+const HOLDING_MARGIN: Duration = Duration::from_secs(120);
 /// How often the server is asked for what may have been missed.
 const POLL_INTERVAL: Duration = Duration::from_secs(4);
 /// How often in a row a job may be missing on the server before it is offered again.
@@ -51,6 +53,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             &program,
         ];
         let made_of = ModelOrigin::made_of(&self.task.recording, &parts).unwrap_or_default();
+        ModelOrigin::settle(&self.task.target);
         let known = ModelOrigin::read(&self.task.target).filter(|_| has_model(&self.task.target));
         let known = known.filter(|_| !self.replaces());
         if let Some(known) = &known
@@ -67,9 +70,17 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             Err(ended) => return ended,
         };
         let offer = self.offer(&packed);
-        if let Some(known) = known.filter(|known| known.digest == offer.digest) {
-            self.note(&ModelOrigin { made_of, ..known });
-            return JobOutcome::Unchanged;
+        if let Some(known) = known {
+            if known.digest == offer.digest {
+                self.note(&ModelOrigin { made_of, ..known });
+                return JobOutcome::Unchanged;
+            }
+            // It is refused there as any other model that is not to be replaced.
+            let reason = "its folder has a model of other settings, or of another program".into();
+            return JobOutcome::MakeLocally { reason };
+        }
+        if let Err(problem) = offer.check() {
+            return JobOutcome::MakeLocally { reason: problem };
         }
         let news = self.offers.subscribe_job(&offer.digest);
         let ended = self.until_committed(&offer, &made_of, news).await;
@@ -108,10 +119,12 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         let offers = self.offers;
         let _turn = offers.children.acquire().await;
         loop {
+            // What is packed takes space that captures need, and nobody can take it yet.
+            self.wait_for_server().await;
+            self.wait_for_space(0).await;
             if self.is_over() {
                 return Err(JobOutcome::Withdrawn);
             }
-            self.wait_for_space().await;
             let to = self.packed_path();
             let folder = self.spool.join("packed");
             let settings = self.spool.join("settings.toml");
@@ -152,29 +165,49 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     }
 
     /// Puts the job on the server; the capture first, so that no worker looks for it in vain.
-    async fn send(&self, offer: &JobOffer) -> Result<(), TransferError> {
+    async fn send(&self, offer: &JobOffer, sent: &mut Sent) -> Result<(), TransferError> {
         let fleet = &self.offers.fleet;
         fleet.make_streams().await?;
+        let bytes = offer.bytes;
+        // Each piece takes some more there.
+        let most = fleet.capacity(CAPTURES).map(|all| all / 10 * 9);
+        if let Some(most) = most.filter(|most| bytes > *most) {
+            return Err(TransferError::TooLarge { bytes, most });
+        }
         let piece = |piece| subjects::capture(&fleet.name, &offer.digest, piece);
-        fleet.send_file(&self.packed_path(), piece).await?;
+        fleet.send_file(&self.packed_path(), piece, sent).await?;
         let bytes = serde_json::to_vec(offer).unwrap_or_default();
         fleet.store(self.subject(offer), bytes.into()).await?;
         (self.on_event)(JobEvent::Offered);
         Ok(())
     }
 
-    /// As [`Self::send`], however long that takes; false when nobody wants it any more.
-    async fn send_patiently(&self, offer: &JobOffer) -> bool {
+    /// As [`Self::send`], however long that takes.
+    ///
+    /// # Errors
+    /// How the job ended instead: nobody wants it any more, or it cannot travel.
+    async fn send_patiently(&self, offer: &JobOffer) -> Result<(), JobOutcome> {
+        let mut sent = Sent::default();
         while !self.is_over() {
-            match self.send(offer).await {
-                Ok(()) => return true,
+            match self.send(offer, &mut sent).await {
+                Ok(()) => return Ok(()),
+                Err(problem @ TransferError::TooLarge { .. }) => {
+                    let reason = problem.to_string();
+                    return Err(JobOutcome::MakeLocally { reason });
+                }
                 Err(problem) => {
                     self.report_problem(&problem.to_string());
+                    if problem.is_full() {
+                        // Pieces of what does not fit would keep others from becoming whole.
+                        self.erase_capture(offer).await;
+                        sent = Sent::default();
+                        self.offers.pause(FULL_PAUSE).await;
+                    }
                     self.offers.pause(Duration::from_secs(2)).await;
                 }
             }
         }
-        false
+        Err(self.withdraw(offer).await)
     }
 
     /// Whether the server has the job, or its result.
@@ -199,8 +232,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         mut news: mpsc::Receiver<JobMessage>,
     ) -> JobOutcome {
         // An earlier run may have offered it.
-        if !self.is_there(offer).await.unwrap_or(false) && !self.send_patiently(offer).await {
-            return self.withdraw(offer).await;
+        if !self.is_there(offer).await.unwrap_or(false)
+            && let Err(ended) = self.send_patiently(offer).await
+        {
+            return ended;
         }
         let mut missing = 0;
         // However many messages come from it meanwhile.
@@ -223,8 +258,19 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                     if let Some(ended) = self.over_or_lost(offer).await {
                         return ended;
                     }
+                    if let Some(worker) = self.too_slow(offer) {
+                        let reason = format!("worker {worker} holds it without bringing a result");
+                        if let Some(reason) = self.count_crash(&reason) {
+                            self.erase_capture(offer).await;
+                            let words = String::new();
+                            return JobOutcome::Failed { reason, words };
+                        }
+                        missing = MAX_MISSING;
+                    }
                     match self.is_there(offer).await {
-                        Ok(true) => missing = 0,
+                        // A job that is offered once more replaces the one that a worker holds.
+                        Ok(true) if missing < MAX_MISSING => missing = 0,
+                        Ok(true) => {}
                         Ok(false) => missing += 1,
                         // A server that has lost its streams does not say so: a question to one that is not there stays
                         // without an answer. Once they are there again, the next question finds the job missing.
@@ -234,8 +280,11 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 }
             };
             let again = match reported {
-                Some(reported) => match self.take(offer, made_of, &reported).await {
-                    Received::Done(ended) => return ended,
+                Some(reported) => match self.take_in(offer, made_of, &reported).await {
+                    Received::Done(ended) => {
+                        self.compare_others(offer, &ended, news).await;
+                        return ended;
+                    }
                     Received::Again => true,
                     Received::Nothing => false,
                 },
@@ -243,9 +292,43 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             };
             if again {
                 missing = 0;
-                if !self.send_patiently(offer).await {
-                    return self.withdraw(offer).await;
+                if let Err(ended) = self.send_patiently(offer).await {
+                    return ended;
                 }
+            }
+        }
+    }
+
+    /// Takes a result in, and says meanwhile that the job is not neglected: checking a result, and making it again, may
+    /// take longer than a rig waits for workers.
+    async fn take_in(&mut self, offer: &JobOffer, made_of: &str, reported: &JobReport) -> Received {
+        let on_event = self.on_event;
+        let (worker, _) = reported.sender();
+        let taking = self.take(offer, made_of, reported);
+        tokio::pin!(taking);
+        let mut tick = tokio::time::interval(POLL_INTERVAL);
+        loop {
+            tokio::select! {
+                taken = &mut taking => return taken,
+                _ = tick.tick() => on_event(JobEvent::Started(worker)),
+            }
+        }
+    }
+
+    /// Results that other workers sent while the first was taken in.
+    async fn compare_others(
+        &self,
+        offer: &JobOffer,
+        ended: &JobOutcome,
+        mut news: mpsc::Receiver<JobMessage>,
+    ) {
+        self.offers.leave(&offer.digest);
+        let known = self.offers.committed_contents(&offer.digest);
+        while let Ok(message) = news.try_recv() {
+            if let (JobMessage::Reported(reported), Some(known), JobOutcome::Made) =
+                (message, &known, ended)
+            {
+                self.offers.compare(&offer.digest, known, &reported).await;
             }
         }
     }
@@ -269,8 +352,30 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     }
 
     fn has_started(&mut self, started: Started) {
-        self.started.insert(started.instance, Instant::now());
+        // However many runs of workers somebody invents.
+        const MOST: usize = 1000;
+        if self.started.len() < MOST || self.started.contains_key(&started.instance) {
+            let instance = started.instance;
+            let first = || (started.worker.clone(), Instant::now());
+            self.held.entry(instance.clone()).or_insert_with(first);
+            self.started.insert(instance, Instant::now());
+        }
         (self.on_event)(JobEvent::Started(&started.worker));
+    }
+
+    /// A worker that has held the job for longer than fetching, making and sending may take together.
+    fn too_slow(&mut self, offer: &JobOffer) -> Option<String> {
+        let most = Duration::from_secs(3 * u64::from(offer.time_limit_s)) + HOLDING_MARGIN;
+        let started = &self.started;
+        self.held
+            .retain(|instance, _| started.contains_key(instance));
+        let is_slow = |(_, since): &&(String, Instant)| since.elapsed() > most;
+        let (worker, _) = self.held.values().find(is_slow)?;
+        let worker = worker.clone();
+        // It is counted once, however long it goes on.
+        self.held.clear();
+        self.started.clear();
+        Some(worker)
     }
 
     /// Workers that have started this job and were not heard of since, although the server was there all the time.

@@ -1,9 +1,10 @@
 //! The side that offers jobs, a rig or the replay of an archive: what its jobs share. It hears what workers say, hands
 //! it to the job that it is about, and compares results that come once more. `dispatch_job` brings one job to its end.
 
+use super::bundle::contents_sha256;
 use super::connection::FleetClient;
-use super::job::{Heartbeat, JobReport};
-use super::process_folder::process_folder;
+use super::job::{self, Heartbeat, JobReport};
+use super::process_folder::ProcessFolder;
 use super::program::Program;
 use super::subjects;
 use crate::log;
@@ -13,7 +14,7 @@ use parking_lot::Mutex;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::RandomState;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -42,6 +43,8 @@ pub struct DispatcherPlan {
     pub nice: u32,
     /// The folder of the models.
     pub models: PathBuf,
+    /// Bytes that stay free on its disk.
+    pub keep_free_bytes: u64,
     /// The share of models that are made here again and compared, 0 to 1.
     pub recheck: f64,
     /// Whether other models may be replaced.
@@ -119,7 +122,7 @@ pub struct Dispatcher {
     pub(super) fleet: FleetClient,
     pub(super) plan: DispatcherPlan,
     /// Where this process packs captures and results wait; on the disk of the models.
-    pub(super) spool: PathBuf,
+    pub(super) spool: ProcessFolder,
     pub(super) children: Semaphore,
     pub(super) cancel: Cancel,
     /// Numbers the folders in the spool.
@@ -130,6 +133,8 @@ pub struct Dispatcher {
     heard: Mutex<BTreeMap<String, (Instant, Vec<String>)>>,
     /// What was committed in this run: the contents' digests, by the jobs' digests.
     pub(super) committed: Mutex<BTreeMap<String, String>>,
+    /// Jobs that were withdrawn in this run, and the folders of their models.
+    withdrawn: Mutex<BTreeMap<String, PathBuf>>,
     /// Workers whose models were found wrong.
     distrusted: Mutex<BTreeSet<String>>,
     defects: AtomicU64,
@@ -138,11 +143,20 @@ pub struct Dispatcher {
     pub(super) lots: RandomState,
 }
 
+impl Started {
+    fn parse(bytes: &[u8]) -> Result<Self, String> {
+        let said: Self = job::parse(bytes)?;
+        subjects::token(&said.worker).map_err(|e| e.to_string())?;
+        subjects::token(&said.instance).map_err(|e| e.to_string())?;
+        Ok(said)
+    }
+}
+
 impl Drop for Dispatcher {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.spool);
+        let _ = std::fs::remove_dir_all(self.spool.path());
         // As long as no other process has a folder in it.
-        let _ = self.spool.parent().map(std::fs::remove_dir);
+        let _ = self.spool.path().parent().map(std::fs::remove_dir);
     }
 }
 
@@ -153,7 +167,7 @@ impl Dispatcher {
     /// If the spool cannot be made, or this process has no open file left.
     pub fn new(fleet: FleetClient, plan: DispatcherPlan) -> std::io::Result<Arc<Self>> {
         // Whatever an earlier run left is packed again.
-        let spool = process_folder(&plan.models.join(SPOOL), "offers-")?;
+        let spool = ProcessFolder::new(&plan.models.join(SPOOL), "offers-")?;
         Ok(Arc::new(Self {
             fleet,
             spool,
@@ -165,6 +179,7 @@ impl Dispatcher {
             waiting: Mutex::default(),
             heard: Mutex::default(),
             committed: Mutex::default(),
+            withdrawn: Mutex::default(),
             distrusted: Mutex::default(),
             defects: AtomicU64::default(),
             lots: RandomState::new(),
@@ -182,7 +197,8 @@ impl Dispatcher {
         self.defects.load(Ordering::Relaxed)
     }
 
-    pub(super) fn is_stopped(&self) -> bool {
+    /// Whether all jobs are to end.
+    pub fn is_stopped(&self) -> bool {
         *self.stopped.borrow()
     }
 
@@ -201,7 +217,7 @@ impl Dispatcher {
         let rig = self.fleet.name.clone();
         let subjects = [
             format!("scand.result.{rig}.*"),
-            format!("scand.started.{rig}.*"),
+            format!("scand.started.{rig}.*.*"),
             "scand.worker.*".to_owned(),
         ];
         let mut heard = futures_util::stream::SelectAll::new();
@@ -213,40 +229,38 @@ impl Dispatcher {
         }
         while let Some(message) = heard.next().await {
             let subject = message.subject.as_str();
-            if subject.starts_with("scand.worker.") {
-                if let Ok(said) = Heartbeat::parse(&message.payload) {
-                    self.hear(said);
+            let parts: Vec<&str> = subject.split('.').collect();
+            // The server lets each worker use only subjects with its own name.
+            match parts[..] {
+                [_, "worker", name] => match Heartbeat::parse(&message.payload) {
+                    Ok(said) if said.worker == name => self.hear(said).await,
+                    _ => {}
+                },
+                [_, "started", _, digest, name] if subjects::is_digest(digest) => {
+                    match Started::parse(&message.payload) {
+                        Ok(started) if started.worker == name => {
+                            self.hand_on(digest, JobMessage::Started(started));
+                        }
+                        _ => {}
+                    }
                 }
-                continue;
-            }
-            let Some(digest) = subject
-                .rsplit('.')
-                .next()
-                .filter(|d| subjects::is_digest(d))
-            else {
-                continue;
-            };
-            if subject.starts_with("scand.started.") {
-                let started = serde_json::from_slice::<Started>(&message.payload).ok();
-                let named = started.filter(|b| subjects::token(&b.worker).is_ok());
-                if let Some(started) = named {
-                    self.hand_on(digest, JobMessage::Started(started));
+                [_, "result", _, digest]
+                    if subjects::is_digest(digest) && !message.payload.is_empty() =>
+                {
+                    self.reported(digest, &message.payload).await;
                 }
-            } else if !message.payload.is_empty() {
-                self.reported(digest, &message.payload).await;
+                _ => {}
             }
         }
     }
 
-    fn hear(&self, said: Heartbeat) {
-        const MOST: usize = 100_000;
-        let mut heard = self.heard.lock();
-        let is_new = !heard.contains_key(&said.instance);
-        if heard.len() < MOST || !is_new {
-            let jobs = said.jobs.iter().map(|job| job.digest.clone()).collect();
-            heard.insert(said.instance.clone(), (Instant::now(), jobs));
+    async fn hear(&self, said: Heartbeat) {
+        if self.is_distrusted(&said.worker) {
+            // It may not have heard it the first time.
+            let words = format!("rig {}", self.fleet.name);
+            self.stop_worker(&said.worker, words).await;
         }
-        drop(heard);
+        let is_new = self.note_sign_of_life(&said);
         if is_new && let Some(problem) = said.clock_problem() {
             log::warning!("{problem}");
         }
@@ -257,6 +271,29 @@ impl Dispatcher {
             };
             self.hand_on(&job.digest, JobMessage::Started(started));
         }
+    }
+
+    /// Notes when a run of a worker was heard of; whether it is the first time.
+    fn note_sign_of_life(&self, said: &Heartbeat) -> bool {
+        const MOST: usize = 10_000;
+        const FORGOTTEN_AFTER: Duration = Duration::from_secs(600);
+        let mut heard = self.heard.lock();
+        let is_new = !heard.contains_key(&said.instance);
+        if heard.len() >= MOST {
+            heard.retain(|_, (at, _)| at.elapsed() < FORGOTTEN_AFTER);
+        }
+        if heard.len() < MOST || !is_new {
+            let own = said.jobs.iter().filter(|job| job.rig == self.fleet.name);
+            let jobs = own.map(|job| job.digest.clone()).collect();
+            heard.insert(said.instance.clone(), (Instant::now(), jobs));
+        }
+        is_new
+    }
+
+    /// Wants a worker to stop.
+    pub(super) async fn stop_worker(&self, worker: &str, words: String) {
+        let subject = subjects::stop(worker);
+        let _ = self.fleet.client.publish(subject, words.into()).await;
     }
 
     /// When a run of a worker was last heard of, and whether it did this job then.
@@ -284,32 +321,64 @@ impl Dispatcher {
                 return;
             }
         };
-        let known = self.committed.lock().get(digest).cloned();
-        match known {
+        match self.committed_contents(digest) {
             Some(known) => self.compare(digest, &known, &reported).await,
-            None => self.hand_on(digest, JobMessage::Reported(reported)),
+            None if self.is_waiting(digest) => self.hand_on(digest, JobMessage::Reported(reported)),
+            None => self.compare_withdrawn(digest, &reported).await,
         }
+    }
+
+    /// A result of a job that was withdrawn because its model was made here meanwhile.
+    async fn compare_withdrawn(&self, digest: &str, reported: &JobReport) {
+        let target = self.withdrawn.lock().get(digest).cloned();
+        let Some(target) = target else {
+            return;
+        };
+        let there = tokio::task::spawn_blocking(move || contents_sha256(&target)).await;
+        match there {
+            Ok(Ok(known)) => self.compare(digest, &known, reported).await,
+            // There is no model to compare it with.
+            _ => self.erase_result(digest, reported).await,
+        }
+    }
+
+    /// Notes a job that nobody wants any more, and where its model may have been put by another process.
+    pub(super) fn note_withdrawn(&self, digest: &str, target: &Path) {
+        const MOST: usize = 10_000;
+        let mut withdrawn = self.withdrawn.lock();
+        if withdrawn.len() < MOST {
+            withdrawn.insert(digest.to_owned(), target.to_owned());
+        }
+    }
+
+    /// The digest of the contents of what was put into place for a job, in this run.
+    pub(super) fn committed_contents(&self, digest: &str) -> Option<String> {
+        self.committed.lock().get(digest).cloned()
     }
 
     /// Compares a second result with the one in place, and takes it off the server.
     pub(super) async fn compare(&self, digest: &str, known: &str, reported: &JobReport) {
-        let rig = &self.fleet.name;
         if let JobReport::Result {
             worker,
-            instance,
-            pieces,
             contents_sha256,
             ..
         } = reported
+            && contents_sha256 != known
         {
-            if contents_sha256 != known {
-                self.add_defect();
-                log::error!(
-                    "job {digest}: worker {worker} made a model that differs from the existing one, although the inputs, settings \
-                     and program are the same: one of the two machines is faulty, or scand has a bug; make the model again with scand replay --force"
-                );
-            }
-            let part = |piece| subjects::part(rig, digest, instance, piece);
+            self.add_defect();
+            log::error!(
+                "job {digest}: worker {worker} made a model that differs from the existing one, although the inputs, settings \
+                 and program are the same: one of the two machines is faulty, or scand has a bug; make the model again with scand replay --force"
+            );
+        }
+        self.erase_result(digest, reported).await;
+    }
+
+    /// Takes a result off the server.
+    pub(super) async fn erase_result(&self, digest: &str, reported: &JobReport) {
+        let rig = &self.fleet.name;
+        if let JobReport::Result { pieces, .. } = reported {
+            let part = |piece| subjects::part(rig, digest, reported.sender(), piece);
             self.fleet.erase_file(*pieces, part).await;
         }
         self.fleet.erase(subjects::result(rig, digest)).await;
@@ -334,6 +403,7 @@ impl Dispatcher {
         let (sender, receiver) = mpsc::channel(MESSAGES);
         // A model that is made again is not compared with the one that it replaces.
         self.committed.lock().remove(digest);
+        self.withdrawn.lock().remove(digest);
         self.waiting.lock().insert(digest.to_owned(), sender);
         receiver
     }

@@ -3,9 +3,10 @@
 
 use super::bundle::stated_contents;
 use super::job::{HeartbeatJob, JobOffer, JobReport, hexadecimal};
+use super::memory_class::MemoryClass;
 use super::step::{self, BUNDLE};
 use super::subjects::{self, CAPTURES};
-use super::transfer::{TransferError, pieces};
+use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
 use async_nats::jetstream::{AckKind, Message};
@@ -54,7 +55,7 @@ impl Worker {
     /// Does a job, and ends it at the server.
     pub(super) async fn run_job(&self, slot: usize, message: Message) {
         let subject = message.subject.to_string();
-        let Some((_, _, rig, digest)) = subjects::parts_of_job(&subject) else {
+        let Some((_, needs, rig, digest)) = subjects::parts_of_job(&subject) else {
             let _ = message.ack_with(AckKind::Term).await;
             return;
         };
@@ -64,7 +65,13 @@ impl Worker {
             return;
         }
         let offer = match JobOffer::parse(&message.payload) {
-            Ok(offer) if offer.digest == digest => offer,
+            Ok(offer) if offer.digest == digest && self.has_memory(&offer, needs) => offer,
+            Ok(offer) if offer.digest == digest => {
+                let asked = offer.memory_mb;
+                let problem =
+                    format!("it asks for {asked} MB, and its subject is one of class {needs}");
+                return self.refuse(&message, rig, digest, &problem).await;
+            }
             Ok(_) => {
                 return self
                     .refuse(&message, rig, digest, "its subject has another digest")
@@ -116,6 +123,12 @@ impl Worker {
         }
         self.running.lock().remove(&slot);
         self.send_heartbeat().await;
+    }
+
+    /// Whether a job asks for no more memory than its subject names and this worker gives.
+    fn has_memory(&self, offer: &JobOffer, needs: &str) -> bool {
+        let class = MemoryClass::of(offer.memory_mb);
+        class.token() == needs && offer.memory_mb <= self.plan.memory_mb
     }
 
     async fn refuse(&self, message: &Message, rig: &str, digest: &str, problem: &str) {
@@ -226,6 +239,10 @@ impl Worker {
                     return Err(ExecutionEnd::Gone);
                 }
                 Err(TransferError::Disk(problem)) => return Err(ExecutionEnd::Disk(problem)),
+                // No file is too large to be fetched.
+                Err(problem @ TransferError::TooLarge { .. }) => {
+                    return Err(ExecutionEnd::Disk(problem.to_string()));
+                }
                 Err(TransferError::ServerError(_)) if self.is_stopped() => {
                     return Err(ExecutionEnd::Stopped);
                 }
@@ -299,12 +316,20 @@ impl Worker {
                 String::new(),
             ));
         }
-        let subject = |piece| subjects::part(rig, &offer.digest, &self.instance, piece);
-        while let Err(problem) = self.fleet.send_file(bundle, subject).await {
+        let own = (self.fleet.name.as_str(), self.instance.as_str());
+        let subject = |piece| subjects::part(rig, &offer.digest, own, piece);
+        let mut sent = Sent::default();
+        while let Err(problem) = self.fleet.send_file(bundle, subject, &mut sent).await {
             if self.is_stopped() {
                 return Err(ExecutionEnd::Stopped);
             }
             self.log_once(&problem.to_string());
+            if problem.is_full() {
+                // Parts that only wait for room would keep others from theirs.
+                self.fleet.erase_file(pieces(bytes), subject).await;
+                sent = Sent::default();
+                self.pause(FULL_PAUSE).await;
+            }
             self.pause(Duration::from_secs(1)).await;
         }
         Ok(JobReport::Result {
@@ -335,7 +360,7 @@ impl Worker {
 
     async fn report_started(&self, rig: &str, digest: &str) {
         let started = serde_json::json!({"worker": self.fleet.name, "instance": self.instance});
-        let subject = subjects::started(rig, digest);
+        let subject = subjects::started(rig, digest, &self.fleet.name);
         let _ = self
             .fleet
             .client

@@ -31,7 +31,7 @@ impl Dispatcher {
 
     fn find_in_child(&self, recordings: &Path, job: &Path) -> Option<PathBuf> {
         let number = self.next.fetch_add(1, Ordering::Relaxed);
-        let spool = self.spool.join(number.to_string());
+        let spool = self.spool.path().join(number.to_string());
         let found = std::fs::create_dir_all(&spool).and_then(|()| {
             let options = vec![("recordings", recordings), ("job", job), ("to", &*spool)];
             let limits = step::Limits {

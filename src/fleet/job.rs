@@ -81,34 +81,43 @@ impl JobOffer {
     /// What is wrong with it.
     pub fn parse(bytes: &[u8]) -> Result<Self, String> {
         let offer: Self = parse(bytes)?;
-        CaptureId::new(&offer.capture).map_err(|e| e.to_string())?;
-        let name = Path::new(&offer.recording);
-        let is_plain = name.file_name() == Some(offer.recording.as_ref())
+        offer.check()?;
+        Ok(offer)
+    }
+
+    /// Checks what a worker relies on.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn check(&self) -> Result<(), String> {
+        CaptureId::new(&self.capture).map_err(|e| e.to_string())?;
+        let name = Path::new(&self.recording);
+        let is_plain = name.file_name() == Some(self.recording.as_ref())
             && name.extension().is_some_and(|e| e == "mcap")
-            && !offer.recording.starts_with(['.', '-'])
-            && offer.recording.len() <= 200;
+            && !self.recording.starts_with(['.', '-'])
+            && self.recording.len() <= 200;
         if !is_plain {
             return Err(format!(
-                "{:?} is not the name of a recording",
-                offer.recording
+                "a worker takes no recording with the name {:?}: expected NAME.mcap, at most 200 bytes, without a dot or \
+                 hyphen in front",
+                self.recording
             ));
         }
-        if !is_digest(&offer.digest) || !is_digest(&offer.sha256) {
+        if !is_digest(&self.digest) || !is_digest(&self.sha256) {
             return Err("its digest is not 64 hexadecimal digits".into());
         }
-        let most = offer.bytes.div_ceil(PIECE as u64) as usize;
-        if offer.bytes > LARGEST_CAPTURE || offer.pieces != most {
-            let Self { bytes, pieces, .. } = offer;
+        let most = self.bytes.div_ceil(PIECE as u64) as usize;
+        if self.bytes > LARGEST_CAPTURE || self.pieces != most {
+            let Self { bytes, pieces, .. } = self;
             return Err(format!(
                 "{bytes} bytes in {pieces} pieces cannot be a capture"
             ));
         }
-        if !(64..=1_000_000).contains(&offer.memory_mb)
-            || !(1..=86_400).contains(&offer.time_limit_s)
+        if !(64..=1_000_000).contains(&self.memory_mb) || !(1..=86_400).contains(&self.time_limit_s)
         {
             return Err("its limits are out of range".into());
         }
-        Ok(offer)
+        Ok(())
     }
 }
 
@@ -291,7 +300,8 @@ impl Heartbeat {
     }
 }
 
-fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
+/// Reads a message from outside.
+pub(super) fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     if bytes.len() > LONGEST {
         let length = bytes.len();
         return Err(format!("it has {length} bytes, expected at most {LONGEST}"));

@@ -16,9 +16,6 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use tokio::task::spawn_blocking;
 
-/// Bytes that stay free on the models' disk.
-const KEEP_FREE: u64 = 200_000_000;
-
 /// How often a job may crash its child, here or at a worker, or come back with a result that is refused.
 const MAX_CRASHES: u32 = 3;
 
@@ -33,6 +30,8 @@ pub(super) struct JobState<'a, T> {
     pub(super) counted: BTreeSet<String>,
     /// The runs of workers that have started it, and when they, or the server, were last heard of.
     pub(super) started: BTreeMap<String, Instant>,
+    /// Since when each of these runs has held the job, and the name of its worker.
+    pub(super) held: BTreeMap<String, (String, Instant)>,
     pub(super) connections: u64,
 }
 
@@ -49,13 +48,14 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
     pub(super) fn new(offers: &'a Arc<Dispatcher>, task: &'a Task, on_event: &'a T) -> Self {
         let number = offers.next.fetch_add(1, Ordering::Relaxed);
         Self {
-            spool: offers.spool.join(number.to_string()),
+            spool: offers.spool.path().join(number.to_string()),
             offers,
             task,
             on_event,
             crashes: 0,
             counted: BTreeSet::new(),
             started: BTreeMap::new(),
+            held: BTreeMap::new(),
             connections: offers.fleet.connections(),
         }
     }
@@ -115,17 +115,34 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
     }
 
     pub(super) fn lacks_space(&self) -> bool {
-        free_bytes(&self.offers.spool).is_ok_and(|free| free < KEEP_FREE)
+        self.lacks_space_for(0)
     }
 
-    pub(super) async fn wait_for_space(&self) {
-        while self.lacks_space() && !self.is_over() {
-            let folder = self.offers.spool.display();
+    fn lacks_space_for(&self, bytes: u64) -> bool {
+        let needed = self.offers.plan.keep_free_bytes.saturating_add(bytes);
+        free_bytes(self.offers.spool.path()).is_ok_and(|free| free < needed)
+    }
+
+    /// Waits until a file of this length leaves as much space free as captures, or others, need.
+    pub(super) async fn wait_for_space(&self, bytes: u64) {
+        while self.lacks_space_for(bytes) && !self.is_over() {
+            let folder = self.offers.spool.path().display();
+            let needed = self.offers.plan.keep_free_bytes.saturating_add(bytes);
             self.report_problem(&format!(
                 "{folder} has less than {} MB left; jobs wait until you free some space",
-                KEEP_FREE / 1_000_000
+                needed / 1_000_000
             ));
             self.offers.pause(Duration::from_secs(5)).await;
+        }
+    }
+
+    pub(super) async fn wait_for_server(&self) {
+        while let Err(away) = self.offers.fleet.is_there() {
+            if self.is_over() {
+                return;
+            }
+            self.report_problem(&away.to_string());
+            self.offers.pause(Duration::from_millis(500)).await;
         }
     }
 
@@ -146,6 +163,7 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
         if !self.offers.is_stopped() {
             self.offers.fleet.erase(self.subject(offer)).await;
             self.erase_capture(offer).await;
+            self.offers.note_withdrawn(&offer.digest, &self.task.target);
         }
         JobOutcome::Withdrawn
     }

@@ -1,6 +1,7 @@
 //! What is known of a model that came from elsewhere, beside its folder: which job it is the result of, who made it,
 //! and from which state of which recording. It saves a second run from reading the recording again.
 
+use super::bundle::contents_sha256;
 use crate::storage::{self, write_atomically};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -39,7 +40,36 @@ impl ModelOrigin {
     /// If the file cannot be written.
     pub fn write(&self, target: &Path) -> Result<(), storage::Error> {
         let bytes = serde_json::to_vec(self).unwrap_or_default();
-        write_atomically(&Self::path(target), &bytes)
+        write_atomically(&Self::path(target), &bytes)?;
+        let _ = std::fs::remove_file(Self::announced_path(target));
+        Ok(())
+    }
+
+    /// Notes what will be known of a model that is about to be put into place.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn announce(&self, target: &Path) -> Result<(), storage::Error> {
+        let bytes = serde_json::to_vec(self).unwrap_or_default();
+        write_atomically(&Self::announced_path(target), &bytes)
+    }
+
+    /// Ends what a process announced that was killed then: if the announced model is in place, it is noted.
+    pub fn settle(target: &Path) {
+        let path = Self::announced_path(target);
+        let Ok(bytes) = std::fs::read(&path) else {
+            return;
+        };
+        let announced = serde_json::from_slice::<Self>(&bytes).ok();
+        let there = contents_sha256(target).ok();
+        match announced.filter(|origin| there.as_ref() == Some(&origin.contents_sha256)) {
+            Some(origin) => drop(origin.write(target)),
+            None => drop(std::fs::remove_file(&path)),
+        }
+    }
+
+    fn announced_path(target: &Path) -> PathBuf {
+        Self::path(target).with_extension("fleet-announced")
     }
 
     /// What a job is made of: the recording's file as it is now, the capture, the settings and the program. `None`
@@ -85,5 +115,32 @@ mod tests {
         };
         origin.write(&target).unwrap();
         assert_eq!(ModelOrigin::read(&target), Some(origin));
+    }
+
+    #[test]
+    fn a_process_that_was_killed_at_a_commit_leaves_whose_model_it_is() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("cup").join("a1");
+        let origin = |contents: String| ModelOrigin {
+            digest: "d".into(),
+            contents_sha256: contents,
+            worker: "w".into(),
+            made_of: "m".into(),
+        };
+        // Killed before the model was in place.
+        origin("c".into()).announce(&target).unwrap();
+        ModelOrigin::settle(&target);
+        assert_eq!(ModelOrigin::read(&target), None);
+        // Killed after that.
+        std::fs::create_dir(&target).unwrap();
+        std::fs::write(target.join("report.json"), b"{}").unwrap();
+        let contents = contents_sha256(&target).unwrap();
+        origin(contents.clone()).announce(&target).unwrap();
+        // What is announced is not known yet.
+        assert_eq!(ModelOrigin::read(&target), None);
+        ModelOrigin::settle(&target);
+        assert_eq!(ModelOrigin::read(&target), Some(origin(contents)));
+        let left = std::fs::read_dir(home.path().join("cup")).unwrap().count();
+        assert_eq!(left, 2);
     }
 }

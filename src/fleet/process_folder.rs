@@ -1,22 +1,67 @@
-//! A folder of this process within one that several processes share, and the end of those whose processes are dead.
+//! A folder of this process within one that several processes share, maybe on several machines, and the end of those
+//! whose processes are dead. A process holds a lock in its folder: an id says nothing on another machine or in a
+//! container.
 
+use crate::log;
+use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Makes the folder `PREFIX` and this process's id in `shared`, empty, and removes what dead processes left there.
-pub(super) fn process_folder(shared: &Path, prefix: &str) -> std::io::Result<PathBuf> {
-    std::fs::create_dir_all(shared)?;
-    let own = shared.join(format!("{prefix}{}", std::process::id()));
-    for entry in std::fs::read_dir(shared)? {
-        let path = entry?.path();
-        let name = path.file_name().and_then(|name| name.to_str());
-        let process = name.and_then(|name| name.strip_prefix(prefix));
-        let is_dead = |id: &str| !Path::new("/proc").join(id).exists();
-        if process.is_some_and(is_dead) || path == own {
-            std::fs::remove_dir_all(&path)?;
+/// The file that its process keeps locked.
+const LOCK: &str = ".lock";
+
+/// A folder that is this process's as long as this value lives; then it is removed.
+#[derive(Debug)]
+pub(super) struct ProcessFolder {
+    path: PathBuf,
+    _lock: File,
+}
+
+impl ProcessFolder {
+    /// Makes a folder whose name begins with `prefix` in `shared`, and removes those of dead processes.
+    pub(super) fn new(shared: &Path, prefix: &str) -> std::io::Result<Self> {
+        std::fs::create_dir_all(shared)?;
+        for entry in std::fs::read_dir(shared)? {
+            let path = entry?.path();
+            let name = path.file_name().and_then(|name| name.to_str());
+            if name.is_some_and(|name| name.starts_with(prefix)) && is_dead(&path) {
+                // What another user left stays: it takes space and does no harm.
+                if let Err(error) = std::fs::remove_dir_all(&path) {
+                    log::warning!("{}: {error}", path.display());
+                }
+            }
         }
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let since = since.unwrap_or_default().as_nanos();
+        let name = format!("{prefix}{}-{since:x}", std::process::id());
+        // It gets its name when it is locked: nobody takes it for a dead one.
+        let new = shared.join(format!(".new-{name}"));
+        std::fs::create_dir(&new)?;
+        let lock = File::create_new(new.join(LOCK))?;
+        lock.lock()?;
+        let path = shared.join(name);
+        std::fs::rename(&new, &path)?;
+        Ok(Self { path, _lock: lock })
     }
-    std::fs::create_dir(&own)?;
-    Ok(own)
+
+    /// Where it is.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for ProcessFolder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.path);
+    }
+}
+
+/// Whether nobody holds a folder's lock.
+fn is_dead(folder: &Path) -> bool {
+    match File::open(folder.join(LOCK)) {
+        Ok(lock) => lock.try_lock().is_ok(),
+        Err(error) => error.kind() == std::io::ErrorKind::NotFound,
+    }
 }
 
 #[cfg(test)]
@@ -26,15 +71,22 @@ mod tests {
     #[test]
     fn what_the_dead_left_goes_and_what_the_living_have_stays() {
         let home = tempfile::tempdir().unwrap();
-        // No process has a number as large as this.
-        for name in ["x-4194999", "x-1", "other"] {
+        // One of a process of this id on another machine, whose lock is gone with it, and one without a lock.
+        for name in [
+            format!("x-{}-1", std::process::id()),
+            "x-1".into(),
+            "other".into(),
+        ] {
             std::fs::create_dir(home.path().join(name)).unwrap();
         }
-        let own = process_folder(home.path(), "x-").unwrap();
-        std::fs::write(own.join("file"), b"").unwrap();
-        assert_eq!(process_folder(home.path(), "x-").unwrap(), own);
-        assert!(own.exists() && !own.join("file").exists());
-        assert!(!home.path().join("x-4194999").exists());
-        assert!(home.path().join("x-1").exists() && home.path().join("other").exists());
+        std::fs::write(home.path().join("x-1").join(LOCK), b"").unwrap();
+        let living = ProcessFolder::new(home.path(), "x-").unwrap();
+        let own = ProcessFolder::new(home.path(), "x-").unwrap();
+        assert!(living.path().exists() && own.path().exists());
+        assert!(home.path().join("other").exists());
+        let path = own.path().to_owned();
+        drop(own);
+        assert!(!path.exists());
+        assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 2);
     }
 }

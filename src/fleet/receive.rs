@@ -27,7 +27,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         self.started.remove(instance);
         let subject = subjects::result(&fleet.name, &offer.digest);
         if self.offers.is_distrusted(worker) {
-            fleet.erase(subject).await;
+            self.offers.erase_result(&offer.digest, reported).await;
             return Received::Again;
         }
         match reported {
@@ -51,8 +51,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 contents_sha256,
                 ..
             } => {
-                let part = |piece| subjects::part(&fleet.name, &offer.digest, instance, piece);
+                let sender = (worker, instance);
+                let part = |piece| subjects::part(&fleet.name, &offer.digest, sender, piece);
                 let bundle = self.spool.join(BUNDLE);
+                self.wait_for_space(*bytes).await;
                 loop {
                     let what = (*bytes, sha256.as_str());
                     match fleet.fetch_file(RESULTS, part, what, &bundle).await {
@@ -109,7 +111,12 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     ) -> Received {
         let _turn = self.offers.children.acquire().await;
         loop {
-            self.wait_for_space().await;
+            self.wait_for_space(0).await;
+            // So that it is known whose model it is even if this process is killed right after it was put into place.
+            let origin = self.origin(offer, made_of, worker, contents);
+            if let Err(error) = origin.announce(&self.task.target) {
+                self.report_problem(&error.to_string());
+            }
             let task = self.task.clone();
             let bundle = bundle.to_owned();
             let replace = self.replaces();
@@ -173,12 +180,14 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     ) -> Received {
         self.offers.note_committed(&offer.digest, contents);
         if has_model(&self.task.target) {
-            self.note(&ModelOrigin {
-                digest: offer.digest.clone(),
-                contents_sha256: contents.to_owned(),
-                worker: worker.to_owned(),
-                made_of: made_of.to_owned(),
-            });
+            self.note(&self.origin(offer, made_of, worker, contents));
+        }
+        // Another result of this worker may have been found wrong while this one was put into place.
+        if self.offers.is_distrusted(worker) {
+            self.mark_models(worker);
+            let reason = format!("worker {worker} made another model wrong: this one is marked");
+            let words = String::new();
+            return Received::Done(JobOutcome::Failed { reason, words });
         }
         if self.is_to_be_rechecked(&offer.digest)
             && let Some(other) = self.recheck(contents).await
@@ -186,6 +195,21 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             return Received::Done(self.is_wrong(worker, &other).await);
         }
         Received::Done(JobOutcome::Made)
+    }
+
+    /// Marks all models of a worker; how many.
+    fn mark_models(&self, worker: &str) -> usize {
+        let models = self.task.target.parent().and_then(Path::parent);
+        models.map_or(0, |models| mark_all(models, worker))
+    }
+
+    fn origin(&self, offer: &JobOffer, made_of: &str, worker: &str, contents: &str) -> ModelOrigin {
+        ModelOrigin {
+            digest: offer.digest.clone(),
+            contents_sha256: contents.to_owned(),
+            worker: worker.to_owned(),
+            made_of: made_of.to_owned(),
+        }
     }
 
     /// Another model of the same job is in place.
@@ -261,12 +285,8 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         let capture = &self.task.capture;
         let fleet = &self.offers.fleet;
         let words = format!("rig {}, capture {capture}", fleet.name);
-        let _ = fleet
-            .client
-            .publish(subjects::stop(worker), words.into())
-            .await;
-        let models = self.task.target.parent().and_then(Path::parent);
-        let marked = models.map_or(0, |models| mark_all(models, worker));
+        self.offers.stop_worker(worker, words).await;
+        let marked = self.mark_models(worker);
         let reason = format!(
             "worker {worker} made a model that differs from the one that this machine makes ({other}): this rig accepts no more results from that worker, and \
              has marked {marked} of its models with the file {MARK}, which says how to make them again"

@@ -38,6 +38,8 @@ pub struct RigPlan {
     pub recordings: PathBuf,
     /// Limits of a job, the folder of models and the share that is made again.
     pub parameters: Parameters,
+    /// Bytes that stay free on the disk of the models, for captures.
+    pub keep_free_bytes: u64,
 }
 
 /// Offers a rig's jobs to the fleet until `stop` is ready.
@@ -58,6 +60,7 @@ pub async fn serve_rig(
             time_limit_s: plan.parameters.time_limit_s,
             nice: plan.parameters.nice,
             models: plan.parameters.folder.clone(),
+            keep_free_bytes: plan.keep_free_bytes,
             recheck: plan.parameters.recheck,
             replace: false,
         },

@@ -11,7 +11,7 @@ use bytes::Bytes;
 use futures_util::{StreamExt, future, stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use tokio::time::timeout;
 
@@ -197,27 +197,38 @@ pub(super) async fn stored_subjects(
     stream: &str,
     filter: &str,
 ) -> Result<Vec<String>, String> {
-    let asked = serde_json::json!({"subjects_filter": filter}).to_string();
-    let answer = fleet
-        .client
-        .request(format!("$JS.API.STREAM.INFO.{stream}"), asked.into())
-        .await
-        .map_err(|e| ServerError::error_while("answer")(&e).to_string())?;
-    let answer: Value = serde_json::from_slice(&answer.payload).map_err(|e| e.to_string())?;
     const NO_SUCH_STREAM: u64 = 404;
-    match answer["error"]["code"].as_u64() {
-        Some(NO_SUCH_STREAM) => Ok(Vec::new()),
-        Some(_) => Err(format!(
-            "the server refuses: {}",
-            answer["error"]["description"]
-        )),
-        None => {
-            let subjects = answer["state"]["subjects"].as_object();
-            Ok(subjects
-                .into_iter()
+    let mut found = BTreeSet::new();
+    loop {
+        let asked = serde_json::json!({"subjects_filter": filter, "offset": found.len()});
+        let answer = fleet
+            .client
+            .request(
+                format!("$JS.API.STREAM.INFO.{stream}"),
+                asked.to_string().into(),
+            )
+            .await
+            .map_err(|e| ServerError::error_while("answer")(&e).to_string())?;
+        let answer: Value = serde_json::from_slice(&answer.payload).map_err(|e| e.to_string())?;
+        match answer["error"]["code"].as_u64() {
+            Some(NO_SUCH_STREAM) => return Ok(Vec::new()),
+            Some(_) => {
+                let why = &answer["error"]["description"];
+                return Err(format!("the server refuses: {why}"));
+            }
+            None => {}
+        }
+        let known = found.len();
+        let page = answer["state"]["subjects"].as_object();
+        found.extend(
+            page.into_iter()
                 .flatten()
-                .map(|(subject, _)| subject.clone())
-                .collect())
+                .map(|(subject, _)| subject.clone()),
+        );
+        // A server gives 100,000 at a time; what comes and goes meanwhile may move the others by a place.
+        let all = answer["total"].as_u64().unwrap_or_default();
+        if found.len() == known || found.len() as u64 >= all {
+            return Ok(found.into_iter().collect());
         }
     }
 }

@@ -26,6 +26,12 @@ pub const EXIT_REFUSED: u8 = 12;
 pub const PACKED: &str = "packed.json";
 /// The file in which a child names the recording that it found; empty if there is none.
 pub const FOUND: &str = "found.txt";
+/// The step that lists a recording's captures.
+pub const LIST: &str = "list";
+/// The step that replays a recording here.
+pub const REPLAY: &str = "replay";
+/// The file in which a child answers these two, in JSON.
+pub const ANSWER: &str = "answer.json";
 /// What a result is called beside the folder of its model.
 pub const BUNDLE: &str = "result.bundle";
 
@@ -79,10 +85,16 @@ pub struct StepEnd {
 }
 
 impl StepEnd {
+    /// What it said, without what is only for the process that started it.
+    pub fn lines(&self) -> Vec<String> {
+        protocol::complaints(&self.words)
+            .map(str::to_owned)
+            .collect()
+    }
+
     /// What it complained of, in one line.
     pub fn complaint(&self) -> String {
-        let said: Vec<&str> = protocol::complaints(&self.words).collect();
-        let said = said.join("; ");
+        let said = self.lines().join("; ");
         match &self.crash {
             Some(crash) if said.is_empty() => crash.clone(),
             Some(crash) => format!("{crash}: {said}"),

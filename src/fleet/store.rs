@@ -5,10 +5,10 @@
 use super::connection::FleetClient;
 use super::subjects::{CAPTURES, FAILURES, JOBS, RESULTS};
 use crate::log;
-use async_nats::StatusCode;
-use async_nats::jetstream::ErrorCode;
 use async_nats::jetstream::context::{CreateStreamError, CreateStreamErrorKind};
 use async_nats::jetstream::stream::{Config, DiscardPolicy, RetentionPolicy};
+use async_nats::jetstream::{Context, ErrorCode};
+use async_nats::{Request, StatusCode};
 use bytes::Bytes;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -17,6 +17,10 @@ const DAY: Duration = Duration::from_secs(86_400);
 const MEGABYTE: i64 = 1_000_000;
 /// How often a stream's size is halved at most where the server has no storage for it.
 const HALVINGS: u32 = 4;
+/// How long the server is waited for that answers to a piece of a file, which may have to cross a slow link.
+const PIECE_TIMEOUT: Duration = Duration::from_secs(30);
+/// How often it is checked, while an answer is waited for, whether it can still come.
+const CONNECTION_CHECK: Duration = Duration::from_millis(200);
 /// How long the end of a process waits for the server.
 const FLUSH: Duration = Duration::from_secs(2);
 
@@ -29,6 +33,11 @@ pub(super) struct ServerError {
 }
 
 impl ServerError {
+    /// Whether its storage for this kind of message is full.
+    pub(super) fn is_full(&self) -> bool {
+        self.cause.contains("maximum bytes exceeded")
+    }
+
     pub(super) fn error_while(
         doing: &'static str,
     ) -> impl FnOnce(&dyn std::fmt::Display) -> Self + Copy {
@@ -55,11 +64,13 @@ fn stream(name: &str, subjects: &[&str], megabytes: i64, age: Duration) -> Confi
     }
 }
 
+/// What was erased stays as an empty message until its age is reached, so what comes most often becomes least old. A
+/// capture that is gone when a worker comes is sent again.
 fn streams() -> [Config; 4] {
     // The largest first: where it has to be smaller, the others become so too.
     [
-        stream(CAPTURES, &["scand.capture.>"], 4000, 14 * DAY),
-        stream(RESULTS, &["scand.result.>", "scand.part.>"], 2000, 14 * DAY),
+        stream(CAPTURES, &["scand.capture.>"], 4000, 2 * DAY),
+        stream(RESULTS, &["scand.result.>", "scand.part.>"], 2000, 7 * DAY),
         Config {
             retention: RetentionPolicy::WorkQueue,
             ..stream(JOBS, &["scand.job.>"], 200, 14 * DAY)
@@ -80,7 +91,7 @@ fn lacks_storage(error: &CreateStreamError) -> bool {
 
 impl FleetClient {
     /// What is sent while the server is away would wait in memory, and arrive once more for each time it was tried.
-    fn is_there(&self) -> Result<(), ServerError> {
+    pub(super) fn is_there(&self) -> Result<(), ServerError> {
         if self.is_connected() {
             Ok(())
         } else {
@@ -111,6 +122,8 @@ impl FleetClient {
             match self.context.get_or_create_stream(config).await {
                 Ok(made) => {
                     let size = made.cached_info().config.max_bytes;
+                    let bytes = u64::try_from(size).unwrap_or(u64::MAX);
+                    self.capacities.lock().insert(wanted.name.clone(), bytes);
                     if halved > 0 && size < most {
                         let [size, most] = [size, most].map(|bytes| bytes / MEGABYTE);
                         log::notice!(
@@ -129,13 +142,60 @@ impl FleetClient {
         )))
     }
 
+    /// Bytes that a stream may hold at most, once that is known.
+    pub(super) fn capacity(&self, stream: &str) -> Option<u64> {
+        self.capacities.lock().get(stream).copied()
+    }
+
     /// Stores a message; it is on the server when this returns.
     pub(super) async fn store(&self, subject: String, bytes: Bytes) -> Result<(), ServerError> {
+        self.store_by(&self.context, subject, bytes).await
+    }
+
+    /// Stores a piece of a file.
+    pub(super) async fn store_piece(
+        &self,
+        subject: String,
+        bytes: Bytes,
+    ) -> Result<(), ServerError> {
+        let mut context = self.context.clone();
+        context.set_timeout(PIECE_TIMEOUT);
+        self.store_by(&context, subject, bytes).await
+    }
+
+    async fn store_by(
+        &self,
+        context: &Context,
+        subject: String,
+        bytes: Bytes,
+    ) -> Result<(), ServerError> {
         self.is_there()?;
         let failed = ServerError::error_while("store the message");
-        let stored = self.context.publish(subject, bytes).await;
-        let stored = stored.map_err(|e| failed(&e))?;
-        stored.await.map(drop).map_err(|e| failed(&e))
+        let stored = async {
+            let sent = context
+                .publish(subject, bytes)
+                .await
+                .map_err(|e| failed(&e))?;
+            sent.await.map(drop).map_err(|e| failed(&e))
+        };
+        self.unless_lost(stored).await
+    }
+
+    /// Ends when the connection is lost: what was under way is not answered then.
+    async fn unless_lost<T>(
+        &self,
+        answer: impl Future<Output = Result<T, ServerError>>,
+    ) -> Result<T, ServerError> {
+        let connections = self.connections();
+        let lost = async {
+            while self.is_connected() && self.connections() == connections {
+                tokio::time::sleep(CONNECTION_CHECK).await;
+            }
+        };
+        tokio::select! {
+            answer = answer => answer,
+            () = lost => Err(ServerError::error_while("answer")(&"the connection was lost")),
+        }
     }
 
     /// The last message of a subject; `None` if there is none, or an empty one in its place.
@@ -144,10 +204,32 @@ impl FleetClient {
         stream: &str,
         subject: &str,
     ) -> Result<Option<Bytes>, ServerError> {
+        self.stored_by(stream, subject, Request::new()).await
+    }
+
+    /// As [`Self::stored`], of a piece of a file.
+    pub(super) async fn stored_patiently(
+        &self,
+        stream: &str,
+        subject: &str,
+    ) -> Result<Option<Bytes>, ServerError> {
+        let patient = Request::new().timeout(Some(PIECE_TIMEOUT));
+        self.stored_by(stream, subject, patient).await
+    }
+
+    async fn stored_by(
+        &self,
+        stream: &str,
+        subject: &str,
+        request: Request,
+    ) -> Result<Option<Bytes>, ServerError> {
         self.is_there()?;
         let asked = format!("$JS.API.DIRECT.GET.{stream}.{subject}");
-        let answer = self.client.request(asked, Bytes::new()).await;
-        let answer = answer.map_err(|e| ServerError::error_while("answer")(&e))?;
+        let answer = async {
+            let answer = self.client.send_request(asked, request).await;
+            answer.map_err(|e| ServerError::error_while("answer")(&e))
+        };
+        let answer = self.unless_lost(answer).await?;
         match answer.status {
             None | Some(StatusCode::OK) => Ok(Some(answer.payload).filter(|p| !p.is_empty())),
             Some(StatusCode::NOT_FOUND) => Ok(None),

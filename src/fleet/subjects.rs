@@ -69,9 +69,15 @@ pub(super) fn capture(rig: &str, digest: &str, piece: usize) -> String {
     format!("scand.capture.{rig}.{digest}.{piece}")
 }
 
-/// A piece of a result, of one of the workers that made it.
-pub(super) fn part(rig: &str, digest: &str, instance: &str, piece: usize) -> String {
-    format!("scand.part.{rig}.{digest}.{instance}.{piece}")
+/// A piece of a result, by the worker that made it and its run. The worker's name is a part of the subject, so that no
+/// worker can bring a model in the name of another.
+pub(super) fn part(
+    rig: &str,
+    digest: &str,
+    (worker, instance): (&str, &str),
+    piece: usize,
+) -> String {
+    format!("scand.part.{rig}.{digest}.{worker}.{instance}.{piece}")
 }
 
 /// What became of a job.
@@ -80,8 +86,8 @@ pub(super) fn result(rig: &str, digest: &str) -> String {
 }
 
 /// That a worker has started a job.
-pub(super) fn started(rig: &str, digest: &str) -> String {
-    format!("scand.started.{rig}.{digest}")
+pub(super) fn started(rig: &str, digest: &str, worker: &str) -> String {
+    format!("scand.started.{rig}.{digest}.{worker}")
 }
 
 /// That a job failed, for people.

@@ -5,13 +5,22 @@ use super::connection::FleetClient;
 use super::job::{PIECE, hexadecimal};
 use super::store::ServerError;
 use bytes::Bytes;
+use futures_util::stream::FuturesOrdered;
 use futures_util::{StreamExt, TryStreamExt, stream};
 use sha2::{Digest, Sha256};
+use std::io::SeekFrom;
 use std::path::Path;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncSeekExt, AsyncWriteExt};
 
-/// Pieces under way at a time.
-const MAX_IN_FLIGHT: usize = 4;
+/// Pieces of one file under way at a time. A process sends one file at a time, and signs of life wait behind what is
+/// under way: two pieces take 8 s over a link of 1 Mbit/s.
+const MAX_IN_FLIGHT: usize = 2;
+/// How often a piece is asked for while the server is there.
+const MAX_TRIES: usize = 3;
+
+/// How long a file waits that the server had no room for.
+pub(super) const FULL_PAUSE: Duration = Duration::from_secs(10);
 
 /// Why a file did not arrive.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -25,9 +34,27 @@ pub(super) enum TransferError {
     /// It is another one.
     #[error("the received file differs from the one that was sent")]
     Differs,
+    /// The server never has room for it.
+    #[error("it has {bytes} bytes, and the server keeps at most {most} of this kind")]
+    TooLarge { bytes: u64, most: u64 },
     /// The disk refuses.
     #[error("{0}")]
     Disk(String),
+}
+
+impl TransferError {
+    /// Whether the server has no room now, because others' files wait there.
+    pub(super) fn is_full(&self) -> bool {
+        matches!(self, Self::ServerError(error) if error.is_full())
+    }
+}
+
+/// How much of a file the server has. It is sent on from there, as long as the connection is the same: a server that was
+/// started again may have lost what it had.
+#[derive(Debug, Default)]
+pub(super) struct Sent {
+    pieces: usize,
+    connections: u64,
 }
 
 fn disk(path: &Path) -> impl Fn(std::io::Error) -> TransferError {
@@ -41,27 +68,41 @@ pub(super) fn pieces(bytes: u64) -> usize {
 }
 
 impl FleetClient {
-    /// Stores a file's pieces under the subjects that `subject` names.
+    /// Stores a file's pieces under the subjects that `subject` names, but for those that were sent. Waits until this
+    /// process sends no other file.
     pub(super) async fn send_file(
         &self,
         path: &Path,
         subject: impl Fn(usize) -> String,
+        sent: &mut Sent,
     ) -> Result<(), TransferError> {
+        let _turn = self.uploads.acquire().await;
+        let connections = self.connections();
+        if sent.connections != connections {
+            *sent = Sent {
+                pieces: 0,
+                connections,
+            };
+        }
         let io = disk(path);
         let mut file = tokio::fs::File::open(path).await.map_err(&io)?;
-        let mut under_way = stream::FuturesUnordered::new();
-        for number in 0.. {
+        let from = SeekFrom::Start(sent.pieces as u64 * PIECE as u64);
+        file.seek(from).await.map_err(&io)?;
+        let mut under_way = FuturesOrdered::new();
+        for number in sent.pieces.. {
             let mut piece = Vec::with_capacity(PIECE);
             let read = (&mut file).take(PIECE as u64).read_to_end(&mut piece).await;
             if read.map_err(&io)? == 0 {
                 break;
             }
-            under_way.push(self.store(subject(number), piece.into()));
-            if under_way.len() >= MAX_IN_FLIGHT {
-                under_way.try_next().await?;
+            under_way.push_back(self.store_piece(subject(number), piece.into()));
+            if under_way.len() >= MAX_IN_FLIGHT && under_way.try_next().await?.is_some() {
+                sent.pieces += 1;
             }
         }
-        while under_way.try_next().await?.is_some() {}
+        while under_way.try_next().await?.is_some() {
+            sent.pieces += 1;
+        }
         Ok(())
     }
 
@@ -73,13 +114,14 @@ impl FleetClient {
         (bytes, sha256): (u64, &str),
         path: &Path,
     ) -> Result<(), TransferError> {
+        let _turn = self.downloads.acquire().await;
         let io = disk(path);
         let mut file = tokio::fs::File::create(path).await.map_err(&io)?;
         let mut hash = Sha256::new();
         let mut length = 0;
         let asked = (0..pieces(bytes)).map(|number| {
             let subject = subject(number);
-            async move { self.stored(stream, &subject).await }
+            async move { self.stored_piece(stream, &subject).await }
         });
         let mut arriving = stream::iter(asked).buffered(MAX_IN_FLIGHT);
         while let Some(piece) = arriving.next().await {
@@ -97,6 +139,22 @@ impl FleetClient {
         } else {
             Err(TransferError::Differs)
         }
+    }
+
+    /// A piece, asked for again if the answer does not come.
+    async fn stored_piece(
+        &self,
+        stream: &str,
+        subject: &str,
+    ) -> Result<Option<Bytes>, ServerError> {
+        let mut answer = self.stored_patiently(stream, subject).await;
+        for _ in 1..MAX_TRIES {
+            if answer.is_ok() || !self.is_connected() {
+                break;
+            }
+            answer = self.stored_patiently(stream, subject).await;
+        }
+        answer
     }
 
     /// Takes a file's pieces off the server.

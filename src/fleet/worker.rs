@@ -4,7 +4,7 @@
 use super::connection::FleetClient;
 use super::job::{Heartbeat, HeartbeatJob, seconds_since_1970};
 use super::memory_class::MemoryClass;
-use super::process_folder::process_folder;
+use super::process_folder::ProcessFolder;
 use super::program::Program;
 use super::store::ServerError;
 use super::subjects::{self, JOBS};
@@ -78,7 +78,7 @@ pub async fn work(
         path: plan.scratch.clone(),
         cause,
     };
-    let own = process_folder(&plan.scratch, "worker-").map_err(scratch)?;
+    let folder = ProcessFolder::new(&plan.scratch, "worker-").map_err(scratch)?;
     let cancel = Cancel::new().map_err(scratch)?;
     let (stopping, stopped) = watch::channel(false);
     let began = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -91,7 +91,7 @@ pub async fn work(
         crashed: AtomicU64::default(),
         connections: AtomicU64::default(),
         logged: Mutex::default(),
-        own: own.clone(),
+        own: folder.path().to_owned(),
         cancel: cancel.clone(),
         stopped,
         fleet,
@@ -117,7 +117,6 @@ pub async fn work(
     let _ = tokio::time::timeout(Duration::from_secs(10), all).await;
     living.abort();
     worker.fleet.flush().await;
-    let _ = std::fs::remove_dir_all(&own);
     ended
 }
 

@@ -5,8 +5,9 @@
 use super::job::{ENDING, Job};
 use crate::storage::{self, write_atomically};
 use serde::{Deserialize, Serialize};
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// What became of a job.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,9 +145,22 @@ pub(super) fn answer_to(file: &Path) -> Option<Answer> {
 
 /// Whether no worker has begun, or gone on with, a job for this long.
 pub(super) fn is_neglected(file: &Path, wait: Duration) -> bool {
-    let said = |path: &Path| std::fs::metadata(path).and_then(|file| file.modified());
-    let last = said(&file.with_extension(STARTED)).or_else(|_| said(file));
-    last.is_ok_and(|last| last.elapsed().is_ok_and(|silent| silent >= wait))
+    let said = |path: PathBuf| Some((std::fs::metadata(&path).ok()?.modified().ok()?, path));
+    let last = said(file.with_extension(STARTED)).or_else(|| said(file.to_owned()));
+    let Some((last, path)) = last else {
+        return false;
+    };
+    match last.elapsed() {
+        Ok(silent) => silent >= wait,
+        Err(ahead) => {
+            // The clock was set back: the wait begins anew, and does not last until the clock is there again.
+            if ahead.duration() > Duration::from_secs(2) {
+                let now = File::options().append(true).open(&path);
+                let _ = now.and_then(|file| file.set_modified(SystemTime::now()));
+            }
+            false
+        }
+    }
 }
 
 /// Removes the answers about a job.
@@ -177,6 +191,12 @@ mod tests {
         let file = offered(home.path()).unwrap()[0].file.clone();
         assert!(is_neglected(&file, Duration::ZERO));
         assert!(!is_neglected(&file, Duration::from_secs(60)));
+        // The clock is set back by an hour.
+        let written = File::options().append(true).open(&file).unwrap();
+        let ahead = SystemTime::now() + Duration::from_secs(3600);
+        written.set_modified(ahead).unwrap();
+        assert!(!is_neglected(&file, Duration::ZERO));
+        assert!(is_neglected(&file, Duration::ZERO));
         report_started(&file, "w").unwrap();
         let failed = Answer::Failed {
             reason: "no light".into(),

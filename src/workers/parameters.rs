@@ -29,8 +29,9 @@ pub struct Parameters {
     /// Whether a model is made here that no worker of the fleet has begun for `fleet_wait_s`. Default false.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub fleet_or_local: bool,
-    /// How long a job waits for a worker of the fleet before it is made here, in seconds, 1 to 86400. Default 60.
-    #[serde(deserialize_with = "count::<_, _, 1, 86_400>")]
+    /// How long a job waits for a worker of the fleet before it is made here, in seconds, 10 to 86400: a worker
+    /// says every few seconds that it goes on. Default 60.
+    #[serde(deserialize_with = "count::<_, _, 10, 86_400>")]
     #[serde(skip_serializing_if = "is_usual_wait")]
     pub fleet_wait_s: u32,
     /// The share of the fleet's models that are made here again and compared, 0 to 1. Default 0.02.

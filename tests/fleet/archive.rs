@@ -1,8 +1,11 @@
 //! An archive made again by workers: the same bytes as here, what is there is left alone, and what cannot be made ends
 //! as failed, with its reason.
 
-use crate::test_bench::{TestBench, finished, made_here, models, program, said, simulated, told};
-use rustix::process::Signal;
+use crate::test_bench::{
+    Process, TestBench, finished, made_here, models, program, said, simulated, spawned, told,
+};
+use rustix::process::{Pid, Signal};
+use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
@@ -109,8 +112,9 @@ fn a_run_that_was_stopped_goes_on_where_it_was() {
             .count()
     };
     crate::support::wait::until("some are made", || origins() >= 3);
-    let id = rustix::process::Pid::from_child(&started);
-    rustix::process::kill_process(id, Signal::TERM).unwrap();
+    let id = Pid::from_child(&started);
+    // As Ctrl-C does; services get SIGTERM, which is heard in the same place.
+    rustix::process::kill_process(id, Signal::INT).unwrap();
     let stopped = finished(started);
     assert_eq!(stopped.status.code(), Some(3), "{}", said(&stopped));
     assert!(
@@ -132,6 +136,75 @@ fn a_run_that_was_stopped_goes_on_where_it_was() {
         "{unchanged} of {before}"
     );
     assert!(models(&bench.path("out")) == made_here(&bench, &recording));
+}
+
+#[test]
+fn a_run_that_is_killed_again_and_again_puts_each_model_into_place_once() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(12);
+    let here = made_here(&bench, &recording);
+    let _workers = [bench.worker("w1", &[]), bench.worker("w2", &[])];
+    let inodes = || -> std::collections::BTreeMap<PathBuf, u64> {
+        use std::os::unix::fs::MetadataExt;
+        let folders = std::fs::read_dir(bench.path("out/fleet-12"));
+        let folders = folders.into_iter().flatten().flatten();
+        // What is being put into place has another name yet.
+        let placed = folders.filter(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
+        let models = placed.map(|entry| entry.path().join("model.glb"));
+        let known = models.filter_map(|path| Some((path.clone(), path.metadata().ok()?.ino())));
+        known.collect()
+    };
+    let mut seen = std::collections::BTreeMap::new();
+    for made in [1, 4, 7, 10] {
+        let mut killed = spawned(bench.by_fleet(&recording, "out", &["--quiet"]));
+        crate::support::wait::until("some are made", || inodes().len() >= made);
+        killed.kill().unwrap();
+        killed.wait().unwrap();
+        let now = inodes();
+        // What is in place stays there.
+        let stays = |(path, inode): (&PathBuf, &u64)| now.get(path) == Some(inode);
+        assert!(seen.iter().all(stays), "{seen:?}, then {now:?}");
+        seen = now;
+    }
+    let output = bench.by_fleet(&recording, "out", &[]).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let now = inodes();
+    let stays = |(path, inode): (&PathBuf, &u64)| now.get(path) == Some(inode);
+    assert!(seen.iter().all(stays), "{seen:?}, then {now:?}");
+    assert!(models(&bench.path("out")) == here);
+    assert!(!said(&output).contains("difference"), "{}", said(&output));
+    let spool = bench.path("out/.fleet-spool");
+    assert!(!spool.exists(), "{}", spool.display());
+}
+
+#[test]
+fn models_of_other_settings_stay_and_no_machine_is_blamed() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated(6);
+    let worker = bench.worker("w", &[]);
+    let output = bench.by_fleet(&recording, "out", &[]).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let before = models(&bench.path("out"));
+    // Nobody is there to make them once more.
+    drop(worker);
+    let other = ["--set", "hull.resolution=26"];
+    let output = bench.by_fleet(&recording, "out", &other).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert!(!said(&output).contains("faulty"), "{}", said(&output));
+    let told = told(&output);
+    assert_eq!(results(&told), ["failed"; 6]);
+    let reason = told[0]["reasons"][0].as_str().unwrap();
+    assert!(reason.contains("give --force to replace it"), "{reason}");
+    assert!(models(&bench.path("out")) == before);
+    let _worker = bench.worker("w", &[]);
+    let forced = [&other[..], &["--force"]].concat();
+    let output = bench.by_fleet(&recording, "out", &forced).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(models(&bench.path("out")) != before);
 }
 
 #[test]
@@ -183,17 +256,71 @@ fn a_job_whose_child_dies_each_time_ends_as_failed_with_a_report() {
 
 /// Kills the children of a worker that make models.
 fn kill_children_that_make_models(worker: u32) {
+    for id in children_that_make_models(worker) {
+        let _ = rustix::process::kill_process(id, Signal::KILL);
+    }
+}
+
+#[test]
+fn a_child_that_makes_a_model_has_neither_connection_nor_credentials() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let key = bench.path("worker.key");
+    let made = program().args(["fleet", "key"]).arg(&key).output().unwrap();
+    assert!(made.status.success(), "{}", said(&made));
+    let with_key = ["--credentials", key.to_str().unwrap()];
+    let mut worker = bench.worker_command("w", &bench.address(), &with_key);
+    worker.arg("--scratch").arg(bench.path("scratch"));
+    worker.env("CREDENTIALS_DIRECTORY", bench.path(""));
+    let worker = Process(bench.logged(worker, "w").spawn().unwrap());
+    let arguments = ["--capture", "ball-000", "--set", "hull.resolution=900"];
+    let _replay = Process(spawned(bench.by_fleet(&simulated(6), "out", &arguments)));
+    let mut child = None;
+    crate::support::wait::until("a child makes the model", || {
+        child = children_that_make_models(worker.0.id()).first().copied();
+        // It confines itself before it reads anything.
+        child.is_some_and(|id| of_process(id, "status").contains("\nSeccomp:\t2\n"))
+    });
+    let id = child.unwrap();
+    let environment = of_process(id, "environ");
+    assert!(environment.contains("PATH=") && !environment.contains("CREDENTIALS"));
+    assert!(!of_process(id, "cmdline").contains("worker.key"));
+    let folder = format!("/proc/{}/fd", id.as_raw_nonzero());
+    let files = std::fs::read_dir(folder).unwrap().flatten();
+    let files = files.filter_map(|file| std::fs::read_link(file.path()).ok());
+    let files: Vec<String> = files.map(|to| to.to_string_lossy().into_owned()).collect();
+    let foreign = |to: &&String| to.starts_with("socket:") || to.contains("worker.key");
+    assert!(
+        !files.is_empty() && !files.iter().any(|to| foreign(&to)),
+        "{files:?}"
+    );
+}
+
+/// The children of a worker that make models.
+fn children_that_make_models(worker: u32) -> Vec<Pid> {
+    let mut found = Vec::new();
     for entry in std::fs::read_dir("/proc").unwrap().flatten() {
-        let read =
-            |name: &str| std::fs::read_to_string(entry.path().join(name)).unwrap_or_default();
-        let is_child = read("status").contains(&format!("\nPPid:\t{worker}\n"));
-        let makes = read("cmdline").contains("\0fleet-step\0make\0");
-        if let (true, true, Ok(id)) = (is_child, makes, entry.file_name().to_string_lossy().parse())
-        {
-            let id = rustix::process::Pid::from_raw(id).unwrap();
-            let _ = rustix::process::kill_process(id, Signal::KILL);
+        let Some(id) = entry
+            .file_name()
+            .to_string_lossy()
+            .parse()
+            .ok()
+            .and_then(Pid::from_raw)
+        else {
+            continue;
+        };
+        let is_child = of_process(id, "status").contains(&format!("\nPPid:\t{worker}\n"));
+        if is_child && of_process(id, "cmdline").contains("\0fleet-step\0make\0") {
+            found.push(id);
         }
     }
+    found
+}
+
+fn of_process(id: Pid, file: &str) -> String {
+    let bytes = std::fs::read(format!("/proc/{}/{file}", id.as_raw_nonzero()));
+    String::from_utf8_lossy(&bytes.unwrap_or_default()).into_owned()
 }
 
 #[test]

@@ -207,7 +207,7 @@ async fn send_rubbish(address: &str) {
         };
         let digest = subject.rsplit('.').next().unwrap();
         let instance = format!("evil-{number}");
-        let piece = format!("scand.part.archive.{digest}.{instance}.0");
+        let piece = format!("scand.part.archive.{digest}.evil.{instance}.0");
         context
             .publish(piece, rubbish.to_vec().into())
             .await

@@ -439,7 +439,7 @@ async fn answer_with(address: &str, models: &Path, bundle: &Path) -> String {
     let bytes = std::fs::read(bundle).unwrap();
     let pieces: Vec<&[u8]> = bytes.chunks(512 << 10).collect();
     for (number, piece) in pieces.iter().enumerate() {
-        let subject = format!("scand.part.hall.{digest}.i.{number}");
+        let subject = format!("scand.part.hall.{digest}.wrong.i.{number}");
         context
             .publish(subject, piece.to_vec().into())
             .await

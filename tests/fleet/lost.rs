@@ -3,7 +3,8 @@
 
 use crate::support::wait::until;
 use crate::test_bench::{
-    Process, TestBench, finished, models, program, said, simulated, spawned, told,
+    Process, TestBench, finished, made_here, models, program, said, simulated, simulated_of,
+    spawned, told,
 };
 use crate::wire::Wire;
 use rustix::process::{Pid, Signal};
@@ -60,6 +61,27 @@ fn moves_elsewhere(bench: &TestBench, befall: impl FnOnce(), undo: impl FnOnce()
     until("both have made it", || {
         bench.log("first").contains("sent") && bench.log("second").contains("sent")
     });
+}
+
+/// A link on which pieces that many jobs send at a time would all come too late.
+#[test]
+fn over_a_slow_link_jobs_go_one_after_the_other_and_all_are_made() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let recording = simulated_of(6, "640x480");
+    let here = made_here(&bench, &recording);
+    let wire = Wire::to(bench.port);
+    // Two pieces take 4 s.
+    wire.slow_down(250_000);
+    let slow = format!("nats://127.0.0.1:{}", wire.port);
+    let _worker = bench.worker("w", &[]);
+    let mut replay = bench.replay(&recording, "out", &[]);
+    replay.args(["--fleet", &slow, "--name", "archive"]);
+    let output = finished(spawned(replay));
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(models(&bench.path("out")) == here);
+    assert!(!said(&output).contains("store"), "{}", said(&output));
 }
 
 #[test]
@@ -207,7 +229,7 @@ async fn begin_and_go_away(address: &str) {
     let digest = job.rsplit('.').next().unwrap();
     for number in 0..10 {
         let started = serde_json::json!({"worker": "w", "instance": format!("i{number}")});
-        let subject = format!("scand.started.archive.{digest}");
+        let subject = format!("scand.started.archive.{digest}.w");
         let published = client.publish(subject, started.to_string().into()).await;
         published.unwrap();
     }

@@ -282,8 +282,8 @@ fn what_a_role_may_not_do_the_server_denies() {
     #[rustfmt::skip]
     let forbidden: [(&str, &str, &[&str], &[&str]); 3] = [
         ("rig", "hall",
-            &["scand.job.p.m4.tower.D", "scand.capture.tower.D.0", "scand.result.tower.D", "scand.part.tower.D.i.0",
-              "scand.failure.tower.D", "scand.started.hall.D", "scand.worker.attic", "scand.retry.tower",
+            &["scand.job.p.m4.tower.D", "scand.capture.tower.D.0", "scand.result.tower.D", "scand.part.tower.D.w.i.0",
+              "scand.failure.tower.D", "scand.started.hall.D.attic", "scand.worker.attic", "scand.retry.tower",
               "$JS.API.DIRECT.GET.SCAND_RESULTS.scand.result.tower.D", "$JS.API.DIRECT.GET.SCAND_CAPTURES.scand.capture.tower.D.0",
               "$JS.API.STREAM.DELETE.SCAND_JOBS", "$JS.API.STREAM.UPDATE.SCAND_JOBS", "$JS.API.STREAM.PURGE.SCAND_JOBS",
               "$JS.API.STREAM.MSG.GET.SCAND_RESULTS", "$JS.API.STREAM.MSG.DELETE.SCAND_JOBS", "$JS.API.STREAM.CREATE.OTHER",
@@ -292,17 +292,18 @@ fn what_a_role_may_not_do_the_server_denies() {
             &[">", "scand.>", "scand.result.tower.*", "scand.job.>", "_INBOX_rig_tower.>", "_INBOX_worker_attic.>", "scand.retry.tower"]),
         ("worker", "attic",
             &["scand.job.p.m4.hall.D", "scand.capture.hall.D.0", "scand.failure.hall.D", "scand.worker.cellar", "scand.stop.cellar",
+              "scand.part.hall.D.cellar.i.0", "scand.started.hall.D.cellar",
               "scand.retry.hall", "$JS.API.STREAM.CREATE.SCAND_JOBS", "$JS.API.STREAM.DELETE.SCAND_JOBS",
               "$JS.API.STREAM.INFO.SCAND_RESULTS", "$JS.API.DIRECT.GET.SCAND_RESULTS.scand.result.hall.D",
               "$JS.API.STREAM.MSG.GET.SCAND_CAPTURES", "$JS.API.CONSUMER.CREATE.SCAND_RESULTS.x.y",
               "$JS.API.CONSUMER.DELETE.SCAND_JOBS.x", "$SYS.REQ.SERVER.PING"],
             &[">", "scand.>", "scand.result.hall.*", "scand.job.>", "_INBOX_worker_cellar.>", "_INBOX_rig_hall.>", "scand.stop.cellar"]),
         ("viewer", "office",
-            &["scand.job.p.m4.hall.D", "scand.capture.hall.D.0", "scand.result.hall.D", "scand.part.hall.D.i.0", "scand.started.hall.D",
+            &["scand.job.p.m4.hall.D", "scand.capture.hall.D.0", "scand.result.hall.D", "scand.part.hall.D.w.i.0", "scand.started.hall.D.w",
               "scand.worker.attic", "scand.stop.attic", "scand.failure.hall.D", "$JS.API.STREAM.CREATE.SCAND_JOBS",
               "$JS.API.DIRECT.GET.SCAND_CAPTURES.scand.capture.hall.D.0", "$JS.API.DIRECT.GET.SCAND_RESULTS.scand.result.hall.D",
               "$JS.API.CONSUMER.CREATE.SCAND_JOBS.x.y", "$JS.API.STREAM.PURGE.SCAND_FAILURES"],
-            &[">", "scand.>", "scand.result.hall.*", "scand.started.hall.*", "_INBOX_rig_hall.>", "_INBOX_viewer_other.>"]),
+            &[">", "scand.>", "scand.result.hall.*", "scand.started.hall.>", "_INBOX_rig_hall.>", "_INBOX_viewer_other.>"]),
     ];
     runtime.block_on(async {
         for (role, name, publish, subscribe) in forbidden {

@@ -118,7 +118,7 @@ async fn offer(context: &Context, number: usize, load: Load) {
     while fetch(context, "SCAND_RESULTS", &result).await.is_none() {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    let part = |piece| format!("scand.part.hall.{digest}.i.{piece}");
+    let part = |piece| format!("scand.part.hall.{digest}.w.i.{piece}");
     fetch_all(context, "SCAND_RESULTS", load.result_bytes, part).await;
     let erased = (0..pieces(load.result_bytes)).map(part);
     for subject in erased
@@ -142,7 +142,7 @@ async fn work(address: &str, consumer: &PullConsumer, taken: &AtomicUsize, load:
         let digest = message.subject.rsplit('.').next().unwrap();
         let capture = |piece| format!("scand.capture.hall.{digest}.{piece}");
         fetch_all(&context, "SCAND_CAPTURES", load.capture_bytes, capture).await;
-        let part = |piece| format!("scand.part.hall.{digest}.i.{piece}");
+        let part = |piece| format!("scand.part.hall.{digest}.w.i.{piece}");
         send(&context, load.result_bytes, part).await;
         let result = format!("scand.result.hall.{digest}");
         store(&context, result, Bytes::from(vec![b'x'; 500])).await;

@@ -1,9 +1,10 @@
-//! A network between a process and a test's server that can be cut: then nothing passes, and nobody is told.
+//! A network between a process and a test's server that can be cut: then nothing passes, and nobody is told. It can be
+//! slow, too.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -14,6 +15,8 @@ const LOOK: Duration = Duration::from_millis(20);
 struct State {
     is_cut: AtomicBool,
     is_gone: AtomicBool,
+    /// How many bytes pass in a second each way, over all connections; 0: as many as come.
+    bytes_per_second: AtomicU64,
 }
 
 /// A port of this machine that leads to another one. It ends with its test.
@@ -37,6 +40,12 @@ impl Wire {
             })),
             state,
         }
+    }
+
+    /// Lets no more than so many bytes pass in a second.
+    pub fn slow_down(&self, bytes_per_second: u64) {
+        let rate = &self.state.bytes_per_second;
+        rate.store(bytes_per_second, Ordering::SeqCst);
     }
 
     /// Lets nothing pass.
@@ -98,6 +107,11 @@ fn carry(mut from: TcpStream, mut to: TcpStream, state: &State) {
         };
         while state.is_cut.load(Ordering::SeqCst) && !state.is_gone.load(Ordering::SeqCst) {
             std::thread::sleep(LOOK);
+        }
+        let rate = state.bytes_per_second.load(Ordering::SeqCst);
+        if rate > 0 {
+            let time = read as f64 / rate as f64;
+            std::thread::sleep(Duration::from_secs_f64(time));
         }
         if to.write_all(&bytes[..read]).is_err() {
             break;

@@ -21,6 +21,10 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+const MEGABYTE: u64 = 1_000_000;
+/// Bytes that a fleet leaves free on a disk, besides what captures need.
+pub(super) const KEEP_FREE: u64 = 200 * MEGABYTE;
+
 /// Make models on other machines: offer a rig's captures, look at what happens, make keys
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -224,6 +228,8 @@ fn serve(args: &RunArgs) -> anyhow::Result<ExitCode> {
         program,
         recordings,
         parameters,
+        // More than captures need: a press is refused when they have less.
+        keep_free_bytes: config.recording.keep_free_mb * MEGABYTE + KEEP_FREE,
     };
     block_on(async {
         let fleet = args.access.connect(address, Role::Rig).await?;

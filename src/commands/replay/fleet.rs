@@ -1,17 +1,16 @@
 //! A replay by the workers of a fleet: lists the captures, offers those that are wanted, takes their models in, and
 //! shows how far it is. What cannot travel is made here, one capture at a time.
 
-use super::console::Console;
+use super::Prepared;
+use super::confined::{ListedCapture, Listing};
 use super::outcome::{Outcome, ReplayResult};
-use super::{Options, Replay};
-use crate::calibration::RigCalibration;
-use crate::capture::CaptureSession;
 use crate::commands::EXIT_INCOMPLETE;
-use crate::commands::fleet::{AccessArgs, AddressParser, block_on, termination};
-use crate::config::Config;
-use crate::fleet::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Program, Role, Task};
+use crate::commands::fleet::{AccessArgs, AddressParser, KEEP_FREE, block_on, termination};
+use crate::fleet::{
+    Dispatcher, DispatcherPlan, HereRequest, JobEvent, JobOutcome, Program, Role, Task, step,
+};
 use crate::frame::{CaptureId, Timestamp};
-use crate::make_model::{FailedJob, ModelMaker, ReportFile, Settings, report_failure};
+use crate::make_model::{FailedJob, ReportFile, report_failure};
 use crate::notes::CaptureNotes;
 use crate::recording::finished_name;
 use crate::report::FailedCapture;
@@ -19,6 +18,7 @@ use crate::words::count;
 use crate::workers::FleetAddress;
 use futures_util::StreamExt;
 use parking_lot::Mutex;
+use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -42,13 +42,7 @@ pub(super) struct FleetOptions {
 }
 
 /// A replay by a fleet.
-pub(super) struct FleetReplay<'a> {
-    pub(super) options: &'a Options,
-    pub(super) config: &'a Config,
-    pub(super) settings: &'a Settings,
-    pub(super) calibration: Option<&'a RigCalibration>,
-    pub(super) console: &'a Console,
-}
+pub(super) struct FleetReplay<'a>(pub(super) &'a Prepared);
 
 /// A capture that is wanted.
 #[derive(Clone)]
@@ -61,138 +55,162 @@ struct Wanted {
     notes: CaptureNotes,
 }
 
+/// What a run found and made.
+struct Ended {
+    outcomes: Vec<Outcome>,
+    /// Captures whose models were left for the next run.
+    left: usize,
+    /// Differences between models that should be equal.
+    defects: u64,
+}
+
 impl FleetReplay<'_> {
-    /// Makes the models of the recordings, each with the stem that names its folder.
-    pub(super) fn run(
-        &self,
-        address: &FleetAddress,
-        recordings: &[(PathBuf, String)],
-    ) -> anyhow::Result<ExitCode> {
-        let program = Program::this()?;
-        let (wanted, mut outcomes) = self.list(recordings);
+    /// Makes the models of the recordings.
+    pub(super) fn run(&self, address: &FleetAddress) -> anyhow::Result<ExitCode> {
+        let Prepared {
+            options,
+            config,
+            console,
+            ..
+        } = self.0;
         let plan = DispatcherPlan {
-            program,
+            program: Program::this()?,
             calibration: self.other_calibration()?,
-            memory_mb: self.config.workers.memory_mb,
-            time_limit_s: self.config.workers.time_limit_s,
+            memory_mb: config.workers.memory_mb,
+            time_limit_s: config.workers.time_limit_s,
             nice: 10,
-            models: self.options.out.clone(),
-            recheck: self.config.workers.recheck,
-            replace: self.options.force,
+            models: options.out.clone(),
+            keep_free_bytes: KEEP_FREE,
+            recheck: config.workers.recheck,
+            replace: options.force,
         };
-        let all = wanted.len();
-        let (mut made, defects) = block_on(self.offer(address, plan, wanted))?;
-        let stopped = all - made.len();
-        outcomes.append(&mut made);
+        let mut ended = block_on(self.make(address, plan))?;
         let key = |o: &Outcome| (o.recording.clone(), o.capture.clone());
-        outcomes.sort_by_key(key);
-        self.console.summary(&outcomes, &self.options.out);
-        if defects > 0 {
+        ended.outcomes.sort_by_key(key);
+        console.summary(&ended.outcomes, &options.out);
+        if ended.defects > 0 {
             eprintln!(
                 "scand: found {} between models of the same job: a machine of the fleet is faulty; the log names the workers",
-                count(defects as usize, "difference")
+                count(ended.defects as usize, "difference")
             );
             return Ok(ExitCode::FAILURE);
         }
-        if stopped > 0 {
+        if ended.left > 0 {
             eprintln!(
                 "scand: stopped before all models were made; {} left: run the same command again",
-                count(stopped, "capture")
+                count(ended.left, "capture")
             );
             return Ok(ExitCode::from(EXIT_INCOMPLETE));
         }
-        if self.options.shard.is_some() && outcomes.is_empty() {
-            self.console
-                .line("no capture falls into this part (--shard)");
-            return Ok(ExitCode::SUCCESS);
-        }
-        Ok(super::exit_code(&outcomes, self.options.strict))
+        Ok(self.0.conclude(&ended.outcomes))
     }
 
     fn other_calibration(&self) -> anyhow::Result<Option<String>> {
-        let path = self.options.calibration.as_ref();
+        let path = self.0.options.calibration.as_ref();
         Ok(path.map(std::fs::read_to_string).transpose()?)
     }
 
+    /// Connects, and makes all models that are wanted.
+    async fn make(&self, address: &FleetAddress, plan: DispatcherPlan) -> anyhow::Result<Ended> {
+        let access = &self.0.options.fleet.access;
+        let fleet = access.connect(address, Role::Rig).await?;
+        let offers = Dispatcher::new(fleet, plan)?;
+        let stopping = tokio::spawn({
+            let offers = offers.clone();
+            async move {
+                termination().await;
+                offers.stop();
+            }
+        });
+        let listening = tokio::spawn(offers.clone().listen());
+        let (wanted, mut outcomes) = self.list(&offers).await;
+        let all = wanted.len();
+        let mut made = self.offer(&offers, wanted).await;
+        stopping.abort();
+        listening.abort();
+        offers.flush().await;
+        let left = all - made.len();
+        outcomes.append(&mut made);
+        Ok(Ended {
+            outcomes,
+            left,
+            defects: offers.defects(),
+        })
+    }
+
     /// What is wanted, and the outcomes that are known without making anything.
-    fn list(&self, recordings: &[(PathBuf, String)]) -> (Vec<Wanted>, Vec<Outcome>) {
+    async fn list(&self, offers: &Arc<Dispatcher>) -> (Vec<Wanted>, Vec<Outcome>) {
+        let console = &self.0.console;
         let (mut wanted, mut outcomes) = (Vec::new(), Vec::new());
-        for (path, stem) in recordings {
-            let folder = self.options.out.join(stem);
-            let replay = Replay {
-                sync: &self.config.sync,
-                only: &self.options.capture,
-                with_rejected: self.options.rejected,
-                shard: self.options.shard,
-                jobs: 1,
-                console: self.console,
-                maker: self.maker(folder.clone(), &|_, _| ()),
-            };
-            let of_session = |session: &CaptureSession, ids: Vec<CaptureId>| {
-                let summary = |id: CaptureId| {
-                    let summary = session.capture(&id)?;
-                    Some(Wanted {
-                        recording: path.clone(),
-                        folder: folder.clone(),
-                        time: summary.time,
-                        source: summary.source,
-                        notes: summary.notes,
-                        id,
-                    })
-                };
-                ids.into_iter().filter_map(summary).collect::<Vec<_>>()
-            };
-            match replay.open(path) {
-                Ok((session, ids, left_out)) => {
+        for (path, stem) in &self.0.recordings {
+            if offers.is_stopped() {
+                break;
+            }
+            let words = self.words_of_captures();
+            match self.child(offers, step::LIST, path, words).await {
+                Ok((
+                    Listing {
+                        wanted: all,
+                        left_out,
+                    },
+                    lines,
+                )) => {
+                    lines.iter().for_each(|line| console.line(line));
+                    left_out.iter().for_each(|outcome| console.outcome(outcome));
                     outcomes.extend(left_out);
-                    wanted.extend(of_session(&session, ids));
+                    let folder = self.0.options.out.join(stem);
+                    let of = |capture| Wanted::new(path, &folder, capture);
+                    wanted.extend(all.into_iter().filter_map(of));
                 }
-                Err(error) if self.options.shard.is_some_and(|s| !s.has_recording(stem)) => {
-                    self.console
-                        .line(&format!("{error:#}; another part reports it as failed"));
-                }
-                Err(error) => {
-                    let unreadable = Outcome::unreadable(path, &error);
-                    self.console.outcome(&unreadable);
-                    outcomes.push(unreadable);
+                Err(problem) => {
+                    let error = anyhow::Error::msg(problem);
+                    outcomes.extend(self.0.unreadable(path, stem, &error));
                 }
             }
         }
         (wanted, outcomes)
     }
 
-    fn maker<'a>(
-        &'a self,
-        folder: PathBuf,
-        on_stage: &'a (dyn Fn(&CaptureId, &str) + Sync),
-    ) -> ModelMaker<'a> {
-        ModelMaker {
-            settings: self.settings,
-            calibration: self.calibration,
-            force: self.options.force,
-            folder,
-            on_stage,
-        }
+    /// The arguments that say which captures are wanted.
+    fn words_of_captures(&self) -> Vec<String> {
+        let options = &self.0.options;
+        let captures = options.capture.iter();
+        let mut words: Vec<String> = captures.map(|id| format!("--capture={id}")).collect();
+        words.extend(options.shard.map(|shard| format!("--shard={shard}")));
+        words.extend(options.rejected.then(|| "--rejected".to_owned()));
+        words
     }
 
-    /// Offers all captures to the fleet. Returns the outcomes of those that ended, and how many differences were found.
-    async fn offer(
+    /// Lets a confined child look into a recording: it parses what this process, which has the connection, does not.
+    async fn child<T: DeserializeOwned>(
         &self,
-        address: &FleetAddress,
-        plan: DispatcherPlan,
-        wanted: Vec<Wanted>,
-    ) -> anyhow::Result<(Vec<Outcome>, u64)> {
-        let options = &self.options.fleet;
-        let fleet = options.access.connect(address, Role::Rig).await?;
-        let offers = Dispatcher::new(fleet, plan)?;
-        let listening = tokio::spawn(offers.clone().listen());
+        offers: &Arc<Dispatcher>,
+        step: &'static str,
+        recording: &Path,
+        words: Vec<String>,
+    ) -> Result<(T, Vec<String>), String> {
+        let request = HereRequest {
+            step,
+            recording: recording.to_owned(),
+            out: self.0.options.out.clone(),
+            settings: self.0.settings.text.clone(),
+            words,
+        };
+        let answered = offers.replay_here(request).await?;
+        let answer = serde_json::from_str(&answered.answer).map_err(|e| e.to_string())?;
+        Ok((answer, answered.lines))
+    }
+
+    /// Offers all captures to the fleet. Returns the outcomes of those that ended.
+    async fn offer(&self, offers: &Arc<Dispatcher>, wanted: Vec<Wanted>) -> Vec<Outcome> {
+        let (console, options) = (&self.0.console, &self.0.options.fleet);
         let progress = Progress::new(wanted.len());
         let here = tokio::sync::Semaphore::new(1);
-        let (offers, here, progress) = (&offers, &here, &progress);
+        let (here, progress) = (&here, &progress);
         let jobs = wanted.into_iter().map(|wanted| async move {
             let outcome = self.run_job(offers, here, progress, wanted).await;
             if let Some(outcome) = &outcome {
-                self.console.outcome(outcome);
+                console.outcome(outcome);
                 progress.add(outcome);
             }
             outcome
@@ -201,26 +219,17 @@ impl FleetReplay<'_> {
         let mut outcomes = Vec::new();
         let mut show = tokio::time::interval(SHOW);
         show.tick().await;
-        let stop = termination();
-        tokio::pin!(stop);
-        let mut stopping = false;
         loop {
             tokio::select! {
                 next = jobs.next() => match next {
                     Some(outcome) => outcomes.extend(outcome),
                     None => break,
                 },
-                _ = show.tick() => self.console.line(&progress.words()),
-                () = &mut stop, if !stopping => {
-                    stopping = true;
-                    offers.stop();
-                }
+                _ = show.tick() => console.line(&progress.words()),
             }
         }
-        listening.abort();
-        offers.flush().await;
-        self.console.line(&progress.words());
-        Ok((outcomes, offers.defects()))
+        console.line(&progress.words());
+        outcomes
     }
 
     /// Brings one capture to its end; `None` if this run is to end before.
@@ -231,12 +240,15 @@ impl FleetReplay<'_> {
         progress: &Progress,
         wanted: Wanted,
     ) -> Option<Outcome> {
+        if offers.is_stopped() {
+            return None;
+        }
         let complete = finished_name(&wanted.recording).unwrap_or_else(|| wanted.recording.clone());
         let task = Task {
             recording: wanted.recording.clone(),
             name: complete.file_name()?.to_str()?.to_owned(),
             capture: wanted.id.to_string(),
-            settings: self.settings.text.clone(),
+            settings: self.0.settings.text.clone(),
             target: wanted.folder.join(wanted.id.as_str()),
             lasts: None,
         };
@@ -260,7 +272,10 @@ impl FleetReplay<'_> {
             }
             JobOutcome::MakeLocally { .. } => {
                 let _turn = here.acquire().await;
-                Some(self.make_here(wanted).await)
+                if offers.is_stopped() {
+                    return None;
+                }
+                Some(self.make_here(offers, wanted).await)
             }
             JobOutcome::Withdrawn => None,
         }
@@ -269,7 +284,7 @@ impl FleetReplay<'_> {
     fn failed(&self, wanted: &Wanted, target: &Path, reason: String, words: &str) -> Outcome {
         let job = FailedJob {
             recording: &wanted.recording,
-            method: self.settings.reconstruction.method,
+            method: self.0.settings.reconstruction.method,
             capture: FailedCapture {
                 id: &wanted.id,
                 time_ns: wanted.time,
@@ -277,7 +292,7 @@ impl FleetReplay<'_> {
             },
         };
         let words = (!words.is_empty()).then_some(words.as_bytes());
-        let written = report_failure(target, job, &reason, words, self.options.force);
+        let written = report_failure(target, job, &reason, words, self.0.options.force);
         let reason = match written {
             Ok(()) => reason,
             Err(also) => format!("{reason}; {also}"),
@@ -285,33 +300,33 @@ impl FleetReplay<'_> {
         ended(wanted, ReplayResult::Failed, vec![reason])
     }
 
-    /// Makes a model in this process, as a replay without a fleet does.
-    async fn make_here(&self, wanted: Wanted) -> Outcome {
-        let settings = self.settings.clone();
-        let calibration = self.calibration.cloned();
-        let (sync, force) = (self.config.sync.clone(), self.options.force);
-        let of = wanted.clone();
-        let made = tokio::task::spawn_blocking(move || {
-            let session = CaptureSession::open(&wanted.recording, &sync)?;
-            let maker = ModelMaker {
-                settings: &settings,
-                calibration: calibration.as_ref(),
-                force,
-                folder: wanted.folder.clone(),
-                on_stage: &|_, _| (),
-            };
-            let made = maker.make(&session, &wanted.id);
-            anyhow::Ok(Outcome::new(&session, &wanted.id, made))
-        });
-        match made.await {
-            Ok(Ok(outcome)) => outcome,
-            Ok(Err(error)) => ended(&of, ReplayResult::Failed, vec![format!("{error:#}")]),
-            Err(error) => ended(
-                &of,
-                ReplayResult::Failed,
-                vec![format!("internal error: {error}")],
-            ),
+    /// Makes a model on this machine, as a replay without a fleet does.
+    async fn make_here(&self, offers: &Arc<Dispatcher>, wanted: Wanted) -> Outcome {
+        let mut words = vec![format!("--capture={}", wanted.id), "--quiet".to_owned()];
+        words.extend(self.0.options.force.then(|| "--force".to_owned()));
+        let step = step::REPLAY;
+        let made = self.child::<Vec<Outcome>>(offers, step, &wanted.recording, words);
+        match made.await.map(|(outcomes, _)| outcomes.into_iter().next()) {
+            Ok(Some(outcome)) => outcome,
+            Ok(None) => {
+                let reason = "its recording does not have it any more".into();
+                ended(&wanted, ReplayResult::Failed, vec![reason])
+            }
+            Err(problem) => ended(&wanted, ReplayResult::Failed, vec![problem]),
         }
+    }
+}
+
+impl Wanted {
+    fn new(recording: &Path, folder: &Path, capture: ListedCapture) -> Option<Self> {
+        Some(Self {
+            recording: recording.to_owned(),
+            folder: folder.to_owned(),
+            id: CaptureId::new(&capture.id).ok()?,
+            time: Timestamp(capture.time_ns),
+            source: capture.source,
+            notes: capture.notes,
+        })
     }
 }
 

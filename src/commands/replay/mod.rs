@@ -1,6 +1,8 @@
 //! `scand replay`: makes models of recordings. This file has the arguments, the settings and the order of the
 //! files; `make_model` processes a capture, and `console` shows the progress.
 
+#[cfg(feature = "fleet")]
+pub(super) mod confined;
 mod console;
 mod files;
 #[cfg(feature = "fleet")]
@@ -160,7 +162,14 @@ impl Args {
 /// # Errors
 /// As [`run`].
 pub fn run_for_a_person(args: Args) -> anyhow::Result<ExitCode> {
-    interrupt::explain();
+    // A run with a fleet ends by itself, with its summary, and takes back what it has just erased.
+    #[cfg(feature = "fleet")]
+    let has_fleet = args.options.fleet.fleet.is_some();
+    #[cfg(not(feature = "fleet"))]
+    let has_fleet = false;
+    if !has_fleet {
+        interrupt::explain();
+    }
     run(args)
 }
 
@@ -170,6 +179,18 @@ pub fn run_for_a_person(args: Args) -> anyhow::Result<ExitCode> {
 /// If the arguments contradict each other, the configuration is bad, no recording could be read or the output folder
 /// cannot be written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    let prepared = prepare(args)?;
+    #[cfg(feature = "fleet")]
+    if let Some(address) = &prepared.options.fleet.fleet {
+        return fleet::FleetReplay(&prepared).run(address);
+    }
+    let outcomes = prepared.outcomes();
+    prepared.console.summary(&outcomes, &prepared.options.out);
+    Ok(prepared.conclude(&outcomes))
+}
+
+/// Checks the arguments, and finds the recordings.
+fn prepare(args: Args) -> anyhow::Result<Prepared> {
     let Args {
         replay,
         options: args,
@@ -193,7 +214,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         warnings,
     } = files::find(&replay)?;
     let stems = files::stems(&recordings)?;
-    let was_there = args.out.exists();
+    let out_was_there = args.out.exists();
     // A full day's work is not lost at its end for want of a folder.
     for stem in &stems {
         storage::check_writable(&args.out.join(stem))
@@ -201,61 +222,104 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let console = Console::new(args.quiet, args.json);
     warnings.iter().for_each(|warning| console.line(warning));
-    let settings = settings(&config)?;
-    #[cfg(feature = "fleet")]
-    if let Some(address) = &args.fleet.fleet {
-        let recordings: Vec<_> = recordings.into_iter().zip(stems).collect();
-        let by_fleet = fleet::FleetReplay {
-            options: &args,
-            config: &config,
-            settings: &settings,
-            calibration: calibration.as_ref(),
-            console: &console,
-        };
-        return by_fleet.run(address, &recordings);
+    Ok(Prepared {
+        settings: settings(&config)?,
+        recordings: recordings.into_iter().zip(stems).collect(),
+        out_was_there,
+        options: args,
+        config,
+        calibration,
+        console,
+    })
+}
+
+/// A replay whose arguments make sense.
+struct Prepared {
+    options: Options,
+    config: Config,
+    settings: Settings,
+    calibration: Option<RigCalibration>,
+    /// Each with the stem that names its folder.
+    recordings: Vec<(PathBuf, String)>,
+    /// Whether the folder of all models was there before.
+    out_was_there: bool,
+    console: Console,
+}
+
+impl Prepared {
+    /// Reconstructs every capture in this process.
+    fn outcomes(&self) -> Vec<Outcome> {
+        let on_stage = |id: &CaptureId, stage: &str| self.console.stage(id.as_str(), stage);
+        let mut outcomes = Vec::new();
+        for (path, stem) in &self.recordings {
+            match self.replay(stem, &on_stage).recording(path) {
+                Ok(mut of_file) => outcomes.append(&mut of_file),
+                Err(error) => outcomes.extend(self.unreadable(path, stem, &error)),
+            }
+        }
+        outcomes
     }
-    let mut outcomes = Vec::new();
-    for (path, stem) in recordings.iter().zip(&stems) {
-        let replay = Replay {
-            sync: &config.sync,
+
+    fn replay<'a>(
+        &'a self,
+        stem: &str,
+        on_stage: &'a (dyn Fn(&CaptureId, &str) + Sync),
+    ) -> Replay<'a> {
+        let args = &self.options;
+        Replay {
+            sync: &self.config.sync,
             only: &args.capture,
             with_rejected: args.rejected,
             shard: args.shard,
             jobs: usize::from(args.jobs),
-            console: &console,
+            console: &self.console,
             maker: ModelMaker {
-                settings: &settings,
-                calibration: calibration.as_ref(),
+                settings: &self.settings,
+                calibration: self.calibration.as_ref(),
                 force: args.force,
                 folder: args.out.join(stem),
-                on_stage: &|id, stage| console.stage(id.as_str(), stage),
+                on_stage,
             },
-        };
-        match replay.recording(path) {
-            Ok(mut of_file) => outcomes.append(&mut of_file),
-            Err(error) if args.shard.is_some_and(|shard| !shard.has_recording(stem)) => {
-                console.line(&format!("{error:#}; another part reports it as failed"));
-            }
-            Err(error) => {
-                let unreadable = Outcome::unreadable(path, &error);
-                console.outcome(&unreadable);
-                outcomes.push(unreadable);
-            }
         }
     }
-    // Nothing is left of a recording without a model, not even a folder: only empty ones can be removed so.
-    for stem in &stems {
-        let _ = std::fs::remove_dir(args.out.join(stem));
+
+    /// The outcome of a recording that cannot be read, if this part of the captures reports it.
+    fn unreadable(&self, path: &Path, stem: &str, error: &anyhow::Error) -> Option<Outcome> {
+        if self
+            .options
+            .shard
+            .is_some_and(|shard| !shard.has_recording(stem))
+        {
+            let words = format!("{error:#}; another part reports it as failed");
+            self.console.line(&words);
+            return None;
+        }
+        let unreadable = Outcome::unreadable(path, error);
+        self.console.outcome(&unreadable);
+        Some(unreadable)
     }
-    if !was_there {
-        let _ = std::fs::remove_dir(&args.out);
+
+    /// Nothing is left of a recording without a model, not even a folder.
+    fn remove_empty_folders(&self) {
+        let out = &self.options.out;
+        for (_, stem) in &self.recordings {
+            let _ = std::fs::remove_dir(out.join(stem));
+        }
+        if !self.out_was_there {
+            let _ = std::fs::remove_dir(out);
+        }
     }
-    console.summary(&outcomes, &args.out);
-    if args.shard.is_some() && outcomes.is_empty() {
-        console.line("no capture falls into this part (--shard)");
-        return Ok(ExitCode::SUCCESS);
+
+    /// Tells how all ended.
+    fn conclude(&self, outcomes: &[Outcome]) -> ExitCode {
+        self.remove_empty_folders();
+        if self.options.shard.is_some() && outcomes.is_empty() {
+            self.console
+                .line("no capture falls into this part (--shard)");
+            return ExitCode::SUCCESS;
+        }
+        exit_code(outcomes, self.options.strict)
     }
-    Ok(exit_code(&outcomes, args.strict))
 }
 
 /// The settings that models depend on.

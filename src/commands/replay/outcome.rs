@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// How it ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum ReplayResult {
     /// A model was made.
@@ -24,7 +24,7 @@ pub(super) enum ReplayResult {
 }
 
 /// What became of a capture, or of a whole recording that could not be read.
-#[derive(Debug, serde::Serialize)]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct Outcome {
     /// The recording.
     pub(super) recording: String,

@@ -2,6 +2,7 @@
 
 use crate::frame::{CaptureId, Timestamp};
 use sha2::{Digest, Sha256};
+use std::fmt;
 use std::str::FromStr;
 
 /// One of several parts of all captures: `2/8` is the second of eight.
@@ -10,6 +11,12 @@ pub(super) struct Shard {
     /// From 1.
     number: u64,
     of: u64,
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.number, self.of)
+    }
 }
 
 impl FromStr for Shard {

@@ -59,3 +59,13 @@ pub enum Error {
     #[error(transparent)]
     Report(#[from] serde_json::Error),
 }
+
+impl Error {
+    /// Whether another process has put a folder where this one was to be.
+    pub(super) fn is_taken(&self) -> bool {
+        let Self::NotPlaced { cause, .. } = self else {
+            return false;
+        };
+        matches!(cause, storage::Error::Exists { .. })
+    }
+}

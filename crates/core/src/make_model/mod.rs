@@ -139,6 +139,8 @@ impl ModelMaker<'_> {
             mark(&folder, &notes)?;
             return Ok(Outcome::Unchanged { model, damaged });
         }
+        // What is there now may be replaced: a model by force, or the report of a failure.
+        let replace = folder.exists();
         let reconstruction =
             reconstruct::reconstruct(&scene, &self.settings.reconstruction, &timer)?;
         timer.begin("report");
@@ -152,7 +154,18 @@ impl ModelMaker<'_> {
         };
         let path = session.recording().path();
         let origin = failure::origin(path, self.settings.reconstruction.method, &digest);
-        let verdict = self.write(&folder, made, &origin, &timer)?;
+        let verdict = match self.write((&folder, replace), made, &origin, &timer) {
+            Ok(verdict) => verdict,
+            Err(error) => {
+                // Another process may have made it meanwhile.
+                return match self.unchanged(&folder, &digest) {
+                    Ok(Some(model)) if error.is_taken() => {
+                        Ok(Outcome::Unchanged { model, damaged })
+                    }
+                    _ => Err(error),
+                };
+            }
+        };
         Ok(Outcome::Made {
             model: Model {
                 verdict: verdict.level,
@@ -182,7 +195,7 @@ impl ModelMaker<'_> {
     /// Judges what was made and writes its files, all or none.
     fn write(
         &self,
-        folder: &Path,
+        (folder, replace): (&Path, bool),
         made: Made,
         origin: &Origin,
         timer: &StageTimer,
@@ -207,7 +220,7 @@ impl ModelMaker<'_> {
                 timer.timing(),
             );
             staged.write(report_file::NAME, report::to_json(&report)?.as_bytes())?;
-            staged.commit(true).map_err(|cause| Error::NotPlaced {
+            staged.commit(replace).map_err(|cause| Error::NotPlaced {
                 folder: folder.into(),
                 cause,
             })

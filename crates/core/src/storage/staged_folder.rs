@@ -91,6 +91,12 @@ impl StagedFolder {
             if replaced {
                 let _ = fs::rename(&aside, &self.target);
             }
+            // One that came since the check.
+            if !replace && self.target.symlink_metadata().is_ok() {
+                return Err(Error::Exists {
+                    path: self.target.clone(),
+                });
+            }
             return Err(Error::io("rename into place", &self.target)(source));
         }
         self.committed = true;
