@@ -98,8 +98,8 @@ pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> ExitCod
     for (path, folder) in &places {
         let told = export_one(path, &args.out.join(folder), &mut names, format, args);
         match told {
-            Ok(()) => {
-                let (remark, recordings) = remark(path, &args.recordings);
+            Ok(capture) => {
+                let (remark, recordings) = remark(path, &capture, &args.recordings);
                 not_found.extend(recordings);
                 if let Some(remark) = remark {
                     eprintln!("scand: {}: {remark}", path.display());
@@ -148,13 +148,14 @@ fn places(models: &[PathBuf]) -> Vec<(&Path, PathBuf)> {
         .collect()
 }
 
+/// Exports a model; returns the capture that it is of.
 fn export_one(
     path: &Path,
     folder: &Path,
     names: &mut BTreeSet<PathBuf>,
     format: Format,
     args: &Args,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<String> {
     let read = export::read(path)?;
     let stem = stem(&read, path, args.lod)?;
     anyhow::ensure!(
@@ -163,7 +164,8 @@ fn export_one(
         path.display()
     );
     check_writable(folder)?;
-    one(&read, folder, &stem, format, args).with_context(|| path.display().to_string())
+    one(&read, folder, &stem, format, args).with_context(|| path.display().to_string())?;
+    Ok(read.about.capture)
 }
 
 /// The name of a model's files, without their endings: its capture's or, of a model of several captures, its object's.
@@ -226,14 +228,13 @@ fn one(
 
 /// What a person who hands the model on should know of it, from the report beside it and the notes, which may be newer;
 /// and the recordings whose notes were not found.
-fn remark(path: &Path, recordings: &Path) -> (Option<&'static str>, Vec<String>) {
+fn remark(path: &Path, capture: &str, recordings: &Path) -> (Option<&'static str>, Vec<String>) {
     let report = std::fs::read(path.with_file_name("report.json")).ok();
     let report = report.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
     let Some(report) = report else {
         return (None, Vec::new());
     };
-    let capture = path.parent().and_then(Path::file_name).unwrap_or_default();
-    let found = model_notes::find(&report, &capture.to_string_lossy(), recordings);
+    let found = model_notes::find(&report, capture, recordings);
     let remark = if found.is_rejected {
         Some("the capture was rejected; its model is exported, as it was asked for")
     } else if report["verdict"]["level"] == Level::Red.name() {
