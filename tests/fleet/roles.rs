@@ -270,6 +270,32 @@ fn rig_with_a_job(sample: &Sample, recording: &Path) -> PathBuf {
 }
 
 #[test]
+fn the_sample_for_later_servers_adds_what_debians_server_does_not_know() {
+    let Some(sample) = Sample::start() else {
+        return;
+    };
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let later = std::fs::read_to_string(root.join("config/fleet-server-2.10.conf")).unwrap();
+    let check = |name: &str, text: &str| {
+        std::fs::write(sample.path(name), text).unwrap();
+        let mut command = Command::new("nats-server");
+        command.arg("-t").arg("--config").arg(sample.path(name));
+        let checked = command.output().unwrap();
+        (checked.status.success(), said(&checked))
+    };
+    std::fs::copy(sample.path("server.conf"), sample.path("fleet-server.conf")).unwrap();
+    let (is_valid, told) = check("later.conf", &later);
+    assert!(
+        is_valid || told.contains("unknown field \"sync_interval\""),
+        "{told}"
+    );
+    let known = later.replace("sync_interval: always", "");
+    assert!(known != later);
+    let (is_valid, told) = check("known.conf", &known);
+    assert!(is_valid, "{told}");
+}
+
+#[test]
 fn what_a_role_may_not_do_the_server_denies() {
     let Some(sample) = Sample::start() else {
         return;
