@@ -2,7 +2,8 @@
 //! of its sessions.
 
 use crate::page::{
-    Answer, Ask, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask, run as serve,
+    Answer, ControlRequest, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask,
+    run as serve,
 };
 use anyhow::Context;
 use std::path::{Path, PathBuf};
@@ -69,15 +70,15 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     };
     let asked = match what {
-        PageAction::Pair { role } => Ask::Pair {
+        PageAction::Pair { role } => ControlRequest::Pair {
             role: match role {
                 PairRole::Viewer => Role::Viewer,
                 PairRole::Operator => Role::Operator,
             },
         },
-        PageAction::Sessions => Ask::Sessions {},
-        PageAction::Revoke { id, .. } => Ask::Revoke { id },
-        PageAction::Token => Ask::Token {},
+        PageAction::Sessions => ControlRequest::Sessions {},
+        PageAction::Revoke { id, .. } => ControlRequest::Revoke { id },
+        PageAction::Token => ControlRequest::Token {},
     };
     let answer = ask(&parameters.control, &asked).with_context(|| {
         let control = parameters.control.display();

@@ -36,7 +36,7 @@ impl Program {
     ///
     /// # Errors
     /// If no other machine can have the same one.
-    pub fn this() -> Result<Self, ProgramError> {
+    pub fn current() -> Result<Self, ProgramError> {
         #[cfg(debug_assertions)]
         if let Ok(name) = std::env::var(TEST_NAME) {
             return Self::of(&format!("test-{name}"));

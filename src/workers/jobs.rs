@@ -166,8 +166,8 @@ impl Jobs {
     }
 
     /// Whether one of a session's captures waits or is being made into a model.
-    pub fn has_of(&self, session: &str) -> bool {
-        if self.objects.has_of(session) {
+    pub fn has_jobs_of_session(&self, session: &str) -> bool {
+        if self.objects.has_jobs_of_session(session) {
             return true;
         }
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();

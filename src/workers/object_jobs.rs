@@ -230,7 +230,7 @@ impl ObjectJobs {
     }
 
     /// Whether one is of a session.
-    pub(super) fn has_of(&self, session: &str) -> bool {
+    pub(super) fn has_jobs_of_session(&self, session: &str) -> bool {
         let state = self.state.lock();
         let mut jobs = state.entries.values().map(|entry| &entry.job);
         jobs.any(|job| session_of(&job.newest.capture) == session)

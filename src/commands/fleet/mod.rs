@@ -209,7 +209,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn serve(args: &RunArgs) -> anyhow::Result<ExitCode> {
-    let program = Program::this()?;
+    let program = Program::current()?;
     let config = Config::load(Some(&args.config), &args.set);
     let config = config.map_err(|e| BadConfiguration(e.into()))?;
     let Some(address) = &config.workers.fleet else {

@@ -39,7 +39,7 @@ pub struct Args {
 /// # Errors
 /// If this program takes no part in a fleet, the server is refused, or a rig wants this worker to stop.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let program = Program::this()?;
+    let program = Program::current()?;
     let lent = std::env::var_os("CACHE_DIRECTORY").map(PathBuf::from);
     let temporary = || {
         let user = rustix::process::getuid().as_raw();
