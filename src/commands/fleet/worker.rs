@@ -28,7 +28,7 @@ pub struct Args {
     /// Niceness of the processes that make models, 0 to 19
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
     nice: u32,
-    /// Where recordings and models are while they are made; without it $CACHE_DIRECTORY, or a folder for temporary
+    /// Where recordings and models are while they are made; by default $CACHE_DIRECTORY, or a folder for temporary
     /// files
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
