@@ -107,7 +107,7 @@ fn c_hull_faired(bencher: Bencher) {
     let hull = hull::Hull::new(cones(), LOADED.0.volume, parameters.least_views);
     let lattice = hull::lattice(&hull, parameters).expect("a hull");
     bencher.bench_local(|| {
-        let faired = fairing::fair(&hull, &lattice, &MADE.hull, parameters).ok()?;
+        let faired = fairing::fair_hull(&hull, &lattice, &MADE.hull, parameters).ok()?;
         hull::extract_solid(&faired.body, &lattice, parameters).map(|found| found.surface)
     });
 }

@@ -36,10 +36,10 @@ pub struct Args {
     /// Take the captures of this subject, except those that a person rejected
     #[arg(long, value_name = "SUBJECT", conflicts_with = "capture")]
     subject: Option<String>,
-    /// Take this capture; give it twice or more
+    /// Use this capture; name two or more
     #[arg(long, value_name = "ID", required_unless_present = "subject")]
     capture: Vec<String>,
-    /// Let the model have the frame of this capture's rig, instead of the earliest one's
+    /// Use the rig's frame at this capture as the model's frame, instead of that at the earliest one
     #[arg(long, value_name = "ID")]
     upright: Option<String>,
     /// Read the captures' poses from this file (JSON with rig_from_object), instead of finding them
@@ -224,7 +224,7 @@ fn told(args: &Args, request: &ObjectRequest, outcome: &ObjectOutcome) -> ExitCo
         if let Some(fusion) = fusion.filter(|f| f.unseen_share > 0.01) {
             let side = fusion.unseen_side.unwrap_or("in places");
             outln!(
-                "  no camera faced {:.0} % of the surface; it lies {side}",
+                "  no camera has faced {:.0} % of the surface, {side}",
                 100.0 * fusion.unseen_share
             );
         }

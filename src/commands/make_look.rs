@@ -3,12 +3,12 @@
 
 use super::confined::confine_filter;
 use crate::calibration::RigCalibration;
-use crate::daemon::look::protocol::{CuttingSettings, Head, LARGEST_INPUT, PARENT, Pixels};
+use crate::daemon::look::protocol::{Head, LARGEST_INPUT, PARENT, Pixels, SegmentationSettings};
 use crate::frame::CameraId;
 use crate::image::{
     RawPixels, RgbImage, readings_from_raw, rgb_from_file, rgb_from_raw, size_of_file,
 };
-use crate::look::{self, Cutting};
+use crate::look::{self, Segmentation};
 use crate::output::encode_jpeg;
 use crate::process::Limits;
 use crate::trigger::LookFigures;
@@ -92,7 +92,7 @@ fn made(mut input: impl BufRead) -> anyhow::Result<Vec<u8>> {
     Ok(output)
 }
 
-fn color(picture: &RgbImage, cutting: Result<Cutting, String>) -> (LookFigures, RgbImage) {
+fn color(picture: &RgbImage, cutting: Result<Segmentation, String>) -> (LookFigures, RgbImage) {
     let look = look::color(picture, cutting.as_ref().map_err(Clone::clone));
     let (outline, touches, no_outline) = match look.outline {
         Ok(outline) => (Some(outline.polygons), outline.touches, None),
@@ -131,7 +131,10 @@ fn of_size(picture: &RgbImage, scale: usize) -> LookFigures {
 }
 
 /// What the object is cut out with, or why it cannot be.
-fn cutting(head: &Head, background: Option<RgbImage>) -> anyhow::Result<Result<Cutting, String>> {
+fn cutting(
+    head: &Head,
+    background: Option<RgbImage>,
+) -> anyhow::Result<Result<Segmentation, String>> {
     let Some(settings) = &head.cutting else {
         return Ok(Err("the rig is not calibrated".into()));
     };
@@ -140,7 +143,7 @@ fn cutting(head: &Head, background: Option<RgbImage>) -> anyhow::Result<Result<C
             "there is no background picture: take background pictures of the empty rig".into(),
         ));
     };
-    let CuttingSettings {
+    let SegmentationSettings {
         calibration,
         silhouette,
     } = settings;
@@ -150,7 +153,7 @@ fn cutting(head: &Head, background: Option<RgbImage>) -> anyhow::Result<Result<C
     else {
         return Ok(Err("the camera is not calibrated".into()));
     };
-    Ok(Ok(Cutting {
+    Ok(Ok(Segmentation {
         camera: camera.clone(),
         volume,
         background,

@@ -342,7 +342,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Pedal(_)) => absent::without_cameras("pedal"),
         Some(Command::Publish(args)) => publish::run(*args),
         Some(Command::Recover(args)) => recover::run(args),
-        Some(Command::Replay(args)) => replay::run_for_a_person((*args).into()),
+        Some(Command::Replay(args)) => replay::run_interactive((*args).into()),
         #[cfg(feature = "live")]
         Some(Command::Run(args)) => live::run::run(args),
         #[cfg(not(feature = "live"))]
@@ -359,7 +359,7 @@ pub fn run(cli: Cli) -> anyhow::Result<ExitCode> {
         Some(Command::Worker(args)) => fleet::worker::run(*args),
         #[cfg(not(feature = "fleet"))]
         Some(Command::Worker(_)) => absent::without_fleet("worker"),
-        None => replay::run_for_a_person(cli.replay),
+        None => replay::run_interactive(cli.replay),
     }
 }
 

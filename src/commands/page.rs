@@ -2,7 +2,8 @@
 //! of its sessions.
 
 use crate::page::{
-    Answer, Ask, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask, run as serve,
+    Answer, ControlRequest, DEFAULT_CONFIGURATION, Parameters, ParametersError, Role, ask,
+    run as serve,
 };
 use anyhow::Context;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ use std::process::ExitCode;
   scand page pair --role viewer
   scand page revoke --all")]
 pub struct Args {
-    /// The page's configuration; without it /etc/scand/page.toml, if that is there
+    /// The page's configuration; by default /etc/scand/page.toml, if it exists
     #[arg(short, long, value_name = "FILE.toml", global = true)]
     config: Option<PathBuf>,
     #[command(subcommand)]
@@ -31,7 +32,7 @@ enum PageAction {
         #[arg(long, value_enum, default_value = "operator")]
         role: PairRole,
     },
-    /// List the sessions that last
+    /// List the open sessions
     Sessions,
     /// End sessions
     #[command(group = clap::ArgGroup::new("which").required(true))]
@@ -49,7 +50,7 @@ enum PageAction {
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum PairRole {
-    /// Look at everything, change nothing
+    /// See everything, but change nothing
     Viewer,
     /// Look, press, take backgrounds, begin and close sessions, and note
     Operator,
@@ -69,15 +70,15 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     };
     let asked = match what {
-        PageAction::Pair { role } => Ask::Pair {
+        PageAction::Pair { role } => ControlRequest::Pair {
             role: match role {
                 PairRole::Viewer => Role::Viewer,
                 PairRole::Operator => Role::Operator,
             },
         },
-        PageAction::Sessions => Ask::Sessions {},
-        PageAction::Revoke { id, .. } => Ask::Revoke { id },
-        PageAction::Token => Ask::Token {},
+        PageAction::Sessions => ControlRequest::Sessions {},
+        PageAction::Revoke { id, .. } => ControlRequest::Revoke { id },
+        PageAction::Token => ControlRequest::Token {},
     };
     let answer = ask(&parameters.control, &asked).with_context(|| {
         let control = parameters.control.display();
@@ -100,7 +101,8 @@ fn print(answer: &Answer) -> anyhow::Result<ExitCode> {
                 );
             }
             outln!(
-                "{link}\nIt begins one session within ten minutes. Whoever has it can use it: show it to nobody else."
+                "{link}\nIt begins one session within ten minutes. Anybody who has this link can use it, so do not show it \
+                 to others."
             );
         }
         Answer::Token { token } => outln!("{token}"),

@@ -37,7 +37,9 @@ pub(super) fn write_beside(
     }
     let write = move || answer(write_to_one(&candidates, &note, time));
     if let Err(error) = std::thread::Builder::new().name("note".into()).spawn(write) {
-        log::error!("a note is lost, because no thread can be started: {error}");
+        log::error!(
+            "cannot start a thread to store the note, so the note is lost: {error}; repeat the note"
+        );
     }
 }
 

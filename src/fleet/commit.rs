@@ -98,7 +98,7 @@ fn problem(bundle: &Bundle, (recording, capture): (&str, &str)) -> Option<String
     }
     if report["capture"]["id"] != capture || report["recording"] != recording {
         return Some(format!(
-            "{REPORT}: it is of another capture than {capture} of {recording}"
+            "{REPORT} is about another capture, not {capture} of {recording}"
         ));
     }
     let names: Vec<&str> = bundle.files.iter().map(|(name, _)| *name).collect();

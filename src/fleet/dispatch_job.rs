@@ -76,7 +76,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 return JobOutcome::Unchanged;
             }
             // It is refused there as any other model that is not to be replaced.
-            let reason = "its folder has a model of other settings, or of another program".into();
+            let reason =
+                "its folder has a model that was made with other settings or by another version"
+                    .into();
             return JobOutcome::MakeLocally { reason };
         }
         if let Err(problem) = offer.check() {
@@ -259,7 +261,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                         return ended;
                     }
                     if let Some(worker) = self.too_slow(offer) {
-                        let reason = format!("worker {worker} holds it without bringing a result");
+                        let reason = format!("worker {worker} took the job and sent no result");
                         if let Some(reason) = self.count_crash(&reason) {
                             self.erase_capture(offer).await;
                             let words = String::new();
@@ -344,8 +346,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         self.offers.fleet.erase(self.subject(offer)).await;
         self.erase_capture(offer).await;
         let reason = format!(
-            "{lost} workers disappeared while they worked on this job, which may have crashed their machines: it is not offered \
-             any more"
+            "{lost} workers disappeared during this job; it may crash machines, so scand no longer offers it"
         );
         let words = String::new();
         Some(JobOutcome::Failed { reason, words })

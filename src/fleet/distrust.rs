@@ -25,7 +25,7 @@ pub(super) fn mark_all(models: &Path, worker: &str) -> usize {
         targets.filter(|target| ModelOrigin::read(target).is_some_and(|l| l.worker == worker));
     let mark = |target: &PathBuf| {
         let words = format!(
-            "The worker {worker} made this model. Another model of it was made again here and came out differently.\nMake \
+            "The worker {worker} made this model. This rig made another of its models again and got a different one.\nMake \
              this one again before you rely on it: scand --replay RECORDING --force\n"
         );
         std::fs::write(target.join(MARK), words).is_ok()

@@ -46,7 +46,7 @@ impl ExecutionEnd {
     fn slow(doing: &str, offer: &JobOffer) -> Self {
         let limit = offer.time_limit_s;
         Self::Slow(format!(
-            "{doing} took longer than the job may take, {limit} s: its connection is slow"
+            "{doing} took longer than the job's limit of {limit} s; the worker's connection is too slow"
         ))
     }
 }
@@ -68,8 +68,9 @@ impl Worker {
             Ok(offer) if offer.digest == digest && self.has_memory(&offer, needs) => offer,
             Ok(offer) if offer.digest == digest => {
                 let asked = offer.memory_mb;
-                let problem =
-                    format!("it asks for {asked} MB, and its subject is one of class {needs}");
+                let problem = format!(
+                    "the job asks for {asked} MB, but its subject is for memory class {needs}"
+                );
                 return self.refuse(&message, rig, digest, &problem).await;
             }
             Ok(_) => {
@@ -132,7 +133,7 @@ impl Worker {
     }
 
     async fn refuse(&self, message: &Message, rig: &str, digest: &str, problem: &str) {
-        let reason = format!("the offer makes no sense: {problem}");
+        let reason = format!("the offer is not valid: {problem}");
         let attempt = attempt(message);
         self.report(rig, digest, &self.crash(&attempt, reason, String::new()))
             .await;

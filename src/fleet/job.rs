@@ -275,8 +275,8 @@ impl Heartbeat {
         };
         (difference > Self::CLOCK_TOLERANCE_S).then(|| {
             format!(
-                "the clock of worker {} is {difference} s {direction} this machine's: set the wrong one, or times in logs and in \
-                 scand fleet status are off by that; models do not depend on it",
+                "the clock of worker {} is {difference} s {direction} this machine's: correct the clock that is wrong; until then \
+                 times in logs and in scand fleet status are wrong by this; models do not depend on it",
                 self.worker
             )
         })

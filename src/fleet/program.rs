@@ -16,13 +16,13 @@ pub enum ProgramError {
     /// It is not known what it was built from.
     #[error(
         "this program was built outside of a git checkout, so that its commit is unknown: other machines cannot have the \
-         same one, and it takes no part in a fleet"
+         same one, so it cannot join a fleet; build it in a git checkout"
     )]
     Unknown,
     /// It was built from sources that no commit has.
     #[error(
-        "this program was built from changes that are not committed: other machines cannot have the same one, and it \
-         takes no part in a fleet; commit the changes and build it again"
+        "this program was built from changes that are not committed: other machines cannot have the same one, so it \
+         cannot join a fleet; commit the changes and build it again"
     )]
     Uncommitted,
 }
@@ -36,7 +36,7 @@ impl Program {
     ///
     /// # Errors
     /// If no other machine can have the same one.
-    pub fn this() -> Result<Self, ProgramError> {
+    pub fn current() -> Result<Self, ProgramError> {
         #[cfg(debug_assertions)]
         if let Ok(name) = std::env::var(TEST_NAME) {
             return Self::of(&format!("test-{name}"));

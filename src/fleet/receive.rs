@@ -185,7 +185,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         // Another result of this worker may have been found wrong while this one was put into place.
         if self.offers.is_distrusted(worker) {
             self.mark_models(worker);
-            let reason = format!("worker {worker} made another model wrong: this one is marked");
+            let reason = format!(
+                "worker {worker} made another model wrongly, so this model is marked as distrusted"
+            );
             let words = String::new();
             return Received::Done(JobOutcome::Failed { reason, words });
         }
@@ -224,8 +226,8 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         }
         self.offers.add_defect();
         let reason = format!(
-            "worker {worker} made another model than the one in {}, which stays: it was made by another program or of \
-             other settings, or one of the machines is broken",
+            "worker {worker} sent a model that differs from the one in {}; scand keeps that one. Either one of them was \
+             made by another version or with other settings, or one of the machines is faulty",
             self.task.target.display()
         );
         log::error!("capture {}: {reason}", self.task.capture);

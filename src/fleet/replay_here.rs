@@ -1,5 +1,5 @@
-//! Lets confined children look into recordings, and replay what cannot travel, on the machine that offers: this process,
-//! which has the connection, opens none.
+//! Lets confined children look into recordings, and replay what cannot travel, on the machine that offers: this
+//! process, which has the connection, opens none.
 
 use super::dispatcher::Dispatcher;
 use super::step::{self, ANSWER};

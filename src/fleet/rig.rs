@@ -212,10 +212,15 @@ async fn hear_retries(fleet: FleetClient, recordings: PathBuf) {
         let wanted = clean(&String::from_utf8_lossy(&message.payload), 200);
         let capture = Some(wanted.as_str()).filter(|wanted| !wanted.is_empty());
         let answer = match handover::offer_failed_again(&recordings, capture) {
-            Ok(count) => count.to_string(),
-            Err(error) => error.to_string(),
+            Ok(count) => {
+                log::notice!("a request to offer failed jobs again: offered {count}");
+                count.to_string()
+            }
+            Err(error) => {
+                log::warning!("cannot offer failed jobs again: {error}");
+                error.to_string()
+            }
         };
-        log::notice!("somebody asked for failed jobs to be offered again; offered: {answer}");
         if let Some(reply) = message.reply {
             let _ = fleet.client.publish(reply, Bytes::from(answer)).await;
         }

@@ -127,7 +127,8 @@ impl FleetClient {
                     if halved > 0 && size < most {
                         let [size, most] = [size, most].map(|bytes| bytes / MEGABYTE);
                         log::notice!(
-                            "the server's storage is small: stream {name} has {size} MB of {most} MB"
+                            "the server has little storage, so stream {name} has {size} MB instead of {most} MB; give \
+                             the server more (max_file_store in its configuration, or a larger disk)"
                         );
                     }
                     return Ok(halved);

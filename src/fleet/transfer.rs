@@ -29,7 +29,7 @@ pub(super) enum TransferError {
     #[error(transparent)]
     ServerError(#[from] ServerError),
     /// A piece is not there any more.
-    #[error("a piece is not on the server any more")]
+    #[error("the server no longer has a piece of the file")]
     Gone,
     /// It is another one.
     #[error("the received file differs from the one that was sent")]
@@ -49,8 +49,8 @@ impl TransferError {
     }
 }
 
-/// How much of a file the server has. It is sent on from there, as long as the connection is the same: a server that was
-/// started again may have lost what it had.
+/// How much of a file the server has. It is sent on from there, as long as the connection is the same: a server that
+/// was started again may have lost what it had.
 #[derive(Debug, Default)]
 pub(super) struct Sent {
     pieces: usize,

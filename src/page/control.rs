@@ -22,7 +22,7 @@ const MOST: usize = 4;
 /// What is asked of the running page.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "type", deny_unknown_fields)]
-pub enum Ask {
+pub enum ControlRequest {
     /// A link that begins one session.
     Pair {
         /// What that session may do.
@@ -74,7 +74,7 @@ pub enum Answer {
 ///
 /// # Errors
 /// If none listens there, or it does not answer in time.
-pub fn ask(path: &Path, ask: &Ask) -> std::io::Result<Answer> {
+pub fn ask(path: &Path, ask: &ControlRequest) -> std::io::Result<Answer> {
     let mut stream = std::os::unix::net::UnixStream::connect(path)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -129,7 +129,7 @@ async fn serve_one(
     let mut line = String::new();
     let mut read = tokio::io::BufReader::new(read).take(LONGEST);
     read.read_line(&mut line).await?;
-    let answer = match serde_json::from_str::<Ask>(&line) {
+    let answer = match serde_json::from_str::<ControlRequest>(&line) {
         Ok(ask) => answer(ask, sessions, origin).unwrap_or_else(|error| Answer::Refused {
             reason: error.to_string(),
         }),
@@ -141,18 +141,22 @@ async fn serve_one(
     write.write_all(line.as_bytes()).await
 }
 
-fn answer(ask: Ask, sessions: &Sessions, origin: &str) -> Result<Answer, sessions::Error> {
+fn answer(
+    ask: ControlRequest,
+    sessions: &Sessions,
+    origin: &str,
+) -> Result<Answer, sessions::Error> {
     Ok(match ask {
-        Ask::Pair { role } => Answer::Link {
+        ControlRequest::Pair { role } => Answer::Link {
             link: format!("{origin}/#pair={}", sessions.pair(role)?),
         },
-        Ask::Token {} => Answer::Token {
+        ControlRequest::Token {} => Answer::Token {
             token: sessions.metrics()?,
         },
-        Ask::Sessions {} => Answer::Sessions {
+        ControlRequest::Sessions {} => Answer::Sessions {
             sessions: sessions.list(),
         },
-        Ask::Revoke { id } => Answer::Revoked {
+        ControlRequest::Revoke { id } => Answer::Revoked {
             sessions: sessions.revoke(id.as_deref())?,
         },
     })

@@ -31,7 +31,7 @@ mod views;
 mod watch;
 
 pub use assets::embedded;
-pub use control::{Answer, Ask, ask};
+pub use control::{Answer, ControlRequest, ask};
 pub use parameters::{DEFAULT_CONFIGURATION, Error as ParametersError, Parameters};
 pub use serve::{Error, run};
 pub use sessions::Role;

@@ -7,7 +7,7 @@ use crate::calibration::{
 };
 use crate::clock::Clock;
 use crate::config::{self, Config};
-use crate::daemon::look::protocol::CuttingSettings;
+use crate::daemon::look::protocol::SegmentationSettings;
 use crate::daemon::{CameraKind, RigCamera};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
@@ -58,7 +58,7 @@ pub struct Prepared {
     /// Where the calibration is; `None` of a rig that is not calibrated yet.
     pub calibration: Option<PathBuf>,
     /// What a look cuts objects out with; `None` of a rig that is not calibrated yet.
-    pub cutting: Option<CuttingSettings>,
+    pub cutting: Option<SegmentationSettings>,
 }
 
 impl ConfigSource {
@@ -114,7 +114,7 @@ impl ConfigSource {
             });
         }
         let silhouette = serde_json::to_value(&config.silhouette).unwrap_or_default();
-        let cutting = calibration.map(|calibration| CuttingSettings {
+        let cutting = calibration.map(|calibration| SegmentationSettings {
             calibration: RigCalibration {
                 volume: header.volume,
                 ..calibration.clone()

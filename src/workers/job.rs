@@ -2,6 +2,7 @@
 
 use crate::frame::CaptureId;
 use crate::recording::{Notes, Outcome, Recording, Topic};
+use crate::storage;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
 
@@ -87,6 +88,18 @@ impl Job {
 
 /// What the names of jobs end with.
 pub(super) const ENDING: &str = "job";
+
+/// Renames a file that is not a job, so that it is not read again, or else removes it: what became of it, in words.
+pub(super) fn set_aside(path: &Path) -> String {
+    let aside = path.with_extension("bad");
+    let Err(error) = storage::rename_durably(path, &aside) else {
+        return format!("it was renamed to {}", aside.display());
+    };
+    match std::fs::remove_file(path) {
+        Ok(()) => format!("it was removed, because it could not be renamed: {error}"),
+        Err(_) => format!("it could not be renamed ({error}) or removed"),
+    }
+}
 
 /// Tells a file from all others of its disk, under whatever name: numbers of files are given again, but not at the same
 /// time.

@@ -2,7 +2,7 @@
 //! removed when it is done. Memory holds only the jobs in progress and the number that wait.
 
 use super::find::find;
-use super::job::{ENDING, Job};
+use super::job::{ENDING, Job, set_aside};
 use super::object_jobs::ObjectJobs;
 use super::remakes::Remakes;
 use crate::log;
@@ -166,8 +166,8 @@ impl Jobs {
     }
 
     /// Whether one of a session's captures waits or is being made into a model.
-    pub fn has_of(&self, session: &str) -> bool {
-        if self.objects.has_of(session) {
+    pub fn has_jobs_of_session(&self, session: &str) -> bool {
+        if self.objects.has_jobs_of_session(session) {
             return true;
         }
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();
@@ -424,13 +424,8 @@ impl Jobs {
         match read.and_then(|bytes| Job::parse(&bytes)) {
             Ok(job) => Some(job),
             Err(problem) => {
-                log::error!(
-                    "{} is not a job: {problem}; it was set aside",
-                    path.display()
-                );
-                if storage::rename_durably(&path, &path.with_extension("bad")).is_err() {
-                    let _ = std::fs::remove_file(&path);
-                }
+                let end = set_aside(&path);
+                log::error!("{} is not a job: {problem}; {end}", path.display());
                 None
             }
         }

@@ -36,9 +36,9 @@ cfg_if::cfg_if! {
         pub use job::Job;
         pub use jobs::{Backlog, Error, Jobs, RunningJob};
         pub use object_jobs::{ObjectJob, ObjectJobs};
-        pub use object_pool::{ObjectNews, start_objects};
+        pub use object_pool::{ObjectResult, start_objects};
         pub use pool::{FinishedJob, WorkerPlan, start_models};
-        pub use remake_pool::{Remade, start_remakes};
+        pub use remake_pool::{RemakeResult, start_remakes};
         pub use remakes::{Remake, Remakes};
         pub use threads::Workers;
     }

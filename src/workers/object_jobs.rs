@@ -1,11 +1,11 @@
 //! The queue of jobs for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
 //! is enqueued, replaced by a newer one of the same object, and removed when it is done.
 
-use super::job::Job;
+use super::job::{Job, set_aside};
 use super::object_find::{named, session_of};
 use crate::log;
 use crate::recording::{Outcome, Recording, Topic, finished_name};
-use crate::storage::{self, write_atomically};
+use crate::storage::write_atomically;
 use parking_lot::{Condvar, Mutex};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -230,7 +230,7 @@ impl ObjectJobs {
     }
 
     /// Whether one is of a session.
-    pub(super) fn has_of(&self, session: &str) -> bool {
+    pub(super) fn has_jobs_of_session(&self, session: &str) -> bool {
         let state = self.state.lock();
         let mut jobs = state.entries.values().map(|entry| &entry.job);
         jobs.any(|job| session_of(&job.newest.capture) == session)
@@ -327,13 +327,8 @@ fn read(path: &Path) -> Option<ObjectJob> {
     match parsed {
         Ok(job) => Some(job),
         Err(problem) => {
-            log::error!(
-                "{} is not a job: {problem}; it was set aside",
-                path.display()
-            );
-            if storage::rename_durably(path, &path.with_extension("bad")).is_err() {
-                let _ = std::fs::remove_file(path);
-            }
+            let end = set_aside(path);
+            log::error!("{} is not a job: {problem}; {end}", path.display());
             None
         }
     }

@@ -27,7 +27,7 @@ const LESS_NICE: u32 = 9;
 
 /// What became of an object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ObjectNews {
+pub enum ObjectResult {
     /// It is known how its captures lie against each other.
     Registered {
         /// The object's number.
@@ -58,7 +58,7 @@ pub enum ObjectNews {
 pub fn start_objects(
     jobs: &Arc<Jobs>,
     plan: WorkerPlan,
-    tell: impl Fn(ObjectNews) + Send + Sync + 'static,
+    tell: impl Fn(ObjectResult) + Send + Sync + 'static,
 ) -> Result<Workers, Error> {
     let workers = Workers::new(jobs, plan.parameters.folder.clone());
     let shared = Arc::new(Shared {
@@ -76,7 +76,7 @@ pub fn start_objects(
 struct Shared {
     jobs: Arc<Jobs>,
     plan: WorkerPlan,
-    tell: Box<dyn Fn(ObjectNews) + Send + Sync>,
+    tell: Box<dyn Fn(ObjectResult) + Send + Sync>,
 }
 
 /// How a process ended that did its work, or could not.
@@ -136,7 +136,7 @@ impl Shared {
                 taken.job.newest.capture,
                 poses.words
             );
-            (self.tell)(ObjectNews::Registered {
+            (self.tell)(ObjectResult::Registered {
                 subject: taken.job.subject.clone(),
                 capture: taken.job.newest.capture.clone(),
                 poses,
@@ -173,7 +173,7 @@ impl Shared {
         }
         let folder = self.folder(&taken.job.subject, &recordings);
         match (ended.status, folder) {
-            (Some(status), Some(folder)) if protocol::left_a_model(status.code()) => {
+            (Some(status), Some(folder)) if protocol::leaves_a_model(status.code()) => {
                 let parameters = &self.plan.parameters;
                 let model = outcome::model(&folder, status, &ended.words, parameters);
                 self.fused(taken, model, Some(&folder));
@@ -327,7 +327,7 @@ impl Shared {
             Err(reason) => log::warning!("object {subject}: no model was made: {reason}"),
         }
         let left_out = folder.map(ReportFile::left_out).unwrap_or_default();
-        (self.tell)(ObjectNews::Fused {
+        (self.tell)(ObjectResult::Fused {
             subject: subject.clone(),
             capture: taken.job.newest.capture.clone(),
             model,

@@ -90,18 +90,18 @@ impl Place {
 }
 
 /// What was told.
-struct Heard(Receiver<ObjectNews>);
+struct Heard(Receiver<ObjectResult>);
 
 impl Heard {
-    fn next(&self) -> ObjectNews {
+    fn next(&self) -> ObjectResult {
         self.0.recv_timeout(Duration::from_secs(60)).unwrap()
     }
 }
 
-fn capture_of(news: &ObjectNews) -> (&str, bool) {
+fn capture_of(news: &ObjectResult) -> (&str, bool) {
     match news {
-        ObjectNews::Registered { capture, .. } => (capture, true),
-        ObjectNews::Fused { capture, .. } => (capture, false),
+        ObjectResult::Registered { capture, .. } => (capture, true),
+        ObjectResult::Fused { capture, .. } => (capture, false),
     }
 }
 
@@ -114,7 +114,7 @@ fn the_second_capture_of_a_subject_is_registered_and_then_fused() {
     place.captured(&jobs, 2, "18");
     assert_eq!(place.left(), 0);
     place.captured(&jobs, 3, "17");
-    let ObjectNews::Registered {
+    let ObjectResult::Registered {
         subject,
         capture,
         poses,
@@ -132,7 +132,7 @@ fn the_second_capture_of_a_subject_is_registered_and_then_fused() {
         show_next: Some("below".into()),
     };
     assert_eq!(poses, expected);
-    let ObjectNews::Fused { model, .. } = heard.next() else {
+    let ObjectResult::Fused { model, .. } = heard.next() else {
         panic!("it was registered twice");
     };
     let model = model.unwrap();
@@ -174,7 +174,7 @@ fn a_stop_repeats_what_was_being_done() {
     let text = format!("{BEGIN}found 2; make\n");
     std::fs::write(place.path().join("worker.sh"), text).unwrap();
     let again = place.jobs();
-    assert!(again.has_of("s") && !again.is_idle());
+    assert!(again.has_jobs_of_session("s") && !again.is_idle());
     let (_workers, heard) = place.start(&again);
     // It was registered before.
     assert_eq!(capture_of(&heard.next()), ("s-0002", false));
@@ -188,7 +188,7 @@ fn a_process_that_fails_leaves_a_report_and_ends_the_job() {
     place.captured(&jobs, 1, "../17");
     place.captured(&jobs, 2, "../17");
     let (_workers, heard) = place.start(&jobs);
-    let ObjectNews::Fused { model, .. } = heard.next() else {
+    let ObjectResult::Fused { model, .. } = heard.next() else {
         panic!("poses were reported that no process had found");
     };
     assert_eq!(model.unwrap_err(), "no light");

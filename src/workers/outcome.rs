@@ -19,7 +19,7 @@ pub(super) fn model(
     words: &str,
     parameters: &Parameters,
 ) -> Result<Model, String> {
-    if !protocol::left_a_model(status.code()) {
+    if !protocol::leaves_a_model(status.code()) {
         return Err(reason(status, words, parameters));
     }
     let report = ReportFile::read(folder)?;

@@ -84,7 +84,7 @@ pub fn warn(missing: &str) {
 }
 
 /// Whether a process with this exit code left a model. Its recording may be damaged elsewhere.
-pub fn left_a_model(code: Option<i32>) -> bool {
+pub fn leaves_a_model(code: Option<i32>) -> bool {
     code == Some(0) || code == Some(i32::from(EXIT_INCOMPLETE))
 }
 

@@ -27,7 +27,7 @@ const WORK: &str = ".remake";
 
 /// What became of a remake.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Remade {
+pub struct RemakeResult {
     /// The capture.
     pub capture: String,
     /// The model, or why there is none.
@@ -41,7 +41,7 @@ pub struct Remade {
 pub fn start_remakes(
     jobs: &Arc<Jobs>,
     plan: WorkerPlan,
-    tell: impl Fn(Remade) + Send + 'static,
+    tell: impl Fn(RemakeResult) + Send + 'static,
 ) -> Result<Workers, Error> {
     let workers = Workers::new(jobs, plan.parameters.folder.clone());
     let making = Making {
@@ -58,7 +58,7 @@ struct Making {
 }
 
 impl Making {
-    fn run(&self, tell: impl Fn(Remade)) {
+    fn run(&self, tell: impl Fn(RemakeResult)) {
         let may = || self.jobs.is_idle() && self.has_room();
         while let Some(remake) = self.jobs.remakes().take(may) {
             let model = self.make(&remake);
@@ -73,7 +73,7 @@ impl Making {
                     remake.capture
                 ),
             }
-            tell(Remade {
+            tell(RemakeResult {
                 capture: remake.capture,
                 model,
             });

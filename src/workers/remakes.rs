@@ -234,7 +234,7 @@ impl Remakes {
     fn save_or_warn(&self, state: &State) {
         if let Err(error) = self.save(state) {
             log::warning!(
-                "a model that was made again may be made once more after the next start: {error}"
+                "cannot update the list of remakes ({error}): a finished one may be repeated after the next start"
             );
         }
     }

@@ -213,7 +213,7 @@ fn a_job_whose_workers_go_away_for_ever_ends_as_failed() {
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let reason = told(&output)[0]["reasons"][0].to_string();
     assert!(
-        reason.contains("10 workers disappeared while they worked on this job"),
+        reason.contains("10 workers disappeared during this job"),
         "{reason}"
     );
     assert!(Path::new(&bench.path("out/fleet-6/ball-000/report.json")).exists());

@@ -403,7 +403,7 @@ fn a_status_that_is_not_understood_is_no_empty_table() {
         (
             r#"{"type":"status","status":{"session":"a","cameras":[{"id":"c00"}]}}"#,
             1,
-            "a form that this scand does not know",
+            "this scand cannot read the daemon's reply",
         ),
         (
             r#"{"type":"status","status":{"calibration_age_h":30.0,"cameras":{"c00":{"state":"ready"}}}}"#,

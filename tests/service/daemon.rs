@@ -278,7 +278,7 @@ fn sighup_reads_again_what_may_change_and_refuses_the_rest_by_name() {
     stand.until_logged("retyr");
     stand.configure("[capture]\nretry = 3\npatience_ms = 700\n[hull]\nresolution = 123\n");
     stand.signal("-HUP");
-    stand.until_logged("were read again");
+    stand.until_logged("the changed settings are in use");
     // Models from now on are made with it.
     let settings = std::fs::read_to_string(stand.path("recordings/jobs/settings.toml")).unwrap();
     assert!(settings.contains("resolution = 123"), "{settings}");

@@ -148,7 +148,7 @@ where
 ///
 /// # Errors
 /// If it is not such a value.
-pub fn from_a_hundredth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
+pub fn at_least_a_hundredth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
     T: Deserialize<'de>,
@@ -172,7 +172,7 @@ where
 ///
 /// # Errors
 /// If it is not such a value.
-pub fn from_a_millionth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
+pub fn at_least_a_millionth<'de, D, T, const MOST: i32>(from: D) -> Result<T, D::Error>
 where
     D: Deserializer<'de>,
     T: Deserialize<'de>,

@@ -41,7 +41,7 @@ pub use options::{CameraFault, ColorSensor, DepthSensor, Encoding, Faults, Optio
 pub use pose::Pose;
 pub use preset::Preset;
 pub use record::{ply, poses_json, write};
-pub use rig::{ColorStation, DepthStation, Rig};
+pub use rig::{DepthStation, Rig, SimulatedColorCamera};
 pub use session::{Capture, Simulation};
 pub use shape::Shape;
 

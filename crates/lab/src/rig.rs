@@ -31,7 +31,7 @@ const NON_IDEAL: DepthResponse = DepthResponse {
 
 /// A colour camera as it is and as the calibration has it.
 #[derive(Clone, Debug)]
-pub struct ColorStation {
+pub struct SimulatedColorCamera {
     /// As it is.
     pub actual: Camera,
     /// As a recording says it is.
@@ -51,7 +51,7 @@ pub struct DepthStation {
 #[derive(Clone, Debug)]
 pub struct Rig {
     /// The colour cameras, in the order of their ids.
-    pub colors: Vec<ColorStation>,
+    pub colors: Vec<SimulatedColorCamera>,
     /// The depth cameras, in the order of their ids.
     pub depths: Vec<DepthStation>,
     /// The volume, a few millimetres larger than the object, from the table up.
@@ -126,7 +126,11 @@ impl Bounds {
 }
 
 /// Eleven cameras are seven in a low ring and four in a high one; none looks up.
-fn color_station(options: &Options, bounds: &Bounds, k: usize) -> Result<ColorStation, Error> {
+fn color_station(
+    options: &Options,
+    bounds: &Bounds,
+    k: usize,
+) -> Result<SimulatedColorCamera, Error> {
     let id = CameraId::new(&format!("c{k:02}"))?;
     let mut random = Random::new(&[options.seed, 1, k as u64]);
     let low = (options.cameras * 7).div_ceil(11);
@@ -155,7 +159,7 @@ fn color_station(options: &Options, bounds: &Bounds, k: usize) -> Result<ColorSt
     // Turned about an axis between up and right, so that the picture moves along both sides.
     let axis = Vector3::new(0.6, 0.8, 0.0) * turned;
     let actual = pose * UnitQuaternion::from_scaled_axis(axis);
-    Ok(ColorStation {
+    Ok(SimulatedColorCamera {
         actual: Camera::new(id.clone(), lens, actual),
         calibrated: calibrated(options, k, Camera::new(id, lens, pose)),
     })

@@ -12,7 +12,7 @@ use super::placed::{self, Placed};
 use super::random::Random;
 use super::render::{Rendered, Subject};
 use super::rig::Bounds;
-use super::{ColorStation, DepthStation, Error, Options, Rig};
+use super::{DepthStation, Error, Options, Rig, SimulatedColorCamera};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 use scand_core::calibration::Camera;
@@ -111,7 +111,7 @@ impl Simulation {
     }
 
     /// The exact silhouette that one camera sees in capture `index`.
-    pub fn mask(&self, index: usize, station: &ColorStation) -> Mask {
+    pub fn mask(&self, index: usize, station: &SimulatedColorCamera) -> Mask {
         let camera = &station.actual;
         let lens = &camera.intrinsics;
         let layer = self.object(index).and_then(|placed| {
@@ -130,7 +130,7 @@ impl Simulation {
 
     /// The pixels that show a prop to a colour camera in capture `index`, 255 each; `None` where the session says
     /// nothing of props, or there is none.
-    pub fn ignored(&self, index: usize, station: &ColorStation) -> Option<Mask> {
+    pub fn ignored(&self, index: usize, station: &SimulatedColorCamera) -> Option<Mask> {
         let camera = &station.actual;
         let placed = self
             .object(index)
@@ -257,7 +257,7 @@ impl Simulation {
                 (f.camera, SilhouetteSource::Background(plate))
             }));
         }
-        let view = |station: &ColorStation| {
+        let view = |station: &SimulatedColorCamera| {
             let frame = frames.iter().find(|f| f.camera == station.actual.id)?;
             Some(ColorView {
                 camera: station.calibrated.clone(),
@@ -316,7 +316,7 @@ impl Simulation {
     fn color_frame(
         &self,
         k: usize,
-        station: &ColorStation,
+        station: &SimulatedColorCamera,
         index: usize,
         sensor: &ColorSensor,
     ) -> Frame {

@@ -33,7 +33,7 @@ pub struct Args {
     /// Captures, objects by their numbers, sessions by their names, or files of recordings
     #[arg(required = true, value_name = "CAPTURE|OBJECT|SESSION|FILE")]
     what: Vec<String>,
-    /// Make the package under this name, which nothing may have yet
+    /// Make the package in this folder, which must not exist yet
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Look for captures, objects and sessions in the recordings of this folder

@@ -41,7 +41,7 @@ pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: b
     }
     let is_other = check.moved().next().is_some()
         || check.against_each_other.is_some()
-        || check.misreading().next().is_some();
+        || check.misread_cameras().next().is_some();
     match is_other {
         true => ExitCode::FAILURE,
         false if !check.is_whole() || !detections.lost.is_empty() => {

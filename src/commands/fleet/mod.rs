@@ -39,7 +39,7 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum FleetCommand {
-    /// Offer the captures of the rig on this machine, and take their models in, until SIGTERM or Ctrl-C
+    /// Offer the rig's captures to the fleet and store the models that come back, until SIGTERM or Ctrl-C
     Run(RunArgs),
     /// Show jobs, workers and failures
     Status(StatusArgs),
@@ -77,7 +77,7 @@ impl TypedValueParser for AddressParser {
 /// How the server is reached, and as whom.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct AccessArgs {
-    /// A .creds file, or a key that `scand fleet key` made; without it $CREDENTIALS_DIRECTORY/fleet, if that is there
+    /// A .creds file, or a key that `scand fleet key` made; by default $CREDENTIALS_DIRECTORY/fleet, if it exists
     #[arg(long, value_name = "FILE")]
     credentials: Option<PathBuf>,
     /// Trust the certificates in this file (PEM) instead of the system's
@@ -86,7 +86,7 @@ pub(crate) struct AccessArgs {
     /// Let pictures cross a network unencrypted
     #[arg(long)]
     plain_text: bool,
-    /// The name of this rig, worker or viewer at the server; without it, that of the machine
+    /// The name of this rig, worker or viewer at the server; by default that of the machine
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
 }
@@ -209,7 +209,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
 }
 
 fn serve(args: &RunArgs) -> anyhow::Result<ExitCode> {
-    let program = Program::this()?;
+    let program = Program::current()?;
     let config = Config::load(Some(&args.config), &args.set);
     let config = config.map_err(|e| BadConfiguration(e.into()))?;
     let Some(address) = &config.workers.fleet else {

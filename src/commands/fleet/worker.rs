@@ -28,7 +28,7 @@ pub struct Args {
     /// Niceness of the processes that make models, 0 to 19
     #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=19))]
     nice: u32,
-    /// Where recordings and models are while they are made; without it $CACHE_DIRECTORY, or a folder for temporary
+    /// Where recordings and models are while they are made; by default $CACHE_DIRECTORY, or a folder for temporary
     /// files
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
@@ -39,7 +39,7 @@ pub struct Args {
 /// # Errors
 /// If this program takes no part in a fleet, the server is refused, or a rig wants this worker to stop.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
-    let program = Program::this()?;
+    let program = Program::current()?;
     let lent = std::env::var_os("CACHE_DIRECTORY").map(PathBuf::from);
     let temporary = || {
         let user = rustix::process::getuid().as_raw();

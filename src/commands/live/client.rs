@@ -36,7 +36,7 @@ pub struct TriggerArgs {
     /// The number of the object, recorded with the capture.
     #[arg(long, value_name = "NUMBER")]
     subject: Option<String>,
-    /// How the object lies, such as upside-down; a word for the report alone.
+    /// How the object lies, such as upside-down; scand only repeats it in the report.
     #[arg(long, value_name = "WORDS")]
     placement: Option<String>,
     /// Your own id for this press: asking again with it never takes a second capture.
@@ -369,7 +369,7 @@ fn words(event: &Event) -> String {
             ..
         } => {
             let next = show_next.as_deref().map_or_else(String::new, |side| {
-                format!("; no camera faced {unseen_percent} % of the surface: it lies {side}")
+                format!("; no camera has faced {unseen_percent} % of the surface, {side}")
             });
             format!("object {subject}: {capture}: {words}{next}")
         }
@@ -386,13 +386,13 @@ fn words(event: &Event) -> String {
             "object {subject}: no model was made: {}",
             reasons.join("; ")
         ),
-        Event::Remade {
+        Event::RemakeResult {
             capture,
             verdict: Some(verdict),
             reasons,
             model: Some(model),
         } => done_words(&format!("{capture}, made again"), *verdict, reasons, model),
-        Event::Remade {
+        Event::RemakeResult {
             capture, reasons, ..
         } => format!("{capture}: it was not made again: {}", reasons.join("; ")),
         Event::Ok { words } | Event::Plates { words } => words.clone(),

@@ -6,7 +6,7 @@ use crate::daemon::Capturing;
 use crate::daemon::events::Event;
 use crate::log;
 use crate::workers::{
-    FinishedJob, Jobs, ObjectNews, Remade, WorkerPlan, Workers, object_protocol, protocol,
+    FinishedJob, Jobs, ObjectResult, RemakeResult, WorkerPlan, Workers, object_protocol, protocol,
     start_models, start_objects, start_remakes,
 };
 use std::path::PathBuf;
@@ -95,12 +95,12 @@ fn event(ended: FinishedJob) -> Event {
     }
 }
 
-fn remade_event(Remade { capture, model }: Remade) -> Event {
+fn remade_event(RemakeResult { capture, model }: RemakeResult) -> Event {
     let (verdict, reasons, model) = match model {
         Ok(model) => (Some(model.verdict), model.reasons, Some(model.folder)),
         Err(reason) => (None, vec![reason], None),
     };
-    Event::Remade {
+    Event::RemakeResult {
         capture,
         verdict,
         reasons,
@@ -108,9 +108,9 @@ fn remade_event(Remade { capture, model }: Remade) -> Event {
     }
 }
 
-fn object_event(news: ObjectNews) -> Event {
+fn object_event(news: ObjectResult) -> Event {
     match news {
-        ObjectNews::Registered {
+        ObjectResult::Registered {
             subject,
             capture,
             poses,
@@ -124,7 +124,7 @@ fn object_event(news: ObjectNews) -> Event {
             unseen_percent: poses.unseen_percent,
             show_next: poses.show_next,
         },
-        ObjectNews::Fused {
+        ObjectResult::Fused {
             subject,
             capture,
             model,

@@ -88,8 +88,8 @@ fn models(status: &Value) -> String {
 fn cameras(status: &Value) -> String {
     let cameras = &status["cameras"];
     if !is_known(status) {
-        return "cameras    unknown: the daemon's reply lists them in a form that this scand does not know; are both of one \
-                version?\n"
+        return "cameras    unknown, because this scand cannot read the daemon's reply: check that both have the same \
+                version\n"
             .to_owned();
     }
     let mut text = format!("{:12} {:8} {:>5}  {}\n", "camera", "state", "lost", "");

@@ -5,7 +5,7 @@ use crate::export::{self, Compression, Format, compress, describe, encode, level
 use crate::level::Level;
 use crate::mesh::bounding_box;
 use crate::output::encode_jpeg;
-use crate::publish::{Exhibit, Extra, Facts, LevelFile, Picture, exhibit_id, public};
+use crate::publish::{Extra, Facts, LevelFile, Picture, PublishedObject, exhibit_id, public};
 use crate::reconstruct::Model;
 use crate::report::picture_of;
 use serde_json::Value;
@@ -22,7 +22,7 @@ const QUALITY: u8 = 88;
 
 /// An exhibit with the files that lie beside its page, by name.
 pub(super) struct Made {
-    pub(super) exhibit: Exhibit,
+    pub(super) exhibit: PublishedObject,
     pub(super) files: Vec<(String, Vec<u8>)>,
     /// Recordings whose notes were not read, because they were not found.
     pub(super) not_found: Vec<String>,
@@ -93,7 +93,7 @@ pub(super) fn make(
     let (picture, thumbnail) = (described(picture)?, described(thumbnail)?);
     let corners = bounding_box(&read.model.mesh.vertices).unwrap_or_default();
     let bounds = corners.map(|corner| [corner.x, corner.y, corner.z]);
-    let exhibit = Exhibit {
+    let exhibit = PublishedObject {
         id,
         about,
         facts,

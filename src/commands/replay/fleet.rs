@@ -74,7 +74,7 @@ impl FleetReplay<'_> {
             ..
         } = self.0;
         let plan = DispatcherPlan {
-            program: Program::this()?,
+            program: Program::current()?,
             calibration: self.other_calibration()?,
             memory_mb: config.workers.memory_mb,
             time_limit_s: config.workers.time_limit_s,

@@ -161,7 +161,7 @@ impl Args {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_for_a_person(args: Args) -> anyhow::Result<ExitCode> {
+pub fn run_interactive(args: Args) -> anyhow::Result<ExitCode> {
     // A run with a fleet ends by itself, with its summary, and takes back what it has just erased.
     #[cfg(feature = "fleet")]
     let has_fleet = args.options.fleet.fleet.is_some();

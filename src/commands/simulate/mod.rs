@@ -185,7 +185,7 @@ struct FaultArgs {
     /// Leave the depth frames without readings.
     #[arg(long)]
     no_depth: bool,
-    /// The recording says that its calibration was judged doubtful, for this reason.
+    /// Record that the calibration was judged doubtful, for this reason.
     #[arg(long, value_name = "REASON")]
     doubtful_calibration: Option<String>,
 }

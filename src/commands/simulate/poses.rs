@@ -32,13 +32,14 @@ pub(super) struct PoseArgs {
     /// Write which pixels show a prop, as masks of what is to be ignored.
     #[arg(long)]
     props_ignored: bool,
-    /// Lose this radius of the object's outline in the first colour camera's picture of a capture, as glare would.
+    /// Remove a piece of this radius from the object's outline in the first colour camera's picture of a capture, as
+    /// glare would.
     #[arg(long, value_name = "CAPTURE=LENGTH", value_parser = parse_fault)]
     lost_piece: Vec<CaptureFault>,
     /// Standard deviation of the error of the calibrated principal points.
     #[arg(long, value_name = "PX")]
     calibration_px: Option<f64>,
-    /// Calibrate the rig too large by this.
+    /// Record a calibration that is too large by this.
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     calibration_scale_percent: Option<f64>,
 }

@@ -20,7 +20,7 @@ pub(super) struct ServeArgs {
         default_value = "127.0.1.1"
     )]
     first_address: Ipv4Addr,
-    /// Show the empty rig until the command captures.
+    /// Show the empty rig until the command `captures` arrives.
     #[arg(long, requires = "serve")]
     empty: bool,
     /// Write the first depth camera's frames for the test sensor of OpenNI2 into this file.

@@ -1,7 +1,7 @@
 //! The thread that has a look's pictures made: it passes a frame to a confined process (`scand make-look`) and shows
 //! what comes back. It has the lowest priority, takes one frame at a time, and decodes nothing itself.
 
-use super::protocol::{COMMAND, CuttingSettings, Head, LARGEST_OUTPUT, PARENT, Pixels};
+use super::protocol::{COMMAND, Head, LARGEST_OUTPUT, PARENT, Pixels, SegmentationSettings};
 use super::{CameraLook, Looks};
 use crate::frame::{Frame, Picture, Stream};
 use crate::log;
@@ -25,7 +25,7 @@ pub struct LookPlan {
     /// The program that has the command `make-look`.
     pub program: PathBuf,
     /// What objects are cut out with; `None` for a rig that is not calibrated.
-    pub cutting: Option<CuttingSettings>,
+    pub cutting: Option<SegmentationSettings>,
 }
 
 /// A frame of which a picture is to be made.

@@ -26,7 +26,7 @@ pub struct Head {
     /// The camera's view of the empty rig.
     pub background: Option<Pixels>,
     /// What the object is cut out with; `None` for a rig that is not calibrated.
-    pub cutting: Option<CuttingSettings>,
+    pub cutting: Option<SegmentationSettings>,
 }
 
 /// A picture whose bytes follow.
@@ -48,7 +48,7 @@ pub struct Pixels {
 /// What does not change from picture to picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CuttingSettings {
+pub struct SegmentationSettings {
     /// The text of a calibration file that has the cameras and the volume.
     pub calibration: String,
     /// The silhouettes' settings.

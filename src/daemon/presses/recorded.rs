@@ -23,7 +23,9 @@ pub(in crate::daemon) fn captures(files: &[PathBuf]) -> Vec<Recorded> {
     let mut found = Vec::new();
     for file in files {
         if let Err(error) = add(file, &mut found) {
-            log::warning!("{error}; the answers to its presses are unknown");
+            log::warning!(
+                "{error}; the daemon cannot repeat its answers to the presses of this recording"
+            );
         }
     }
     found

@@ -42,7 +42,7 @@ impl Rig {
     pub(in crate::daemon) fn cannot_look(&self, id: &CameraId) -> Option<String> {
         if let Some((camera, _)) = self.cameras.iter().find(|(_, c)| c.needs_signal) {
             return Some(format!(
-                "camera {camera} takes its pictures at a signal of its line, which a look must not keep waiting: press \
+                "camera {camera} takes pictures only at the signal on its line, and a look would keep that waiting: press \
                  to see pictures"
             ));
         }

@@ -121,7 +121,7 @@ impl Client<'_> {
                     Ok(Ok(words)) => self.send(&Reply::Ok { words }).await,
                     Ok(Err(reason)) => self.refuse(reason).await,
                     Err(_) => {
-                        self.refuse("internal error: the remake was not taken".into())
+                        self.refuse("internal error: the daemon did not accept the remake".into())
                             .await
                     }
                 }

@@ -184,7 +184,7 @@ impl CameraClock {
     /// Where the stamp contradicts what is known of the clock, that may be what is wrong: it is read anew.
     ///
     /// # Errors
-    /// In words, if the stamp contradicts that too: the clock stands still, ran back or jumped.
+    /// In words, if the stamp contradicts that too: the clock stands still, went back or jumped.
     pub(super) fn host_time(
         &mut self,
         stamp_ns: u64,

@@ -34,7 +34,7 @@ pub(super) fn find(parameters: &Parameters) -> Result<Found, Fault> {
     let Identity { serial, name, .. } = &found.identity;
     Err(Fault::Refused {
         field: format!("camera at {}", found.address),
-        asked: parameters.whereabouts(),
+        asked: parameters.address_text(),
         found: format!("serial {serial}, name {name:?}"),
     })
 }
@@ -108,7 +108,7 @@ fn search(parameters: &Parameters) -> Result<Found, Fault> {
         (Some(found), None) => Ok(found.clone()),
         (Some(one), Some(other)) => Err(Fault::Refused {
             field: "camera".into(),
-            asked: parameters.whereabouts(),
+            asked: parameters.address_text(),
             found: format!(
                 "two cameras that match, at {} and {}",
                 one.address, other.address
@@ -116,7 +116,7 @@ fn search(parameters: &Parameters) -> Result<Found, Fault> {
         }),
         (None, _) => Err(Fault::Away(format!(
             "no camera {} answered a search; serials found: {}",
-            parameters.whereabouts(),
+            parameters.address_text(),
             if others.is_empty() {
                 "none".into()
             } else {

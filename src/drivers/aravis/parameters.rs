@@ -185,7 +185,7 @@ impl Parameters {
     }
 
     /// How the configuration identifies the camera, as text.
-    pub fn whereabouts(&self) -> String {
+    pub fn address_text(&self) -> String {
         let address = self.address.map(|a| format!("at {a}"));
         let serial = self.serial.as_ref().map(|s| format!("with serial {s}"));
         let name = self.name.as_ref().map(|n| format!("named {n:?}"));

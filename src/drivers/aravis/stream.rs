@@ -219,7 +219,7 @@ fn damage(status: BufferStatus) -> String {
     match status {
         BufferStatus::Timeout => "a frame was not complete in time".into(),
         BufferStatus::MissingPackets => "a frame arrived with packets missing".into(),
-        BufferStatus::WrongPacketId => "a frame arrived with a packet of another".into(),
+        BufferStatus::WrongPacketId => "a frame arrived with a packet of another frame".into(),
         BufferStatus::SizeMismatch => "a frame was larger than its memory".into(),
         BufferStatus::PayloadNotSupported => {
             "a frame arrived in a form that is not supported".into()

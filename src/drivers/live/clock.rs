@@ -117,7 +117,7 @@ fn problem(last: Reading, next: Reading) -> Option<String> {
         }
     } else if passed < 0 {
         return Some(format!(
-            "its clock ran back by {:.1} ms",
+            "its clock went back by {:.1} ms",
             -passed as f64 / 1e6
         ));
     }

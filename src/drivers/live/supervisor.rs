@@ -292,7 +292,7 @@ impl Supervisor {
         let newest = self.newest.insert(frame.stream, time);
         if newest.is_some_and(|newest| time <= newest) {
             return Err(format!(
-                "a frame's timestamp of {} ns is not after the previous one: the camera's clock stands still or ran back",
+                "a frame's timestamp of {} ns is not after the previous one: the camera's clock stands still or went back",
                 time.0
             ));
         }

@@ -46,7 +46,7 @@ impl StreamClock {
         let speed = passed_us / real_us;
         if !(0.7..1.4).contains(&speed) {
             let remark = format!(
-                "its clock does not count microseconds ({speed:.2} in each): frames are stamped by their arrival"
+                "its clock does not count microseconds ({speed:.2} in each): scand uses the time at which each frame arrives"
             );
             return Ok((Self::by_arrival(), Some(remark)));
         }

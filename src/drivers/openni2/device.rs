@@ -25,7 +25,7 @@ impl Device {
     /// # Errors
     /// If it is not there, or a camera of this process has it: the library would share one device among both.
     pub fn open(_: Library, uri: &str) -> Result<Self, OpenNiError> {
-        let doing = || format!("opening {uri}");
+        let doing = || format!("open {uri}");
         let refused = |words: &str| OpenNiError {
             doing: doing(),
             words: words.into(),
@@ -97,7 +97,7 @@ impl Device {
     pub fn synchronise(&self) -> Result<(), OpenNiError> {
         // SAFETY: the device is open.
         let status = unsafe { ffi::oniDeviceEnableDepthColorSync(self.handle) };
-        checked(status, "synchronising depth and colour")
+        checked(status, "synchronise depth and colour")
     }
 
     /// Ends that; to be called before a stream of the two is stopped, for the library would make a pair of one.

@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 
 /// What the library refused or could not do, in its own words.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{doing}: {words}")]
+#[error("cannot {doing}: {words}")]
 pub struct OpenNiError {
+    /// What it could not do, with its verb first.
     pub(super) doing: String,
     pub(super) words: String,
 }
@@ -130,7 +131,7 @@ impl Library {
         let (mut list, mut count) = (std::ptr::null_mut(), 0);
         // SAFETY: both are written to; the list is given back below.
         let status = unsafe { ffi::oniGetDeviceList(&raw mut list, &raw mut count) };
-        checked(status, "listing devices")?;
+        checked(status, "list devices")?;
         if list.is_null() {
             return Ok(Vec::new());
         }
@@ -151,7 +152,7 @@ fn start(state: &mut State) -> Result<(), OpenNiError> {
     keep_directory();
     // SAFETY: under the lock; ended again below, or when it is renewed.
     let status = unsafe { ffi::oniInitialize(ffi::API_VERSION) };
-    if let Err(failed) = checked(status, "starting OpenNI") {
+    if let Err(failed) = checked(status, "start OpenNI") {
         // It counts starts that failed as well, and would take the next one for a second.
         // SAFETY: as above.
         unsafe { ffi::oniShutdown() };

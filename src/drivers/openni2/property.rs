@@ -50,7 +50,7 @@ pub(super) unsafe trait Properties {
         let (at, size) = ((&raw const value).cast(), size_of::<T>() as c_int);
         // SAFETY: as above; the value is read during the call alone.
         let status = unsafe { (Self::CALLS.set)(self.handle(), property, at, size) };
-        checked(status, format!("setting {name}"))
+        checked(status, format!("set {name}"))
     }
 }
 

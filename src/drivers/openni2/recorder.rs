@@ -26,14 +26,14 @@ impl Recorder {
         };
         let shown = path.display();
         let name = CString::new(path.as_os_str().as_encoded_bytes()).map_err(|_| OpenNiError {
-            doing: format!("recording to {shown}"),
+            doing: format!("record to {shown}"),
             words: "its name has a zero byte".into(),
         })?;
         let _held = LIBRARY.lock();
         let mut handle = std::ptr::null_mut();
         // SAFETY: the name ends in zero; the handle is written to.
         let status = unsafe { ffi::oniCreateRecorder(name.as_ptr(), &raw mut handle) };
-        checked(status, format!("recording to {shown}"))?;
+        checked(status, format!("record to {shown}"))?;
         let recorder = Self {
             handle,
             _device: first.device.clone(),
@@ -41,11 +41,11 @@ impl Recorder {
         for stream in streams {
             // SAFETY: recorder and stream are there.
             let status = unsafe { ffi::oniRecorderAttachStream(handle, stream.handle, 0) };
-            checked(status, format!("recording a stream to {shown}"))?;
+            checked(status, format!("record a stream to {shown}"))?;
         }
         // SAFETY: the recorder is there.
         let status = unsafe { ffi::oniRecorderStart(handle) };
-        checked(status, format!("recording to {shown}"))?;
+        checked(status, format!("record to {shown}"))?;
         Ok(Some(recorder))
     }
 }

@@ -287,7 +287,7 @@ pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read
     let asked = match p.synchronise {
         Some(false) => return Ok((false, row(NAME, "off", "off"))),
         Some(true) => "on",
-        None => "on if it can",
+        None => "on, if the driver supports it",
     };
     if is_file(device.uri()) {
         return Ok((false, row(NAME, asked, "as it was recorded")));
@@ -297,6 +297,9 @@ pub(super) fn synchronise(p: &Parameters, device: &Device) -> Result<(bool, Read
         Err(failed) if p.synchronise == Some(true) => {
             Err(refused(NAME, asked, Some("off"), Some(failed)))
         }
-        Err(_) => Ok((false, row(NAME, asked, "off, because its driver cannot"))),
+        Err(_) => Ok((
+            false,
+            row(NAME, asked, "off, because the driver does not support it"),
+        )),
     }
 }

@@ -28,7 +28,7 @@ impl Stream {
         let mut handle = std::ptr::null_mut();
         // SAFETY: the device is open; the handle is written to.
         let status = unsafe { ffi::oniDeviceCreateStream(device.handle, sensor, &raw mut handle) };
-        checked(status, format!("making a stream of {}", device.uri()))?;
+        checked(status, format!("make a stream of {}", device.uri()))?;
         Ok(Self {
             handle,
             device: device.clone(),
@@ -43,10 +43,7 @@ impl Stream {
     pub fn start(&mut self) -> Result<(), OpenNiError> {
         // SAFETY: the stream is there.
         let status = unsafe { ffi::oniStreamStart(self.handle) };
-        checked(
-            status,
-            format!("starting a stream of {}", self.device.uri()),
-        )?;
+        checked(status, format!("start a stream of {}", self.device.uri()))?;
         self.runs = true;
         Ok(())
     }
@@ -67,7 +64,7 @@ impl Stream {
         let mut frame = std::ptr::null_mut();
         // SAFETY: the stream is there; the frame is written to and given back when its guard goes.
         let status = unsafe { ffi::oniStreamReadFrame(self.handle, &raw mut frame) };
-        checked(status, format!("reading a frame of {}", self.device.uri()))?;
+        checked(status, format!("read a frame of {}", self.device.uri()))?;
         Ok((!frame.is_null()).then_some(Frame {
             frame,
             stream: PhantomData,
@@ -121,7 +118,7 @@ pub(super) fn wait(streams: &[&Stream], timeout: Duration) -> Result<Option<usiz
     if status == ffi::STATUS_TIME_OUT {
         return Ok(None);
     }
-    checked(status, "waiting for a frame")?;
+    checked(status, "wait for a frame")?;
     Ok(usize::try_from(index).ok().filter(|&i| i < count))
 }
 

@@ -84,7 +84,7 @@ pub(super) async fn health(State(app): State<Arc<App>>) -> Response {
 /// Figures for a program that watches, which has a token for them.
 pub(super) async fn metrics(State(app): State<Arc<App>>, request: HttpRequest) -> Response {
     if !is_bearer(&app, request.headers()) {
-        let words = "metrics want a token: `scand page token` makes one";
+        let words = "/metrics needs a token: `scand page token` makes one";
         let refusal = Refusal::new(StatusCode::UNAUTHORIZED, "no_token", words);
         let mut response = refusal.response();
         let bearer = HeaderValue::from_static("Bearer");

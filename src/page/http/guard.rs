@@ -196,7 +196,7 @@ pub(super) async fn operator<T: DeserializeOwned>(
 ) -> Result<(Visitor, T), Refusal> {
     let visitor = confirmed(app, &request)?;
     if visitor.role != Role::Operator {
-        let words = "this session may look and not change anything";
+        let words = "this is a viewer's session, which cannot change anything: open an operator's link (scand page pair)";
         return Err(Refusal::new(StatusCode::FORBIDDEN, "viewer", words));
     }
     let (body, _) = body(request).await?;

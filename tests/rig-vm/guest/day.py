@@ -110,7 +110,7 @@ def reread():
     since = scand.now()
     service.configure("[rig.volume]\nmin = [-0.2, -0.2, 0.0]\nmax = [0.2, 0.2, 0.3]\n")
     run("systemctl", "reload", "scand")
-    until("it says so", lambda: "read again" in scand.said(since))
+    until("it says so", lambda: "the changed settings are in use" in scand.said(since))
     ann("scand", "trigger")
     ann("scand", "session", "close")
     for name, captures in (("vase", ["vase-0001"]), ("vase-002", ["vase-0002"])):

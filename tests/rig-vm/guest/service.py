@@ -156,7 +156,7 @@ def reloaded():
     since = scand.now()
     configure("[service]\nmissing_cameras = 1\n")
     run("systemctl", "reload", "scand.service")
-    until("it says so", lambda: "were read again" in scand.said(since))
+    until("it says so", lambda: "the changed settings are in use" in scand.said(since))
     expect(scand.active(), "active", "the daemon")
     since = scand.now()
     scand.CONFIGURATION.write_text(scand.CONFIGURATION.read_text().replace("640, 360", "320, 180"))

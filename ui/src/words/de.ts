@@ -237,7 +237,7 @@ export const de: Words = {
   login_failed: "Der Link galt nicht: {reason}",
   error_away: "Der Dienst antwortet nicht.",
   error_full: "Es wird zu viel auf einmal verlangt: versuchen Sie es noch einmal.",
-  error_viewer: "Diese Sitzung kann zusehen, aber nichts ändern.",
+  error_viewer: "Diese Sitzung kann zusehen, aber nichts ändern: öffnen Sie einen Link für Bediener (scand page pair).",
   error_network: "Der Rechner der Anlage antwortet nicht.",
   error_other: "Es wurde abgelehnt: {reason}",
   age_seconds: "{n} s",

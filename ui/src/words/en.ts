@@ -235,7 +235,7 @@ export const en = {
   login_failed: "The link did not work: {reason}",
   error_away: "The daemon does not answer.",
   error_full: "Too many requests at once: try again in a moment.",
-  error_viewer: "This session may look and not change anything.",
+  error_viewer: "This is a viewer's session, which cannot change anything: open an operator's link (scand page pair).",
   error_network: "The rig's computer does not answer.",
   error_other: "It was refused: {reason}",
   age_seconds: "{n} s",

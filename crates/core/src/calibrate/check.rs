@@ -34,7 +34,7 @@ impl Check {
     }
 
     /// Depth cameras that do not read what they did.
-    pub fn misreading(&self) -> impl Iterator<Item = &CameraId> {
+    pub fn misread_cameras(&self) -> impl Iterator<Item = &CameraId> {
         let depths = self.depths.iter();
         depths.filter_map(|(id, found)| {
             let found = found.as_ref().ok()?;

@@ -50,7 +50,7 @@ static SLOPE: LazyLock<[f32; 256]> = LazyLock::new(|| {
 });
 
 /// Linear light over encoded units, at all 256 encoded values.
-pub fn slopes() -> &'static [f32; 256] {
+pub fn derivatives() -> &'static [f32; 256] {
     &SLOPE
 }
 

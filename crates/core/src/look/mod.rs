@@ -21,7 +21,7 @@ const CLIPPED: u8 = 254;
 
 /// What is needed to cut an object out of a camera's picture.
 #[derive(Clone, Debug)]
-pub struct Cutting {
+pub struct Segmentation {
     /// The camera, of the size of its full picture.
     pub camera: Camera,
     /// The box in which the object is.
@@ -59,7 +59,7 @@ pub struct Outline {
 }
 
 /// Looks at a colour camera's picture. `cutting` is what it takes to cut the object out, or why that is not there.
-pub fn color(picture: &RgbImage, cutting: Result<&Cutting, String>) -> ColorLook {
+pub fn color(picture: &RgbImage, cutting: Result<&Segmentation, String>) -> ColorLook {
     let scale = scale_of(picture.width(), picture.height());
     let small = reduced(picture, scale);
     let (clipped_ppm, clipped) = clipped(picture, scale);
@@ -156,7 +156,7 @@ fn clipped(picture: &RgbImage, scale: usize) -> (u32, Mask) {
 }
 
 /// The silhouette in a small picture, with the settings for full ones.
-fn cut(small: &RgbImage, scale: usize, cutting: &Cutting) -> Result<Mask, String> {
+fn cut(small: &RgbImage, scale: usize, cutting: &Segmentation) -> Result<Mask, String> {
     let background = &cutting.background;
     let background_size = [background.width() / scale, background.height() / scale];
     if background_size != [small.width(), small.height()] {

@@ -40,7 +40,7 @@ fn with_object(part: PixelRect, blur: usize) -> RgbImage {
     picture
 }
 
-fn cutting() -> Cutting {
+fn cutting() -> Segmentation {
     let lens = Intrinsics::new(
         SIZE[0],
         SIZE[1],
@@ -49,7 +49,7 @@ fn cutting() -> Cutting {
         crate::calibration::Distortion::from_model("", &[]).unwrap(),
     );
     let pose = Isometry3::translation(0.0, 0.0, -1.0);
-    Cutting {
+    Segmentation {
         camera: Camera::new(CameraId::new("c00").unwrap(), lens.unwrap(), pose),
         volume: Volume::new(Point3::new(-0.6, -0.6, -0.05), Point3::new(0.6, 0.6, 0.05)).unwrap(),
         background: backdrop(),
@@ -104,7 +104,7 @@ fn without_an_object_or_what_it_takes_the_reason_is_told() {
     assert!(empty.contains("no object is found"), "{empty}");
     let none = color(&backdrop(), Err("no background pictures".into()));
     assert_eq!(none.outline.unwrap_err(), "no background pictures");
-    let other = Cutting {
+    let other = Segmentation {
         background: RgbImage::filled(640, 480, [0; 3]),
         ..cutting()
     };

@@ -2,7 +2,7 @@
 //! `Scene` for three dimensions; 3.0 knows the type `Model` and paints it on a canvas, which is what today's viewers
 //! of models read. A second canvas has a picture, for viewers of pictures. `docs/formats.md` has the reasons.
 
-use super::{Exhibit, LevelFile, Picture};
+use super::{LevelFile, Picture, PublishedObject};
 use crate::markup::{escaped, without_markup};
 use serde_json::{Value, json};
 
@@ -40,13 +40,13 @@ impl Address {
         }
     }
 
-    fn of(&self, exhibit: &Exhibit, name: &str) -> String {
+    fn of(&self, exhibit: &PublishedObject, name: &str) -> String {
         format!("{}objects/{}/{name}", self.0, exhibit.id)
     }
 }
 
 /// The manifest of an object: a canvas with the model, one with a picture, and all files for download.
-pub fn manifest(exhibit: &Exhibit, at: &Address) -> Value {
+pub fn manifest(exhibit: &PublishedObject, at: &Address) -> Value {
     let heading = without_markup(&exhibit.heading());
     let mut manifest = json!({
         "@context": CONTEXT,
@@ -78,8 +78,8 @@ pub fn manifest(exhibit: &Exhibit, at: &Address) -> Value {
 }
 
 /// The manifests of all objects.
-pub fn collection(exhibits: &[Exhibit], title: &str, at: &Address) -> Value {
-    let item = |exhibit: &Exhibit| {
+pub fn collection(exhibits: &[PublishedObject], title: &str, at: &Address) -> Value {
+    let item = |exhibit: &PublishedObject| {
         json!({
             "id": at.of(exhibit, "manifest.json"),
             "type": "Manifest",
@@ -96,7 +96,7 @@ pub fn collection(exhibits: &[Exhibit], title: &str, at: &Address) -> Value {
     })
 }
 
-fn canvases(exhibit: &Exhibit, at: &Address) -> Vec<Value> {
+fn canvases(exhibit: &PublishedObject, at: &Address) -> Vec<Value> {
     // What loads fast stands for the model; the others are offered beside it.
     let shown = exhibit
         .levels
@@ -127,21 +127,21 @@ fn canvases(exhibit: &Exhibit, at: &Address) -> Vec<Value> {
     bodies.into_iter().filter_map(canvas).collect()
 }
 
-fn model(exhibit: &Exhibit, at: &Address, level: &LevelFile) -> Value {
+fn model(exhibit: &PublishedObject, at: &Address, level: &LevelFile) -> Value {
     json!({
         "id": at.of(exhibit, &level.name), "type": "Model", "format": "model/gltf-binary",
         "label": { "en": [format!("Model, {} triangles", level.triangles)] },
     })
 }
 
-fn image(exhibit: &Exhibit, at: &Address, picture: &Picture) -> Value {
+fn image(exhibit: &PublishedObject, at: &Address, picture: &Picture) -> Value {
     json!({
         "id": at.of(exhibit, &picture.name), "type": "Image", "format": "image/jpeg",
         "width": picture.size.0, "height": picture.size.1,
     })
 }
 
-fn metadata(exhibit: &Exhibit) -> Vec<Value> {
+fn metadata(exhibit: &PublishedObject) -> Vec<Value> {
     let about = &exhibit.about;
     let size = exhibit.size_mm().map(|mm| format!("{mm:.0}")).join(" × ") + " mm";
     let verdict = exhibit.facts.level.map(|level| level.name().to_owned());

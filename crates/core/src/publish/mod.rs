@@ -84,7 +84,7 @@ pub struct Picture {
 
 /// A published model: everything that its page, its manifest and its scene say.
 #[derive(Clone, Debug)]
-pub struct Exhibit {
+pub struct PublishedObject {
     /// The name of its folder, of `a-z`, `0-9` and `-`.
     pub id: String,
     /// What is known of it and may be public ([`public`]).
@@ -101,7 +101,7 @@ pub struct Exhibit {
     pub thumbnail: Picture,
 }
 
-impl Exhibit {
+impl PublishedObject {
     /// The object in words: title and number, or that it has none.
     pub fn heading(&self) -> String {
         let known = [&self.about.title, &self.about.subject];

@@ -1,7 +1,7 @@
 //! The pages of a published folder: a gallery, and a page for each object. No script is written into a page, none
 //! comes from elsewhere, and a page without its viewer still shows a picture and the files.
 
-use super::{Exhibit, LevelFile};
+use super::{LevelFile, PublishedObject};
 use crate::level::Level;
 use crate::markup::escaped;
 use std::fmt::Write;
@@ -24,7 +24,7 @@ pub struct PageOptions<'a> {
 }
 
 /// The gallery, `index.html`.
-pub fn gallery(exhibits: &[Exhibit], options: PageOptions<'_>) -> String {
+pub fn gallery(exhibits: &[PublishedObject], options: PageOptions<'_>) -> String {
     let mut body = format!(
         "<h1>{}</h1>\n<ul class=\"gallery\">\n",
         escaped(options.title)
@@ -51,7 +51,7 @@ pub fn gallery(exhibits: &[Exhibit], options: PageOptions<'_>) -> String {
 }
 
 /// The page of an object, `objects/ID/index.html`.
-pub fn object_page(exhibit: &Exhibit, options: PageOptions<'_>) -> String {
+pub fn object_page(exhibit: &PublishedObject, options: PageOptions<'_>) -> String {
     let heading = exhibit.heading();
     let mut body = format!(
         "<p><a href=\"../../index.html\">{}</a></p>\n<h1 dir=\"auto\">{}</h1>\n",
@@ -82,7 +82,7 @@ fn page(title: &str, top: &str, body: &str, has_viewer: bool) -> String {
 }
 
 /// The picture and, where there is a viewer, what it needs: the levels of detail, the least detailed first.
-fn shown(exhibit: &Exhibit, has_viewer: bool) -> String {
+fn shown(exhibit: &PublishedObject, has_viewer: bool) -> String {
     let picture = format!(
         "<img class=\"picture\" src=\"{}\" alt=\"A picture of the model\" width=\"{}\" height=\"{}\">\n",
         exhibit.picture.name, exhibit.picture.size.0, exhibit.picture.size.1
@@ -115,7 +115,7 @@ fn bytes(bytes: usize) -> String {
     }
 }
 
-fn verdict(exhibit: &Exhibit) -> String {
+fn verdict(exhibit: &PublishedObject) -> String {
     let words = match exhibit.facts.level {
         Some(Level::Green) => "The program that made the model found no problem.",
         Some(Level::Amber) => "The model can be used, but a person should look at it.",
@@ -139,7 +139,7 @@ fn verdict(exhibit: &Exhibit) -> String {
     out
 }
 
-fn known(exhibit: &Exhibit) -> Vec<(&'static str, String)> {
+fn known(exhibit: &PublishedObject) -> Vec<(&'static str, String)> {
     let (about, facts) = (&exhibit.about, &exhibit.facts);
     let [width, depth, height] = exhibit.size_mm();
     let triangles = exhibit
@@ -199,7 +199,7 @@ fn table(caption: &str, rows: &[(&str, String)]) -> String {
     out + "</table>\n"
 }
 
-fn shares(exhibit: &Exhibit) -> String {
+fn shares(exhibit: &PublishedObject) -> String {
     let parts = exhibit.facts.shares.iter().filter(|part| part.share > 0.0);
     let row = |part: &super::Share| {
         format!(
@@ -233,7 +233,7 @@ fn provenance_words(name: &str) -> &str {
     }
 }
 
-fn notes(exhibit: &Exhibit) -> String {
+fn notes(exhibit: &PublishedObject) -> String {
     if exhibit.facts.notes.is_empty() {
         return String::new();
     }
@@ -242,7 +242,7 @@ fn notes(exhibit: &Exhibit) -> String {
     format!("<h2>Notes</h2>\n<ul>\n{items}</ul>\n")
 }
 
-fn files(exhibit: &Exhibit, options: PageOptions<'_>) -> String {
+fn files(exhibit: &PublishedObject, options: PageOptions<'_>) -> String {
     let mut out = "<h2>Files</h2>\n<ul>\n".to_owned();
     for level in &exhibit.levels {
         let _ = writeln!(
@@ -302,7 +302,7 @@ mod tests {
             title: HOSTILE,
             ..OPTIONS
         };
-        let pages = |exhibit: &Exhibit, options| {
+        let pages = |exhibit: &PublishedObject, options| {
             [
                 object_page(exhibit, options),
                 gallery(std::slice::from_ref(exhibit), options),

@@ -1,13 +1,13 @@
 //! The scene file of Smithsonian's Voyager (`scene.svx.json`, document version 1.0): one model with its levels of
 //! detail. `docs/formats.md` says where it is from.
 
-use super::{Exhibit, LevelFile};
+use super::{LevelFile, PublishedObject};
 use crate::markup::without_markup;
 use crate::output::y_up;
 use serde_json::{Value, json};
 
 /// The document. Its addresses are relative to its own place.
-pub fn scene(exhibit: &Exhibit) -> Value {
+pub fn scene(exhibit: &PublishedObject) -> Value {
     let heading = without_markup(&exhibit.heading());
     let about = &exhibit.about;
     let mut collection = json!({
@@ -66,7 +66,7 @@ fn derivative(level: &LevelFile) -> Value {
 }
 
 /// The box around the model in the file's frame, y up.
-fn corners(exhibit: &Exhibit) -> ([f32; 3], [f32; 3]) {
+fn corners(exhibit: &PublishedObject) -> ([f32; 3], [f32; 3]) {
     let turned = exhibit.bounds.map(y_up);
     let extreme =
         |of: fn(f32, f32) -> f32| [0, 1, 2].map(|axis| of(turned[0][axis], turned[1][axis]));

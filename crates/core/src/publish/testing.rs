@@ -1,6 +1,6 @@
 //! An exhibit for the tests of this room.
 
-use super::{Exhibit, Facts, LevelFile, Picture, Share};
+use super::{Facts, LevelFile, Picture, PublishedObject, Share};
 use crate::description::Description;
 use crate::level::Level;
 
@@ -25,7 +25,7 @@ pub(super) fn described() -> Description {
     }
 }
 
-pub(super) fn exhibit() -> Exhibit {
+pub(super) fn exhibit() -> PublishedObject {
     let level = |name: &str, quality, triangles| LevelFile {
         name: name.into(),
         quality,
@@ -37,7 +37,7 @@ pub(super) fn exhibit() -> Exhibit {
         size,
         bytes: 9000,
     };
-    Exhibit {
+    PublishedObject {
         id: "1884-3-0123abcd".into(),
         about: described(),
         facts: Facts {

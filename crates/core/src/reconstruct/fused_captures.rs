@@ -24,7 +24,7 @@ pub struct FusedCaptures {
     pub tables: Vec<Plane>,
     /// The depth views in the frames of their own captures' rigs, in the order of the scene's; empty where that is the
     /// scene's frame.
-    pub depths: Vec<DepthInItsRig>,
+    pub depths: Vec<DepthInRigFrame>,
     /// For each colour view, then each depth view, its rank in painting; empty where all are alike.
     pub ranks: Vec<u8>,
     /// For each colour view, then each depth view, the number of its capture; empty where there is one.
@@ -35,7 +35,7 @@ pub struct FusedCaptures {
 
 /// A depth view in its own rig's frame.
 #[derive(Clone, Debug)]
-pub struct DepthInItsRig {
+pub struct DepthInRigFrame {
     /// The view.
     pub view: DepthView,
     /// The box that bounds the object in that rig.

@@ -16,7 +16,7 @@ pub mod surface;
 pub mod texture;
 pub mod uncertainty;
 
-pub use fused_captures::{DepthInItsRig, FusedCaptures, MOST_CAPTURES};
+pub use fused_captures::{DepthInRigFrame, FusedCaptures, MOST_CAPTURES};
 pub use model::{Model, Provenance, Texture};
 pub use pipeline::{
     DepthResult, Error, Method, Parameters, Reconstruction, reconstruct, reconstruct_from,

@@ -293,7 +293,7 @@ fn faired_by_touch(
     parameters: &hull::Parameters,
 ) -> Result<(Faired, ExtractedSurface), fairing::Refusal> {
     use fairing::Refusal::{Open, OtherHandles, TooThin};
-    let faired = fairing::fair(hull, lattice, &extracted.surface.mesh, parameters)?;
+    let faired = fairing::fair_hull(hull, lattice, &extracted.surface.mesh, parameters)?;
     let surface = hull::extract_solid(&faired.body, lattice, parameters).ok_or(TooThin)?;
     if !check(&surface.surface.mesh).is_watertight() {
         return Err(Open);

@@ -56,7 +56,7 @@ impl Outline {
     /// nothing.
     pub(super) fn new(camera: &Camera, silhouette: &Silhouette) -> Option<Self> {
         let lens = &camera.intrinsics;
-        let level: &Mask = &silhouette.not_excluded();
+        let level: &Mask = &silhouette.possible_object();
         let unknown = silhouette.unknown.as_ref();
         let chains = contour::chains(&silhouette.level, unknown, silhouette.bounds);
         let mut segments = Vec::new();

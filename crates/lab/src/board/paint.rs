@@ -147,7 +147,7 @@ impl Painter {
     fn on_face(&self, direction: [f64; 2]) -> [f64; 2] {
         let ray = self.face_from_camera.rotation * Vector3::new(direction[0], direction[1], 1.0);
         let eye = Point3::from(self.face_from_camera.translation.vector);
-        self.surface.meet(eye, ray).unwrap_or([f64::NAN; 2])
+        self.surface.intersect(eye, ray).unwrap_or([f64::NAN; 2])
     }
 
     #[inline]

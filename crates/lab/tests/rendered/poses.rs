@@ -5,7 +5,8 @@ use scand_core::calibration::Camera;
 use scand_core::image::Mask;
 use scand_core::mesh::{Mesh, rasterize};
 use scand_lab::{
-    CaptureFault, ColorStation, Exchange, Options, OtherObject, Pose, Shape, Simulation, poses_json,
+    CaptureFault, Exchange, Options, OtherObject, Pose, Shape, SimulatedColorCamera, Simulation,
+    poses_json,
 };
 
 pub(crate) fn posed(shape: Shape, poses: &str, change: impl FnOnce(&mut Options)) -> Options {
@@ -168,7 +169,7 @@ fn a_prop_hides_a_part_of_the_object_from_some_cameras() {
     let hidden = |index: usize| {
         let mesh = moved(simulation.truth(), &simulation.rig_from_object(index));
         let stations = simulation.rig().colors.iter();
-        let hides = |s: &&ColorStation| {
+        let hides = |s: &&SimulatedColorCamera| {
             let mask = simulation.mask(index, s);
             let covered = covered(&s.actual, &mesh);
             let lost = mask.pixels().iter().zip(&covered);

@@ -34,7 +34,8 @@ impl CaptureThread {
         self.looking.turns.note(camera.clone(), now);
         let patience = self.plan.sync.window_ms + self.plan.capture.patience_ms as f64;
         if !self.has_memory_for_look(&camera) {
-            let words = "there is no memory for a look beside that of the next capture: raise capture.memory_mb";
+            let words =
+                "a look would take memory that the next capture needs: raise capture.memory_mb";
             self.show_reason(&camera, words.into());
         } else if !self
             .rig

@@ -152,7 +152,7 @@ impl CaptureThread {
             }
             Order::Reload(settings, answer) => {
                 self.reload(*settings);
-                answer(Ok("the settings that may change were read again".into()));
+                answer(Ok("the changed settings are in use".into()));
             }
         }
     }

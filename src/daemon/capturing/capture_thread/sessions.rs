@@ -58,7 +58,7 @@ impl CaptureThread {
             names::check_models(models, folder, name)?;
         }
         if let Some(jobs) = &self.plan.jobs
-            && jobs.has_of(name)
+            && jobs.has_jobs_of_session(name)
         {
             return Err(format!(
                 "models of an earlier session {name} are not made yet: choose another name, or \

@@ -114,7 +114,7 @@ impl Surface {
     /// The point of the board's description that a line of sight meets: `eye` and `ray` in the face's frame.
     /// `None` for a line that does not meet the sheet in front of the eye.
     #[inline]
-    pub fn meet(&self, eye: Point3<f64>, ray: Vector3<f64>) -> Option<[f64; 2]> {
+    pub fn intersect(&self, eye: Point3<f64>, ray: Vector3<f64>) -> Option<[f64; 2]> {
         let mut t = -eye.z / ray.z;
         if self.shape == BoardShape::default() {
             return (t > 0.0).then(|| [eye.x + t * ray.x, eye.y + t * ray.y]);
@@ -189,9 +189,9 @@ mod tests {
             let face = if back { Face::Back } else { Face::Front };
             let surface = Surface::new(&board(), face, BoardShape::of_terms([bend_x, bend_y, stretch]));
             let (eye, on_sheet) = (Point3::new(ex, ey, -ez), surface.point([x, y]));
-            let met = surface.meet(eye, 0.3 * (on_sheet - eye)).unwrap();
+            let met = surface.intersect(eye, 0.3 * (on_sheet - eye)).unwrap();
             prop_assert!((met[0] - x).abs() < 1e-9 && (met[1] - y).abs() < 1e-9, "{met:?}");
-            prop_assert!(surface.meet(eye, eye - on_sheet).is_none());
+            prop_assert!(surface.intersect(eye, eye - on_sheet).is_none());
         }
 
         #[test]

@@ -26,7 +26,7 @@ pub struct CoverageLimits {
     pub depths: [f64; 2],
     /// Length of the steps in which these distances should be seen, in metres.
     /// Default 0.15, range 0.01 to 20.
-    #[serde(deserialize_with = "range::from_a_hundredth::<_, _, 20>")]
+    #[serde(deserialize_with = "range::at_least_a_hundredth::<_, _, 20>")]
     pub depth_step: f64,
     /// Tilts against a depth camera, in degrees: it should see the board tilted by at most the first, and by at least
     /// the second. Default 15, 35.

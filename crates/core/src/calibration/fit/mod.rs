@@ -97,12 +97,12 @@ pub struct Parameters {
     /// How far, in millimetres, a board is expected to be bent along its rows and down its columns, as one standard
     /// deviation.
     /// Default 0.5, range 0.000001 to 100.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 100>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 100>")]
     pub bend_expected_mm: f64,
     /// By how many per cent squares are expected to be longer along the rows than their mean, as one standard
     /// deviation.
     /// Default 0.05, range 0.000001 to 10.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 10>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 10>")]
     pub stretch_expected_percent: f64,
 }
 

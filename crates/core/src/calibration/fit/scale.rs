@@ -20,11 +20,11 @@ pub struct ScaleWitnessLimits {
     pub nominal_slope: f64,
     /// Standard deviation of the factory's slope, as a share of it.
     /// Default 0.01, range 0.000001 to 1.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 1>")]
     pub slope_deviation: f64,
     /// Share by which a witness and the board's size may differ, however sure the witness is.
     /// Default 0.01, range 0.000001 to 1.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 1>")]
     pub tolerance: f64,
     /// Standard deviations by which they may differ.
     /// Default 2.5, range 0 to 1000.

@@ -105,7 +105,7 @@ impl<'a> Print<'a> {
         let pose = &self.camera_from_face;
         let ray = pose.inverse_transform_vector(&Vector3::new(direction.x, direction.y, 1.0));
         let eye = pose.inverse_transform_point(&Point3::origin());
-        self.surface.meet(eye, ray).map(Point2::from)
+        self.surface.intersect(eye, ray).map(Point2::from)
     }
 
     /// Pixels from a corner to the next one, in the direction in which they are nearest.

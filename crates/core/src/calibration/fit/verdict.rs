@@ -78,7 +78,7 @@ pub struct Limits {
     pub placements: usize,
     /// Standard deviation of a camera's focal length, as a share of it, above which a calibration is doubtful.
     /// Default 0.005, range 0.000001 to 1.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 1>")]
     pub focal_deviation: f64,
     /// Whether two cameras may look from one place in one direction, as behind a beam splitter. Default no.
     pub same_place: bool,

@@ -45,11 +45,11 @@ pub struct PlaneParameters {
     /// Standard deviation of a pixel's mean reading at 1 m, in metres; it grows with the square of
     /// the distance.
     /// Default 0.0015, range 0.000001 to 1.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 1>")]
     pub noise_at_1m: f64,
     /// Expected deviation of the scale s(z) from 1, and expected change of it per metre, as one standard deviation.
     /// Default 0.02, range 0.000001 to 1.
-    #[serde(deserialize_with = "range::from_a_millionth::<_, _, 1>")]
+    #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 1>")]
     pub scale_expected: f64,
     /// Number of neighbouring pixels that share one error, because the sensor matches windows.
     /// Default 100, range 1 to 1000000.

@@ -5,7 +5,7 @@ use crate::capture::CaptureFacts;
 use crate::frame::CameraId;
 use crate::reconstruct::hull::Plane;
 use crate::reconstruct::silhouette::Silhouette;
-use crate::reconstruct::{ColorView, DepthInItsRig, DepthView, FusedCaptures, Scene};
+use crate::reconstruct::{ColorView, DepthInRigFrame, DepthView, FusedCaptures, Scene};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A capture, read.
@@ -105,7 +105,7 @@ impl Merged {
                 camera: moved(&view.camera.camera, &pose, id, number),
                 response: view.camera.response,
             };
-            self.standing.depths.push(DepthInItsRig {
+            self.standing.depths.push(DepthInRigFrame {
                 view: view.clone(),
                 volume: scene.volume,
                 scene_from_rig: pose,

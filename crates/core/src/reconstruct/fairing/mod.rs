@@ -142,7 +142,7 @@ pub enum Refusal {
 ///
 /// # Errors
 /// Why nothing of it may be faired.
-pub fn fair(
+pub fn fair_hull(
     hull: &Hull,
     lattice: &Lattice,
     extracted: &Mesh,

@@ -105,7 +105,7 @@ fn faired(
         .unwrap()
         .surface
         .mesh;
-    let found = fair(&hull, &lattice, &plain, &parameters).map(|faired| {
+    let found = fair_hull(&hull, &lattice, &plain, &parameters).map(|faired| {
         let solid = hull::extract_solid(&faired.body, &lattice, &parameters).unwrap();
         (faired.facts, solid)
     });

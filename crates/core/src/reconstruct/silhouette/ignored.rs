@@ -85,7 +85,7 @@ impl Silhouette {
     }
 
     /// The level set, and 255 where it says nothing: what is 128 or more is not known to lie outside.
-    pub fn not_excluded(&self) -> Cow<'_, Mask> {
+    pub fn possible_object(&self) -> Cow<'_, Mask> {
         let Some(unknown) = &self.unknown else {
             return Cow::Borrowed(&self.level);
         };

@@ -139,7 +139,7 @@ impl Photometry {
         c: usize,
     ) -> f32 {
         let r = cells.region;
-        let (linear, slopes) = (srgb::linear_from_srgb(), srgb::slopes());
+        let (linear, slopes) = (srgb::linear_from_srgb(), srgb::derivatives());
         let mut differences = Vec::with_capacity(10_000);
         for y in (r.y0..r.y1).step_by((r.height() / 32).max(1)) {
             let is_seen = |x: &usize| {
@@ -162,7 +162,7 @@ impl Photometry {
 /// Linear light over encoded units at an encoded value.
 #[inline]
 fn slope(encoded: f32) -> f32 {
-    srgb::slopes()[(encoded + 0.5).clamp(0.0, 255.0) as usize]
+    srgb::derivatives()[(encoded + 0.5).clamp(0.0, 255.0) as usize]
 }
 
 /// Every how many columns and rows of a grid a sample makes about `samples`.

@@ -53,7 +53,11 @@ pub(super) fn exchanged(
         return None;
     }
     let cameras: Vec<&Camera> = scene.colors.iter().map(|view| &view.camera).collect();
-    let masks: Vec<Cow<'_, Mask>> = made.silhouettes.iter().map(|s| s.not_excluded()).collect();
+    let masks: Vec<Cow<'_, Mask>> = made
+        .silhouettes
+        .iter()
+        .map(|s| s.possible_object())
+        .collect();
     let masks: Vec<&Mask> = masks.iter().map(AsRef::as_ref).collect();
     let tried = candidates(scene, &cameras, &masks).into_par_iter();
     let tried = tried.flat_map_iter(|pair| [(pair, false), (pair, true)]);
