@@ -42,9 +42,9 @@ pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
             sessions.push((path, session, wanted));
         }
     }
-    let all = sessions.iter().flat_map(|(_, _, wanted)| wanted);
+    let mut all = sessions.iter().flat_map(|(_, _, wanted)| wanted);
     let mut ids = BTreeSet::new();
-    let is_apart = !all.fold(true, |once, id| ids.insert(id.to_string()) && once);
+    let is_apart = !all.all(|id| ids.insert(id.to_string()));
     let stem = |path: &Path| path.file_stem().unwrap_or_default().to_owned();
     let mut stems = BTreeSet::new();
     if let Some((path, _, _)) = sessions
