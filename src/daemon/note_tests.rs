@@ -137,3 +137,21 @@ fn a_note_on_a_capture_that_no_recording_has_changes_nothing() {
     closed.wait_for_jobs(1);
     assert!(!beside(&closed.recording).exists());
 }
+
+#[test]
+fn a_session_is_noted_and_never_rejected() {
+    let service = service(|_| ());
+    let heard = service.press_until_taken(None);
+    let Some(Reply::Durable { capture, .. }) = heard.last() else {
+        panic!("{heard:?}");
+    };
+    let session = capture.rsplit_once('-').unwrap().0;
+    let mut client = service.client();
+    let mut ask = |kind| replies(&mut client, &note_on(session, kind, "the lamp"));
+    let refused = ask("reject");
+    let [Reply::Refused { reason }] = &refused[..] else {
+        panic!("{refused:?}");
+    };
+    assert!(reason.contains("is the session"), "{reason}");
+    assert!(matches!(ask("text")[..], [Reply::Ok { .. }]));
+}

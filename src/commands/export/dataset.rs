@@ -42,9 +42,9 @@ pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
             sessions.push((path, session, wanted));
         }
     }
-    let all: Vec<&CaptureId> = sessions.iter().flat_map(|(_, _, wanted)| wanted).collect();
-    let ids: BTreeSet<&&CaptureId> = all.iter().collect();
-    let is_apart = ids.len() < all.len();
+    let mut all = sessions.iter().flat_map(|(_, _, wanted)| wanted);
+    let mut ids = BTreeSet::new();
+    let is_apart = !all.all(|id| ids.insert(id.to_string()));
     let stem = |path: &Path| path.file_stem().unwrap_or_default().to_owned();
     let mut stems = BTreeSet::new();
     if let Some((path, _, _)) = sessions
