@@ -233,20 +233,23 @@ pub(super) async fn stored_subjects(
     }
 }
 
-/// Asks a rig to offer failed jobs again: that of a capture, or all. Returns the rig's answer: how many.
+/// Asks a rig to offer failed jobs again: that of a capture, or all. Returns how many it offers.
 ///
 /// # Errors
-/// If the rig does not answer.
+/// If the rig does not answer, or cannot offer them.
 pub async fn retry(
     fleet: &FleetClient,
     rig: &str,
     capture: Option<&str>,
-) -> Result<String, String> {
+) -> Result<usize, String> {
     let rig = subjects::token(rig).map_err(|e| e.to_string())?;
     let wanted = Bytes::from(capture.unwrap_or_default().to_owned());
     let answer = fleet.client.request(subjects::retry(&rig), wanted).await;
     let answer = answer.map_err(|e| format!("rig {rig} does not answer: {e}"))?;
-    Ok(clean(&String::from_utf8_lossy(&answer.payload), 200))
+    let answer = clean(&String::from_utf8_lossy(&answer.payload), 200);
+    answer
+        .parse()
+        .map_err(|_| format!("rig {rig} cannot offer them again: {answer}"))
 }
 
 #[cfg(test)]
