@@ -237,11 +237,7 @@ pub(super) async fn stored_subjects(
 ///
 /// # Errors
 /// If the rig does not answer, or cannot offer them.
-pub async fn retry(
-    fleet: &FleetClient,
-    rig: &str,
-    capture: Option<&str>,
-) -> Result<usize, String> {
+pub async fn retry(fleet: &FleetClient, rig: &str, capture: Option<&str>) -> Result<usize, String> {
     let rig = subjects::token(rig).map_err(|e| e.to_string())?;
     let wanted = Bytes::from(capture.unwrap_or_default().to_owned());
     let answer = fleet.client.request(subjects::retry(&rig), wanted).await;

@@ -60,6 +60,8 @@ struct Ended {
     outcomes: Vec<Outcome>,
     /// Captures whose models were left for the next run.
     left: usize,
+    /// Recordings that were not even listed.
+    unlisted: usize,
     /// Differences between models that should be equal.
     defects: u64,
 }
@@ -95,9 +97,16 @@ impl FleetReplay<'_> {
             );
             return Ok(ExitCode::FAILURE);
         }
-        if ended.left > 0 {
+        if ended.left > 0 || ended.unlisted > 0 {
+            let unlisted = match ended.unlisted {
+                0 => String::new(),
+                all => format!(
+                    " and {} that scand did not open yet",
+                    count(all, "recording")
+                ),
+            };
             eprintln!(
-                "scand: stopped before all models were made; {} left: run the same command again",
+                "scand: stopped before all models were made; {}{unlisted} left: run the same command again",
                 count(ended.left, "capture")
             );
             return Ok(ExitCode::from(EXIT_INCOMPLETE));
@@ -123,7 +132,7 @@ impl FleetReplay<'_> {
             }
         });
         let listening = tokio::spawn(offers.clone().listen());
-        let (wanted, mut outcomes) = self.list(&offers).await;
+        let (wanted, mut outcomes, unlisted) = self.list(&offers).await;
         let all = wanted.len();
         let mut made = self.offer(&offers, wanted).await;
         stopping.abort();
@@ -134,20 +143,24 @@ impl FleetReplay<'_> {
         Ok(Ended {
             outcomes,
             left,
+            unlisted,
             defects: offers.defects(),
         })
     }
 
-    /// What is wanted, and the outcomes that are known without making anything.
-    async fn list(&self, offers: &Arc<Dispatcher>) -> (Vec<Wanted>, Vec<Outcome>) {
+    /// What is wanted, the outcomes that are known without making anything, and how many recordings were not listed
+    /// because the run is to end.
+    async fn list(&self, offers: &Arc<Dispatcher>) -> (Vec<Wanted>, Vec<Outcome>, usize) {
         let console = &self.0.console;
         let (mut wanted, mut outcomes) = (Vec::new(), Vec::new());
-        for (path, stem) in &self.0.recordings {
-            if offers.is_stopped() {
-                break;
-            }
+        let recordings = &self.0.recordings;
+        for (number, (path, stem)) in recordings.iter().enumerate() {
             let words = self.words_of_captures();
-            match self.child(offers, step::LIST, path, words).await {
+            let listed = self.child(offers, step::LIST, path, words).await;
+            if offers.is_stopped() {
+                return (wanted, outcomes, recordings.len() - number);
+            }
+            match listed {
                 Ok((
                     Listing {
                         wanted: all,
@@ -168,7 +181,7 @@ impl FleetReplay<'_> {
                 }
             }
         }
-        (wanted, outcomes)
+        (wanted, outcomes, 0)
     }
 
     /// The arguments that say which captures are wanted.
@@ -275,7 +288,9 @@ impl FleetReplay<'_> {
                 if offers.is_stopped() {
                     return None;
                 }
-                Some(self.make_here(offers, wanted).await)
+                let made = self.make_here(offers, wanted).await;
+                // The run ended it.
+                Some(made).filter(|made| made.is_done() || !offers.is_stopped())
             }
             JobOutcome::Withdrawn => None,
         }
