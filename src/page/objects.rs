@@ -55,7 +55,7 @@ impl Objects {
                     "folder": folder });
                 self.entry(subject).fused = Some((at, told));
             }
-            Event::RemakeResult {
+            Event::Remade {
                 capture,
                 verdict,
                 reasons,

@@ -65,7 +65,7 @@ impl Watch {
     fn note_made(&self, event: &Event) {
         let folder = match event {
             Event::Done { model, .. } => Some(model),
-            Event::Fused { model, .. } | Event::RemakeResult { model, .. } => model.as_ref(),
+            Event::Fused { model, .. } | Event::Remade { model, .. } => model.as_ref(),
             _ => None,
         };
         if let Some(named) = folder.and_then(|folder| folder_of(folder)) {

@@ -141,7 +141,7 @@ pub enum Event {
         model: Option<PathBuf>,
     },
     /// A capture's model was made again with other settings, or cannot be.
-    RemakeResult {
+    Remade {
         /// The capture.
         capture: String,
         /// How far the new model can be trusted; without it where there is none.

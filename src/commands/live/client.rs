@@ -386,13 +386,13 @@ fn words(event: &Event) -> String {
             "object {subject}: no model was made: {}",
             reasons.join("; ")
         ),
-        Event::RemakeResult {
+        Event::Remade {
             capture,
             verdict: Some(verdict),
             reasons,
             model: Some(model),
         } => done_words(&format!("{capture}, made again"), *verdict, reasons, model),
-        Event::RemakeResult {
+        Event::Remade {
             capture, reasons, ..
         } => format!("{capture}: it was not made again: {}", reasons.join("; ")),
         Event::Ok { words } | Event::Plates { words } => words.clone(),

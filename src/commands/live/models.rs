@@ -100,7 +100,7 @@ fn remade_event(RemakeResult { capture, model }: RemakeResult) -> Event {
         Ok(model) => (Some(model.verdict), model.reasons, Some(model.folder)),
         Err(reason) => (None, vec![reason], None),
     };
-    Event::RemakeResult {
+    Event::Remade {
         capture,
         verdict,
         reasons,
