@@ -89,7 +89,7 @@ fn a_server_with_little_storage_gets_smaller_streams_and_one_with_hardly_any_is_
     let words = said(&output);
     assert!(output.status.success(), "{words}");
     assert!(
-        words.contains("stream SCAND_CAPTURES has 500 MB of 4000 MB"),
+        words.contains("stream SCAND_CAPTURES has 500 MB instead of 4000 MB"),
         "{words}"
     );
     bench.kill_server();

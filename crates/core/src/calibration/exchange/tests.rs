@@ -143,7 +143,7 @@ fn what_is_wrong_is_named() {
         ),
         (
             kalibr.replace("radtan", "equidistant"),
-            "cam0: \"pinhole\" with \"equidistant\"",
+            "cam0: camera_model is \"pinhole\" with \"equidistant\"",
         ),
         (
             kalibr.replace("0.0, 0.0, 0.0, 1.0]", "0.0, 0.0, 1.0]"),
