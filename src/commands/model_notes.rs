@@ -32,8 +32,8 @@ pub(super) fn tell_not_found(not_found: &BTreeSet<String>, recordings: &Path) {
         n => format!(" and {}", count(n, "other recording")),
     };
     eprintln!(
-        "scand: notes that are newer than the reports were not read, because {} does not have {}{others}: give its folder \
-         with --recordings",
+        "scand: notes that are newer than the reports were not read, because the folder {} does not have {}{others}: give \
+         the right folder with --recordings",
         recordings.display(),
         printable(first)
     );
