@@ -387,7 +387,7 @@ fn a_model_of_several_captures_goes_with_them() {
     assert!(told.contains("1 object;"), "{told}");
     let told = desk.done(&["publish", "out", "-o", "blind", "--recordings", "site"]);
     assert!(
-        told.contains("were not read, because site does not have ball.mcap"),
+        told.contains("were not read, because the folder site does not have ball.mcap"),
         "{told}"
     );
 }
