@@ -5,7 +5,8 @@
 # 500 MB. SCAND names the program. INTEROP=all also runs readers that are larger (large.sh).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-here=tests/interop
+root=$PWD
+here=$root/tests/interop
 environment=target/interop/environment
 work=target/interop/work
 scand=$(realpath "${SCAND:-target/release/scand}")
@@ -42,7 +43,7 @@ mkdir -p $work
 cd $work
 python=../environment/bin/python
 "$scand" simulate --shape cup --textured --cameras 8 --size 640x480 --encoding jpeg --captures 2 --out plain.mcap
-"$python" ../../../$here/entitle.py plain.mcap cup.mcap
+"$python" $here/entitle.py plain.mcap cup.mcap
 rm plain.mcap
 "$scand" note cup-000 accept --author Zacharias --recording cup.mcap
 "$scand" replay cup.mcap -q
@@ -56,8 +57,8 @@ for program in colmap nerfstudio openmvs; do
 	"$scand" export cup.mcap --dataset $program --model out -o $program
 done
 "$scand" publish out --recordings . --address https://museum.example/3d -o site
-"$python" ../../../$here/check.py .
-cd ../../..
+"$python" $here/check.py .
+cd "$root"
 version=$("$scand" --version)
 if [[ $version == *aravis* && $version == *openni2* ]]; then
 	SCAND=$scand PYTHON=$(realpath -s target/interop/environment/bin/python) $here/press.sh target/interop/press
