@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
 """Measures what a fleet costs on this machine: processor time, bytes on the wire and wall time for the same captures made
 locally, by one worker and by two, in alternating order. Packing, hashing, checking and committing are counted; the
-server's time is stated apart. Where two processors are busy at once, each does less in a second of its time than one alone,
-so that one worker is compared with a replay of one capture at a time, and two with one of two at a time. Prints a line
-for each run, then the best run of each way, and how long it takes until the model of a capture is heard of when no other
-one waits.
+server's time is stated apart. One worker is compared with a replay of one capture at a time, and two with one of two at a
+time. Prints a line for each run, then the best run of each way, and how long it takes until the model of a capture is
+heard of when no other one waits.
 
     scripts/fleet-bench.py [--captures 100] [--rounds 3] [--size 1280x960] [--scand target/release/scand]
 
