@@ -6,8 +6,12 @@ use super::desk::{Desk, said};
 use crate::support::dice::Dice;
 use crate::support::program::scand;
 use crate::support::torture::{self, times};
+use scand::capture::CaptureSession;
+use scand::config::Config;
+use scand::frame::CaptureId;
+use scand::make_model::{ModelMaker, Outcome, Settings};
 use std::collections::BTreeMap;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
@@ -55,6 +59,45 @@ fn replay(recording: &Path, out: &Path) -> Command {
         .stdout(Stdio::null())
         .stderr(Stdio::piped());
     command
+}
+
+#[test]
+fn a_model_that_another_process_puts_into_place_meanwhile_stays() {
+    let set = ["hull.resolution=30", "sync.min_depth_frames=1"].map(String::from);
+    let config = Config::load(None, &set).unwrap();
+    let settings = Settings {
+        reconstruction: config.reconstruction(),
+        verdict: config.verdict.clone(),
+        glb: config.glb.clone(),
+        text: config.replay_toml().unwrap(),
+    };
+    let session = CaptureSession::open(&small(), &config.sync).unwrap();
+    let id = session.captures()[0].id.clone();
+    let home = tempfile::tempdir().unwrap();
+    let make = |on_stage: &(dyn Fn(&CaptureId, &str) + Sync)| {
+        let maker = ModelMaker {
+            settings: &settings,
+            calibration: None,
+            force: false,
+            folder: home.path().to_owned(),
+            on_stage,
+        };
+        maker.make(&session, &id)
+    };
+    let inode = || {
+        let model = home.path().join(id.as_str()).join("model.glb");
+        std::fs::metadata(model).unwrap().ino()
+    };
+    let placed = Mutex::new(None);
+    let other = |_: &CaptureId, stage: &str| {
+        if stage == "files" {
+            assert!(matches!(make(&|_, _| ()), Outcome::Made { .. }));
+            *placed.lock().unwrap() = Some(inode());
+        }
+    };
+    assert!(matches!(make(&other), Outcome::Unchanged { .. }));
+    assert_eq!(placed.into_inner().unwrap(), Some(inode()));
+    assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 1);
 }
 
 /// The files of each capture below `out`, by their names, a report without what may differ between two runs; only those

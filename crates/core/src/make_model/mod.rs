@@ -140,7 +140,7 @@ impl ModelMaker<'_> {
             return Ok(Outcome::Unchanged { model, damaged });
         }
         // What is there now may be replaced: a model by force, or the report of a failure.
-        let replace = folder.exists();
+        let replace = self.force || folder.exists();
         let reconstruction =
             reconstruct::reconstruct(&scene, &self.settings.reconstruction, &timer)?;
         timer.begin("report");
@@ -155,16 +155,12 @@ impl ModelMaker<'_> {
         let path = session.recording().path();
         let origin = failure::origin(path, self.settings.reconstruction.method, &digest);
         let verdict = match self.write((&folder, replace), made, &origin, &timer) {
-            Ok(verdict) => verdict,
-            Err(error) => {
-                // Another process may have made it meanwhile.
-                return match self.unchanged(&folder, &digest) {
-                    Ok(Some(model)) if error.is_taken() => {
-                        Ok(Outcome::Unchanged { model, damaged })
-                    }
-                    _ => Err(error),
-                };
+            // Another process has made it meanwhile.
+            Err(error) if error.is_taken() => {
+                let model = self.unchanged(&folder, &digest)?.ok_or(error)?;
+                return Ok(Outcome::Unchanged { model, damaged });
             }
+            made => made?,
         };
         Ok(Outcome::Made {
             model: Model {

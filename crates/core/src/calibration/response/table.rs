@@ -94,7 +94,9 @@ fn row(line: &str) -> Result<Measurement, String> {
     let parts: Vec<&str> = parts.collect();
     if !(2..=3).contains(&parts.len()) {
         let found = parts.len();
-        return Err(format!("found {found}, expected {COLUMNS}"));
+        return Err(format!(
+            "the number of columns is {found}, expected {COLUMNS}"
+        ));
     }
     let number = |k: usize, what: &str| {
         let Some(text) = parts.get(k) else {
@@ -143,7 +145,10 @@ mod tests {
     fn what_is_wrong_is_named_with_its_line() {
         for (text, named) in [
             ("0.9, 231\n1.8, x", "line 2: depth is \"x\""),
-            ("0.9", "line 1: found 1, expected distance"),
+            (
+                "0.9",
+                "line 1: the number of columns is 1, expected distance",
+            ),
             ("0.9, 1\n\n-1, 2", "line 3: distance is -1 m"),
             ("0.9, 1, 2\n1.8, 2", "1 of 2 rows have a width"),
             ("0.9, inf", "depth is \"inf\""),
