@@ -1,5 +1,5 @@
-//! `scand fleet-step`, which only the processes of a fleet call: packs one capture, makes its model, or checks a result
-//! and puts it into place, each in a confined process without network.
+//! `scand fleet-step`, which only the processes of a fleet call: finds or lists a recording, packs one capture, makes
+//! its model, or checks a result and puts it into place, each in a confined process without network.
 
 use crate::capture::CaptureSession;
 use crate::commands::confined::ConfinementArgs;

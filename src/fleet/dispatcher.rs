@@ -4,6 +4,7 @@
 use super::bundle::contents_sha256;
 use super::connection::FleetClient;
 use super::job::{self, Heartbeat, JobReport};
+use super::job_state::has_model;
 use super::process_folder::ProcessFolder;
 use super::program::Program;
 use super::subjects;
@@ -19,6 +20,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::task::spawn_blocking;
 
 /// Messages about one job that are kept until it reads them; it asks the server for more.
 const MESSAGES: usize = 32;
@@ -334,9 +336,13 @@ impl Dispatcher {
         let Some(target) = target else {
             return;
         };
-        let there = tokio::task::spawn_blocking(move || contents_sha256(&target)).await;
-        match there {
-            Ok(Ok(known)) => self.compare(digest, &known, reported).await,
+        let there = spawn_blocking(move || {
+            has_model(&target)
+                .then(|| contents_sha256(&target).ok())
+                .flatten()
+        });
+        match there.await {
+            Ok(Some(known)) => self.compare(digest, &known, reported).await,
             // There is no model to compare it with.
             _ => self.erase_result(digest, reported).await,
         }

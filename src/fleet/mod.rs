@@ -1,7 +1,7 @@
 //! Models on other machines: offers captures to workers through a NATS server with JetStream, does such jobs, and takes
 //! their results in. A capture travels as a small recording, and a result as a bundle of files with fixed names. The
-//! process with the connection opens neither: confined children pack, make, and check (`step`). Nothing here knows how
-//! a model is made. design/fleet.md has the reasons.
+//! process with the connection opens neither: confined children list, pack, make and check (`step`). Nothing here knows
+//! how a model is made. design/fleet.md has the reasons.
 
 mod bundle;
 mod commit;

@@ -41,8 +41,13 @@ impl ModelOrigin {
     pub fn write(&self, target: &Path) -> Result<(), storage::Error> {
         let bytes = serde_json::to_vec(self).unwrap_or_default();
         write_atomically(&Self::path(target), &bytes)?;
-        let _ = std::fs::remove_file(Self::announced_path(target));
+        Self::withdraw(target);
         Ok(())
+    }
+
+    /// Takes back what was announced: no model was put into place.
+    pub fn withdraw(target: &Path) {
+        let _ = std::fs::remove_file(Self::announced_path(target));
     }
 
     /// Notes what will be known of a model that is about to be put into place.
@@ -64,7 +69,7 @@ impl ModelOrigin {
         let there = contents_sha256(target).ok();
         match announced.filter(|origin| there.as_ref() == Some(&origin.contents_sha256)) {
             Some(origin) => drop(origin.write(target)),
-            None => drop(std::fs::remove_file(&path)),
+            None => Self::withdraw(target),
         }
     }
 

@@ -144,6 +144,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 }
             };
             let code = ended.code.and_then(|code| u8::try_from(code).ok());
+            if !matches!(code, Some(0 | EXIT_EQUAL)) {
+                ModelOrigin::withdraw(&self.task.target);
+            }
             return match code {
                 Some(0 | EXIT_EQUAL) => self.is_in_place(offer, made_of, worker, contents).await,
                 Some(EXIT_DIFFERS) => self.differs(offer, worker, contents).await,
@@ -181,6 +184,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         self.offers.note_committed(&offer.digest, contents);
         if has_model(&self.task.target) {
             self.note(&self.origin(offer, made_of, worker, contents));
+        } else {
+            // It is the report of a failure.
+            ModelOrigin::withdraw(&self.task.target);
         }
         // Another result of this worker may have been found wrong while this one was put into place.
         if self.offers.is_distrusted(worker) {

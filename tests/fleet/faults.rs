@@ -175,6 +175,10 @@ fn rubbish_that_a_worker_sends_is_refused_three_times_and_never_put_into_place()
         "{files:?}"
     );
     assert!(!bench.path("evil").exists());
+    // Whose model it would have been is taken back.
+    let beside = std::fs::read_dir(folder.parent().unwrap()).unwrap();
+    let beside: Vec<_> = beside.map(|f| f.unwrap().file_name()).collect();
+    assert_eq!(beside, ["ball-000"]);
 }
 
 /// Plays a worker that answers each offer with what is no result.
