@@ -24,6 +24,11 @@ const MAGIC: &[u8] = b"scand bundle 1\n";
 /// Pictures are packed already, and vertices hardly shrink: faster than the fastest ordinary level, and 8 % larger.
 const LEVEL: i32 = -1;
 
+/// Whether a folder holds a model, and not the report of a failure.
+pub(super) fn has_model(target: &Path) -> bool {
+    target.join("model.glb").exists()
+}
+
 /// Why a bundle cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]

@@ -1,9 +1,10 @@
 //! What happens to one job, from a capture in a recording to a result in its folder: packed, offered, waited for, taken
 //! in, and offered again whenever the server has lost it or its worker has failed.
 
+use super::bundle::has_model;
 use super::dispatcher::{Dispatcher, JobEvent, JobMessage, JobOutcome, Started, Task};
 use super::job::{JobOffer, JobReport};
-use super::job_state::{JobState, Received, has_model};
+use super::job_state::{JobState, Received};
 use super::model_origin::ModelOrigin;
 use super::step::Packed;
 use super::store::ServerError;

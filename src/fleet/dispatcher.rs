@@ -1,10 +1,9 @@
 //! The side that offers jobs, a rig or the replay of an archive: what its jobs share. It hears what workers say, hands
 //! it to the job that it is about, and compares results that come once more. `dispatch_job` brings one job to its end.
 
-use super::bundle::contents_sha256;
+use super::bundle::{contents_sha256, has_model};
 use super::connection::FleetClient;
 use super::job::{self, Heartbeat, JobReport};
-use super::job_state::has_model;
 use super::process_folder::ProcessFolder;
 use super::program::Program;
 use super::subjects;

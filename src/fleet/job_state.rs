@@ -178,8 +178,3 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
         )
     }
 }
-
-/// Whether a folder holds a model, and not the report of a failure.
-pub(super) fn has_model(target: &Path) -> bool {
-    target.join("model.glb").exists()
-}

@@ -1,11 +1,11 @@
 //! Takes a result in: fetches it, lets a child check it and put it into place, and makes a share of the models again to
 //! compare them.
 
-use super::bundle::stated_contents;
+use super::bundle::{has_model, stated_contents};
 use super::dispatcher::{JobEvent, JobOutcome};
 use super::distrust::{MARK, mark_all};
 use super::job::{JobOffer, JobReport};
-use super::job_state::{JobState, Received, has_model};
+use super::job_state::{JobState, Received};
 use super::model_origin::ModelOrigin;
 use super::step::{BUNDLE, EXIT_DIFFERS, EXIT_EQUAL, EXIT_REFUSED};
 use super::subjects::{self, RESULTS};
