@@ -1,7 +1,7 @@
 //! `scand publish`: a static folder for a web server, made of models: a gallery, a page for each object with a viewer,
 //! levels of detail, and the files that other programs read. This file has the arguments and writes the folder.
 
-mod exhibit;
+mod published_object;
 mod viewer;
 
 use super::export::find_models;
@@ -12,7 +12,7 @@ use crate::publish::{
 use crate::storage::StagedFolder;
 use crate::words::{closest, count, shell_word};
 use anyhow::Context;
-use exhibit::{Made, make};
+use published_object::{Made, make};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -74,7 +74,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         has_viewer: viewer::script().is_some(),
         has_manifests: args.address.is_some(),
     };
-    let mut exhibits = Vec::new();
+    let mut objects = Vec::new();
     let mut not_found = BTreeSet::new();
     let mut ids = BTreeSet::new();
     let mut failed = 0;
@@ -97,39 +97,39 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             );
             continue;
         };
-        let Made { exhibit, files, .. } = made;
+        let Made { object, files, .. } = made;
         not_found.extend(made.not_found);
-        if !ids.insert(exhibit.id.clone()) {
+        if !ids.insert(object.id.clone()) {
             return Err(wrong_usage(format!(
                 "{}: the model of this capture was named before: name one of them",
                 path.display()
             )));
         }
-        let place = format!("objects/{}", exhibit.id);
+        let place = format!("objects/{}", object.id);
         for (name, bytes) in &files {
             folder.write(&format!("{place}/{name}"), bytes)?;
         }
-        folder.write(&format!("{place}/scene.svx.json"), &json(&scene(&exhibit))?)?;
+        folder.write(&format!("{place}/scene.svx.json"), &json(&scene(&object))?)?;
         if let Some(at) = &args.address {
             folder.write(
                 &format!("{place}/manifest.json"),
-                &json(&manifest(&exhibit, at))?,
+                &json(&manifest(&object, at))?,
             )?;
         }
         folder.write(
             &format!("{place}/index.html"),
-            object_page(&exhibit, options).as_bytes(),
+            object_page(&object, options).as_bytes(),
         )?;
         outln!("{}: {place}", path.display());
-        exhibits.push(exhibit);
+        objects.push(object);
     }
-    anyhow::ensure!(!exhibits.is_empty(), "nothing is left to publish");
+    anyhow::ensure!(!objects.is_empty(), "nothing is left to publish");
     folder.write(MARK, STYLE.as_bytes())?;
-    folder.write("index.html", gallery(&exhibits, options).as_bytes())?;
+    folder.write("index.html", gallery(&objects, options).as_bytes())?;
     if let Some(at) = &args.address {
         folder.write(
             "collection.json",
-            &json(&collection(&exhibits, &args.title, at))?,
+            &json(&collection(&objects, &args.title, at))?,
         )?;
     }
     for (name, bytes) in [
@@ -142,7 +142,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     folder.commit(args.force)?;
     model_notes::tell_not_found(&not_found, &args.recordings);
-    print_result(&args, exhibits.len());
+    print_result(&args, objects.len());
     Ok(match failed {
         0 => ExitCode::SUCCESS,
         _ => ExitCode::from(EXIT_INCOMPLETE),

@@ -40,33 +40,33 @@ impl Address {
         }
     }
 
-    fn of(&self, exhibit: &PublishedObject, name: &str) -> String {
-        format!("{}objects/{}/{name}", self.0, exhibit.id)
+    fn of(&self, object: &PublishedObject, name: &str) -> String {
+        format!("{}objects/{}/{name}", self.0, object.id)
     }
 }
 
 /// The manifest of an object: a canvas with the model, one with a picture, and all files for download.
-pub fn manifest(exhibit: &PublishedObject, at: &Address) -> Value {
-    let heading = without_markup(&exhibit.heading());
+pub fn manifest(object: &PublishedObject, at: &Address) -> Value {
+    let heading = without_markup(&object.heading());
     let mut manifest = json!({
         "@context": CONTEXT,
-        "id": at.of(exhibit, "manifest.json"),
+        "id": at.of(object, "manifest.json"),
         "type": "Manifest",
         "label": { "none": [heading] },
-        "metadata": metadata(exhibit),
-        "thumbnail": [image(exhibit, at, &exhibit.thumbnail)],
+        "metadata": metadata(object),
+        "thumbnail": [image(object, at, &object.thumbnail)],
         "homepage": [{
-            "id": at.of(exhibit, "index.html"), "type": "Text", "format": "text/html",
+            "id": at.of(object, "index.html"), "type": "Text", "format": "text/html",
             "label": { "en": ["Page of the object"] },
         }],
-        "rendering": exhibit.levels.iter().map(|level| model(exhibit, at, level)).collect::<Vec<_>>(),
+        "rendering": object.levels.iter().map(|level| model(object, at, level)).collect::<Vec<_>>(),
         "seeAlso": [{
-            "id": at.of(exhibit, "scene.svx.json"), "type": "Dataset", "format": "application/json",
+            "id": at.of(object, "scene.svx.json"), "type": "Dataset", "format": "application/json",
             "label": { "en": ["Scene for Smithsonian Voyager"] },
         }],
-        "items": canvases(exhibit, at),
+        "items": canvases(object, at),
     });
-    if let Some(rights) = &exhibit.about.rights {
+    if let Some(rights) = &object.about.rights {
         manifest["requiredStatement"] =
             json!({ "label": { "en": ["Rights"] }, "value": { "none": [value(rights)] } });
         let is_address = rights.chars().all(|c| c.is_ascii_graphic());
@@ -78,13 +78,13 @@ pub fn manifest(exhibit: &PublishedObject, at: &Address) -> Value {
 }
 
 /// The manifests of all objects.
-pub fn collection(exhibits: &[PublishedObject], title: &str, at: &Address) -> Value {
-    let item = |exhibit: &PublishedObject| {
+pub fn collection(objects: &[PublishedObject], title: &str, at: &Address) -> Value {
+    let item = |object: &PublishedObject| {
         json!({
-            "id": at.of(exhibit, "manifest.json"),
+            "id": at.of(object, "manifest.json"),
             "type": "Manifest",
-            "label": { "none": [without_markup(&exhibit.heading())] },
-            "thumbnail": [image(exhibit, at, &exhibit.thumbnail)],
+            "label": { "none": [without_markup(&object.heading())] },
+            "thumbnail": [image(object, at, &object.thumbnail)],
         })
     };
     json!({
@@ -92,29 +92,26 @@ pub fn collection(exhibits: &[PublishedObject], title: &str, at: &Address) -> Va
         "id": format!("{}collection.json", at.0),
         "type": "Collection",
         "label": { "none": [without_markup(title)] },
-        "items": exhibits.iter().map(item).collect::<Vec<_>>(),
+        "items": objects.iter().map(item).collect::<Vec<_>>(),
     })
 }
 
-fn canvases(exhibit: &PublishedObject, at: &Address) -> Vec<Value> {
+fn canvases(object: &PublishedObject, at: &Address) -> Vec<Value> {
     // What loads fast stands for the model; the others are offered beside it.
-    let shown = exhibit
-        .levels
-        .iter()
-        .find(|level| level.quality == "Medium");
+    let shown = object.levels.iter().find(|level| level.quality == "Medium");
     let shown = shown
-        .or(exhibit.levels.first())
-        .map(|level| model(exhibit, at, level));
-    let picture = image(exhibit, at, &exhibit.picture);
+        .or(object.levels.first())
+        .map(|level| model(object, at, level));
+    let picture = image(object, at, &object.picture);
     let bodies = [
         ("model", "The model", shown),
         ("picture", "A picture of the model", Some(picture)),
     ];
     let canvas = |(name, label, body): (&str, &str, Option<Value>)| {
-        let id = at.of(exhibit, &format!("canvas/{name}"));
+        let id = at.of(object, &format!("canvas/{name}"));
         Some(json!({
             "id": id, "type": "Canvas", "label": { "en": [label] },
-            "width": exhibit.picture.size.0, "height": exhibit.picture.size.1,
+            "width": object.picture.size.0, "height": object.picture.size.1,
             "items": [{
                 "id": format!("{id}/page"), "type": "AnnotationPage",
                 "items": [{
@@ -127,24 +124,24 @@ fn canvases(exhibit: &PublishedObject, at: &Address) -> Vec<Value> {
     bodies.into_iter().filter_map(canvas).collect()
 }
 
-fn model(exhibit: &PublishedObject, at: &Address, level: &LevelFile) -> Value {
+fn model(object: &PublishedObject, at: &Address, level: &LevelFile) -> Value {
     json!({
-        "id": at.of(exhibit, &level.name), "type": "Model", "format": "model/gltf-binary",
+        "id": at.of(object, &level.name), "type": "Model", "format": "model/gltf-binary",
         "label": { "en": [format!("Model, {} triangles", level.triangles)] },
     })
 }
 
-fn image(exhibit: &PublishedObject, at: &Address, picture: &Picture) -> Value {
+fn image(object: &PublishedObject, at: &Address, picture: &Picture) -> Value {
     json!({
-        "id": at.of(exhibit, &picture.name), "type": "Image", "format": "image/jpeg",
+        "id": at.of(object, &picture.name), "type": "Image", "format": "image/jpeg",
         "width": picture.size.0, "height": picture.size.1,
     })
 }
 
-fn metadata(exhibit: &PublishedObject) -> Vec<Value> {
-    let about = &exhibit.about;
-    let size = exhibit.size_mm().map(|mm| format!("{mm:.0}")).join(" × ") + " mm";
-    let verdict = exhibit.facts.level.map(|level| level.name().to_owned());
+fn metadata(object: &PublishedObject) -> Vec<Value> {
+    let about = &object.about;
+    let size = object.size_mm().map(|mm| format!("{mm:.0}")).join(" × ") + " mm";
+    let verdict = object.facts.level.map(|level| level.name().to_owned());
     let pairs = [
         ("Number", about.subject.clone()),
         ("Title", about.title.clone()),
@@ -174,7 +171,7 @@ fn value(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{HOSTILE, exhibit};
+    use super::super::testing::{HOSTILE, object};
     use super::*;
 
     fn at() -> Address {
@@ -199,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_manifest_paints_the_model_and_a_picture_and_offers_each_level() {
-        let manifest = manifest(&exhibit(), &at());
+        let manifest = manifest(&object(), &at());
         let folder = "https://museum.example/3d/objects/1884-3-0123abcd/";
         assert_eq!(manifest["id"], format!("{folder}manifest.json"));
         let body = |i: usize| manifest["items"][i]["items"][0]["items"][0]["body"].clone();
@@ -208,21 +205,21 @@ mod tests {
         assert_eq!(body(1)["type"], "Image");
         assert_eq!(manifest["rendering"].as_array().unwrap().len(), 3);
         assert!(manifest.get("rights").is_none(), "CC0 is no address");
-        let mut licensed = exhibit();
+        let mut licensed = object();
         licensed.about.rights = Some("http://creativecommons.org/publicdomain/zero/1.0/".into());
         let licensed = super::manifest(&licensed, &at());
         assert_eq!(
             licensed["rights"],
             "http://creativecommons.org/publicdomain/zero/1.0/"
         );
-        let collection = collection(&[exhibit()], "All", &at());
+        let collection = collection(&[object()], "All", &at());
         assert_eq!(collection["items"][0]["id"], manifest["id"]);
     }
 
     #[test]
     fn no_text_of_a_recording_is_markup_in_a_manifest() {
-        let mut exhibit = exhibit();
-        let about = &mut exhibit.about;
+        let mut object = object();
+        let about = &mut object.about;
         for text in [
             &mut about.subject,
             &mut about.title,
@@ -232,8 +229,8 @@ mod tests {
             *text = Some(HOSTILE.into());
         }
         for json in [
-            manifest(&exhibit, &at()),
-            collection(&[exhibit], HOSTILE, &at()),
+            manifest(&object, &at()),
+            collection(&[object], HOSTILE, &at()),
         ] {
             let text = json
                 .to_string()

@@ -121,7 +121,7 @@ impl PublishedObject {
 
 /// The name of a model's folder: its number, as far as an address can hold it, and what tells its capture from
 /// others. It depends on the recording alone, so an address stays valid when the folder is made again.
-pub fn exhibit_id(about: &Description) -> String {
+pub fn object_id(about: &Description) -> String {
     let letter = |c: char| match c.to_ascii_lowercase() {
         c if c.is_ascii_alphanumeric() => c,
         _ => '-',
@@ -164,7 +164,7 @@ pub fn public(about: &Description, id: &str, with: &BTreeSet<Extra>) -> Descript
 
 #[cfg(test)]
 mod tests {
-    use super::testing::{HOSTILE, described, exhibit};
+    use super::testing::{HOSTILE, described, object};
     use super::*;
 
     #[test]
@@ -180,7 +180,7 @@ mod tests {
                 subject: number.map(str::to_owned),
                 ..described()
             };
-            assert_eq!(exhibit_id(&about), id);
+            assert_eq!(object_id(&about), id);
         }
     }
 
@@ -210,12 +210,12 @@ mod tests {
 
     #[test]
     fn a_heading_says_what_is_known() {
-        let mut exhibit = exhibit();
-        assert_eq!(exhibit.heading(), "A cup, 1884.3");
-        exhibit.about.title = None;
-        exhibit.about.subject = None;
-        assert!(exhibit.heading().contains("without a number"));
-        let [width, depth, height] = exhibit.size_mm();
+        let mut object = object();
+        assert_eq!(object.heading(), "A cup, 1884.3");
+        object.about.title = None;
+        object.about.subject = None;
+        assert!(object.heading().contains("without a number"));
+        let [width, depth, height] = object.size_mm();
         assert!((width - 80.0).abs() < 0.01 && (depth - 60.0).abs() < 0.01);
         assert!((height - 100.0).abs() < 0.01);
     }

@@ -24,23 +24,23 @@ pub struct PageOptions<'a> {
 }
 
 /// The gallery, `index.html`.
-pub fn gallery(exhibits: &[PublishedObject], options: PageOptions<'_>) -> String {
+pub fn gallery(objects: &[PublishedObject], options: PageOptions<'_>) -> String {
     let mut body = format!(
         "<h1>{}</h1>\n<ul class=\"gallery\">\n",
         escaped(options.title)
     );
-    for exhibit in exhibits {
-        let [width, depth, height] = exhibit.size_mm();
+    for object in objects {
+        let [width, depth, height] = object.size_mm();
         let _ = writeln!(
             body,
             "<li><a href=\"objects/{id}/index.html\"><img src=\"objects/{id}/{picture}\" alt=\"\" width=\"{}\" height=\"{}\" \
              loading=\"lazy\"><span dir=\"auto\">{heading}</span></a> <span class=\"quiet\">{width:.0} × {depth:.0} × {height:.0} mm\
              </span></li>",
-            exhibit.thumbnail.size.0,
-            exhibit.thumbnail.size.1,
-            id = exhibit.id,
-            picture = exhibit.thumbnail.name,
-            heading = escaped(&exhibit.heading()),
+            object.thumbnail.size.0,
+            object.thumbnail.size.1,
+            id = object.id,
+            picture = object.thumbnail.name,
+            heading = escaped(&object.heading()),
         );
     }
     body += "</ul>\n";
@@ -51,19 +51,19 @@ pub fn gallery(exhibits: &[PublishedObject], options: PageOptions<'_>) -> String
 }
 
 /// The page of an object, `objects/ID/index.html`.
-pub fn object_page(exhibit: &PublishedObject, options: PageOptions<'_>) -> String {
-    let heading = exhibit.heading();
+pub fn object_page(object: &PublishedObject, options: PageOptions<'_>) -> String {
+    let heading = object.heading();
     let mut body = format!(
         "<p><a href=\"../../index.html\">{}</a></p>\n<h1 dir=\"auto\">{}</h1>\n",
         escaped(options.title),
         escaped(&heading)
     );
-    body += &shown(exhibit, options.has_viewer);
-    body += &verdict(exhibit);
-    body += &table("The object and its model", &known(exhibit));
-    body += &shares(exhibit);
-    body += &notes(exhibit);
-    body += &files(exhibit, options);
+    body += &shown(object, options.has_viewer);
+    body += &verdict(object);
+    body += &table("The object and its model", &known(object));
+    body += &shares(object);
+    body += &notes(object);
+    body += &files(object, options);
     page(&heading, "../../", &body, options.has_viewer)
 }
 
@@ -82,15 +82,15 @@ fn page(title: &str, top: &str, body: &str, has_viewer: bool) -> String {
 }
 
 /// The picture and, where there is a viewer, what it needs: the levels of detail, the least detailed first.
-fn shown(exhibit: &PublishedObject, has_viewer: bool) -> String {
+fn shown(object: &PublishedObject, has_viewer: bool) -> String {
     let picture = format!(
         "<img class=\"picture\" src=\"{}\" alt=\"A picture of the model\" width=\"{}\" height=\"{}\">\n",
-        exhibit.picture.name, exhibit.picture.size.0, exhibit.picture.size.1
+        object.picture.name, object.picture.size.0, object.picture.size.1
     );
     if !has_viewer {
         return picture;
     }
-    let levels = exhibit.levels.iter().rev();
+    let levels = object.levels.iter().rev();
     let levels = levels.map(|level| {
         format!(
             "<li data-level=\"{}\">{}</li>",
@@ -115,18 +115,18 @@ fn bytes(bytes: usize) -> String {
     }
 }
 
-fn verdict(exhibit: &PublishedObject) -> String {
-    let words = match exhibit.facts.level {
+fn verdict(object: &PublishedObject) -> String {
+    let words = match object.facts.level {
         Some(Level::Green) => "The program that made the model found no problem.",
         Some(Level::Amber) => "The model can be used, but a person should look at it.",
         Some(Level::Red) => "The model should not be used.",
         None => "It is not known how far the model can be trusted.",
     };
-    let name = exhibit.facts.level.map_or("unknown", Level::name);
+    let name = object.facts.level.map_or("unknown", Level::name);
     let mut out = format!("<p><strong class=\"verdict {name}\">{name}</strong> {words}</p>\n");
-    if !exhibit.facts.reasons.is_empty() {
+    if !object.facts.reasons.is_empty() {
         out += "<ul>\n";
-        for reason in &exhibit.facts.reasons {
+        for reason in &object.facts.reasons {
             let _ = writeln!(
                 out,
                 "<li><code>{}</code> {}</li>",
@@ -139,10 +139,10 @@ fn verdict(exhibit: &PublishedObject) -> String {
     out
 }
 
-fn known(exhibit: &PublishedObject) -> Vec<(&'static str, String)> {
-    let (about, facts) = (&exhibit.about, &exhibit.facts);
-    let [width, depth, height] = exhibit.size_mm();
-    let triangles = exhibit
+fn known(object: &PublishedObject) -> Vec<(&'static str, String)> {
+    let (about, facts) = (&object.about, &object.facts);
+    let [width, depth, height] = object.size_mm();
+    let triangles = object
         .levels
         .first()
         .map(|level| level.triangles.to_string());
@@ -199,8 +199,8 @@ fn table(caption: &str, rows: &[(&str, String)]) -> String {
     out + "</table>\n"
 }
 
-fn shares(exhibit: &PublishedObject) -> String {
-    let parts = exhibit.facts.shares.iter().filter(|part| part.share > 0.0);
+fn shares(object: &PublishedObject) -> String {
+    let parts = object.facts.shares.iter().filter(|part| part.share > 0.0);
     let row = |part: &super::Share| {
         format!(
             "<tr><th scope=\"row\">{}</th><td>{:.0} %</td><td>{:.2} mm</td></tr>\n",
@@ -233,18 +233,18 @@ fn provenance_words(name: &str) -> &str {
     }
 }
 
-fn notes(exhibit: &PublishedObject) -> String {
-    if exhibit.facts.notes.is_empty() {
+fn notes(object: &PublishedObject) -> String {
+    if object.facts.notes.is_empty() {
         return String::new();
     }
     let item = |note: &String| format!("<li dir=\"auto\">{}</li>\n", escaped(note));
-    let items: String = exhibit.facts.notes.iter().map(item).collect();
+    let items: String = object.facts.notes.iter().map(item).collect();
     format!("<h2>Notes</h2>\n<ul>\n{items}</ul>\n")
 }
 
-fn files(exhibit: &PublishedObject, options: PageOptions<'_>) -> String {
+fn files(object: &PublishedObject, options: PageOptions<'_>) -> String {
     let mut out = "<h2>Files</h2>\n<ul>\n".to_owned();
-    for level in &exhibit.levels {
+    for level in &object.levels {
         let _ = writeln!(
             out,
             "<li><a href=\"{0}\" download>{0}</a> ({1})</li>",
@@ -261,7 +261,7 @@ fn files(exhibit: &PublishedObject, options: PageOptions<'_>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{HOSTILE, exhibit};
+    use super::super::testing::{HOSTILE, object};
     use super::*;
 
     const OPTIONS: PageOptions<'_> = PageOptions {
@@ -279,8 +279,8 @@ mod tests {
 
     #[test]
     fn no_text_of_a_recording_adds_a_tag_or_an_attribute() {
-        let plain = exhibit();
-        let mut hostile = exhibit();
+        let plain = object();
+        let mut hostile = object();
         let about = &mut hostile.about;
         for text in [
             &mut about.subject,
@@ -302,10 +302,10 @@ mod tests {
             title: HOSTILE,
             ..OPTIONS
         };
-        let pages = |exhibit: &PublishedObject, options| {
+        let pages = |object: &PublishedObject, options| {
             [
-                object_page(exhibit, options),
-                gallery(std::slice::from_ref(exhibit), options),
+                object_page(object, options),
+                gallery(std::slice::from_ref(object), options),
             ]
         };
         for (plain, hostile) in pages(&plain, OPTIONS).iter().zip(&pages(&hostile, titled)) {
@@ -320,8 +320,8 @@ mod tests {
     #[test]
     fn nothing_on_a_page_is_from_elsewhere() {
         for page in [
-            object_page(&exhibit(), OPTIONS),
-            gallery(&[exhibit()], OPTIONS),
+            object_page(&object(), OPTIONS),
+            gallery(&[object()], OPTIONS),
         ] {
             assert!(!page.contains("://"), "{page}");
             assert!(page.contains("default-src 'none'"));
@@ -341,7 +341,7 @@ mod tests {
     #[test]
     fn a_page_without_a_viewer_has_a_picture_and_no_script() {
         let page = object_page(
-            &exhibit(),
+            &object(),
             PageOptions {
                 has_viewer: false,
                 ..OPTIONS

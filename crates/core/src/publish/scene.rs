@@ -7,9 +7,9 @@ use crate::output::y_up;
 use serde_json::{Value, json};
 
 /// The document. Its addresses are relative to its own place.
-pub fn scene(exhibit: &PublishedObject) -> Value {
-    let heading = without_markup(&exhibit.heading());
-    let about = &exhibit.about;
+pub fn scene(object: &PublishedObject) -> Value {
+    let heading = without_markup(&object.heading());
+    let about = &object.about;
     let mut collection = json!({
         "title": heading,
         "titles": { "EN": heading },
@@ -27,8 +27,8 @@ pub fn scene(exhibit: &PublishedObject) -> Value {
     if let Some(rights) = about.rights.as_deref().filter(|rights| !rights.is_empty()) {
         asset["copyright"] = without_markup(rights).into();
     }
-    let (low, high) = corners(exhibit);
-    let pictures = [("Thumb", &exhibit.thumbnail), ("High", &exhibit.picture)];
+    let (low, high) = corners(object);
+    let pictures = [("Thumb", &object.thumbnail), ("High", &object.picture)];
     let images = pictures.map(|(quality, picture)| {
         json!({
             "uri": picture.name, "quality": quality, "usage": "Render", "byteSize": picture.bytes,
@@ -49,7 +49,7 @@ pub fn scene(exhibit: &PublishedObject) -> Value {
         "models": [{
             "units": "m",
             "boundingBox": { "min": low, "max": high },
-            "derivatives": exhibit.levels.iter().map(derivative).collect::<Vec<_>>(),
+            "derivatives": object.levels.iter().map(derivative).collect::<Vec<_>>(),
         }],
     })
 }
@@ -66,8 +66,8 @@ fn derivative(level: &LevelFile) -> Value {
 }
 
 /// The box around the model in the file's frame, y up.
-fn corners(exhibit: &PublishedObject) -> ([f32; 3], [f32; 3]) {
-    let turned = exhibit.bounds.map(y_up);
+fn corners(object: &PublishedObject) -> ([f32; 3], [f32; 3]) {
+    let turned = object.bounds.map(y_up);
     let extreme =
         |of: fn(f32, f32) -> f32| [0, 1, 2].map(|axis| of(turned[0][axis], turned[1][axis]));
     (extreme(f32::min), extreme(f32::max))
@@ -75,12 +75,12 @@ fn corners(exhibit: &PublishedObject) -> ([f32; 3], [f32; 3]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::testing::{HOSTILE, exhibit};
+    use super::super::testing::{HOSTILE, object};
     use super::*;
 
     #[test]
     fn a_scene_has_the_model_at_each_level_in_metres_with_y_up() {
-        let scene = scene(&exhibit());
+        let scene = scene(&object());
         let model = &scene["models"][0];
         assert_eq!(model["units"], "m");
         assert_eq!(
@@ -103,15 +103,15 @@ mod tests {
 
     #[test]
     fn no_text_of_a_recording_is_markup_in_a_scene() {
-        let mut exhibit = exhibit();
+        let mut object = object();
         for text in [
-            &mut exhibit.about.subject,
-            &mut exhibit.about.title,
-            &mut exhibit.about.rights,
+            &mut object.about.subject,
+            &mut object.about.title,
+            &mut object.about.rights,
         ] {
             *text = Some(HOSTILE.into());
         }
-        let text = scene(&exhibit).to_string();
+        let text = scene(&object).to_string();
         assert!(!text.contains('<') && text.contains("script"), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! An exhibit for the tests of this room.
+//! A published object for the tests of this room.
 
 use super::{Facts, LevelFile, Picture, PublishedObject, Share};
 use crate::description::Description;
@@ -25,7 +25,7 @@ pub(super) fn described() -> Description {
     }
 }
 
-pub(super) fn exhibit() -> PublishedObject {
+pub(super) fn object() -> PublishedObject {
     let level = |name: &str, quality, triangles| LevelFile {
         name: name.into(),
         quality,

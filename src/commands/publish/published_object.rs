@@ -1,11 +1,11 @@
-//! Makes an exhibit of a model: what may be public of it, its levels of detail and its pictures.
+//! Makes a published object of a model: what may be public of it, its levels of detail and its pictures.
 
 use crate::commands::model_notes;
 use crate::export::{self, Compression, Format, compress, describe, encode, level_of_detail};
 use crate::level::Level;
 use crate::mesh::bounding_box;
 use crate::output::encode_jpeg;
-use crate::publish::{Extra, Facts, LevelFile, Picture, PublishedObject, exhibit_id, public};
+use crate::publish::{Extra, Facts, LevelFile, Picture, PublishedObject, object_id, public};
 use crate::reconstruct::Model;
 use crate::report::picture_of;
 use serde_json::Value;
@@ -20,15 +20,15 @@ const PICTURE: (usize, usize) = (1200, 900);
 const THUMBNAIL: (usize, usize) = (400, 300);
 const QUALITY: u8 = 88;
 
-/// An exhibit with the files that lie beside its page, by name.
+/// A published object with the files that lie beside its page, by name.
 pub(super) struct Made {
-    pub(super) exhibit: PublishedObject,
+    pub(super) object: PublishedObject,
     pub(super) files: Vec<(String, Vec<u8>)>,
     /// Recordings whose notes were not read, because they were not found.
     pub(super) not_found: Vec<String>,
 }
 
-/// Makes the exhibit of the model in `path`; `None` if the capture was rejected and rejected ones are not wanted.
+/// Makes the published object of the model in `path`; `None` if the capture was rejected and rejected ones are not wanted.
 ///
 /// # Errors
 /// If the model cannot be read or one of its files cannot be made.
@@ -56,7 +56,7 @@ pub(super) fn make(
         ),
         _ => {}
     }
-    let id = exhibit_id(&read.about);
+    let id = object_id(&read.about);
     let about = public(&read.about, &id, with);
     let mut files = Vec::new();
     let bytes = describe(&read.bytes, &about).map_err(anyhow::Error::msg)?;
@@ -93,7 +93,7 @@ pub(super) fn make(
     let (picture, thumbnail) = (described(picture)?, described(thumbnail)?);
     let corners = bounding_box(&read.model.mesh.vertices).unwrap_or_default();
     let bounds = corners.map(|corner| [corner.x, corner.y, corner.z]);
-    let exhibit = PublishedObject {
+    let object = PublishedObject {
         id,
         about,
         facts,
@@ -103,7 +103,7 @@ pub(super) fn make(
         thumbnail,
     };
     Ok(Some(Made {
-        exhibit,
+        object,
         files,
         not_found: found.not_found,
     }))
