@@ -29,8 +29,7 @@ const STEPS: f32 = 65_535.0;
 /// # Errors
 /// If the file is not one that scand wrote.
 pub(super) fn quantize(bytes: &[u8]) -> Result<Vec<u8>, String> {
-    read::parse(bytes)?;
-    let file = GltfFile::parse(bytes)?;
+    let (file, ..) = read::parse(bytes)?;
     let json = serde_json::from_slice(file.json());
     let mut writer = Writer {
         json: json.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?,
@@ -47,8 +46,7 @@ pub(super) fn quantize(bytes: &[u8]) -> Result<Vec<u8>, String> {
 /// # Errors
 /// If the file is not one that scand wrote.
 pub(super) fn describe(bytes: &[u8], about: &Description) -> Result<Vec<u8>, String> {
-    read::parse(bytes)?;
-    let file = GltfFile::parse(bytes)?;
+    let (file, ..) = read::parse(bytes)?;
     let json = serde_json::from_slice(file.json());
     let mut json = json.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
     output::glb::describe(&mut json, about);
@@ -309,9 +307,9 @@ mod tests {
         let after = describe(&before, &second).unwrap();
         let text = String::from_utf8_lossy(&after);
         assert!(!text.contains("Ann") && !text.contains("annes-session"));
-        let (read, about) = read::parse(&after).unwrap();
+        let (_, read, about) = read::parse(&after).unwrap();
         assert_eq!(about, second);
-        assert_eq!(read.mesh, read::parse(&before).unwrap().0.mesh);
+        assert_eq!(read.mesh, read::parse(&before).unwrap().1.mesh);
         let binary = |bytes: &[u8]| GltfFile::parse(bytes).unwrap().binary().to_vec();
         assert_eq!(binary(&after), binary(&before));
         assert!(describe(&after, &first).unwrap().len() <= before.len() + 8);

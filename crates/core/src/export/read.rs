@@ -54,9 +54,8 @@ pub fn read(path: &Path) -> Result<ReadModel, Error> {
         )));
     }
     let bytes = std::fs::read(path).map_err(io)?;
-    let (model, about) = parse(&bytes).map_err(what)?;
-    let glb = GltfFile::parse(&bytes).map_err(what)?;
-    let glb = written_as(&glb);
+    let (file, model, about) = parse(&bytes).map_err(what)?;
+    let glb = written_as(&file);
     Ok(ReadModel {
         model,
         about,
@@ -79,8 +78,8 @@ fn written_as(file: &GltfFile<'_>) -> glb::Parameters {
     }
 }
 
-/// The model in the bytes of a file, and what is known of it.
-pub(super) fn parse(bytes: &[u8]) -> Result<(Model, Description), String> {
+/// The bytes of a file as glTF, the model in it, and what is known of it.
+pub(super) fn parse(bytes: &[u8]) -> Result<(GltfFile<'_>, Model, Description), String> {
     if !bytes.starts_with(b"glTF") {
         return Err(
             "it is not a binary glTF file: scand export reads the model.glb of a capture".into(),
@@ -97,7 +96,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(Model, Description), String> {
     };
     let split = Split::read(&file, primitive)?;
     let atlas = atlas(&file)?;
-    Ok((split.weld(atlas), about))
+    Ok((file, split.weld(atlas), about))
 }
 
 /// What the file says of itself.
@@ -308,7 +307,7 @@ mod tests {
     #[test]
     fn a_model_comes_back_as_it_was() {
         let (model, about) = (painted_ball(), described("ball-1"));
-        let (read, read_about) = parse(&as_glb(&model, &about)).unwrap();
+        let (_, read, read_about) = parse(&as_glb(&model, &about)).unwrap();
         assert_eq!(read_about, about);
         assert!(check(&read.mesh).is_watertight());
         assert_eq!(read.mesh.vertices.len(), model.mesh.vertices.len());
@@ -333,7 +332,7 @@ mod tests {
 
     #[test]
     fn files_of_others_and_damaged_ones_are_refused_with_a_reason() {
-        let refused = |bytes: &[u8]| parse(bytes).unwrap_err();
+        let refused = |bytes: &[u8]| parse(bytes).map(|_| ()).unwrap_err();
         assert!(refused(b"solid ball").contains("not a binary glTF"));
         let good = as_glb(&textured_square(), &described("a"));
         let with = |from: &str, to: &str| {
@@ -344,7 +343,7 @@ mod tests {
                 .unwrap();
             let mut bytes = good.clone();
             bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
-            parse(&bytes)
+            parse(&bytes).map(|_| ())
         };
         assert!(
             with("\"generator\":\"scand", "\"generator\":\"trash")
