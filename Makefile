@@ -37,7 +37,7 @@ fleet-test: ## make models by workers while workers and servers are killed (N=20
 	SCAND_TORTURE=$(or $(N),1) $(CARGO) test --locked --package scand --features fleet --test fleet -- --nocapture --test-threads 2
 
 fleet-bench: ## processor time, bytes and wall time of 100 captures made here and by one and two workers (SCAND=PROGRAM needs no build)
-	$(if $(SCAND),,$(CARGO) build --release --locked --features fleet)
+	$(if $(SCAND),,$(CARGO) build --release --config profile.release.package.zstd-sys.opt-level=3 --locked --features fleet)
 	scripts/fleet-bench.py --scand $(or $(SCAND),target/release/scand)
 
 fleet-presses: ## time from a press to the disk with the server there, away and slow (PRESSES=200; SCAND=PROGRAM needs no build)

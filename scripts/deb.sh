@@ -21,7 +21,10 @@ packages=${PACKAGES:-scand scand-worker}
 program=target/${profile/#dev/debug}/scand
 generated=target/generated
 rm -rf $generated && mkdir -p $generated/bash $generated/zsh $generated/fish $generated/worker
-build() { "$cargo" build --profile "$profile" --locked --package scand "${features[@]}"; }
+optimised=()
+# What travels to workers is packed: in a package, zstd's speed is worth the time that it takes to compile.
+[ "$profile" = dev ] || optimised=(--config "profile.$profile.package.zstd-sys.opt-level=3")
+build() { "$cargo" build --profile "$profile" "${optimised[@]}" --locked --package scand "${features[@]}"; }
 
 if [[ " $packages " == *" scand-worker "* ]]; then
 	features=(--no-default-features --features fleet)
