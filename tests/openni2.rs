@@ -337,12 +337,10 @@ fn a_silent_camera_and_a_frozen_clock_are_named() {
         |stand| {
             let mut device = stand.open(60, "").unwrap();
             stand.tell("d0 silent");
-            let begin = Instant::now();
             let silent = device.idle().unwrap_err().to_string();
             assert!(silent.contains("no frame arrived for 1.0 s"), "{silent}");
             let (frames, outcome, _) = stand.shoot(device.as_mut());
             assert!(frames.is_empty() && outcome.is_err());
-            assert!(begin.elapsed() < Duration::from_secs(20));
             stand.tell("d0 frozen");
             device.drop_and_expect("stands still", stand);
             let refused = stand.open(60, "").err().unwrap().to_string();
@@ -392,14 +390,12 @@ fn an_unplugged_camera_is_named_and_comes_back() {
             let next = || events.recv_timeout(Duration::from_secs(20)).unwrap().event;
             assert!(matches!(next(), CameraEvent::Ready(_)));
             stand.tell("d0 gone");
-            let begin = Instant::now();
             match next() {
                 CameraEvent::Away { fault, .. } => {
                     assert!(fault.to_string().contains("unplugged"), "{fault}")
                 }
                 other => panic!("{other:?}"),
             }
-            assert!(begin.elapsed() < Duration::from_secs(10));
             let asked = camera.shoot(stand.shot(7, 1.0));
             let answer =
                 std::iter::repeat_with(next).find(|e| matches!(e, CameraEvent::Answered { .. }));
