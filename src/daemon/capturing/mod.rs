@@ -283,10 +283,15 @@ impl Capturing {
         }
     }
 
+    /// Takes no more orders: from now on each is declined. The one in progress goes on.
+    pub fn close(&self) {
+        drop(self.orders.lock().take());
+    }
+
     /// Finishes the order in progress, completes the session and ends all threads, even if others still hold this.
     /// Returns the cameras whose threads hang.
     pub fn stop(&self) -> Vec<CameraId> {
-        drop(self.orders.lock().take());
+        self.close();
         let thread = self.thread.lock().take();
         let stuck = thread.and_then(|thread| thread.join().ok());
         stuck.unwrap_or_default()
