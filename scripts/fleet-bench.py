@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Measures what a fleet costs on this machine: processor time, bytes on the wire and wall time for the same captures made
-locally, by one worker and by two, in alternating order. Packing, hashing, checking and committing are counted; the
-server's time is stated apart. One worker is compared with a replay of one capture at a time, and two with one of two at a
-time. Prints a line for each run, then the best run of each way, and how long it takes until the model of a capture is
+locally, by one worker and by two, in alternating order. Packing, hashing, checking, committing, and the share that the rig
+makes again are counted; the server's time is stated apart. One worker is compared with a replay of one capture at a time.
+Two workers stand for two machines: each has half of this one's processors. They are compared with a replay of two captures
+at a time. Prints a line for each run, then the best run of each way, and how long it takes until the model of a capture is
 heard of when no other one waits.
 
     scripts/fleet-bench.py [--captures 100] [--rounds 3] [--size 1280x960] [--scand target/release/scand]
@@ -93,9 +94,12 @@ class Bench:
             except OSError:
                 time.sleep(0.05)
         running = []
+        processors = sorted(os.sched_getaffinity(0))
         for number in range(workers):
             command = [self.scand, "worker", "--fleet", address, "--name", f"w{number}"]
             command += ["--scratch", str(self.home / "scratch")]
+            own = processors[number::workers] or processors
+            command = ["taskset", "--cpu-list", ",".join(map(str, own)), *command]
             running.append(subprocess.Popen(command, env=self.environment, stderr=subprocess.DEVNULL))
         found = self.replay(out, "--fleet", address, "--name", "bench", *more)
         found["processor_s"] += sum(stop(worker) for worker in running)
