@@ -179,6 +179,10 @@ pub struct LeftOut {
     /// where the views only say nothing new.
     #[serde(skip)]
     pub views: Vec<CameraId>,
+    /// How far these views show the board from where others of the placement do, over its distance from the camera;
+    /// `None` where they do not contradict each other on that.
+    #[serde(skip)]
+    pub apart: Option<f64>,
 }
 
 /// Views of the board that were read, and those of them that the fit threw out.

@@ -320,6 +320,7 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
             placement: Some("p01".to_owned()),
             reason: "it moved".to_owned(),
             views,
+            apart: None,
         });
         judge(&fit, &[], &BTreeMap::new(), &Limits::default())
     };

@@ -3,6 +3,7 @@
 use super::diagnosis::Finding;
 use super::reason::{Reason, ReasonKind};
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
+use super::verdict_of_contradictions::contradictions;
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
 use crate::calibration::{CalibrationLevel, Camera};
@@ -193,6 +194,7 @@ pub fn judge(
             )
         })
         .collect();
+    found.extend(contradictions(fit, findings));
     found.extend(left_out(fit, limits));
     if !limits.same_place {
         found.extend(at_one_place(fit));

@@ -6,7 +6,7 @@ use crate::calibration::fit::ReasonKind;
 pub(super) fn advice(kind: ReasonKind) -> &'static str {
     match kind {
         // Its words name the remedy.
-        ReasonKind::Diagnosed => "",
+        ReasonKind::Diagnosed | ReasonKind::Contradiction => "",
         ReasonKind::LeftOut => {
             "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures \
              of another moment do this: correct it, and show the board again."

@@ -69,6 +69,7 @@ fn fit() -> Fit {
             placement: Some("p7".to_owned()),
             reason: "it moved".to_owned(),
             views: vec![CameraId::new("c00").unwrap()],
+            apart: None,
         }],
         views: Vec::new(),
         residuals: vec![view(0), view(1)],
