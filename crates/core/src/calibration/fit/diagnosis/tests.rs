@@ -60,6 +60,28 @@ fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     }
 }
 
+/// The session beside a camera that never saw the board, which stands at this place among the cameras.
+fn beside_blind(mut session: Session, at: usize) -> Session {
+    let id = crate::frame::CameraId::new("blind").unwrap();
+    let blind = super::super::SessionCamera {
+        id,
+        ..session.cameras[0].clone()
+    };
+    session.cameras.insert(at, blind);
+    for view in &mut session.views {
+        view.camera += usize::from(view.camera >= at);
+    }
+    session
+}
+
+/// The same is told of a pair, and of a pair beside a camera that never saw the board.
+fn is_told_of_pair(pair: &Session, words: &[&str]) {
+    is_told(pair, words);
+    for at in [0, 2] {
+        is_told(&beside_blind(pair.clone(), at), words);
+    }
+}
+
 fn is_told(session: &Session, words: &[&str]) {
     let (findings, level) = told(session);
     assert!(level >= CalibrationLevel::Doubtful, "{findings:?}");
@@ -138,7 +160,7 @@ fn a_pair_whose_cameras_moved_against_each_other_is_told_so() {
         "cameras c00 and c01 moved against each other by 0.5",
         "between p11 and p12",
     ];
-    is_told(&bumped(2, 1, 0.5, 12), &words);
+    is_told_of_pair(&bumped(2, 1, 0.5, 12), &words);
 }
 
 /// A pair like a stereo head: pictures of 640 x 480 pixels, lenses whose centres differ, axes that are nearly parallel.
@@ -201,10 +223,10 @@ fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
         for view in exchanged.views.iter_mut().filter(|v| v.placement >= 12) {
             view.camera = 1 - view.camera;
         }
-        is_told(&exchanged, &["are exchanged from p12 on"]);
+        is_told_of_pair(&exchanged, &["are exchanged from p12 on"]);
     }
     // Which of two is at fault is not known.
-    is_told(
+    is_told_of_pair(
         &late(2, 1, 0, 1),
         &[
             "c01: its pictures are one placement late, or those of camera c00 are one placement early",
@@ -212,7 +234,7 @@ fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
     );
     for camera in [0, 1] {
         let words = ["the pictures of camera c00 or of camera c01 are mirrored:"];
-        is_told(&mirrored(2, camera, 0), &words);
+        is_told_of_pair(&mirrored(2, camera, 0), &words);
     }
 }
 
