@@ -48,6 +48,8 @@ pub enum ReasonKind {
     Residual,
     /// A lens is beyond the lens model.
     BeyondLensModel,
+    /// A lens that was given does not fit.
+    GivenLens,
     /// Many corners were dropped.
     DroppedCorners,
     /// A camera has few views.

@@ -60,6 +60,8 @@ pub struct FittedCamera {
     pub coverage: f64,
     /// Corners that are far from where they should be and were left out.
     pub false_corners: usize,
+    /// Whether its lens was given and kept.
+    pub is_lens_given: bool,
 }
 
 /// How the board differs from the stated one, as a [`BoardShape`].

@@ -532,6 +532,7 @@ impl<'a> Solver<'a> {
                 own().flat_map(|r| r.corners.iter().map(|c| c.0)),
             ),
             false_corners: self.false_corners[camera],
+            is_lens_given: self.session.cameras[camera].known.is_some(),
             camera: Camera::new(id, lens, state.camera_from_rig.inverse()),
         })
     }

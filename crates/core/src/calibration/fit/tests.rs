@@ -510,6 +510,25 @@ fn known_lenses_are_kept() {
 }
 
 #[test]
+fn a_given_lens_that_does_not_fit_is_told_from_a_lens_beyond_the_model() {
+    let mut truth = truth(checkerboard(), 12, 6);
+    truth.cameras = truth.cameras[6..9].to_vec();
+    let mut session = truth.session(0.1, &mut Random(7));
+    for (subject, camera) in session.cameras.iter_mut().zip(&truth.cameras) {
+        let mut lens = camera.intrinsics;
+        lens.distortion.radial[0] += 0.01;
+        subject.known = Some(lens);
+    }
+    let fit = fit(&session, &Parameters::default()).unwrap();
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+    let kinds: Vec<ReasonKind> = judgement.reasons.iter().map(|r| r.kind).collect();
+    assert!(kinds.contains(&ReasonKind::GivenLens), "{judgement:?}");
+    assert!(!kinds.contains(&ReasonKind::BeyondLensModel));
+    let told = "the lens that was given does not fit: fit it anew";
+    assert!(judgement.reasons.iter().any(|r| r.words.ends_with(told)));
+}
+
+#[test]
 fn a_lens_to_start_from_is_improved_and_leads_to_the_same_fit() {
     let truth = truth(checkerboard(), 12, 4);
     let plain = fitted(&truth, |_| {}).unwrap();

@@ -19,6 +19,9 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
         ReasonKind::BeyondLensModel => {
             "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens."
         }
+        ReasonKind::GivenLens => {
+            "Calibrate without --fix-intrinsics, or give the lens as it is now: of this focus, zoom and size of picture."
+        }
         ReasonKind::DroppedCorners => {
             "Check that the board is flat and evenly lit, and its picture sharp."
         }

@@ -26,6 +26,7 @@ fn camera(name: &str, x: f64, rms: f64) -> FittedCamera {
         views: 7,
         coverage: 0.5,
         false_corners: 0,
+        is_lens_given: false,
     }
 }
 

@@ -30,8 +30,8 @@ pub(super) struct Reference<'a> {
     pub fit: Fit,
     /// The board at each of the session's placements that its cameras saw.
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
-    /// Whether either of two cameras may be at fault, because the rig is one camera and a single suspect can be compared
-    /// with it.
+    /// Whether either of two cameras may be at fault, because the rig is one camera and only one suspect can be
+    /// compared with it.
     pub is_relative: bool,
     /// What has to be left of the session for a calibration from some placement on.
     pub least: Least,
