@@ -350,6 +350,25 @@ impl Detections {
         Ok(())
     }
 
+    /// Counts views with fewer corners than are needed among the pictures without a board that can be used.
+    pub(super) fn reject_views_with_few_corners(&mut self, needed: usize) {
+        let session = &mut self.session;
+        let (kept, poor): (Vec<View>, Vec<View>) = std::mem::take(&mut session.views)
+            .into_iter()
+            .partition(|view| view.corners.len() >= needed);
+        session.views = kept;
+        self.rejected.extend(poor.iter().map(|view| {
+            let found = view.corners.len();
+            let cause = Rejection::TooFewOfBoard { found, needed };
+            Rejected {
+                camera: session.cameras[view.camera].id.clone(),
+                placement: session.placements[view.placement].clone(),
+                reason: cause.to_string(),
+                cause,
+            }
+        }));
+    }
+
     /// Refuses a session whose boards mostly have one other size than the stated one.
     fn check_size(&self) -> Result<(), Error> {
         let mut sizes: BTreeMap<[usize; 2], usize> = BTreeMap::new();
@@ -461,6 +480,33 @@ mod tests {
             face: Face::Front,
             corners: all.map(corner).collect(),
         }
+    }
+
+    #[test]
+    fn views_with_few_corners_count_as_pictures_without_a_board() {
+        let mut detections = detections();
+        detections.session.cameras = vec![SessionCamera {
+            id: CameraId::new("c00").unwrap(),
+            size: [640, 480],
+            known: None,
+            start: None,
+        }];
+        let corner = Corner {
+            column: 0,
+            row: 0,
+            pixel: nalgebra::Point2::origin(),
+        };
+        for (view, corners) in detections.session.views.iter_mut().zip([6, 5, 54, 4, 6]) {
+            view.corners = vec![corner; corners];
+        }
+        detections.reject_views_with_few_corners(6);
+        assert_eq!(detections.session.views.len(), 3);
+        let told: Vec<(&str, &str)> = (detections.rejected[1..].iter())
+            .map(|r| (r.placement.as_str(), r.reason.as_str()))
+            .collect();
+        let words =
+            |found| format!("only {found} of the board's corners were found, expected 6 or more");
+        assert_eq!(told, [("p1", &words(5) as &str), ("p4", &words(4))]);
     }
 
     #[test]

@@ -89,6 +89,7 @@ pub fn run(
     options: Options,
 ) -> Result<Outcome, Error> {
     check_measured(&detections, &options.measured)?;
+    detections.reject_views_with_few_corners(options.fit.fewest_corners());
     let fitted = two_pass_fit::fit_in_two_passes(&mut detections, recordings, &options.fit)?;
     let missing = missing(
         &detections.session,

@@ -107,6 +107,13 @@ pub struct Parameters {
     pub stretch_expected_percent: f64,
 }
 
+impl Parameters {
+    /// Fewest corners of a view: fewer than four do not say where the board was, whatever is configured.
+    pub fn fewest_corners(&self) -> usize {
+        self.min_corners.max(4)
+    }
+}
+
 impl Default for Parameters {
     fn default() -> Self {
         Self {

@@ -52,7 +52,7 @@ fn usable(
     parameters: &Parameters,
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Session, Error> {
-    let enough = |v: &&View| v.corners.len() >= parameters.min_corners.max(4);
+    let enough = |v: &&View| v.corners.len() >= parameters.fewest_corners();
     let views: Vec<&View> = session.views.iter().filter(enough).collect();
     let count = |camera: usize| views.iter().filter(|v| v.camera == camera).count();
     let needed = |camera: usize| match session.cameras[camera].known {
@@ -287,7 +287,7 @@ impl<'a> Solver<'a> {
         }
         let deviations = self.parameters.false_corner_deviations;
         self.false_corners = outliers::drop_false_corners(&mut self.bundle, deviations);
-        let fewest = self.parameters.min_corners.max(4);
+        let fewest = self.parameters.fewest_corners();
         let poor: Vec<bool> = self
             .bundle
             .views
