@@ -358,6 +358,27 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
 }
 
 #[test]
+fn one_camera_among_sharp_ones_refuses_a_calibration_only_if_it_is_far_off() {
+    let mut fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    for (rms_px, level) in [
+        (0.2, CalibrationLevel::Accepted),
+        (0.5, CalibrationLevel::Doubtful),
+        (1.0, CalibrationLevel::Doubtful),
+        (2.0, CalibrationLevel::Refused),
+    ] {
+        fit.cameras[2].figures.rms_px = rms_px;
+        let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+        assert!(
+            judgement.level == level || (rms_px < 0.25 && judgement.level < level),
+            "{rms_px}: {judgement:?}"
+        );
+        let told = format!("camera c02: the rms of its residuals is {rms_px:.3} px");
+        let is_told = judgement.reasons.iter().any(|r| r.words.starts_with(&told));
+        assert_eq!(is_told, rms_px > 0.25, "{judgement:?}");
+    }
+}
+
+#[test]
 fn dropped_corners_have_a_figure_of_their_own() {
     let mut fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
     fit.table_is_lowest = true;
