@@ -66,6 +66,7 @@ test: deps check ## the gate: install what the tests need, then `check`, then th
 
 calibration-trial: ## calibrate rendered sessions with and without faults, print the messages, and hold stated errors against true ones (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline -- calibration_trial:: stated_uncertainties_hold_over_many_sessions --ignored --nocapture --test-threads 1
+	$(CARGO) test --release --locked --package scand-core --lib -- fit::trial_tests:: --ignored --nocapture --test-threads 1
 
 error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1

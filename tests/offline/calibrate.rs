@@ -356,7 +356,7 @@ mod long {
             "placement-005",
             "placement-009",
             "\"c02\"",
-            "it moved during the capture",
+            "the board may have moved during the capture",
             "placement-008",
         ] {
             assert!(left_out.contains(named), "{named}: {left_out}");

@@ -8,12 +8,16 @@ use scand::calibration::Board;
 use scand::frame::{Frame, Picture, Stream};
 use scand::recording::{Compression, Writer};
 use scand_lab::{BoardOptions, BoardSession, CameraFault, Capture, Encoding, Options};
+use serde_json::Value;
 use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 const PLACEMENTS: usize = 30;
-/// Placements that one camera may miss in a row.
-const UNSEEN: usize = 3;
+/// Fewest views of each camera, and placements, from which a part of a session is calibrated.
+const FEWEST: [usize; 2] = [3, 4];
+/// Views of a camera of which four, and not three, may be changed without a refusal.
+const MANY_VIEWS: usize = 12;
 
 /// Exit codes of the command: *good* or *accepted*; *doubtful*; and *doubtful* or *refused*.
 const GOOD: &[i32] = &[0];
@@ -61,6 +65,41 @@ struct Trial {
     board: Board,
     /// What went otherwise than it must; all faults are tried before the test fails.
     failures: RefCell<Vec<String>>,
+}
+
+/// Indices of the placements at which each camera sees the board.
+struct Visibility(BTreeMap<String, Vec<usize>>);
+
+impl Visibility {
+    /// The first placement from this one on at which a camera sees the board.
+    fn since(&self, camera: &str, from: usize) -> usize {
+        let mut seen = self.0[camera].iter();
+        *seen.find(|&&at| at >= from).unwrap()
+    }
+
+    /// A placement from which on a camera may be changed late: enough is seen since then to calibrate from, and most of
+    /// what the camera saw is before.
+    fn late(&self, camera: &str, count: usize) -> usize {
+        let seen = &self.0[camera];
+        let after = FEWEST[0] + usize::from(seen.len() >= MANY_VIEWS);
+        let mut candidates = seen[..=seen.len() - after].iter();
+        *candidates.rfind(|&&at| at + FEWEST[1] <= count).unwrap()
+    }
+
+    /// A placement until which a camera may have been another one, so that all cameras see enough since then.
+    fn early(&self, camera: &str) -> usize {
+        let is_enough = |from: usize| {
+            let since = |seen: &Vec<usize>| seen.iter().filter(|at| **at >= from).count();
+            self.0.values().all(|seen| since(seen) >= FEWEST[0])
+        };
+        let seen = &self.0[camera];
+        let mut candidates = [3, 2].into_iter().map(|before| seen[before]);
+        candidates.find(|from| is_enough(*from)).unwrap()
+    }
+}
+
+fn name(placement: usize) -> String {
+    format!("placement-{placement:03}")
 }
 
 /// What the command said.
@@ -168,19 +207,34 @@ impl Trial {
         }
     }
 
-    /// Notes whether the command named, behind these words, the placement from which the rig is another one, or one
-    /// soon after it: a camera that does not see the board tells nothing. Gives the placement that was named.
-    fn judge_place(&self, fault: &str, told: &Told, behind: &str, first: usize) -> usize {
+    /// Notes whether the command named, behind these words, one of the placements from which the rig is another one.
+    fn judge_place(&self, fault: &str, told: &Told, behind: &str, expected: &[usize]) {
         let named = told.words.split(behind).nth(1).and_then(|rest| {
             let digits = rest.strip_prefix("placement-")?.get(..3)?;
             digits.parse().ok()
         });
-        let is_right = |named: &usize| (first..=first + UNSEEN).contains(named);
-        if !named.as_ref().is_some_and(is_right) {
-            println!("FAILED: {fault}: {named:?} is named, expected {first} or soon after");
+        if !named.is_some_and(|named: usize| expected.contains(&named)) {
+            println!("FAILED: {fault}: {named:?} is named, expected one of {expected:?}");
             self.failures.borrow_mut().push(fault.to_owned());
         }
-        named.unwrap_or(first)
+    }
+
+    /// Which placements each camera sees while nothing is wrong.
+    fn visibility(&self) -> Visibility {
+        let told = self.calibrate(&self.base, &["--json"]);
+        let mut values = serde_json::Deserializer::from_str(&told.words).into_iter::<Value>();
+        let found = values.next().unwrap().unwrap();
+        let text = |value: &Value| value.as_str().unwrap().to_owned();
+        let pair = |r: &Value| (text(&r["camera"]), text(&r["placement"]));
+        let rejected = found["rejected"].as_array().unwrap();
+        let unseen: BTreeSet<(String, String)> = rejected.iter().map(pair).collect();
+        let cameras = found["cameras"].as_object().unwrap().keys();
+        let seen = |camera: &String| {
+            let is_seen = |at: &usize| !unseen.contains(&(camera.clone(), name(*at)));
+            let seen = (0..self.base.len()).filter(is_seen).collect();
+            (camera.clone(), seen)
+        };
+        Visibility(cameras.map(seen).collect())
     }
 
     /// Ends the test: with the names of what failed, if anything did.
@@ -304,13 +358,14 @@ fn is(frame: &Frame, camera: &str) -> bool {
 fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     let trial = Trial::new();
     let count = trial.base.len();
-    let last = count - 8;
-    let name = |index: usize| format!("placement-{index:03}");
 
     let nominal = "m per unit; 0.001 ±1.0 % is nominal: they differ by";
     trial.row("sound", &trial.base, &[], GOOD, &[nominal]);
     let sound = trial.path("sound.toml");
     std::fs::rename(trial.path("out.toml"), &sound).unwrap();
+    let visibility = trial.visibility();
+    let (first, last) = (visibility.early("c04"), visibility.late("c04", count));
+    println!("shown: c04 is another camera before {first} or from {last} on");
 
     for degrees in [0.1, 0.7] {
         let other = turned("c04", degrees);
@@ -325,15 +380,16 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             &[&moved, &from],
         );
         let early = trial.with(|index, frame| {
-            if index < 7 && is(frame, "c04") {
+            if index < first && is(frame, "c04") {
                 frame.picture = other[index].frames[0].picture.clone();
             }
         });
         let fault = format!("bumped by {degrees}° early");
         let told = trial.calibrate(&early, &[]);
         trial.judge(&fault, &told, DOUBTFUL, &[&moved]);
-        let since = trial.judge_place(&fault, &told, "the rig has stayed as it is since ", 7);
-        let advised = ["--from-placement", &name(since)];
+        let words = "the rig has stayed as it is since ";
+        trial.judge_place(&fault, &told, words, &[first]);
+        let advised = ["--from-placement", &name(first)];
         trial.row("the sound part of it", &early, &advised, GOOD, &[]);
     }
 
@@ -353,7 +409,8 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     let told = trial.calibrate(&exchanged, &[]);
     let words = "cameras c01 and c02 are exchanged from ";
     trial.judge("exchanged", &told, NOT_GOOD, &[words]);
-    trial.judge_place("exchanged", &told, words, count / 2);
+    let since = ["c01", "c02"].map(|camera| visibility.since(camera, count / 2));
+    trial.judge_place("exchanged", &told, words, &since);
 
     let late = trial.with(|index, frame| {
         if is(frame, "c04") && index > 0 {
@@ -381,9 +438,19 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             frame.picture = zoomed(&frame.picture, 1.005);
         }
     });
-    trial.row("refocused by 0.5 %", &refocused, &[], DOUBTFUL, &["c04"]);
+    let told = trial.calibrate(&refocused, &[]);
+    let words = "the focal length of camera c04 changed by +0.";
+    trial.judge("refocused by 0.5 %", &told, DOUBTFUL, &[words]);
+    let words = "show the board again, or calibrate from ";
+    trial.judge_place("refocused by 0.5 %", &told, words, &[last]);
 
-    trial.row("three placements", &trial.base[..3], &[], NOT_GOOD, &[]);
+    let told = trial.calibrate(&trial.base[..3], &[]);
+    // Where not all cameras can be joined, what is missing is said.
+    let words = match told.code {
+        Some(1) => "missing: ",
+        _ => "the session has 3 placements, expected 4 or more",
+    };
+    trial.judge("three placements", &told, NOT_GOOD, &[words]);
 
     let wrong = ["--board", "checkerboard:9x6:24mm"];
     let both = [

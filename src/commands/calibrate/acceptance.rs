@@ -6,6 +6,9 @@ use crate::commands::EXIT_INCOMPLETE;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+/// The exit code for a calibration that is not to be used.
+const EXIT_REFUSED: u8 = 1;
+
 /// How much of a calibration is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Acceptance {
@@ -13,6 +16,8 @@ pub(super) enum Acceptance {
     Whole,
     /// The calibration alone, under a name that says that it is doubtful.
     Aside,
+    /// The calibration alone, under its name, although it is refused.
+    Forced,
     /// Nothing.
     Nothing,
 }
@@ -24,7 +29,7 @@ impl Acceptance {
             CalibrationLevel::Good | CalibrationLevel::Accepted => Self::Whole,
             CalibrationLevel::Doubtful if doubtful_too => Self::Whole,
             CalibrationLevel::Doubtful => Self::Aside,
-            CalibrationLevel::Refused if forced => Self::Whole,
+            CalibrationLevel::Refused if forced => Self::Forced,
             CalibrationLevel::Refused => Self::Nothing,
         }
     }
@@ -32,24 +37,28 @@ impl Acceptance {
     /// The file that the calibration goes to.
     pub(super) fn out(self, asked: Option<&Path>) -> Option<PathBuf> {
         match self {
-            Self::Whole => asked.map(Path::to_owned),
+            Self::Whole | Self::Forced => asked.map(Path::to_owned),
             Self::Aside => asked.map(doubtful_name),
             Self::Nothing => None,
         }
     }
 
-    /// 0: all well, or accepted as it is. 1: refused. 3: doubtful, or something was lost.
+    /// 0: all well, or accepted as it is. 1: refused, also where it is written. 3: doubtful, or something was lost.
     pub(super) fn exit_code(self, outcome: &Outcome, doubtful_too: bool) -> ExitCode {
         let lost = match doubtful_too {
             // Cameras and responses that are missing are part of what was accepted.
             true => outcome.has_unread(),
             false => outcome.has_lost(),
         };
+        ExitCode::from(self.code(lost))
+    }
+
+    fn code(self, has_lost: bool) -> u8 {
         match self {
-            Self::Nothing => ExitCode::FAILURE,
-            Self::Aside => ExitCode::from(EXIT_INCOMPLETE),
-            Self::Whole if lost => ExitCode::from(EXIT_INCOMPLETE),
-            Self::Whole => ExitCode::SUCCESS,
+            Self::Nothing | Self::Forced => EXIT_REFUSED,
+            Self::Aside => EXIT_INCOMPLETE,
+            Self::Whole if has_lost => EXIT_INCOMPLETE,
+            Self::Whole => 0,
         }
     }
 }
@@ -91,5 +100,28 @@ mod tests {
         assert_eq!(out(CalibrationLevel::Refused, false, true), None);
         assert_eq!(out(CalibrationLevel::Refused, true, false), Some(whole));
         assert_eq!(doubtful_name(Path::new("rig")), Path::new("rig.doubtful"));
+    }
+
+    #[test]
+    fn the_exit_code_says_what_a_calibration_is_worth_whatever_is_written() {
+        use CalibrationLevel::{Accepted, Doubtful, Good, Refused};
+        for (level, forced, doubtful_too, has_lost, code) in [
+            (Good, false, false, false, 0),
+            (Accepted, true, true, false, 0),
+            (Accepted, false, false, true, 3),
+            (Doubtful, false, false, false, 3),
+            (Doubtful, true, false, false, 3),
+            (Doubtful, false, true, false, 0),
+            (Doubtful, false, true, true, 3),
+            (Refused, false, false, false, 1),
+            (Refused, true, false, false, 1),
+            (Refused, true, true, true, 1),
+        ] {
+            let acceptance = Acceptance::of(level, forced, doubtful_too);
+            let found = acceptance.code(has_lost);
+            assert_eq!(found, code, "{level:?} {forced} {doubtful_too} {has_lost}");
+        }
+        // What has no place for a verdict is not written from a refused calibration.
+        assert_ne!(Acceptance::of(Refused, true, true), Acceptance::Whole);
     }
 }

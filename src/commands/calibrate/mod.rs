@@ -56,7 +56,7 @@ pub struct Args {
     /// Write the calibration into this file
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Replace existing files, and write the calibration even if it is refused
+    /// Replace existing files, and write even a refused calibration, without exports; the exit code is 1 all the same
     #[arg(short, long)]
     force: bool,
     /// Write a doubtful calibration and its exports as asked; without it, --out rig.toml writes rig.doubtful.toml, and
@@ -300,6 +300,13 @@ fn tell_what_is_not_written(args: &Args, acceptance: Acceptance) {
         (Acceptance::Nothing, _) => {
             eprintln!("scand: the calibration is refused and not written; --force writes it");
         }
+        (Acceptance::Forced, Some(out)) => eprintln!(
+            "scand: the calibration is refused; {} is written with that verdict because of --force, with no export",
+            out.display()
+        ),
+        (Acceptance::Forced, None) if args.files.exports() => {
+            eprintln!("scand: the calibration is refused and not exported, also with --force");
+        }
         (Acceptance::Aside, Some(out)) => eprintln!(
             "scand: the calibration is doubtful and written as {}, with no export; --accept-doubtful writes it as {}",
             doubtful_name(out).display(),
@@ -308,6 +315,6 @@ fn tell_what_is_not_written(args: &Args, acceptance: Acceptance) {
         (Acceptance::Aside, None) if args.files.exports() => eprintln!(
             "scand: the calibration is doubtful and not exported; --accept-doubtful exports it"
         ),
-        (Acceptance::Aside, None) | (Acceptance::Whole, _) => {}
+        (Acceptance::Aside | Acceptance::Forced, None) | (Acceptance::Whole, _) => {}
     }
 }

@@ -25,13 +25,15 @@ pub struct Detections {
     pub warnings: Vec<String>,
 }
 
-/// Opens the recordings.
+/// Opens the recordings, and puts them into the order in which they were made: a camera that moved stays moved.
 ///
 /// # Errors
 /// If one cannot be read or has no trigger.
 pub fn open(paths: &[PathBuf], parameters: &sync::Parameters) -> Result<Vec<Placements>, Error> {
     let open = |path: &PathBuf| Ok(Placements::open(path, parameters)?);
-    paths.iter().map(open).collect()
+    let mut recordings = paths.iter().map(open).collect::<Result<Vec<_>, Error>>()?;
+    recordings.sort_by_key(Placements::first_time);
+    Ok(recordings)
 }
 
 /// Takes picture files for a session of placements. Nothing is read yet.
@@ -177,12 +179,33 @@ pub fn shots(recordings: &[Placements]) -> BTreeMap<(String, String), (&Placemen
     all
 }
 
-/// Names of each recording's placements by their ids; where two recordings share one, the recording's name is added.
-pub(super) fn placement_names(recordings: &[Placements]) -> Vec<BTreeMap<String, String>> {
+/// The names of a recording's placements.
+#[derive(Debug, Default)]
+pub(super) struct PlacementNames {
+    /// In the order of their triggers.
+    names: Vec<String>,
+    /// Index of the name by the placement's id.
+    by_id: BTreeMap<String, usize>,
+}
+
+impl PlacementNames {
+    /// The name of the placement with this id.
+    pub(super) fn get(&self, id: &str) -> Option<&String> {
+        self.by_id.get(id).and_then(|&index| self.names.get(index))
+    }
+
+    fn insert(&mut self, id: String, name: String) {
+        self.by_id.insert(id, self.names.len());
+        self.names.push(name);
+    }
+}
+
+/// Names of each recording's placements; where two recordings share an id, the recording's name is added.
+pub(super) fn placement_names(recordings: &[Placements]) -> Vec<PlacementNames> {
     let mut taken = BTreeSet::new();
     let mut all = Vec::new();
     for (index, recording) in recordings.iter().enumerate() {
-        let mut names = BTreeMap::new();
+        let mut names = PlacementNames::default();
         for id in recording.names() {
             let stem = recording
                 .path()
@@ -208,7 +231,7 @@ fn detect<'a>(
     recording: &Placements,
     shot: &'a Shot,
     board: &Board,
-    names: &BTreeMap<String, String>,
+    names: &PlacementNames,
 ) -> Result<Detection<'a>, Error> {
     let picture = recording.grey(shot)?;
     let found = find_corners(&picture, board);
@@ -229,14 +252,14 @@ fn detect<'a>(
 
 impl Detections {
     /// Nothing is seen yet.
-    fn new(board: &Board, placements: &[BTreeMap<String, String>]) -> Self {
+    fn new(board: &Board, placements: &[PlacementNames]) -> Self {
         Self {
             session: Session {
                 board: *board,
                 cameras: Vec::new(),
                 placements: placements
                     .iter()
-                    .flat_map(|names| names.values().cloned())
+                    .flat_map(|names| names.names.iter().cloned())
                     .collect(),
                 views: Vec::new(),
             },
@@ -327,6 +350,25 @@ impl Detections {
         Ok(())
     }
 
+    /// Counts views with fewer corners than are needed among the pictures without a board that can be used.
+    pub(super) fn reject_views_with_few_corners(&mut self, needed: usize) {
+        let session = &mut self.session;
+        let (kept, poor): (Vec<View>, Vec<View>) = std::mem::take(&mut session.views)
+            .into_iter()
+            .partition(|view| view.corners.len() >= needed);
+        session.views = kept;
+        self.rejected.extend(poor.iter().map(|view| {
+            let found = view.corners.len();
+            let cause = Rejection::TooFewOfBoard { found, needed };
+            Rejected {
+                camera: session.cameras[view.camera].id.clone(),
+                placement: session.placements[view.placement].clone(),
+                reason: cause.to_string(),
+                cause,
+            }
+        }));
+    }
+
     /// Refuses a session whose boards mostly have one other size than the stated one.
     fn check_size(&self) -> Result<(), Error> {
         let mut sizes: BTreeMap<[usize; 2], usize> = BTreeMap::new();
@@ -354,8 +396,9 @@ impl Detections {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Face;
-    use crate::calibration::fit::Rejection;
+    use crate::calibration::fit::{Corner, Parameters, Rejection, diagnose, fit};
+    use crate::calibration::{Camera, Distortion, Face};
+    use nalgebra::{Isometry3, Vector2, Vector3};
 
     /// A camera that saw the board at each of p0 to p5 but p3.
     fn detections() -> Detections {
@@ -388,6 +431,146 @@ mod tests {
             lost: Vec::new(),
             warnings: Vec::new(),
         }
+    }
+
+    /// Two cameras side by side, the second one turned by half a degree from the placement at index `bumped` on.
+    fn pair(bumped: usize, placement: usize) -> [Camera; 2] {
+        [0.0, 0.1].map(|x| {
+            let id = CameraId::new(if x == 0.0 { "left" } else { "right" }).unwrap();
+            let (focal, center) = (Vector2::repeat(1200.0), Vector2::new(639.5, 479.5));
+            let lens = Intrinsics::new(1280, 960, focal, center, Distortion::default()).unwrap();
+            let degrees: f64 = if x > 0.0 && placement >= bumped {
+                0.5
+            } else {
+                0.0
+            };
+            let turn = Vector3::new(0.3, 0.9, 0.1).normalize() * degrees.to_radians();
+            Camera::new(id, lens, Isometry3::new(Vector3::new(x, 0.0, 0.0), turn))
+        })
+    }
+
+    /// What a camera sees at a placement, to a twentieth of a pixel.
+    fn seen(board: &Board, camera: &Camera, placement: usize) -> View {
+        let at = 2.4 * placement as f64;
+        let tilt = Vector3::new(at.cos(), at.sin(), 0.0) * (0.3 + 0.02 * placement as f64);
+        let middle = Vector3::new(
+            0.06 * (1.7 * at).sin(),
+            0.04 * at.cos(),
+            0.7 + 0.01 * at.sin(),
+        );
+        let rig_from_board = Isometry3::new(middle, tilt)
+            * Isometry3::translation(-0.1, -0.0625, 0.0)
+            * Isometry3::rotation(Vector3::z() * 0.1 * at.sin());
+        let corner = |(column, row): (usize, usize)| {
+            let at = board.corner_position(column, row);
+            let pixel = camera.project(rig_from_board * at).unwrap().0;
+            let odd = (placement * 131 + column * 17 + row * 7) as f64 + pixel.x;
+            let noise = Vector2::new((12.9 * odd).sin(), (78.2 * odd).cos()) * 0.05;
+            Corner {
+                column,
+                row,
+                pixel: pixel + noise,
+            }
+        };
+        let all =
+            (0..board.rows).flat_map(|row| (0..board.columns).map(move |column| (column, row)));
+        View {
+            camera: 0,
+            placement: 0,
+            face: Face::Front,
+            corners: all.map(corner).collect(),
+        }
+    }
+
+    #[test]
+    fn views_with_few_corners_count_as_pictures_without_a_board() {
+        let mut detections = detections();
+        detections.session.cameras = vec![SessionCamera {
+            id: CameraId::new("c00").unwrap(),
+            size: [640, 480],
+            known: None,
+            start: None,
+        }];
+        let corner = Corner {
+            column: 0,
+            row: 0,
+            pixel: nalgebra::Point2::origin(),
+        };
+        for (view, corners) in detections.session.views.iter_mut().zip([6, 5, 54, 4, 6]) {
+            view.corners = vec![corner; corners];
+        }
+        detections.reject_views_with_few_corners(6);
+        assert_eq!(detections.session.views.len(), 3);
+        let told: Vec<(&str, &str)> = (detections.rejected[1..].iter())
+            .map(|r| (r.placement.as_str(), r.reason.as_str()))
+            .collect();
+        let words =
+            |found| format!("only {found} of the board's corners were found, expected 6 or more");
+        assert_eq!(told, [("p1", &words(5) as &str), ("p4", &words(4))]);
+    }
+
+    #[test]
+    fn placements_stay_in_the_order_in_which_they_were_shown() {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let files = |camera: &str| -> Vec<PathBuf> {
+            (1..=20)
+                .map(|k| PathBuf::from(format!("{camera}/{k}.png")))
+                .collect()
+        };
+        let cameras = ["left", "right"].map(|id| (CameraId::new(id).unwrap(), files(id)));
+        let recordings = [open_pictures(cameras.into_iter().collect()).unwrap()];
+        let names = placement_names(&recordings);
+        let mut detections = Detections::new(&board, &names);
+        let in_order: Vec<String> = (1..=20).map(|k| format!("p{k}")).collect();
+        assert_eq!(detections.session.placements, in_order);
+        assert_eq!(names[0].get("p12").map(String::as_str), Some("p12"));
+        let ids = pair(20, 0).map(|camera| camera.id);
+        detections.session.cameras = ids
+            .iter()
+            .map(|id| SessionCamera {
+                id: id.clone(),
+                size: [1280, 960],
+                known: None,
+                start: None,
+            })
+            .collect();
+        for shot in &recordings[0].shots() {
+            let placement = in_order
+                .iter()
+                .position(|name| *name == shot.placement)
+                .unwrap();
+            let cameras = pair(11, placement);
+            let camera = cameras
+                .iter()
+                .find(|camera| camera.id == shot.camera)
+                .unwrap();
+            let detection = Detection {
+                shot,
+                placement: shot.placement.clone(),
+                size: [1280, 960],
+                found: Ok(seen(&board, camera, placement)),
+            };
+            detections.take(detection, &ids);
+        }
+        let parameters = Parameters {
+            folds: 0,
+            ..Parameters::default()
+        };
+        let session = &detections.session;
+        let findings = diagnose(
+            session,
+            fit(session, &parameters).ok().as_ref(),
+            &parameters,
+            4,
+        );
+        let words: Vec<&str> = findings.iter().map(|f| f.words.as_str()).collect();
+        assert_eq!(words.len(), 1, "{words:?}");
+        for part in ["between p11 and p12", "--from-placement p12"] {
+            assert!(words[0].contains(part), "{words:?}");
+        }
+        detections.keep_placements(Some("p12"), None).unwrap();
+        assert_eq!(detections.session.placements, in_order[11..]);
+        assert_eq!(detections.session.views.len(), 2 * 9);
     }
 
     #[test]

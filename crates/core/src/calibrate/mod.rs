@@ -18,7 +18,7 @@ pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
     self, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits, MeasuredLengths,
-    ScaleWitnessLimits, WitnessReading, diagnose, judge, missing, witnesses,
+    ScaleWitnessLimits, WitnessReading, diagnose, judge, missing, refer_to_findings, witnesses,
 };
 use crate::calibration::{CalibrationVerdict, DepthResponse, RigCalibration};
 use crate::capture::Placements;
@@ -89,6 +89,7 @@ pub fn run(
     options: Options,
 ) -> Result<Outcome, Error> {
     check_measured(&detections, &options.measured)?;
+    detections.reject_views_with_few_corners(options.fit.fewest_corners());
     let fitted = two_pass_fit::fit_in_two_passes(&mut detections, recordings, &options.fit)?;
     let missing = missing(
         &detections.session,
@@ -96,7 +97,7 @@ pub fn run(
         &detections.depth_cameras,
         &options.wanted,
     );
-    let fit = match fitted {
+    let mut fit = match fitted {
         Ok(fit) => fit,
         Err(cause) => {
             let findings = diagnose(
@@ -116,6 +117,7 @@ pub fn run(
         &options.fit,
         options.limits.placements,
     );
+    refer_to_findings(&mut fit.left_out, &findings);
     let (slopes, measured) = (depth.slopes(), &options.measured);
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);

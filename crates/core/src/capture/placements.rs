@@ -83,7 +83,9 @@ impl Placements {
                 details: reasons.take(10).map(|r| format!("; {r}")).collect(),
             });
         }
-        let captures = planned.into_iter().map(|p| p.capture).collect();
+        let mut captures: Vec<_> = planned.into_iter().map(|p| p.capture).collect();
+        // A capture may become complete after a later one.
+        captures.sort_by_key(|capture| capture.trigger.time);
         Ok(Self {
             source: Source::Recording(Box::new(recording), captures),
             warnings,
@@ -110,6 +112,11 @@ impl Placements {
     pub fn path(&self) -> &Path {
         self.recording()
             .map_or(Path::new("pictures"), Recording::path)
+    }
+
+    /// When the first placement was recorded; unknown for picture files.
+    pub fn first_time(&self) -> Option<Timestamp> {
+        self.captures().first().map(|capture| capture.trigger.time)
     }
 
     fn captures(&self) -> &[Capture<MessageRef>] {

@@ -73,6 +73,7 @@ fn first_fit(rendered: &BoardSession, placement: usize, camera: usize, face: Fac
             views: 1,
             coverage: 1.0,
             false_corners: 0,
+            is_lens_given: false,
         }],
         placements: vec![FittedPlacement {
             name: "one".to_owned(),

@@ -26,6 +26,14 @@ pub enum Rejection {
         /// How many are needed.
         needed: usize,
     },
+    /// Corners of the board, too few to say where it was.
+    #[error("only {found} of the board's corners were found, expected {needed} or more")]
+    TooFewOfBoard {
+        /// How many were found.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
+    },
     /// Another board, or a part of this one; on a checkerboard the two cannot be distinguished.
     #[error("{}x{} inner corners were found, expected {}x{}", found[0], found[1], expected[0], expected[1])]
     Size {

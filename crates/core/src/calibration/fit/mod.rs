@@ -36,6 +36,7 @@ mod subpixel;
 mod template;
 mod template_refine;
 mod verdict;
+mod verdict_of_contradictions;
 mod verdict_of_lens;
 mod verdict_of_shape;
 mod volume;
@@ -43,7 +44,7 @@ mod volume;
 pub use change::ViewChange;
 pub use corners::find_corners;
 pub use coverage::{CoverageLimits, missing};
-pub use diagnosis::{Finding, diagnose};
+pub use diagnosis::{Finding, diagnose, refer_to_findings};
 pub use drift::{CheckError, CheckedCamera, DriftLimits, DriftResult, Motion, PairMotion, check};
 pub use grid::Rejection;
 pub use lens::{Lens, LensModel};
@@ -104,6 +105,13 @@ pub struct Parameters {
     /// Default 0.05, range 0.000001 to 10.
     #[serde(deserialize_with = "range::at_least_a_millionth::<_, _, 10>")]
     pub stretch_expected_percent: f64,
+}
+
+impl Parameters {
+    /// Fewest corners of a view: fewer than four do not say where the board was, whatever is configured.
+    pub fn fewest_corners(&self) -> usize {
+        self.min_corners.max(4)
+    }
 }
 
 impl Default for Parameters {

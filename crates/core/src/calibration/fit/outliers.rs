@@ -1,5 +1,5 @@
-//! Finds what to leave out: false corners, views that no pose explains, placements during which the board moved, and
-//! placements that were recorded twice. It gives the reason for each; it fits no lens.
+//! Finds what to leave out: false corners, views that no pose explains, placements whose views contradict each other,
+//! and placements that were recorded twice. It gives the reason for each; it fits no lens.
 
 use super::adjust::{Bundle, Loss, Observation, PlacementState};
 use super::planar;
@@ -7,12 +7,20 @@ use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 
+/// Why something is left out.
+pub(super) struct Omission {
+    pub reason: String,
+    /// How far from each other the placement's views show the board, over its distance from the camera; `None` where
+    /// they do not contradict each other on that.
+    pub apart: Option<f64>,
+}
+
 /// Something to leave out.
 pub(super) enum ViewDecision {
     /// A view, by its index, and why.
-    View(usize, String),
+    View(usize, Omission),
     /// A placement, by its index, and why.
-    Placement(usize, String),
+    Placement(usize, Omission),
     /// A placement, by its index, that says nothing new, and why.
     Duplicate(usize, String),
 }
@@ -21,6 +29,8 @@ pub(super) enum ViewDecision {
 struct JudgedView {
     joint: f64,
     alone: f64,
+    /// Where it shows the board by itself; `None` if no pose was found.
+    rig_from_board: Option<Isometry3<f64>>,
 }
 
 /// The root mean square of a view's residuals, estimated from their median, so that single false corners do not count.
@@ -43,18 +53,60 @@ fn judged(bundle: &Bundle, view: &Observation) -> JudgedView {
         start
     };
     let points = bundle.sheet.shaped(view.back, &view.points);
-    let alone = planar::refined(&camera.lens, &points, &start).map(|alone| {
-        let pose = alone.camera_from_plane;
+    let alone = planar::refined(&camera.lens, &points, &start);
+    let alone = alone.map(|alone| alone.camera_from_plane);
+    let residual = |pose: &Isometry3<f64>| {
         let length = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
             let seen = camera.lens.project((pose * p).coords);
             seen.map_or(1e3, |seen| (seen - pixel).norm())
         };
         rms_of_median(median(points.iter().map(length)))
-    });
+    };
+    let rig_from_board = |camera_from_face: &Isometry3<f64>| {
+        let rig_from_face = camera.camera_from_rig.inverse() * camera_from_face;
+        match view.back {
+            true => rig_from_face * bundle.board_from_back.inverse(),
+            false => rig_from_face,
+        }
+    };
     JudgedView {
         joint: rms(bundle, view),
-        alone: alone.unwrap_or(1e3),
+        alone: alone.as_ref().map_or(1e3, residual),
+        rig_from_board: alone.as_ref().map(rig_from_board),
     }
+}
+
+/// How far from each other the views of a placement, each by itself, show the board, over its distance from the camera:
+/// the largest such part, of all views or of one of them against the others.
+fn apart(bundle: &Bundle, judged: &[JudgedView], placement: usize, one: Option<usize>) -> f64 {
+    let views: Vec<usize> = (0..bundle.views.len())
+        .filter(|&i| bundle.views[i].placement == placement)
+        .collect();
+    let of = |&second: &usize| {
+        let others = views.iter().filter(move |&&first| first != second);
+        others.filter_map(move |&first| two_apart(bundle, judged, [first, second]))
+    };
+    let wanted = views.iter().filter(|i| one.is_none_or(|one| one == **i));
+    wanted.flat_map(of).fold(0.0, f64::max)
+}
+
+/// How far the first of two views shows the board from where the second one does, over its distance from the camera of
+/// the second; `None` if either shows none by itself.
+fn two_apart(bundle: &Bundle, judged: &[JudgedView], views: [usize; 2]) -> Option<f64> {
+    let view = &bundle.views[views[1]];
+    let camera_from_rig = bundle.cameras[view.camera].camera_from_rig;
+    let camera_from_face = |index: usize| {
+        let camera_from_board = camera_from_rig * judged[index].rig_from_board?;
+        Some(match view.back {
+            true => camera_from_board * bundle.board_from_back,
+            false => camera_from_board,
+        })
+    };
+    let (other, own) = (camera_from_face(views[0])?, camera_from_face(views[1])?);
+    let points = || view.points.iter().map(|(p, _)| p);
+    let apart: f64 = points().map(|p| (other * p - own * p).norm()).sum();
+    let away: f64 = points().map(|p| (own * p).coords.norm()).sum();
+    Some(apart / away.max(1e-9))
 }
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {
@@ -107,32 +159,37 @@ pub(super) fn worst(bundle: &Bundle, ratio: f64) -> Option<ViewDecision> {
              usual; the picture may be blurred, the board bent, or the lens beyond the lens model there",
             worst.alone
         );
-        return Some(ViewDecision::View(index, reason));
+        let apart = None;
+        return Some(ViewDecision::View(index, Omission { reason, apart }));
     }
     let placement = view.placement;
     let odd_one = odd_one_out(bundle, placement, |camera| ratio * joint[camera]);
-    Some(odd_one.unwrap_or_else(|| {
-        let reason = format!(
-            "{DISAGREE} on where the board was ({:.2} px, {usual_joint:.2} px are usual): it moved during the capture",
-            worst.joint
-        );
-        ViewDecision::Placement(placement, reason)
-    }))
+    let apart = Some(apart(bundle, &judged, placement, odd_one));
+    Some(match odd_one {
+        Some(odd_one) => {
+            let reason = ELSEWHERE.into();
+            ViewDecision::View(odd_one, Omission { reason, apart })
+        }
+        None => {
+            let reason = format!(
+                "{DISAGREE} on where the board was ({:.2} px, {usual_joint:.2} px are usual): the board may have moved \
+                 during the capture, or a camera, or a picture is of another moment",
+                worst.joint
+            );
+            ViewDecision::Placement(placement, Omission { reason, apart })
+        }
+    })
 }
 
 /// Why a view is left out that fits a pose of the board, but not the one that the placement's other views agree on.
-pub(super) const ELSEWHERE: &str = "it saw the board elsewhere than the other cameras did: it moved, or its picture was \
-                                    taken at another time";
+pub(super) const ELSEWHERE: &str = "it saw the board elsewhere than the other cameras did: it may have been moved, or \
+                                    its picture taken at another moment";
 
 /// With what the reason begins for which a placement is left out whose views contradict each other.
 pub(super) const DISAGREE: &str = "its cameras disagree";
 
-/// The one view of a placement without which its other views agree, each camera's to `most` pixels.
-fn odd_one_out(
-    bundle: &Bundle,
-    placement: usize,
-    most: impl Fn(usize) -> f64,
-) -> Option<ViewDecision> {
+/// Index of the one view of a placement without which its other views agree, each camera's to `most` pixels.
+fn odd_one_out(bundle: &Bundle, placement: usize, most: impl Fn(usize) -> f64) -> Option<usize> {
     let views: Vec<usize> = (0..bundle.views.len())
         .filter(|&i| bundle.views[i].placement == placement)
         .collect();
@@ -152,7 +209,7 @@ fn odd_one_out(
     };
     let (rest, odd) =
         (views.iter().map(|&i| (without(i), i))).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    (rest <= 1.0).then(|| ViewDecision::View(odd, ELSEWHERE.into()))
+    (rest <= 1.0).then_some(odd)
 }
 
 /// A bundle of one placement's views in which only the board's pose is free, adjusted.

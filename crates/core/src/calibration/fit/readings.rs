@@ -73,6 +73,12 @@ impl Readings {
         })
     }
 
+    /// How far from the place that most agree on some camera saw the board of a placement, over its distance.
+    fn apart(&self, placement: usize) -> Option<f64> {
+        let turns = self.placements[placement].iter().flat_map(|e| &e.turns);
+        turns.flatten().map(|(_, off)| *off).reduce(f64::max)
+    }
+
     /// Whether it is not known which views of a placement are right.
     fn is_undecided(&self, placement: usize) -> bool {
         self.placements[placement].as_ref().is_some_and(|estimate| {
@@ -92,6 +98,7 @@ impl Readings {
                 placement: Some(session.placements[placement].clone()),
                 reason: UNDECIDED.into(),
                 views: cameras.into_iter().map(id).collect(),
+                apart: self.apart(placement),
             });
         }
         let Session {
@@ -112,6 +119,7 @@ impl Readings {
                     placement: Some(placements[view.placement].clone()),
                     reason: FAR.into(),
                     views: vec![cameras[view.camera].id.clone()],
+                    apart: own.map(|(_, off)| off),
                 });
                 return false;
             };

@@ -38,6 +38,8 @@ impl Serialize for Reason {
 pub enum ReasonKind {
     /// Views that were left out agree on a cause, which the words name with its remedy.
     Diagnosed,
+    /// Pictures of one placement show the board at different places; the words name what to do.
+    Contradiction,
     /// Too many views were left out.
     LeftOut,
     /// Two cameras are at one place.
@@ -46,6 +48,8 @@ pub enum ReasonKind {
     Residual,
     /// A lens is beyond the lens model.
     BeyondLensModel,
+    /// A lens that was given does not fit.
+    GivenLens,
     /// Many corners were dropped.
     DroppedCorners,
     /// A camera has few views.

@@ -60,6 +60,8 @@ pub struct FittedCamera {
     pub coverage: f64,
     /// Corners that are far from where they should be and were left out.
     pub false_corners: usize,
+    /// Whether its lens was given and kept.
+    pub is_lens_given: bool,
 }
 
 /// How the board differs from the stated one, as a [`BoardShape`].
@@ -179,6 +181,10 @@ pub struct LeftOut {
     /// where the views only say nothing new.
     #[serde(skip)]
     pub views: Vec<CameraId>,
+    /// How far these views show the board from where others of the placement do, over its distance from the camera;
+    /// `None` where they do not contradict each other on that.
+    #[serde(skip)]
+    pub apart: Option<f64>,
 }
 
 /// Views of the board that were read, and those of them that the fit threw out.

@@ -110,6 +110,20 @@ fn testified(
     (found.clone(), judgement.with_witnesses(&found))
 }
 
+#[test]
+fn a_difference_that_is_allowed_is_no_larger_than_what_is_said_to_be_allowed() {
+    for (metres, deviation) in [(0.5, 0.001), (0.5, 0.015), (0.48, 0.015), (0.496, 0.0001)] {
+        let (found, _) = testified(0.024, None, &distance(metres, deviation));
+        let WitnessReading { off, allowed, .. } = found[0];
+        let words = &found[0].words;
+        assert_eq!(found[0].contradicts, off.abs() > allowed, "{words}");
+        if !found[0].contradicts {
+            let said = format!("within the allowed ±{:.2} %", 100.0 * allowed);
+            assert!(words.ends_with(&said), "{said}: {words}");
+        }
+    }
+}
+
 fn distance(metres: f64, deviation: f64) -> MeasuredLengths {
     let camera = |name| CameraId::new(name).unwrap();
     MeasuredLengths {

@@ -98,6 +98,8 @@ pub struct WitnessReading {
     pub off: f64,
     /// Its standard deviation.
     pub deviation: f64,
+    /// By what part they may differ.
+    pub allowed: f64,
     /// Whether it contradicts the board's size.
     pub contradicts: bool,
     /// Both numbers and, where they contradict each other, both explanations.
@@ -150,11 +152,12 @@ impl Judgement {
 
 impl ScaleWitnessLimits {
     fn reading(&self, off: f64, deviation: f64) -> WitnessReading {
-        let most = self.tolerance.max(self.deviations * deviation);
+        let allowed = self.tolerance.max(self.deviations * deviation);
         WitnessReading {
             off,
             deviation,
-            contradicts: off.abs() > most,
+            allowed,
+            contradicts: off.abs() > allowed,
             words: String::new(),
         }
     }
@@ -272,7 +275,7 @@ fn agrees(numbers: String, found: &WitnessReading) -> String {
     format!(
         "{numbers}: they differ by {:+.2} %, within the allowed ±{:.2} %",
         100.0 * found.off,
-        100.0 * found.deviation
+        100.0 * found.allowed
     )
 }
 

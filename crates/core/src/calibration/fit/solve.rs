@@ -6,7 +6,7 @@ use super::change::changes;
 use super::frame::{lowest_placement, rig_from_table};
 use super::holdout::is_connected;
 use super::lens::PARAMETERS;
-use super::outliers::{self, ViewDecision, mild_loss};
+use super::outliers::{self, Omission, ViewDecision, mild_loss};
 use super::planar::PlanePose;
 use super::pose_graph::{Comparison, Link, PlacementEstimate, Tree, poses, tree};
 use super::projection::projections;
@@ -52,7 +52,7 @@ fn usable(
     parameters: &Parameters,
     left_out: &mut Vec<LeftOut>,
 ) -> Result<Session, Error> {
-    let enough = |v: &&View| v.corners.len() >= parameters.min_corners.max(4);
+    let enough = |v: &&View| v.corners.len() >= parameters.fewest_corners();
     let views: Vec<&View> = session.views.iter().filter(enough).collect();
     let count = |camera: usize| views.iter().filter(|v| v.camera == camera).count();
     let needed = |camera: usize| match session.cameras[camera].known {
@@ -80,6 +80,7 @@ fn usable(
             placement: None,
             reason,
             views: Vec::new(),
+            apart: None,
         });
     }
     if kept.is_empty() {
@@ -156,6 +157,7 @@ fn alone(
                 placement: Some(session.placements[view.placement].clone()),
                 reason: "no pose of the board explains its corners".into(),
                 views: vec![session.cameras[view.camera].id.clone()],
+                apart: None,
             });
         }
     }
@@ -285,7 +287,7 @@ impl<'a> Solver<'a> {
         }
         let deviations = self.parameters.false_corner_deviations;
         self.false_corners = outliers::drop_false_corners(&mut self.bundle, deviations);
-        let fewest = self.parameters.min_corners.max(4);
+        let fewest = self.parameters.fewest_corners();
         let poor: Vec<bool> = self
             .bundle
             .views
@@ -293,8 +295,11 @@ impl<'a> Solver<'a> {
             .map(|v| v.points.len() < fewest)
             .collect();
         for index in (0..poor.len()).rev().filter(|&i| poor[i]) {
-            let reason = "few of its corners are where they should be".to_owned();
-            self.leave_out(&ViewDecision::View(index, reason), left_out);
+            let why = Omission {
+                reason: "few of its corners are where they should be".to_owned(),
+                apart: None,
+            };
+            self.leave_out(&ViewDecision::View(index, why), left_out);
         }
         self.bundle.adjust(mild_loss(&self.bundle), 30);
     }
@@ -304,26 +309,29 @@ impl<'a> Solver<'a> {
         let name = |placement: usize| Some(session.placements[placement].clone());
         let id = |view: &View| session.cameras[view.camera].id.clone();
         left_out.push(match verdict {
-            ViewDecision::View(index, reason) => LeftOut {
+            ViewDecision::View(index, why) => LeftOut {
                 camera: Some(id(&session.views[*index])),
                 placement: name(session.views[*index].placement),
-                reason: reason.clone(),
+                reason: why.reason.clone(),
                 views: vec![id(&session.views[*index])],
+                apart: why.apart,
             },
-            ViewDecision::Placement(placement, reason) => LeftOut {
+            ViewDecision::Placement(placement, why) => LeftOut {
                 camera: None,
                 placement: name(*placement),
-                reason: reason.clone(),
+                reason: why.reason.clone(),
                 views: (session.views.iter())
                     .filter(|v| v.placement == *placement)
                     .map(id)
                     .collect(),
+                apart: why.apart,
             },
             ViewDecision::Duplicate(placement, reason) => LeftOut {
                 camera: None,
                 placement: name(*placement),
                 reason: reason.clone(),
                 views: Vec::new(),
+                apart: None,
             },
         });
         let keep = |index: usize, placement: usize| match verdict {
@@ -462,6 +470,7 @@ impl<'a> Solver<'a> {
                 placement: Some(name.clone()),
                 reason: "no camera saw enough of the board to say where it was".into(),
                 views: Vec::new(),
+                apart: None,
             })
             .collect()
     }
@@ -523,6 +532,7 @@ impl<'a> Solver<'a> {
                 own().flat_map(|r| r.corners.iter().map(|c| c.0)),
             ),
             false_corners: self.false_corners[camera],
+            is_lens_given: self.session.cameras[camera].known.is_some(),
             camera: Camera::new(id, lens, state.camera_from_rig.inverse()),
         })
     }

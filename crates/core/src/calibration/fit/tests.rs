@@ -320,6 +320,7 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
             placement: Some("p01".to_owned()),
             reason: "it moved".to_owned(),
             views,
+            apart: None,
         });
         judge(&fit, &[], &BTreeMap::new(), &Limits::default())
     };
@@ -354,6 +355,27 @@ fn what_the_fit_threw_out_counts_in_the_verdict() {
         left_out: 0,
     };
     assert_eq!(share.part(), 0.0);
+}
+
+#[test]
+fn one_camera_among_sharp_ones_refuses_a_calibration_only_if_it_is_far_off() {
+    let mut fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
+    for (rms_px, level) in [
+        (0.2, CalibrationLevel::Accepted),
+        (0.5, CalibrationLevel::Doubtful),
+        (1.0, CalibrationLevel::Doubtful),
+        (2.0, CalibrationLevel::Refused),
+    ] {
+        fit.cameras[2].figures.rms_px = rms_px;
+        let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+        assert!(
+            judgement.level == level || (rms_px < 0.25 && judgement.level < level),
+            "{rms_px}: {judgement:?}"
+        );
+        let told = format!("camera c02: the rms of its residuals is {rms_px:.3} px");
+        let is_told = judgement.reasons.iter().any(|r| r.words.starts_with(&told));
+        assert_eq!(is_told, rms_px > 0.25, "{judgement:?}");
+    }
 }
 
 #[test]
@@ -506,6 +528,25 @@ fn known_lenses_are_kept() {
         truth.cameras[0].intrinsics
     );
     predicts_well(&truth, &fit);
+}
+
+#[test]
+fn a_given_lens_that_does_not_fit_is_told_from_a_lens_beyond_the_model() {
+    let mut truth = truth(checkerboard(), 12, 6);
+    truth.cameras = truth.cameras[6..9].to_vec();
+    let mut session = truth.session(0.1, &mut Random(7));
+    for (subject, camera) in session.cameras.iter_mut().zip(&truth.cameras) {
+        let mut lens = camera.intrinsics;
+        lens.distortion.radial[0] += 0.01;
+        subject.known = Some(lens);
+    }
+    let fit = fit(&session, &Parameters::default()).unwrap();
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+    let kinds: Vec<ReasonKind> = judgement.reasons.iter().map(|r| r.kind).collect();
+    assert!(kinds.contains(&ReasonKind::GivenLens), "{judgement:?}");
+    assert!(!kinds.contains(&ReasonKind::BeyondLensModel));
+    let told = "the lens that was given does not fit: fit it anew";
+    assert!(judgement.reasons.iter().any(|r| r.words.ends_with(told)));
 }
 
 #[test]

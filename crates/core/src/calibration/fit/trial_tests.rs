@@ -1,5 +1,6 @@
 //! Tests whether the stated errors of a calibration are right: sessions with known truth, noisy corners, and boards
-//! that are bent and stretched like real prints. All errors are compared with their stated deviations.
+//! that are bent and stretched like real prints. All errors are compared with their stated deviations. They take
+//! minutes and are run by `make calibration-trial`.
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::{Fit, Parameters, TermStatus, fit};
@@ -201,7 +202,7 @@ fn hold(sessions: u64, cameras: &[Camera], board: Board, count: usize) {
 }
 
 #[test]
-#[ignore = "twenty sessions take a minute or more"]
+#[ignore = "twenty sessions take a minute or more: make calibration-trial"]
 fn errors_are_as_large_as_is_stated() {
     hold(
         20,
@@ -212,7 +213,7 @@ fn errors_are_as_large_as_is_stated() {
 }
 
 #[test]
-#[ignore = "forty sessions of nine cameras take minutes"]
+#[ignore = "forty sessions of nine cameras take minutes: make calibration-trial"]
 fn errors_are_as_large_as_is_stated_of_a_large_rig() {
     hold(
         40,

@@ -3,6 +3,7 @@
 use super::diagnosis::Finding;
 use super::reason::{Reason, ReasonKind};
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
+use super::verdict_of_contradictions::contradictions;
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
 use crate::calibration::{CalibrationLevel, Camera};
@@ -24,7 +25,7 @@ pub struct Limits {
     /// Default 0.4, from `good_px` to `refused_px`.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub accepted_px: f64,
-    /// The same, beyond which it is refused.
+    /// The same, beyond which it is refused. One camera of several refuses it with three times that.
     /// Default 0.6, from `accepted_px` to 100.
     #[serde(deserialize_with = "range::within::<_, _, 0, 100>")]
     pub refused_px: f64,
@@ -88,6 +89,9 @@ pub struct Limits {
 const SAME_CENTER: f64 = 0.01;
 /// Angle in degrees between their axes below which they look in one direction.
 const SAME_AXIS_DEGREES: f64 = 10.0;
+/// How many times the residual that refuses a calibration one of its cameras must have to refuse it alone: a noisy
+/// camera has more than sharp ones, but its lens and pose are right.
+const OF_CAMERA: f64 = 3.0;
 /// Views that a camera must have lost before its share of them counts: one may be an accident.
 const FEWEST_LEFT_OUT: usize = 2;
 
@@ -193,6 +197,7 @@ pub fn judge(
             )
         })
         .collect();
+    found.extend(contradictions(fit, findings));
     found.extend(left_out(fit, limits));
     if !limits.same_place {
         found.extend(at_one_place(fit));
@@ -313,9 +318,13 @@ fn at_one_place(fit: &Fit) -> Vec<Reason> {
 /// The reasons that a camera's residuals, views, coverage and corners give.
 fn of_camera(camera: &FittedCamera, limits: &Limits) -> Vec<Reason> {
     let (id, rms) = (&camera.camera.id, camera.figures.rms_px);
-    // A single camera is one of many: it makes a calibration doubtful and does not refuse it.
+    // A camera that sees worse than others makes a calibration doubtful; one that is nowhere near its place, refused.
+    let level = match rms > OF_CAMERA * limits.refused_px {
+        true => CalibrationLevel::Refused,
+        false => limits.by_rms(rms).min(CalibrationLevel::Doubtful),
+    };
     let mut found = vec![Reason::new(
-        limits.by_rms(rms).min(CalibrationLevel::Doubtful),
+        level,
         ReasonKind::Residual,
         format!(
             "camera {id}: the rms of its residuals is {rms:.3} px, expected at most {}",

@@ -22,7 +22,7 @@ const MUCH: f64 = 0.2;
 const FEWEST_LEFT_OUT: usize = 2;
 
 /// What to say of a camera whose residuals go with the distance from the middle of its picture; `None` where its lens
-/// fits the lens model.
+/// fits the lens model. A lens that was given, and is another one, does the same.
 pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<Reason> {
     let fitted = &fit.cameras[camera];
     let own = fit.residuals.iter().filter(|view| view.camera == camera);
@@ -37,13 +37,23 @@ pub(super) fn beyond_model(fit: &Fit, camera: usize, good_px: f64) -> Option<Rea
         false => CalibrationLevel::Accepted,
     };
     is_beyond.then(|| {
+        let (kind, cause) = match fitted.is_lens_given {
+            true => (
+                ReasonKind::GivenLens,
+                "the lens that was given does not fit: fit it anew",
+            ),
+            false => (
+                ReasonKind::BeyondLensModel,
+                "the lens is beyond the lens model, as a fisheye lens is",
+            ),
+        };
         let words = format!(
             "camera {}: {:.0} % of its squared residuals depend on the distance from the middle of its picture \
-             ({by_px:.2} px): the lens is beyond the lens model, as a fisheye lens is",
+             ({by_px:.2} px): {cause}",
             fitted.camera.id,
             100.0 * part
         );
-        Reason::new(level, ReasonKind::BeyondLensModel, words)
+        Reason::new(level, kind, words)
     })
 }
 

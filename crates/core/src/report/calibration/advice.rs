@@ -6,7 +6,7 @@ use crate::calibration::fit::ReasonKind;
 pub(super) fn advice(kind: ReasonKind) -> &'static str {
     match kind {
         // Its words name the remedy.
-        ReasonKind::Diagnosed => "",
+        ReasonKind::Diagnosed | ReasonKind::Contradiction => "",
         ReasonKind::LeftOut => {
             "See what was left out, and why, below. A camera that moved or was refocused, exchanged cables, or pictures \
              of another moment do this: correct it, and show the board again."
@@ -18,6 +18,9 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
         }
         ReasonKind::BeyondLensModel => {
             "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens."
+        }
+        ReasonKind::GivenLens => {
+            "Calibrate without --fix-intrinsics, or give the lens as it is now: of this focus, zoom and size of picture."
         }
         ReasonKind::DroppedCorners => {
             "Check that the board is flat and evenly lit, and its picture sharp."

@@ -7,12 +7,13 @@ mod depth;
 mod html;
 mod placements;
 mod rig;
+mod unseen;
 mod views;
 
 pub use views::{Found, ViewPicture};
 
 use crate::calibration::CalibrationLevel;
-use crate::calibration::fit::{Fit, Judgement, Limits};
+use crate::calibration::fit::{Fit, Judgement, Limits, ReasonKind};
 use crate::calibration::response::PlaneFit;
 use crate::frame::CameraId;
 use crate::markup::escaped;
@@ -66,6 +67,7 @@ pub fn calibration_page(page: &CalibrationPage<'_>) -> String {
     to_do(&mut html, page);
     left_out(&mut html, page);
     scale(&mut html, page);
+    unseen::section(&mut html, page);
     placements::plot(&mut html, page);
     cameras::table(&mut html, page);
     cameras::pictures(&mut html, fit);
@@ -178,7 +180,8 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
 /// What is red, and what to do about it.
 fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     let reasons = &page.judgement.reasons;
-    if reasons.is_empty() && page.missing.is_empty() && page.lost.is_empty() {
+    let left_out = left_out_words(page);
+    if reasons.is_empty() && page.missing.is_empty() && page.lost.is_empty() && left_out.is_none() {
         *html += "<h2>What to do</h2><p>Nothing: keep the file, and check the rig against it each day.</p>\n";
         return;
     }
@@ -191,11 +194,30 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
             advice(reason.kind)
         );
     }
+    if let Some(words) = left_out {
+        let _ = write!(html, "<li>{words}</li>");
+    }
     for lost in page.lost {
         let _ = write!(html, "<li>Not read: {}</li>", escaped(lost));
     }
     *html += "</ul>\n";
     missing(html, page);
+}
+
+/// That some views were left out, where that is too few for a reason of the verdict.
+fn left_out_words(page: &CalibrationPage<'_>) -> Option<String> {
+    let share = page.fit.left_out_share();
+    let mut reasons = page.judgement.reasons.iter();
+    let is_said = reasons.any(|reason| reason.kind == ReasonKind::LeftOut);
+    (share.left_out > 0 && !is_said).then(|| {
+        format!(
+            "{} of {} views of the board ({:.0} %) were left out: see below what they are, and why. If it is not a blurred \
+             picture or a board that moved, correct what caused it, and show the board again.",
+            share.left_out,
+            share.read,
+            (100.0 * share.part()).max(1.0)
+        )
+    })
 }
 
 /// What the session lacks, as a table of whom and what.

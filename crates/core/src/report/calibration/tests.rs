@@ -26,6 +26,7 @@ fn camera(name: &str, x: f64, rms: f64) -> FittedCamera {
         views: 7,
         coverage: 0.5,
         false_corners: 0,
+        is_lens_given: false,
     }
 }
 
@@ -69,11 +70,83 @@ fn fit() -> Fit {
             placement: Some("p7".to_owned()),
             reason: "it moved".to_owned(),
             views: vec![CameraId::new("c00").unwrap()],
+            apart: None,
         }],
         views: Vec::new(),
         residuals: vec![view(0), view(1)],
         links: vec![[0, 1]],
     }
+}
+
+/// The page of a fit, judged, that lacks nothing.
+fn page_of(fit: &Fit) -> String {
+    let limits = Limits::default();
+    let judgement = judge(fit, &[], &BTreeMap::new(), &limits);
+    calibration_page(&CalibrationPage {
+        fit,
+        judgement: &judgement,
+        limits: &limits,
+        missing: &[],
+        placements: &["p6", "p7"].map(str::to_owned),
+        rejected: &[],
+        pictures: &[],
+        lost: &[],
+        depths: &[],
+        depth_words: &[],
+        scale: &[],
+        sources: &[],
+    })
+}
+
+/// A fit that is good.
+fn good_fit() -> Fit {
+    let mut fit = fit();
+    let one = fit.residuals[0].clone();
+    fit.cameras[1].figures.rms_px = 0.05;
+    fit.figures.rms_px = 0.05;
+    let placement = fit.placements[0].clone();
+    fit.placements = vec![placement; 5];
+    fit.residuals = vec![one; 20];
+    fit.left_out.clear();
+    if let Some(held_out) = &mut fit.held_out {
+        held_out.ratio = 1.0;
+    }
+    fit
+}
+
+#[test]
+fn any_view_that_was_left_out_is_something_to_look_at() {
+    let mut fit = good_fit();
+    let nothing = "Nothing: keep the file";
+    assert!(page_of(&fit).contains(nothing), "{}", page_of(&fit));
+    fit.left_out.push(LeftOut {
+        camera: Some(CameraId::new("c00").unwrap()),
+        placement: Some("p7".to_owned()),
+        reason: "it is blurred".to_owned(),
+        views: vec![CameraId::new("c00").unwrap()],
+        apart: None,
+    });
+    let page = page_of(&fit);
+    assert!(page.contains("Calibration: <span class=\"good\">"));
+    assert!(
+        !page.contains(nothing)
+            && page.contains("<li>1 of 21 views of the board (5 %) were left out: see below")
+    );
+}
+
+#[test]
+fn what_no_session_like_this_can_show_is_said() {
+    let mut fit = good_fit();
+    let all_mirrored = "If the pictures of all cameras are mirrored";
+    assert!(page_of(&fit).contains(all_mirrored));
+    let zoomed = "zoomed by 1 % between two pictures fits a lens in between";
+    assert!(!page_of(&fit).contains(zoomed));
+    fit.board = Board::charuco(9, 6, 0.025, false).unwrap();
+    assert!(!page_of(&fit).contains("cannot show"));
+    fit.cameras.truncate(1);
+    fit.links.clear();
+    fit.residuals.retain(|view| view.camera == 0);
+    assert!(page_of(&fit).contains(zoomed) && !page_of(&fit).contains("mirrored"));
 }
 
 #[test]

@@ -12,7 +12,7 @@ mod tests;
 
 use super::Parameters;
 use super::change::ViewChange;
-use super::result::Fit;
+use super::result::{Fit, LeftOut};
 use super::session::Session;
 use crate::frame::CameraId;
 use advice::Least;
@@ -64,6 +64,21 @@ pub fn diagnose(
         }
     }
     findings
+}
+
+/// Makes views that contradict others, and were left out for that, refer to the findings about their cameras.
+pub fn refer_to_findings(left_out: &mut [LeftOut], findings: &[Finding]) {
+    for left_out in left_out.iter_mut().filter(|l| l.apart.is_some()) {
+        let views = &left_out.views;
+        let concerns = |finding: &&Finding| finding.cameras.iter().any(|id| views.contains(id));
+        let Some(finding) = findings.iter().find(concerns) else {
+            continue;
+        };
+        let names: Vec<&str> = finding.cameras.iter().map(CameraId::as_str).collect();
+        let noun = if names.len() == 1 { "camera" } else { "cameras" };
+        let reference = format!("; see the reason about {noun} {}", names.join(" and "));
+        left_out.reason += &reference;
+    }
 }
 
 /// A change that is seen in the residuals of a camera, and for which no cause was found.

@@ -23,14 +23,15 @@ pub(super) const FEWEST_VIEWS: usize = 4;
 /// A rig of the cameras that are not suspected.
 pub(super) struct Reference<'a> {
     pub session: &'a Session,
-    /// Indices of its cameras in the session.
+    /// Indices in the session of the cameras that its fit holds.
     pub cameras: Vec<usize>,
     /// Indices of those that are suspected.
     pub suspects: Vec<usize>,
     pub fit: Fit,
     /// The board at each of the session's placements that its cameras saw.
     pub rig_from_board: Vec<Option<Isometry3<f64>>>,
-    /// Whether either of two cameras may be at fault, because only their relative motion was found.
+    /// Whether either of two cameras may be at fault, because the rig is one camera and only one suspect can be
+    /// compared with it.
     pub is_relative: bool,
     /// What has to be left of the session for a calibration from some placement on.
     pub least: Least,
@@ -38,7 +39,7 @@ pub(super) struct Reference<'a> {
 
 impl<'a> Reference<'a> {
     /// Rigs without the cameras that contradict it: one, or, where all contradict each other, one for each of the least
-    /// suspected cameras.
+    /// suspected cameras. A camera that saw too little counts as none.
     pub(super) fn candidates(
         session: &'a Session,
         fit: Option<&Fit>,
@@ -46,53 +47,74 @@ impl<'a> Reference<'a> {
         least: Least,
     ) -> Vec<Self> {
         let mut suspects = suspects(session, fit, parameters);
+        let all: Vec<usize> = (0..session.cameras.len()).collect();
         let views = |c: usize| session.views.iter().filter(|v| v.camera == c).count();
-        suspects.retain(|&c| views(c) >= FEWEST_VIEWS);
-        let count = session.cameras.len();
-        let without = |suspects: Vec<usize>| Self::without(session, suspects, parameters, least);
-        if suspects.len() < count && (count != 2 || suspects.is_empty()) {
-            return without(suspects).into_iter().collect();
+        let sees = |c: &usize| views(*c) >= FEWEST_VIEWS;
+        suspects.retain(sees);
+        let seeing: Vec<usize> = all.iter().copied().filter(sees).collect();
+        let without = |suspects: Vec<usize>, cameras: &[usize]| {
+            Self::without(session, cameras, suspects, parameters, least)
+        };
+        if suspects.is_empty() {
+            return Vec::new();
         }
-        if count == 2 {
-            return without(vec![1]).into_iter().collect();
+        if let [_, second] = seeing[..] {
+            return without(vec![second], &seeing).into_iter().collect();
+        }
+        if suspects.len() < seeing.len() {
+            return without(suspects, &all).into_iter().collect();
         }
         let least_suspected = suspects.iter().rev().take(MOST_CANDIDATES);
         let others = |&held: &usize| suspects.iter().copied().filter(|&c| c != held).collect();
         least_suspected
-            .filter_map(|held| without(others(held)))
+            .filter_map(|held| without(others(held), &all))
             .collect()
     }
 
-    /// Fits the rig without these cameras, or, where nothing can be fitted without them all, without the first of them.
+    /// Fits the rig of these cameras without the suspected ones or, where nothing can be fitted without them all,
+    /// without the first of them.
     fn without(
         session: &'a Session,
+        of: &[usize],
         mut suspects: Vec<usize>,
         parameters: &Parameters,
         least: Least,
     ) -> Option<Self> {
         let quick = quick(parameters);
         while !suspects.is_empty() {
-            let cameras: Vec<usize> = (0..session.cameras.len())
-                .filter(|c| !suspects.contains(c))
-                .collect();
+            let mut cameras = of.to_vec();
+            cameras.retain(|c| !suspects.contains(c));
             if let Ok(fit) = solve::fit(&part(session, &cameras), &quick) {
-                let pose = |name: &String| {
-                    let found = fit.placements.iter().find(|p| p.name == *name);
-                    found.map(|p| p.rig_from_board)
-                };
-                return Some(Self {
-                    rig_from_board: session.placements.iter().map(pose).collect(),
-                    is_relative: session.cameras.len() == 2,
-                    least,
-                    session,
-                    cameras,
-                    suspects,
-                    fit,
-                });
+                return Some(Self::of_fit(session, fit, suspects, least));
             }
             suspects.pop();
         }
         None
+    }
+
+    fn of_fit(session: &'a Session, fit: Fit, suspects: Vec<usize>, least: Least) -> Self {
+        let index = |id: &CameraId| session.cameras.iter().position(|c| c.id == *id);
+        let cameras = fit.cameras.iter().filter_map(|c| index(&c.camera.id));
+        let pose = |name: &String| {
+            let found = fit.placements.iter().find(|p| p.name == *name);
+            found.map(|p| p.rig_from_board)
+        };
+        let rig_from_board: Vec<_> = session.placements.iter().map(pose).collect();
+        let shared = |camera: usize| {
+            let own = session.views.iter().filter(|v| v.camera == camera);
+            own.filter(|v| rig_from_board[v.placement].is_some())
+                .count()
+        };
+        let comparable = suspects.iter().filter(|&&c| shared(c) >= FEWEST_VIEWS);
+        Self {
+            is_relative: fit.cameras.len() == 1 && comparable.count() == 1,
+            cameras: cameras.collect(),
+            rig_from_board,
+            session,
+            suspects,
+            least,
+            fit,
+        }
     }
 
     pub(super) fn id(&self, camera: usize) -> &CameraId {

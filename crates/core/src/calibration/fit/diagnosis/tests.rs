@@ -2,6 +2,7 @@
 
 use super::super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::super::{Error, Finding, Limits, Parameters, Session, View, diagnose, fit, judge};
+use super::refer_to_findings;
 use crate::calibration::{Board, CalibrationLevel, Camera, Distortion, Intrinsics};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -59,6 +60,28 @@ fn told(session: &Session) -> (Vec<Finding>, CalibrationLevel) {
     }
 }
 
+/// The session beside a camera that never saw the board, which stands at this place among the cameras.
+fn beside_blind(mut session: Session, at: usize) -> Session {
+    let id = crate::frame::CameraId::new("blind").unwrap();
+    let blind = super::super::SessionCamera {
+        id,
+        ..session.cameras[0].clone()
+    };
+    session.cameras.insert(at, blind);
+    for view in &mut session.views {
+        view.camera += usize::from(view.camera >= at);
+    }
+    session
+}
+
+/// The same is told of a pair, and of a pair beside a camera that never saw the board.
+fn is_told_of_pair(pair: &Session, words: &[&str]) {
+    is_told(pair, words);
+    for at in [0, 2] {
+        is_told(&beside_blind(pair.clone(), at), words);
+    }
+}
+
 fn is_told(session: &Session, words: &[&str]) {
     let (findings, level) = told(session);
     assert!(level >= CalibrationLevel::Doubtful, "{findings:?}");
@@ -103,6 +126,25 @@ fn a_camera_that_is_bumped_late_is_named_with_turn_and_placement() {
 }
 
 #[test]
+fn what_was_left_out_refers_to_the_camera_that_moved() {
+    let session = bumped(4, 2, 0.7, 14);
+    let parameters = Parameters::default();
+    let mut fit = fit(&session, &parameters).unwrap();
+    let findings = diagnose(&session, Some(&fit), &parameters, 4);
+    refer_to_findings(&mut fit.left_out, &findings);
+    let contradicting = fit.left_out.iter().filter(|l| l.apart.is_some());
+    let reasons: Vec<&str> = contradicting.map(|l| l.reason.as_str()).collect();
+    assert!(reasons.len() >= 2, "{:?}", fit.left_out);
+    for reason in reasons {
+        let is_possible = reason.contains("may have");
+        assert!(
+            is_possible && reason.ends_with("; see the reason about camera c02"),
+            "{reason}"
+        );
+    }
+}
+
+#[test]
 fn a_camera_that_is_bumped_early_leaves_the_rig_since() {
     let words = [
         "camera c01 moved by 0.3",
@@ -118,7 +160,7 @@ fn a_pair_whose_cameras_moved_against_each_other_is_told_so() {
         "cameras c00 and c01 moved against each other by 0.5",
         "between p11 and p12",
     ];
-    is_told(&bumped(2, 1, 0.5, 12), &words);
+    is_told_of_pair(&bumped(2, 1, 0.5, 12), &words);
 }
 
 /// A pair like a stereo head: pictures of 640 x 480 pixels, lenses whose centres differ, axes that are nearly parallel.
@@ -181,10 +223,10 @@ fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
         for view in exchanged.views.iter_mut().filter(|v| v.placement >= 12) {
             view.camera = 1 - view.camera;
         }
-        is_told(&exchanged, &["are exchanged from p12 on"]);
+        is_told_of_pair(&exchanged, &["are exchanged from p12 on"]);
     }
     // Which of two is at fault is not known.
-    is_told(
+    is_told_of_pair(
         &late(2, 1, 0, 1),
         &[
             "c01: its pictures are one placement late, or those of camera c00 are one placement early",
@@ -192,7 +234,7 @@ fn a_pair_that_was_exchanged_late_or_mirrored_is_told_so() {
     );
     for camera in [0, 1] {
         let words = ["the pictures of camera c00 or of camera c01 are mirrored:"];
-        is_told(&mirrored(2, camera, 0), &words);
+        is_told_of_pair(&mirrored(2, camera, 0), &words);
     }
 }
 
@@ -249,7 +291,7 @@ fn of_a_pair_with_one_wrong_picture_neither_view_is_used() {
         assert_eq!(left_out.subject(), "placement p05");
         assert_eq!(left_out.views.len(), 2, "{left_out:?}");
         assert!(found.placements.iter().all(|p| p.name != "p05"));
-        assert!(told(&session).0.is_empty());
+        is_contradiction(&session, "the pictures of p05 contradict each other, by ");
         // At the end of a session it may be a camera that moved.
         let words = [
             "its last view, at p13, shows the board elsewhere than camera ",
@@ -264,6 +306,34 @@ fn of_a_pair_with_one_wrong_picture_neither_view_is_used() {
     let thrown_out = found.left_out.iter().filter(|l| !l.views.is_empty());
     let subjects: Vec<String> = thrown_out.map(|l| l.subject()).collect();
     assert_eq!(subjects, ["camera c02, placement p05"]);
+    is_contradiction(
+        &session,
+        "camera c02: what it shows at p05 contradicts the other cameras, by ",
+    );
+}
+
+/// Whether a session is doubted for pictures that contradict each other, and for no other cause.
+fn is_contradiction(session: &Session, words: &str) {
+    let parameters = Parameters {
+        folds: 0,
+        ..Parameters::default()
+    };
+    let (findings, level) = told(session);
+    assert!(findings.is_empty(), "{findings:?}");
+    assert_eq!(level, CalibrationLevel::Doubtful);
+    let fit = fit(session, &parameters).unwrap();
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+    let reasons: Vec<&str> = judgement.reasons.iter().map(|r| r.words.as_str()).collect();
+    assert!(reasons[0].starts_with(words), "{reasons:?}");
+}
+
+#[test]
+fn a_picture_of_another_moment_is_doubted_wherever_the_board_was_then() {
+    let pair = stereo_head(4, 14).session(0.14, &mut Random(7));
+    for of in (0..14).filter(|of| *of != 5) {
+        let (findings, level) = told(&at_another_moment(pair.clone(), 1, 5, of));
+        assert!(level >= CalibrationLevel::Doubtful, "{of}: {findings:?}");
+    }
 }
 
 #[test]
