@@ -35,7 +35,7 @@ pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
 }
 
 /// Checks that there is space for captures of this size, in addition to the space that is kept free.
-pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> Finding {
+pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free_bytes: u64) -> Finding {
     let subject = "disk: space";
     let free = match free {
         Ok(free) => free,
@@ -48,7 +48,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
             );
         }
     };
-    let usable = free.saturating_sub(keep_free);
+    let usable = free.saturating_sub(keep_free_bytes);
     let mut found = format!("{} GB free", free / 1_000_000_000);
     let Some(captures) = usable.checked_div(capture_bytes) else {
         return Finding::ok(subject, found);

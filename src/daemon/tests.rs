@@ -547,7 +547,7 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
 }
 
 /// A daemon whose session is complete, and what packs its recordings after a second's rest; nothing rests yet.
-fn packable(keep_free: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
+fn packable(keep_free_bytes: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
     let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
     let folder = tempfile::tempdir().unwrap();
     let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |_| ());
@@ -561,7 +561,7 @@ fn packable(keep_free: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
     }
     stand.ask(Order::Close).unwrap();
     stand.until(|status| status.waiting == 0);
-    let packer = Packer::new(&stand.capturing, &parameters, keep_free, clock);
+    let packer = Packer::new(&stand.capturing, &parameters, keep_free_bytes, clock);
     (clock, stand, packer)
 }
 
@@ -605,12 +605,12 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
 
 #[test]
 fn nothing_is_packed_while_there_is_no_room_for_a_copy() {
-    let keep_free = Arc::new(AtomicU64::new(u64::MAX));
-    let (clock, stand, mut packer) = packable(keep_free.clone());
+    let keep_free_bytes = Arc::new(AtomicU64::new(u64::MAX));
+    let (clock, stand, mut packer) = packable(keep_free_bytes.clone());
     let is_packed = || recordings(stand.folder.path())[0].is_packed();
     clock.advance(Duration::from_secs(1));
     assert!(!packer.step() && !is_packed());
-    keep_free.store(0, Ordering::Relaxed);
+    keep_free_bytes.store(0, Ordering::Relaxed);
     clock.advance(Duration::from_secs(1));
     assert!(packer.step() && is_packed());
 }

@@ -223,8 +223,12 @@ fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) 
     let folder = &config.recording.folder;
     let (finding, writable) = check::folder(folder, daemon_answers);
     let mut findings = vec![finding];
-    let keep_free = config.recording.keep_free();
-    findings.push(check::space(free_bytes(folder), capture_bytes, keep_free));
+    let keep_free_bytes = config.recording.keep_free_bytes();
+    findings.push(check::space(
+        free_bytes(folder),
+        capture_bytes,
+        keep_free_bytes,
+    ));
     if !args.no_speed && writable && findings.iter().all(|f| f.state != State::Wrong) {
         findings.push(check::speed(folder, capture_bytes));
     }

@@ -103,25 +103,30 @@ fn serve_rig(
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events(), clock)?;
-    let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
+    let keep_free_bytes = Arc::new(AtomicU64::new(config.recording.keep_free_bytes()));
     let start = |models: Models| {
         models.start(
             &config,
             clock,
             interrupted.recordings(),
-            keep_free.clone(),
+            keep_free_bytes.clone(),
             capturing.clone(),
         )
     };
     let workers = models.map(start).transpose()?;
     interrupted.forget();
-    let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
+    let packing = Packing::start(
+        &capturing,
+        &config.recording,
+        keep_free_bytes.clone(),
+        clock,
+    )?;
     let running = ReloadableConfig {
         source,
         config,
         header,
         jobs,
-        keep_free,
+        keep_free_bytes,
     };
     let reload = Box::new(move || running.reload(clock));
     let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
