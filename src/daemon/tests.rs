@@ -8,7 +8,7 @@ use super::scripted::{
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
-use crate::recording::{ColorPart, Outcome, Recording, Topic, interrupted};
+use crate::recording::{CaptureOutcome, ColorPart, Recording, Topic, interrupted};
 use crate::trigger::{Event, Reply, Until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -31,7 +31,10 @@ fn one_press_is_one_durable_capture() {
     assert_eq!(found.path(), recording);
     assert_eq!(found.verify().unwrap(), []);
     let all = captures(found);
-    assert_eq!(all, [(capture.clone(), Outcome::Complete, 3 + 12, None)]);
+    assert_eq!(
+        all,
+        [(capture.clone(), CaptureOutcome::Complete, 3 + 12, None)]
+    );
     let depth = Topic::Depth(
         CameraId::new("k0").unwrap(),
         crate::recording::DepthPart::Image,
@@ -153,7 +156,11 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
     let outcomes: Vec<_> = all.iter().map(|(_, outcome, ..)| *outcome).collect();
     assert_eq!(
         outcomes,
-        [Outcome::Failed, Outcome::Failed, Outcome::Complete]
+        [
+            CaptureOutcome::Failed,
+            CaptureOutcome::Failed,
+            CaptureOutcome::Complete
+        ]
     );
     // What the other cameras gave is kept: two pictures and the whole burst.
     assert_eq!(all[0].2, 2 + 14);

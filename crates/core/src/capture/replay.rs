@@ -4,7 +4,7 @@
 
 use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
 use crate::recording::{
-    CaptureRecord, ColorPart, DepthPart, Error, MessageRef, Outcome, Recording, Topic,
+    CaptureOutcome, CaptureRecord, ColorPart, DepthPart, Error, MessageRef, Recording, Topic,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -165,7 +165,7 @@ fn request(trigger: Trigger, record: Option<&CaptureRecord>) -> Event {
         trigger,
         listed: listed.collect(),
         failed: record
-            .filter(|r| r.outcome == Outcome::Failed)
+            .filter(|r| r.outcome == CaptureOutcome::Failed)
             .map(|r| r.reason.clone().unwrap_or_else(|| "no reason given".into())),
     })
 }

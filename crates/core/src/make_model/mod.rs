@@ -60,7 +60,7 @@ pub struct ModelMaker<'a> {
 
 /// What became of a capture.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
+pub enum ModelOutcome {
     /// A model was made.
     Made {
         /// The model.
@@ -86,7 +86,7 @@ pub enum Outcome {
 
 impl ModelMaker<'_> {
     /// Makes the model of one capture and writes its folder, or the report of its failure.
-    pub fn make(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
+    pub fn make(&self, session: &CaptureSession, id: &CaptureId) -> ModelOutcome {
         self.try_make(session, id)
             .unwrap_or_else(|error| self.failed(session, id, &error))
     }
@@ -97,7 +97,7 @@ impl ModelMaker<'_> {
         session: &CaptureSession,
         id: &CaptureId,
         error: &dyn std::fmt::Display,
-    ) -> Outcome {
+    ) -> ModelOutcome {
         let mut reason = error.to_string();
         let summary = session.capture(id);
         let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
@@ -118,10 +118,10 @@ impl ModelMaker<'_> {
                 reason = format!("{reason}; {also}");
             }
         }
-        Outcome::Failed { reason }
+        ModelOutcome::Failed { reason }
     }
 
-    fn try_make(&self, session: &CaptureSession, id: &CaptureId) -> Result<Outcome, Error> {
+    fn try_make(&self, session: &CaptureSession, id: &CaptureId) -> Result<ModelOutcome, Error> {
         let timer = StageTimer::new(self.on_stage, id);
         let (mut scene, mut facts) = session.load(id)?;
         if let Some(calibration) = self.calibration {
@@ -137,7 +137,7 @@ impl ModelMaker<'_> {
         let damaged = !facts.damage.is_empty();
         if let Some(model) = self.unchanged(&folder, &digest)? {
             mark(&folder, &notes)?;
-            return Ok(Outcome::Unchanged { model, damaged });
+            return Ok(ModelOutcome::Unchanged { model, damaged });
         }
         // What is there now may be replaced: a model by force, or the report of a failure.
         let replace = self.force || folder.exists();
@@ -158,11 +158,11 @@ impl ModelMaker<'_> {
             // Another process has made it meanwhile.
             Err(error) if error.is_taken() => {
                 let model = self.unchanged(&folder, &digest)?.ok_or(error)?;
-                return Ok(Outcome::Unchanged { model, damaged });
+                return Ok(ModelOutcome::Unchanged { model, damaged });
             }
             made => made?,
         };
-        Ok(Outcome::Made {
+        Ok(ModelOutcome::Made {
             model: Model {
                 verdict: verdict.level,
                 reasons: verdict.reasons.into_iter().map(|r| r.words).collect(),
@@ -183,7 +183,7 @@ impl ModelMaker<'_> {
         }
         match ReportFile::read(folder) {
             Ok(report) if report.digest == digest && report.model.is_some() => Ok(report.model),
-            Ok(report) if report.outcome == report::Outcome::Failed => Ok(None),
+            Ok(report) if report.outcome == report::ReportOutcome::Failed => Ok(None),
             _ => Err(Error::OtherModel(folder.into())),
         }
     }
