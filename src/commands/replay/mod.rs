@@ -383,7 +383,7 @@ impl Replay<'_> {
         });
         let outcome = |(id, result): (&CaptureId, Result<ReplayOutcome, queue::Panicked>)| {
             result.unwrap_or_else(|panicked| {
-                let failed = self.maker.failed(&session, id, &panicked);
+                let failed = self.maker.fail_with_report(&session, id, &panicked);
                 let outcome = ReplayOutcome::new(&session, id, failed);
                 self.console.outcome(&outcome);
                 outcome
