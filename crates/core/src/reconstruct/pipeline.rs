@@ -188,7 +188,7 @@ pub fn reconstruct_from(
         &parameters.hull,
     );
     let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
-        Some(Ok((faired, extracted))) => (&faired.body, extracted),
+        Some(Ok((faired, extracted))) => (&faired.solid, extracted),
         _ => (&hull, &extracted),
     };
 
@@ -211,7 +211,7 @@ pub fn reconstruct_from(
     let faired_hull = match &faired {
         Some(Ok((faired, _))) => Some(FairedHull {
             plain: &extracted.surface.mesh,
-            body: &faired.body,
+            solid: &faired.solid,
         }),
         _ => None,
     };
@@ -294,7 +294,7 @@ fn faired_by_touch(
 ) -> Result<(Faired, ExtractedSurface), fairing::Refusal> {
     use fairing::Refusal::{Open, OtherHandles, TooThin};
     let faired = fairing::fair_hull(hull, lattice, &extracted.surface.mesh, parameters)?;
-    let surface = hull::extract_solid(&faired.body, lattice, parameters).ok_or(TooThin)?;
+    let surface = hull::extract_solid(&faired.solid, lattice, parameters).ok_or(TooThin)?;
     if !check(&surface.surface.mesh).is_watertight() {
         return Err(Open);
     }

@@ -8,15 +8,16 @@
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
-//! - `body` is the result as a solid.
+//! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the lattice
+//!   near the surface, and `columns` finds which of the other corners lie inside.
 
 mod accept;
-mod body;
 mod certain;
 mod columns;
 mod contour;
 mod corners;
 mod curved;
+mod faired_solid;
 mod flat;
 mod nearest;
 mod reduced;
@@ -26,7 +27,7 @@ mod sides;
 mod solve;
 mod transfer;
 
-pub use body::Body;
+pub use faired_solid::FairedSolid;
 
 use super::hull::{self, Hull};
 use super::surface::Lattice;
@@ -72,8 +73,8 @@ struct RefinementLevel {
 
 /// A faired hull.
 pub struct Faired {
-    /// It as a solid.
-    pub body: Body,
+    /// The solid that it bounds.
+    pub solid: FairedSolid,
     /// How it came out.
     pub facts: Facts,
 }
@@ -206,29 +207,29 @@ pub fn fair_hull(
         }
         round.sharpest = SHARPEST * radius;
         for number in 0..left {
-            shape.direct();
+            shape.update_normals();
             rounds::fair_once(&mut shape, &contours, round);
             if number + 1 < left {
-                shape.even_out();
+                shape.smooth_tangentially();
             }
         }
         coarse = Some(transfer::MovedMesh::new(&shape, &start));
         last = Some((shape, start));
     }
     let (mut shape, start) = last.ok_or(Refusal::TooThin)?;
-    shape.direct();
+    shape.update_normals();
     let facts = accept::keep_hull(&mut shape, &start, &contours)?;
-    let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
-    Ok(Faired { body, facts })
+    let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
+    Ok(Faired { solid, facts })
 }
 
 /// Goes the rounds in which all resists alike; how many of a level's rounds they are worth.
 fn settle(shape: &mut Shape, contours: &[Contour], round: Round) -> usize {
     let [least, most] = ROUNDS_TO_SETTLE;
     for number in 1..=most {
-        shape.direct();
+        shape.update_normals();
         let held_back = rounds::fair_once(shape, contours, round);
-        shape.even_out();
+        shape.smooth_tangentially();
         if number >= least && held_back < SETTLED {
             break;
         }
