@@ -9,6 +9,7 @@ use super::subjects::{self, CAPTURES};
 use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
+use crate::storage::with_advice;
 use async_nats::jetstream::{AckKind, Message};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -175,7 +176,7 @@ impl Worker {
         }
         let place = match Place::new(folder, offer) {
             Ok(place) => place,
-            Err(error) => return ExecutionEnd::Disk(format!("{}: {error}", folder.display())),
+            Err(problem) => return ExecutionEnd::Disk(problem),
         };
         let fetched = tokio::select! {
             fetched = self.fetch(&place, rig, offer) => fetched,
@@ -381,21 +382,22 @@ struct Place {
 }
 
 impl Place {
-    fn new(folder: &Path, offer: &JobOffer) -> std::io::Result<Self> {
+    fn new(folder: &Path, offer: &JobOffer) -> Result<Self, String> {
+        let refused = |cause| with_advice(folder, &cause);
         let _ = std::fs::remove_dir_all(folder);
-        std::fs::create_dir_all(folder)?;
+        std::fs::create_dir_all(folder).map_err(refused)?;
         let recording = folder.join(&offer.recording);
         let out = folder.join("out");
         let stem = recording.file_stem().unwrap_or_default();
         let bundle = out.join(stem).join(BUNDLE);
         let settings = folder.join("settings.toml");
-        std::fs::write(&settings, &offer.settings)?;
+        std::fs::write(&settings, &offer.settings).map_err(refused)?;
         let calibration = offer
             .calibration
             .as_ref()
             .map(|_| folder.join("calibration.toml"));
         if let (Some(path), Some(text)) = (&calibration, &offer.calibration) {
-            std::fs::write(path, text)?;
+            std::fs::write(path, text).map_err(refused)?;
         }
         Ok(Self {
             recording,
@@ -404,5 +406,21 @@ impl Place {
             out,
             bundle,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::job::an_offer;
+    use super::*;
+    use crate::storage::advice;
+
+    #[test]
+    fn a_folder_that_the_system_refuses_comes_with_advice() {
+        let folder = Path::new("/sys/scand");
+        let cause = std::fs::create_dir_all(folder).unwrap_err();
+        assert!(!advice(&cause).is_empty(), "{cause}");
+        let problem = Place::new(folder, &an_offer()).err().unwrap();
+        assert_eq!(problem, with_advice(folder, &cause));
     }
 }
