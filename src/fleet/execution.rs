@@ -5,7 +5,7 @@ use super::bundle::stated_contents;
 use super::job::{HeartbeatJob, JobOffer, JobReport, hexadecimal};
 use super::memory_class::MemoryClass;
 use super::step::{self, BUNDLE};
-use super::subjects::{self, CAPTURES};
+use super::subjects::{self, CAPTURES, JobSubject};
 use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
@@ -56,7 +56,11 @@ impl Worker {
     /// Does a job, and ends it at the server.
     pub(super) async fn run_job(&self, slot: usize, message: Message) {
         let subject = message.subject.to_string();
-        let Some((_, needs, rig, digest)) = subjects::parts_of_job(&subject) else {
+        let parts = JobSubject::parse(&subject);
+        let Some(JobSubject {
+            needs, rig, digest, ..
+        }) = parts
+        else {
             let _ = message.ack_with(AckKind::Term).await;
             return;
         };

@@ -114,7 +114,9 @@ fn triggers(
         };
         with_trigger.insert(trigger.id.to_string());
         let record = records.get(trigger.id.as_str()).map(|(_, r)| r);
-        found.events.push((trigger.time, request(trigger, record)));
+        found
+            .events
+            .push((trigger.time, trigger_event(trigger, record)));
     }
     for (id, (time, record)) in records {
         if !with_trigger.contains(id) {
@@ -130,7 +132,7 @@ fn triggers(
             if let Some(trigger) = lost {
                 found
                     .events
-                    .push((trigger.time, request(trigger, Some(record))));
+                    .push((trigger.time, trigger_event(trigger, Some(record))));
             }
         }
     }
@@ -154,7 +156,8 @@ fn trigger_of(recorded: Timestamp, record: &CaptureRecord) -> Option<Trigger> {
     })
 }
 
-fn request(trigger: Trigger, record: Option<&CaptureRecord>) -> Event {
+/// The event of a trigger, with what the record of its capture says.
+fn trigger_event(trigger: Trigger, record: Option<&CaptureRecord>) -> Event {
     let cameras = record.into_iter().flat_map(|r| &r.cameras);
     let listed = cameras.filter_map(|(id, camera)| {
         let id = CameraId::new(id).ok()?;
