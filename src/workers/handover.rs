@@ -143,8 +143,8 @@ pub(super) fn answer_to(file: &Path) -> Option<Answer> {
     serde_json::from_slice(&bytes).ok()
 }
 
-/// Whether no worker has begun, or gone on with, a job for this long. If the clock was set back meanwhile, the wait begins
-/// anew, for which the file gets the present time: otherwise it would last until the clock is there again.
+/// Whether no worker has begun, or gone on with, a job for this long. If the clock was set back meanwhile, the wait
+/// begins anew, for which the file gets the present time: otherwise it would last until the clock is there again.
 pub(super) fn is_neglected(file: &Path, wait: Duration) -> bool {
     let Some((last, path)) = last_sign(file) else {
         return false;

@@ -131,8 +131,8 @@ fn serve_rig(
     let reload = Box::new(move || running.reload(clock));
     let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
-    // The order of shutdown: no new captures, workers and packing, the capture in progress with its recorder and cameras,
-    // the clients' final answers, and the hooks that those caused.
+    // The order of shutdown: no new captures, workers and packing, the capture in progress with its recorder and
+    // cameras, the clients' final answers, and the hooks that those caused.
     log::notice!("the daemon is ending");
     capturing.close();
     // Models are made after the next start: the capture in progress has the machine to itself.

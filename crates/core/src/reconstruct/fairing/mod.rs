@@ -8,8 +8,8 @@
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
-//! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the lattice
-//!   near the surface, and `columns` finds which of the other corners lie inside.
+//! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the
+//!   lattice near the surface, and `columns` finds which of the other corners lie inside.
 
 mod accept;
 mod certain;
@@ -55,7 +55,8 @@ const LEVELS: [RefinementLevel; 2] = [
     },
 ];
 
-/// Share of the object's radius: where the surface bends within a smaller radius, it resists less, the sharper it bends.
+/// Share of the object's radius: where the surface bends within a smaller radius, it resists less, the sharper it
+/// bends.
 const SHARPEST: f64 = 0.2;
 /// Objects of a smaller radius keep their hull: over so few pixels the noise of contours bends as much as the object.
 const SMALLEST_RADIUS_PX: f64 = 50.0;
@@ -245,8 +246,8 @@ impl FairingInputs<'_> {
         last
     }
 
-    /// Moves the vertices of one mesh in the rounds of its level. Those of the first level begin on the hull itself, whose
-    /// facets are no edges: they settle first.
+    /// Moves the vertices of one mesh in the rounds of its level. Those of the first level begin on the hull itself,
+    /// whose facets are no edges: they settle first.
     fn fair_level(&self, shape: &mut Shape, level: &RefinementLevel, is_first: bool) {
         let mut round = Round {
             steps: level.steps,
@@ -268,8 +269,8 @@ impl FairingInputs<'_> {
     }
 }
 
-/// Moves the vertices in rounds in which all of them resist bending equally, until few of them would go farther than they
-/// may. Returns how many of a level's rounds these replace.
+/// Moves the vertices in rounds in which all of them resist bending equally, until few of them would go farther than
+/// they may. Returns how many of a level's rounds these replace.
 fn settle(shape: &mut Shape, contours: &[Contour], round: Round) -> usize {
     let [least, most] = ROUNDS_TO_SETTLE;
     for number in 1..=most {
