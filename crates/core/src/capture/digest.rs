@@ -23,7 +23,7 @@ pub fn digest(
         add(part);
     }
     if let Some(verdict) = calibration {
-        // Never the name of a type: renaming one would make every model stale.
+        // Written out, and not taken from the type: renaming that would make every model stale.
         let CalibrationVerdict { level, reasons } = verdict;
         add(&format!(
             "Verdict {{ level: {level:?}, reasons: {reasons:?} }}"
@@ -101,7 +101,8 @@ fn sum(pixels: &Pixels) -> (usize, u32) {
     }
 }
 
-/// Adds the volume and all cameras of a scene; `add` adds more for each depth camera.
+/// Adds the volume and all cameras of a scene; `add` adds more for each depth camera. The texts are part of the format
+/// of models (docs/formats.md), and a test holds them: a type or a member cannot be renamed without noticing.
 fn add_rig(hash: &mut Sha256, scene: &Scene, add: impl Fn(&mut Sha256, &DepthView)) {
     hash.update(format!("{:?}", scene.volume));
     for view in &scene.colors {

@@ -130,7 +130,7 @@ impl ModelMaker<'_> {
             facts.calibration = calibration.verdict.clone();
         }
         let about = about::describe(session.recording(), &scene, &facts);
-        let known = format!("{about:?}");
+        let known = about::digest_text(&about);
         let calibration_verdict = facts.calibration.as_ref();
         let (input, settings) = (&about.input_sha256, &self.settings.text);
         let digest = capture::digest(input, calibration_verdict, settings, &known);
