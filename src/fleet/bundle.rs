@@ -2,9 +2,9 @@
 //! length, packed. Its first line says what the files are worth comparing by: the digest of all that two runs of the
 //! same job have in common.
 
-use super::job::hexadecimal;
 use super::subjects::is_digest;
 use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};

@@ -2,7 +2,7 @@
 //! long the server is away meanwhile.
 
 use super::bundle::stated_contents;
-use super::job::{HeartbeatJob, JobOffer, JobReport, hexadecimal};
+use super::job::{HeartbeatJob, JobOffer, JobReport};
 use super::memory_class::MemoryClass;
 use super::step::{self, BUNDLE};
 use super::subjects::{self, CAPTURES, JobSubject};
@@ -10,6 +10,7 @@ use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
 use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use async_nats::jetstream::{AckKind, Message};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};

@@ -2,9 +2,10 @@
 //! for each, and a piece that was lost can be sent again.
 
 use super::connection::FleetClient;
-use super::job::{PIECE, hexadecimal};
+use super::job::PIECE;
 use super::store::ServerError;
 use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use bytes::Bytes;
 use futures_util::stream::FuturesOrdered;
 use futures_util::{StreamExt, TryStreamExt, stream};

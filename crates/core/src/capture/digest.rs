@@ -3,6 +3,7 @@
 
 use crate::calibration::{CalibrationVerdict, Camera};
 use crate::reconstruct::{DepthView, Scene, SilhouetteSource};
+use crate::words::hexadecimal;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
@@ -29,14 +30,14 @@ pub fn digest(
             "Verdict {{ level: {level:?}, reasons: {reasons:?} }}"
         ));
     }
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over the cameras of a scene and its volume, to the last bit.
 pub fn calibration_digest(scene: &Scene) -> String {
     let mut hash = Sha256::new();
     add_rig(&mut hash, scene, |_, _| {});
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over a scene: its cameras to the last bit, the CRC-32 of each picture.
@@ -49,7 +50,7 @@ pub fn input_digest(scene: &Scene) -> String {
         hash.update(length.to_le_bytes());
         hash.update(crc.to_le_bytes());
     }
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over digests, a line each.
@@ -59,11 +60,7 @@ pub fn joint_digest(digests: &[String]) -> String {
         hash.update(digest);
         hash.update("\n");
     }
-    hexadecimal(hash)
-}
-
-fn hexadecimal(hash: Sha256) -> String {
-    format!("{:x}", hash.finalize())
+    hexadecimal(&hash.finalize())
 }
 
 /// The pixels of one picture.
