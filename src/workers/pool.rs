@@ -47,6 +47,33 @@ pub struct WorkerPlan {
     pub command: Vec<OsString>,
 }
 
+/// What is free on the models' disk, in bytes.
+struct DiskSpace {
+    free: u64,
+    /// What must stay free.
+    keep_free: u64,
+}
+
+impl DiskSpace {
+    fn is_enough(&self) -> bool {
+        self.free >= self.keep_free
+    }
+}
+
+impl WorkerPlan {
+    fn disk_space(&self) -> std::io::Result<DiskSpace> {
+        Ok(DiskSpace {
+            free: free_bytes(&self.parameters.folder)?,
+            keep_free: self.keep_free.load(Ordering::Relaxed),
+        })
+    }
+
+    /// Whether the models' disk has as much space free as must stay free; false if the system does not say it.
+    pub(super) fn has_room(&self) -> bool {
+        self.disk_space().is_ok_and(|space| space.is_enough())
+    }
+}
+
 /// A job that came to its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FinishedJob {
@@ -313,19 +340,17 @@ impl Shared {
 
     /// Waits while the disk has less room than it is to have.
     fn wait_for_room(&self) {
-        let models = &self.plan.parameters.folder;
         let mut told = false;
-        while let Ok(free) = free_bytes(models)
-            && let keep_free = self.plan.keep_free.load(Ordering::Relaxed)
-            && free < keep_free
+        while let Ok(space) = self.plan.disk_space()
+            && !space.is_enough()
             && !self.jobs.is_stopped()
         {
             if !told {
                 log::warning!(
                     "{} has {} MB free: no model is made until {} MB are free (recording.keep_free_mb)",
-                    models.display(),
-                    free / 1_000_000,
-                    keep_free / 1_000_000
+                    self.plan.parameters.folder.display(),
+                    space.free / 1_000_000,
+                    space.keep_free / 1_000_000
                 );
                 told = true;
             }
