@@ -51,7 +51,7 @@ pub enum ConfineError {
 /// # Errors
 /// If that process has ended already, or the system refuses.
 pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
-    let refused = |cause: rustix::io::Errno| limit("its end with its parent", cause.into());
+    let refused = |cause: rustix::io::Errno| limit_error("its end with its parent", cause.into());
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(refused)?;
     // It may have died before it could be bound to.
     if rustix::process::getppid()
@@ -61,7 +61,7 @@ pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
     {
         return Err(ConfineError::Orphan);
     }
-    close_inherited().map_err(|cause| limit("its open files", cause))
+    close_inherited().map_err(|cause| limit_error("its open files", cause))
 }
 
 /// Confines this thread and all threads that it starts, and limits the whole process, for ever. It may read what is in
@@ -104,7 +104,7 @@ pub fn confine(
     Ok(missing)
 }
 
-fn limit(what: &'static str, cause: std::io::Error) -> ConfineError {
+fn limit_error(what: &'static str, cause: std::io::Error) -> ConfineError {
     ConfineError::Limit { what, cause }
 }
 
@@ -113,7 +113,7 @@ fn set_limit(what: &'static str, resource: Resource, most: u64) -> Result<(), Co
         current: Some(most),
         maximum: Some(most),
     };
-    rustix::process::setrlimit(resource, bounded).map_err(|cause| limit(what, cause.into()))
+    rustix::process::setrlimit(resource, bounded).map_err(|cause| limit_error(what, cause.into()))
 }
 
 /// What a process reads of the system itself: its own state, how many processors there are, the machine's name.

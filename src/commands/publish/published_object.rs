@@ -28,7 +28,7 @@ pub(super) struct Made {
     pub(super) not_found: Vec<String>,
 }
 
-/// Makes the published object of the model in `path`; `None` if the capture was rejected and rejected ones are not wanted.
+/// Makes the published object of the model in `path`; `None` if the capture was rejected and `include_rejected` is false.
 ///
 /// # Errors
 /// If the model cannot be read or one of its files cannot be made.
@@ -36,12 +36,12 @@ pub(super) fn make(
     path: &Path,
     recordings: &Path,
     with: &BTreeSet<Extra>,
-    rejected: bool,
+    include_rejected: bool,
 ) -> anyhow::Result<Option<Made>> {
     let read = export::read(path)?;
     let report = report_beside(path);
     let found = model_notes::find(&report, &read.about.capture, recordings);
-    if found.is_rejected && !rejected {
+    if found.is_rejected && !include_rejected {
         return Ok(None);
     }
     let facts = Facts::of(&report, &found.notes, with);
