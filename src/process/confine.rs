@@ -76,7 +76,7 @@ pub fn confine(
 ) -> Result<Vec<String>, ConfineError> {
     let missing = lower_priority(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("for a worker, this system cannot set {what}"))
+        .map(|what| format!("for a confined process, this system cannot set {what}"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;
@@ -89,14 +89,14 @@ pub fn confine(
     };
     missing.extend(unguarded.map(|why| {
         format!(
-            "Landlock cannot be used ({why}): a worker could read and write other files than \
+            "Landlock cannot be used ({why}): a confined process could read and write other files than \
             its own"
         )
     }));
     for filter in [unknown_calls()?, denied_calls()?] {
         if let Err(error) = seccompiler::apply_filter(&filter) {
             missing.push(format!(
-                "system calls cannot be filtered ({error}): a worker could use the network and \
+                "system calls cannot be filtered ({error}): a confined process could use the network and \
                 send signals"
             ));
         }
