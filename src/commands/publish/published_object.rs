@@ -28,7 +28,8 @@ pub(super) struct Made {
     pub(super) not_found: Vec<String>,
 }
 
-/// Makes the published object of the model in `path`; `None` if the capture was rejected and `include_rejected` is false.
+/// Makes the published object of the model in `path`; `None` if the capture was rejected, unless `include_rejected` is
+/// given.
 ///
 /// # Errors
 /// If the model cannot be read or one of its files cannot be made.
