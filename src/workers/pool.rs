@@ -259,36 +259,7 @@ impl Shared {
         }
         taken.job.begun += 1;
         self.jobs.note(taken);
-        let child = Child::start(&mut self.command(&path, &taken.job));
-        let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
-        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
-        let (model, words) = match waited {
-            Err(error) => (
-                Err(format!("the worker cannot be started: {error}")),
-                "".into(),
-            ),
-            Ok((ChildExit::TimedOut, words)) => {
-                let reason = format!(
-                    "it did not finish within {} s (workers.time_limit_s)",
-                    limit.as_secs()
-                );
-                (Err(reason), words)
-            }
-            Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, &path) => {
-                let target = self.target(&complete, &taken.job);
-                let parameters = &self.plan.parameters;
-                let model = outcome::model(&target, status, &words, parameters);
-                (model, words)
-            }
-            Ok(_) => {
-                // Otherwise it counts: a job whose process is ended again and again must not block all others.
-                if self.jobs.is_stopped() || !path.exists() {
-                    taken.job.begun -= 1;
-                    self.jobs.note(taken);
-                }
-                return None;
-            }
-        };
+        let (model, words) = self.run_process(taken, &path, &complete)?;
         self.tell_missing(&words);
         Some(match model {
             Ok(model) => FinishedJob {
@@ -298,6 +269,46 @@ impl Shared {
             },
             Err(reason) => self.failed(&taken.job, &complete, reason, &words),
         })
+    }
+
+    /// Runs the process of a job to its end. Returns the model, or why there is none, and what the process said; `None`
+    /// if the job is to be done again.
+    fn run_process(
+        &self,
+        taken: &mut ClaimedJob,
+        path: &Path,
+        complete: &Path,
+    ) -> Option<(Result<Model, String>, String)> {
+        let child = Child::start(&mut self.command(path, &taken.job));
+        let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
+        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
+        match waited {
+            Err(error) => {
+                let reason = format!("the worker cannot be started: {error}");
+                Some((Err(reason), String::new()))
+            }
+            Ok((ChildExit::TimedOut, words)) => {
+                let reason = format!(
+                    "it did not finish within {} s (workers.time_limit_s)",
+                    limit.as_secs()
+                );
+                Some((Err(reason), words))
+            }
+            Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, path) => {
+                let target = self.target(complete, &taken.job);
+                let parameters = &self.plan.parameters;
+                let model = outcome::model(&target, status, &words, parameters);
+                Some((model, words))
+            }
+            Ok(_) => {
+                // Otherwise it counts: a job whose process is ended again and again must not block all others.
+                if self.jobs.is_stopped() || !path.exists() {
+                    taken.job.begun -= 1;
+                    self.jobs.note(taken);
+                }
+                None
+            }
+        }
     }
 
     /// Whether a process ended because it was asked to, or because its recording got another name before it was opened.
