@@ -7,7 +7,9 @@
 use bytes::Bytes;
 use rustix::time::{ClockId, clock_gettime};
 use scand::frame::{CameraId, CaptureId, Frame, Picture, Stream, Timestamp, Trigger};
-use scand::recording::{CaptureRecord, FinishedCapture, Outcome, RecordingSession, SessionHeader};
+use scand::recording::{
+    CaptureOutcome, CaptureRecord, FinishedCapture, RecordingSession, SessionHeader,
+};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
@@ -163,7 +165,7 @@ fn capture(seed: u64) -> FinishedCapture {
         frames,
         record: CaptureRecord {
             id: id.to_string(),
-            outcome: Outcome::Complete,
+            outcome: CaptureOutcome::Complete,
             reason: None,
             skew_ns: Some(0),
             cameras: BTreeMap::new(),

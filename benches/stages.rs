@@ -108,7 +108,7 @@ fn c_hull_faired(bencher: Bencher) {
     let lattice = hull::lattice(&hull, parameters).expect("a hull");
     bencher.bench_local(|| {
         let faired = fairing::fair_hull(&hull, &lattice, &MADE.hull, parameters).ok()?;
-        hull::extract_solid(&faired.body, &lattice, parameters).map(|found| found.surface)
+        hull::extract_solid(&faired.solid, &lattice, parameters).map(|found| found.surface)
     });
 }
 

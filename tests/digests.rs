@@ -10,7 +10,7 @@ use scand::frame::{
     CameraId, CameraSettings, CaptureId, Frame, Picture, Stream, Timestamp, Transfer, Trigger,
 };
 use scand::recording::{
-    CameraInCapture, CaptureRecord, FinishedCapture, Lost, Note, Outcome, RecordingSession,
+    CameraInCapture, CaptureOutcome, CaptureRecord, FinishedCapture, Lost, Note, RecordingSession,
     SessionHeader,
 };
 use std::collections::BTreeMap;
@@ -106,7 +106,7 @@ fn preamble() -> SessionHeader {
 }
 
 /// A capture of two colour cameras and a depth camera at `ms`; a failed one lacks the second.
-fn capture(number: usize, ms: u64, outcome: Outcome) -> FinishedCapture {
+fn capture(number: usize, ms: u64, outcome: CaptureOutcome) -> FinishedCapture {
     let trigger = Trigger {
         id: CaptureId::new(&format!("amphora-{number:04}")).unwrap(),
         time: at(ms),
@@ -127,7 +127,7 @@ fn capture(number: usize, ms: u64, outcome: Outcome) -> FinishedCapture {
         frame("d0", Stream::Depth, 3, "16UC1", 2),
         frame("d0", Stream::DepthColor, 3, "rgb8", 3),
     ];
-    let failed = outcome == Outcome::Failed;
+    let failed = outcome == CaptureOutcome::Failed;
     frames.retain(|frame| !failed || frame.camera != id("c1"));
     let given = |after| CameraInCapture {
         timestamps: Some(vec![at(ms + after)]),
@@ -164,7 +164,9 @@ fn capture(number: usize, ms: u64, outcome: Outcome) -> FinishedCapture {
 fn write_session(folder: &Path) {
     let mut session =
         RecordingSession::begin(folder, "amphora", "scand", at(0), 6_000, preamble()).unwrap();
-    session.append(&capture(1, 100, Outcome::Complete)).unwrap();
+    session
+        .append(&capture(1, 100, CaptureOutcome::Complete))
+        .unwrap();
     let note = Note {
         capture: "amphora-0001".into(),
         kind: "text".into(),
@@ -176,9 +178,15 @@ fn write_session(folder: &Path) {
     let taken_anew = (at(250), picture("bayer_rggb8", 1, 9));
     later.backgrounds.insert(id("c1"), taken_anew);
     session.change(later, at(260)).unwrap();
-    session.append(&capture(2, 300, Outcome::Failed)).unwrap();
-    session.append(&capture(3, 400, Outcome::Complete)).unwrap();
-    session.append(&capture(4, 500, Outcome::Complete)).unwrap();
+    session
+        .append(&capture(2, 300, CaptureOutcome::Failed))
+        .unwrap();
+    session
+        .append(&capture(3, 400, CaptureOutcome::Complete))
+        .unwrap();
+    session
+        .append(&capture(4, 500, CaptureOutcome::Complete))
+        .unwrap();
     session.close().unwrap();
 }
 

@@ -484,7 +484,7 @@ const UNSAFE: &[(&str, usize)] = &[
     ("lab/serve/gige", 5),
     ("drivers/aravis/stream", 1),
     ("drivers/openni2/device", 9),
-    ("drivers/openni2/ffi", 2),
+    ("drivers/openni2/ffi", 1),
     ("drivers/openni2/library", 14),
     ("drivers/openni2/property", 7),
     ("drivers/openni2/recorder", 4),

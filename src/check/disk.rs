@@ -34,8 +34,12 @@ pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
     (Finding::not_ok(State::Wrong, subject, found, remedy), false)
 }
 
+/// With space for fewer captures, the check advises to make space before the work begins. The operator's page, which
+/// people see while they work, warns later (`ui/src/state.ts`).
+const FEW_CAPTURES: u64 = 100;
+
 /// Checks that there is space for captures of this size, in addition to the space that is kept free.
-pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> Finding {
+pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free_bytes: u64) -> Finding {
     let subject = "disk: space";
     let free = match free {
         Ok(free) => free,
@@ -48,7 +52,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
             );
         }
     };
-    let usable = free.saturating_sub(keep_free);
+    let usable = free.saturating_sub(keep_free_bytes);
     let mut found = format!("{} GB free", free / 1_000_000_000);
     let Some(captures) = usable.checked_div(capture_bytes) else {
         return Finding::ok(subject, found);
@@ -57,7 +61,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free: u64) -> 
     let remedy = "move old recordings elsewhere; recording.keep_free_mb sets the space that captures never use";
     match captures {
         0 => Finding::not_ok(State::Wrong, subject, found, remedy),
-        1..100 => Finding::not_ok(State::Advice, subject, found, remedy),
+        1..FEW_CAPTURES => Finding::not_ok(State::Advice, subject, found, remedy),
         _ => Finding::ok(subject, found),
     }
 }

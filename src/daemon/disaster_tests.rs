@@ -7,7 +7,7 @@ use super::service_tests::{
     Dice, PATIENCE, be_a_daemon, daemon, daemon_by, inside, is_durable, replies, service_over,
     times, trigger,
 };
-use crate::recording::{Outcome, Topic, unfinished};
+use crate::recording::{CaptureOutcome, Topic, unfinished};
 use crate::support::skipped::{Needed, skip};
 use crate::trigger::{Client, Reply, Request, Until};
 use std::collections::BTreeMap;
@@ -85,7 +85,7 @@ fn check_recordings(folder: &Path, told: &Told) {
     for recording in recordings(folder) {
         assert_eq!(recording.verify().unwrap(), [], "{:?}", recording.path());
         for (id, outcome, ..) in captures(&recording) {
-            if outcome == Outcome::Complete {
+            if outcome == CaptureOutcome::Complete {
                 *taken.entry(id).or_default() += 1;
             }
         }

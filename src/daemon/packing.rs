@@ -25,21 +25,21 @@ pub struct Packing {
 }
 
 impl Packing {
-    /// Starts the thread; `None` if packing is not configured. `keep_free` is how many bytes of the disk must stay
-    /// free; it may change at any time.
+    /// Starts the thread; `None` if packing is not configured. `keep_free_bytes` of the disk must stay free; the number
+    /// may change at any time.
     ///
     /// # Errors
     /// If the system cannot start a thread.
     pub fn start(
         capturing: &Arc<Capturing>,
         parameters: &RecordingParameters,
-        keep_free: Arc<AtomicU64>,
+        keep_free_bytes: Arc<AtomicU64>,
         clock: Clock,
     ) -> std::io::Result<Option<Self>> {
         if parameters.pack_after_idle_s == 0 {
             return Ok(None);
         }
-        let packer = Packer::new(capturing, parameters, keep_free, clock);
+        let packer = Packer::new(capturing, parameters, keep_free_bytes, clock);
         packer.start().map(Some)
     }
 }
@@ -61,7 +61,7 @@ pub(super) struct Packer {
     since: Instant,
     /// How long the rig must be idle before a recording is packed.
     rest: Duration,
-    keep_free: Arc<AtomicU64>,
+    keep_free_bytes: Arc<AtomicU64>,
     stopped: Arc<AtomicBool>,
     /// Recordings that were packed or are not worth it.
     done: BTreeSet<PathBuf>,
@@ -71,7 +71,7 @@ impl Packer {
     pub(super) fn new(
         capturing: &Arc<Capturing>,
         parameters: &RecordingParameters,
-        keep_free: Arc<AtomicU64>,
+        keep_free_bytes: Arc<AtomicU64>,
         clock: Clock,
     ) -> Self {
         Self {
@@ -80,7 +80,7 @@ impl Packer {
             clock,
             since: clock.now(),
             rest: Duration::from_secs(parameters.pack_after_idle_s),
-            keep_free,
+            keep_free_bytes,
             stopped: Arc::default(),
             done: BTreeSet::new(),
         }
@@ -137,9 +137,9 @@ impl Packer {
 
     fn has_room(&self, path: &Path) -> bool {
         let (length, free) = (std::fs::metadata(path), free_bytes(&self.folder));
-        let keep_free = self.keep_free.load(Ordering::Relaxed);
+        let keep_free_bytes = self.keep_free_bytes.load(Ordering::Relaxed);
         match (length, free) {
-            (Ok(length), Ok(free)) => free >= length.len().saturating_add(keep_free),
+            (Ok(length), Ok(free)) => free >= length.len().saturating_add(keep_free_bytes),
             _ => false,
         }
     }

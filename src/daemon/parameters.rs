@@ -72,7 +72,7 @@ impl Default for RecordingParameters {
 
 impl RecordingParameters {
     /// Bytes of the disk that captures never use.
-    pub fn keep_free(&self) -> u64 {
+    pub fn keep_free_bytes(&self) -> u64 {
         self.keep_free_mb.saturating_mul(1_000_000)
     }
 }

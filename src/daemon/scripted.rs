@@ -6,7 +6,7 @@ use super::*;
 use crate::clock::Clock;
 use crate::drivers::live::{Backoff, CameraInfo, Device, Driver, Fault, Pool, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
-use crate::recording::{Outcome, Recording, SessionHeader, Topic};
+use crate::recording::{CaptureOutcome, Recording, SessionHeader, Topic};
 use crate::sync;
 use crate::trigger::{Reply, Until};
 use crossbeam_channel::{Receiver, bounded, unbounded};
@@ -426,7 +426,9 @@ pub(super) fn recordings(folder: &Path) -> Vec<Recording> {
 }
 
 /// Id, outcome and number of listed frames of each capture.
-pub(super) fn captures(recording: &Recording) -> Vec<(String, Outcome, usize, Option<String>)> {
+pub(super) fn captures(
+    recording: &Recording,
+) -> Vec<(String, CaptureOutcome, usize, Option<String>)> {
     let records = recording.messages(&Topic::Capture).iter();
     records
         .map(|m| {

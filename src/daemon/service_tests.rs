@@ -3,7 +3,7 @@
 use super::scripted::{Behaviour, TestBench, captures, recordings, start_in};
 use super::*;
 use crate::clock::Clock;
-use crate::recording::{Outcome, Topic};
+use crate::recording::{CaptureOutcome, Topic};
 pub(super) use crate::support::{dice::Dice, torture::times};
 use crate::trigger::{Client, Event, Reply, Request, Until};
 use std::collections::{BTreeMap, BTreeSet};
@@ -288,7 +288,7 @@ fn a_kill_between_accepted_and_durable_leaves_one_capture_with_one_end() {
         // What was acknowledged as durable is in the recording, and nothing else.
         let found = recordings(&folder.path().join("recordings"));
         let found: Vec<_> = found.iter().flat_map(captures).collect();
-        let complete = found.iter().filter(|c| c.1 == Outcome::Complete);
+        let complete = found.iter().filter(|c| c.1 == CaptureOutcome::Complete);
         assert_eq!(complete.count(), usize::from(!failed), "{found:?}");
     }
     assert_eq!(ends.len(), 2, "no kill came early, or none late");

@@ -8,7 +8,7 @@ use super::scripted::{
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
-use crate::recording::{ColorPart, Outcome, Recording, Topic, interrupted};
+use crate::recording::{CaptureOutcome, ColorPart, Recording, Topic, interrupted};
 use crate::trigger::{Event, Reply, Until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -31,7 +31,10 @@ fn one_press_is_one_durable_capture() {
     assert_eq!(found.path(), recording);
     assert_eq!(found.verify().unwrap(), []);
     let all = captures(found);
-    assert_eq!(all, [(capture.clone(), Outcome::Complete, 3 + 12, None)]);
+    assert_eq!(
+        all,
+        [(capture.clone(), CaptureOutcome::Complete, 3 + 12, None)]
+    );
     let depth = Topic::Depth(
         CameraId::new("k0").unwrap(),
         crate::recording::DepthPart::Image,
@@ -153,7 +156,11 @@ fn a_camera_that_fails_is_named_and_the_capture_taken_once_more() {
     let outcomes: Vec<_> = all.iter().map(|(_, outcome, ..)| *outcome).collect();
     assert_eq!(
         outcomes,
-        [Outcome::Failed, Outcome::Failed, Outcome::Complete]
+        [
+            CaptureOutcome::Failed,
+            CaptureOutcome::Failed,
+            CaptureOutcome::Complete
+        ]
     );
     // What the other cameras gave is kept: two pictures and the whole burst.
     assert_eq!(all[0].2, 2 + 14);
@@ -547,7 +554,7 @@ fn a_durable_capture_becomes_a_job_and_a_failed_one_does_not() {
 }
 
 /// A daemon whose session is complete, and what packs its recordings after a second's rest; nothing rests yet.
-fn packable(keep_free: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
+fn packable(keep_free_bytes: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
     let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
     let folder = tempfile::tempdir().unwrap();
     let stand = start_at(clock, &CAMERAS, folder, 4_000_000, |_| ());
@@ -561,7 +568,7 @@ fn packable(keep_free: Arc<AtomicU64>) -> (Clock, TestBench, Packer) {
     }
     stand.ask(Order::Close).unwrap();
     stand.until(|status| status.waiting == 0);
-    let packer = Packer::new(&stand.capturing, &parameters, keep_free, clock);
+    let packer = Packer::new(&stand.capturing, &parameters, keep_free_bytes, clock);
     (clock, stand, packer)
 }
 
@@ -605,12 +612,12 @@ fn complete_recordings_are_packed_while_there_is_nothing_to_do_and_only_then() {
 
 #[test]
 fn nothing_is_packed_while_there_is_no_room_for_a_copy() {
-    let keep_free = Arc::new(AtomicU64::new(u64::MAX));
-    let (clock, stand, mut packer) = packable(keep_free.clone());
+    let keep_free_bytes = Arc::new(AtomicU64::new(u64::MAX));
+    let (clock, stand, mut packer) = packable(keep_free_bytes.clone());
     let is_packed = || recordings(stand.folder.path())[0].is_packed();
     clock.advance(Duration::from_secs(1));
     assert!(!packer.step() && !is_packed());
-    keep_free.store(0, Ordering::Relaxed);
+    keep_free_bytes.store(0, Ordering::Relaxed);
     clock.advance(Duration::from_secs(1));
     assert!(packer.step() && is_packed());
 }

@@ -2,8 +2,9 @@
 //! length, packed. Its first line says what the files are worth comparing by: the digest of all that two runs of the
 //! same job have in common.
 
-use super::job::hexadecimal;
 use super::subjects::is_digest;
+use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
@@ -34,7 +35,7 @@ pub(super) fn has_model(target: &Path) -> bool {
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum BundleError {
     /// A file cannot be read or written.
-    #[error("{}: {cause}", path.display())]
+    #[error("{}", with_advice(path, cause))]
     Io {
         path: PathBuf,
         cause: std::io::Error,
@@ -270,6 +271,20 @@ mod tests {
         std::fs::write(home.path().join("other.txt"), b"stays").unwrap();
         assert_eq!(Bundle::of_folder(home.path()).unwrap(), bundle(1));
         assert_eq!(contents_sha256(home.path()).unwrap(), said);
+    }
+
+    #[test]
+    fn a_full_disk_comes_with_advice() {
+        let full = BundleError::Io {
+            path: "bundle".into(),
+            cause: std::io::ErrorKind::StorageFull.into(),
+        };
+        let told = full.to_string();
+        assert!(told.starts_with("bundle: "), "{told}");
+        assert!(
+            told.ends_with("free some space there, and try again"),
+            "{told}"
+        );
     }
 
     /// A bundle whose packed part is this.

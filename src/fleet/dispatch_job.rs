@@ -10,6 +10,7 @@ use super::step::Packed;
 use super::store::ServerError;
 use super::subjects::{self, CAPTURES, JOBS, RESULTS};
 use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
+use crate::storage::with_advice;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
@@ -136,7 +137,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 std::fs::create_dir_all(&folder)?;
                 std::fs::write(&settings, &self.task.settings)
             };
-            prepared().map_err(|e| failed(format!("{}: {e}", folder.display())))?;
+            prepared().map_err(|e| failed(with_advice(&folder, &e)))?;
             let recording = self.task.recording.clone();
             let capture = format!("--capture={}", self.task.capture);
             let child = self.step("pack", move |run| {

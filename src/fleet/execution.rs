@@ -2,13 +2,15 @@
 //! long the server is away meanwhile.
 
 use super::bundle::stated_contents;
-use super::job::{HeartbeatJob, JobOffer, JobReport, hexadecimal};
+use super::job::{HeartbeatJob, JobOffer, JobReport};
 use super::memory_class::MemoryClass;
 use super::step::{self, BUNDLE};
-use super::subjects::{self, CAPTURES};
+use super::subjects::{self, CAPTURES, JobSubject};
 use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
+use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use async_nats::jetstream::{AckKind, Message};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -55,7 +57,11 @@ impl Worker {
     /// Does a job, and ends it at the server.
     pub(super) async fn run_job(&self, slot: usize, message: Message) {
         let subject = message.subject.to_string();
-        let Some((_, needs, rig, digest)) = subjects::parts_of_job(&subject) else {
+        let parts = JobSubject::parse(&subject);
+        let Some(JobSubject {
+            needs, rig, digest, ..
+        }) = parts
+        else {
             let _ = message.ack_with(AckKind::Term).await;
             return;
         };
@@ -175,7 +181,7 @@ impl Worker {
         }
         let place = match Place::new(folder, offer) {
             Ok(place) => place,
-            Err(error) => return ExecutionEnd::Disk(format!("{}: {error}", folder.display())),
+            Err(problem) => return ExecutionEnd::Disk(problem),
         };
         let fetched = tokio::select! {
             fetched = self.fetch(&place, rig, offer) => fetched,
@@ -381,21 +387,22 @@ struct Place {
 }
 
 impl Place {
-    fn new(folder: &Path, offer: &JobOffer) -> std::io::Result<Self> {
+    fn new(folder: &Path, offer: &JobOffer) -> Result<Self, String> {
+        let refused = |cause| with_advice(folder, &cause);
         let _ = std::fs::remove_dir_all(folder);
-        std::fs::create_dir_all(folder)?;
+        std::fs::create_dir_all(folder).map_err(refused)?;
         let recording = folder.join(&offer.recording);
         let out = folder.join("out");
         let stem = recording.file_stem().unwrap_or_default();
         let bundle = out.join(stem).join(BUNDLE);
         let settings = folder.join("settings.toml");
-        std::fs::write(&settings, &offer.settings)?;
+        std::fs::write(&settings, &offer.settings).map_err(refused)?;
         let calibration = offer
             .calibration
             .as_ref()
             .map(|_| folder.join("calibration.toml"));
         if let (Some(path), Some(text)) = (&calibration, &offer.calibration) {
-            std::fs::write(path, text)?;
+            std::fs::write(path, text).map_err(refused)?;
         }
         Ok(Self {
             recording,
@@ -404,5 +411,21 @@ impl Place {
             out,
             bundle,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::job::an_offer;
+    use super::*;
+    use crate::storage::advice;
+
+    #[test]
+    fn a_folder_that_the_system_refuses_comes_with_advice() {
+        let folder = Path::new("/sys/scand");
+        let cause = std::fs::create_dir_all(folder).unwrap_err();
+        assert!(!advice(&cause).is_empty(), "{cause}");
+        let problem = Place::new(folder, &an_offer()).err().unwrap();
+        assert_eq!(problem, with_advice(folder, &cause));
     }
 }

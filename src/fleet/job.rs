@@ -4,6 +4,7 @@
 use super::program::Program;
 use super::subjects::is_digest;
 use crate::frame::CaptureId;
+use crate::words::hexadecimal;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -324,11 +325,6 @@ pub(super) fn seconds_since_1970() -> u64 {
 /// The digest of a text.
 pub(super) fn digest_of_text(text: &str) -> String {
     hexadecimal(&Sha256::digest(text))
-}
-
-/// A digest as text.
-pub(super) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use super::bundle::contents_sha256;
 use crate::storage::{self, write_atomically};
+use crate::words::hexadecimal;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::os::unix::fs::MetadataExt;
@@ -87,7 +88,7 @@ impl ModelOrigin {
             hash.update((part.len() as u64).to_le_bytes());
             hash.update(part);
         }
-        Some(super::job::hexadecimal(&hash.finalize()))
+        Some(hexadecimal(&hash.finalize()))
     }
 }
 

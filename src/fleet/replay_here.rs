@@ -3,6 +3,7 @@
 
 use super::dispatcher::Dispatcher;
 use super::step::{self, ANSWER};
+use crate::storage::with_advice;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -52,18 +53,22 @@ impl Dispatcher {
     }
 
     fn in_child(&self, request: &HereRequest, spool: &Path) -> Result<HereAnswer, String> {
-        let io = |e: std::io::Error| format!("{}: {e}", spool.display());
-        std::fs::create_dir_all(spool).map_err(io)?;
         let (settings, calibration) = (spool.join("settings.toml"), spool.join("calibration.toml"));
-        std::fs::write(&settings, &request.settings).map_err(io)?;
+        let mut files = vec![(&*settings, &*request.settings)];
+        files.extend(
+            self.plan
+                .calibration
+                .as_deref()
+                .map(|text| (&*calibration, text)),
+        );
+        write_files(spool, &files)?;
         let mut options: step::Options = vec![
             ("replay", &request.recording),
             ("out", &request.out),
             ("config", &settings),
             ("to", spool),
         ];
-        if let Some(text) = &self.plan.calibration {
-            std::fs::write(&calibration, text).map_err(io)?;
+        if self.plan.calibration.is_some() {
             options.push(("calibration", &calibration));
         }
         let limits = step::Limits {
@@ -73,12 +78,41 @@ impl Dispatcher {
             threads: 0,
         };
         let words: Vec<&str> = request.words.iter().map(String::as_str).collect();
-        let ended = step::run(request.step, limits, &options, &words, &self.cancel).map_err(io)?;
+        let ended = step::run(request.step, limits, &options, &words, &self.cancel)
+            .map_err(|e| format!("no child can be started: {e}"))?;
         let lines = ended.lines();
         match std::fs::read_to_string(spool.join(ANSWER)) {
             Ok(answer) if ended.code == Some(0) => Ok(HereAnswer { answer, lines }),
             _ if ended.complaint().is_empty() => Err("it ended without saying why".into()),
             _ => Err(ended.complaint()),
         }
+    }
+}
+
+/// Makes a folder and writes these files, which lie in it.
+///
+/// # Errors
+/// What the system refused, and what to do about it.
+fn write_files(folder: &Path, files: &[(&Path, &str)]) -> Result<(), String> {
+    std::fs::create_dir_all(folder).map_err(|cause| with_advice(folder, &cause))?;
+    for (path, text) in files {
+        std::fs::write(path, text).map_err(|cause| with_advice(path, &cause))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_comes_with_advice() {
+        let full = Path::new("/dev/full");
+        let problem = write_files(Path::new("/dev"), &[(full, "text")]).unwrap_err();
+        assert!(problem.starts_with("/dev/full: "), "{problem}");
+        assert!(
+            problem.ends_with("free some space there, and try again"),
+            "{problem}"
+        );
     }
 }

@@ -129,7 +129,7 @@ impl Live {
 
 async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) {
     let capture = &handed.job.capture;
-    let settings = std::fs::read_to_string(handover::settings(&plan.recordings));
+    let settings = std::fs::read_to_string(handover::settings_path(&plan.recordings));
     let found = offers.find_recording(&plan.recordings, handed).await;
     let (Some(recording), Ok(settings)) = (found, settings) else {
         let reason = "its recording, or the settings, cannot be found".into();

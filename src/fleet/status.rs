@@ -6,7 +6,7 @@ use super::dispatcher::{Dispatcher, Task};
 use super::job::{Heartbeat, clean, seconds_since_1970};
 use super::memory_class::MemoryClass;
 use super::store::ServerError;
-use super::subjects::{self, FAILURES, JOBS};
+use super::subjects::{self, FAILURES, JOBS, JobSubject};
 use bytes::Bytes;
 use futures_util::{StreamExt, future, stream};
 use serde::{Deserialize, Serialize};
@@ -175,10 +175,11 @@ fn waiting(jobs: &[String], workers: &[Heartbeat]) -> Vec<Waiting> {
     };
     let mut waiting: BTreeMap<(&str, &str, &str), usize> = BTreeMap::new();
     for subject in jobs {
-        if let Some((program, needs, rig, digest)) = subjects::parts_of_job(subject)
-            && !runs(digest)
+        if let Some(job) = JobSubject::parse(subject)
+            && !runs(job.digest)
         {
-            *waiting.entry((rig, program, needs)).or_default() += 1;
+            let key = (job.rig, job.program, job.needs);
+            *waiting.entry(key).or_default() += 1;
         }
     }
     let of = |((rig, program, needs), jobs): ((&str, &str, &str), usize)| Waiting {

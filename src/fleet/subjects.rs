@@ -54,13 +54,33 @@ pub(super) fn consumer(program: &Program, needs: MemoryClass) -> String {
     format!("{}-{}", program.token(), needs.token())
 }
 
-/// The program and the needs in a job's subject.
-pub(super) fn parts_of_job(subject: &str) -> Option<(&str, &str, &str, &str)> {
-    let rest = subject.strip_prefix("scand.job.")?;
-    let parts: Vec<&str> = rest.split('.').collect();
-    match parts[..] {
-        [program, needs, rig, digest] if is_digest(digest) => Some((program, needs, rig, digest)),
-        _ => None,
+/// What a job's subject says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct JobSubject<'a> {
+    /// The token of the program that is to do it.
+    pub(super) program: &'a str,
+    /// The token of its memory class.
+    pub(super) needs: &'a str,
+    /// The name of the rig.
+    pub(super) rig: &'a str,
+    /// Its digest.
+    pub(super) digest: &'a str,
+}
+
+impl<'a> JobSubject<'a> {
+    /// Takes a subject apart; `None` if it is not that of a job.
+    pub(super) fn parse(subject: &'a str) -> Option<Self> {
+        let rest = subject.strip_prefix("scand.job.")?;
+        let parts: Vec<&str> = rest.split('.').collect();
+        match parts[..] {
+            [program, needs, rig, digest] if is_digest(digest) => Some(Self {
+                program,
+                needs,
+                rig,
+                digest,
+            }),
+            _ => None,
+        }
     }
 }
 
@@ -124,10 +144,13 @@ mod tests {
         }
         let digest = "0".repeat(64);
         let subject = format!("scand.job.p.m4.hall.{digest}");
-        assert_eq!(
-            parts_of_job(&subject),
-            Some(("p", "m4", "hall", &digest[..]))
-        );
-        assert_eq!(parts_of_job("scand.job.p.m4.hall.x"), None);
+        let parts = JobSubject {
+            program: "p",
+            needs: "m4",
+            rig: "hall",
+            digest: &digest,
+        };
+        assert_eq!(JobSubject::parse(&subject), Some(parts));
+        assert_eq!(JobSubject::parse("scand.job.p.m4.hall.x"), None);
     }
 }

@@ -2,8 +2,10 @@
 //! for each, and a piece that was lost can be sent again.
 
 use super::connection::FleetClient;
-use super::job::{PIECE, hexadecimal};
+use super::job::PIECE;
 use super::store::ServerError;
+use crate::storage::with_advice;
+use crate::words::hexadecimal;
 use bytes::Bytes;
 use futures_util::stream::FuturesOrdered;
 use futures_util::{StreamExt, TryStreamExt, stream};
@@ -58,8 +60,8 @@ pub(super) struct Sent {
 }
 
 fn disk(path: &Path) -> impl Fn(std::io::Error) -> TransferError {
-    let path = path.display().to_string();
-    move |cause| TransferError::Disk(format!("{path}: {cause}"))
+    let path = path.to_owned();
+    move |cause| TransferError::Disk(with_advice(&path, &cause))
 }
 
 /// How many pieces a file of this length has.

@@ -10,7 +10,7 @@ use super::store::ServerError;
 use super::subjects::{self, JOBS};
 use crate::log;
 use crate::process::Cancel;
-use crate::storage::free_bytes;
+use crate::storage::{free_bytes, with_advice};
 use async_nats::jetstream::Message;
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use futures_util::StreamExt;
@@ -52,7 +52,7 @@ pub struct WorkerPlan {
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum WorkerError {
     /// Its folder cannot be used.
-    #[error("{}: {cause}", path.display())]
+    #[error("{}", with_advice(path, cause))]
     Scratch {
         path: PathBuf,
         cause: std::io::Error,

@@ -51,7 +51,7 @@ pub enum ConfineError {
 /// # Errors
 /// If that process has ended already, or the system refuses.
 pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
-    let refused = |cause: rustix::io::Errno| limit("its end with its parent", cause.into());
+    let refused = |cause: rustix::io::Errno| limit_error("its end with its parent", cause.into());
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL)).map_err(refused)?;
     // It may have died before it could be bound to.
     if rustix::process::getppid()
@@ -61,7 +61,7 @@ pub fn bind_to_parent(parent: u32) -> Result<(), ConfineError> {
     {
         return Err(ConfineError::Orphan);
     }
-    close_inherited().map_err(|cause| limit("its open files", cause))
+    close_inherited().map_err(|cause| limit_error("its open files", cause))
 }
 
 /// Confines this thread and all threads that it starts, and limits the whole process, for ever. It may read what is in
@@ -76,7 +76,7 @@ pub fn confine(
 ) -> Result<Vec<String>, ConfineError> {
     let missing = lower_priority(limits.nice).into_iter();
     let mut missing: Vec<String> = missing
-        .map(|what| format!("for a worker, this system cannot set {what}"))
+        .map(|what| format!("for a confined process, this system cannot set {what}"))
         .collect();
     let bytes = u64::from(limits.memory_mb) * 1_000_000;
     set_limit("the limit of memory", Resource::Data, bytes)?;
@@ -89,14 +89,14 @@ pub fn confine(
     };
     missing.extend(unguarded.map(|why| {
         format!(
-            "Landlock cannot be used ({why}): a worker could read and write other files than \
+            "Landlock cannot be used ({why}): a confined process could read and write other files than \
             its own"
         )
     }));
     for filter in [unknown_calls()?, denied_calls()?] {
         if let Err(error) = seccompiler::apply_filter(&filter) {
             missing.push(format!(
-                "system calls cannot be filtered ({error}): a worker could use the network and \
+                "system calls cannot be filtered ({error}): a confined process could use the network and \
                 send signals"
             ));
         }
@@ -104,7 +104,7 @@ pub fn confine(
     Ok(missing)
 }
 
-fn limit(what: &'static str, cause: std::io::Error) -> ConfineError {
+fn limit_error(what: &'static str, cause: std::io::Error) -> ConfineError {
     ConfineError::Limit { what, cause }
 }
 
@@ -113,7 +113,7 @@ fn set_limit(what: &'static str, resource: Resource, most: u64) -> Result<(), Co
         current: Some(most),
         maximum: Some(most),
     };
-    rustix::process::setrlimit(resource, bounded).map_err(|cause| limit(what, cause.into()))
+    rustix::process::setrlimit(resource, bounded).map_err(|cause| limit_error(what, cause.into()))
 }
 
 /// What a process reads of the system itself: its own state, how many processors there are, the machine's name.

@@ -7,7 +7,7 @@
 
 use std::io::{Error, Result};
 
-/// Closes all files except the three standard ones: a worker must not inherit what the cameras' SDKs hold open.
+/// Closes all files except the three standard ones: a child must not inherit what the cameras' SDKs hold open.
 ///
 /// Called at the very start of a process, before anything is opened.
 ///

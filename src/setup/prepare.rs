@@ -103,15 +103,7 @@ impl ConfigSource {
         let rig_cameras = rig_cameras(&config, calibration, clock, &pool).map_err(named)?;
         let mut header = session_header(&config, calibration, &rig_cameras, text).map_err(named)?;
         if let Some(file) = &file {
-            let sha256 = digest(file)?;
-            let about = &mut header.about;
-            about.insert("calibration_sha256".into(), sha256.clone());
-            // A calibration file without a verdict adds no record.
-            let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
-            header.calibration = verdict.map(|verdict| CalibrationRecord {
-                verdict,
-                file_sha256: Some(sha256),
-            });
+            add_calibration(&mut header, file, calibration)?;
         }
         let silhouette = serde_json::to_value(&config.silhouette).unwrap_or_default();
         let cutting = calibration.map(|calibration| SegmentationSettings {
@@ -138,6 +130,23 @@ impl ConfigSource {
         let folder = self.config.parent().unwrap_or(Path::new("."));
         (!named.as_os_str().is_empty()).then(|| folder.join(named))
     }
+}
+
+/// Adds to a header which calibration's file it has, and the verdict of the calibration if it has one.
+fn add_calibration(
+    header: &mut SessionHeader,
+    file: &Path,
+    calibration: Option<&RigCalibration>,
+) -> Result<(), Error> {
+    let sha256 = digest(file)?;
+    let about = &mut header.about;
+    about.insert("calibration_sha256".into(), sha256.clone());
+    let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
+    header.calibration = verdict.map(|verdict| CalibrationRecord {
+        verdict,
+        file_sha256: Some(sha256),
+    });
+    Ok(())
 }
 
 /// The file's SHA-256, as `sha256sum` prints it, so that the file can be found again.

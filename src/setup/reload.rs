@@ -46,7 +46,7 @@ pub struct ReloadableConfig {
     /// Where models' settings go.
     pub jobs: Option<Arc<Jobs>>,
     /// Bytes of the disk that models and packing leave to others.
-    pub keep_free: Arc<AtomicU64>,
+    pub keep_free_bytes: Arc<AtomicU64>,
 }
 
 impl ReloadableConfig {
@@ -67,8 +67,9 @@ impl ReloadableConfig {
             let settings = now.config.replay_toml().map_err(|e| e.to_string())?;
             jobs.set_settings(&settings).map_err(|e| e.to_string())?;
         }
-        let keep_free = now.config.recording.keep_free();
-        self.keep_free.store(keep_free, Ordering::Relaxed);
+        let keep_free_bytes = now.config.recording.keep_free_bytes();
+        self.keep_free_bytes
+            .store(keep_free_bytes, Ordering::Relaxed);
         let reloaded = ReloadedSettings {
             capture: now.config.capture,
             recording: now.config.recording,

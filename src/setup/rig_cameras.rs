@@ -47,51 +47,13 @@ pub(super) fn rig_cameras(
         actions: aravis::ActionGroup::default(),
     };
     let mut rig_cameras: BTreeMap<CameraId, RigCamera> = BTreeMap::new();
-    let gige = staggered(config, calibration)?;
-    for (id, parameters) in gige {
-        let needs_signal = parameters.trigger_mode() == GigeTrigger::Line;
-        let driver = gige_driver(&id, parameters, &shared)?;
-        let camera = RigCamera {
-            id,
-            kind: CameraKind::Color,
-            needs_signal,
-            driver,
-        };
+    for camera in gige_cameras(config, calibration, &shared)? {
         add(&mut rig_cameras, calibration, camera)?;
     }
-    let videos = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
-    duplicate_devices::check_unique_v4l2(&videos)?;
-    for (id, parameters) in videos {
-        let needs_signal = parameters.trigger() == v4l2::TriggerMode::Line;
-        let driver = v4l2_driver(&id, parameters, &shared)?;
-        let camera = RigCamera {
-            id,
-            kind: CameraKind::Color,
-            needs_signal,
-            driver,
-        };
+    for camera in v4l2_cameras(config, &shared)? {
         add(&mut rig_cameras, calibration, camera)?;
     }
-    let depths = checked(
-        "openni2",
-        config.openni2.each()?,
-        openni2::Parameters::checked,
-    )?;
-    duplicate_devices::check_unique_openni2(&depths)?;
-    for (id, mut parameters) in depths {
-        parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
-        let kind = if parameters.take_turns() {
-            CameraKind::DepthInTurn
-        } else {
-            CameraKind::Depth
-        };
-        let driver = openni2_driver(&id, parameters, &shared)?;
-        let camera = RigCamera {
-            id,
-            kind,
-            needs_signal: false,
-            driver,
-        };
+    for camera in openni2_cameras(config, &shared)? {
         add(&mut rig_cameras, calibration, camera)?;
     }
     if rig_cameras
@@ -107,6 +69,66 @@ pub(super) fn rig_cameras(
         log::warning!("camera {id} is calibrated but not configured, and is ignored");
     }
     Ok(rig_cameras.into_values().collect())
+}
+
+fn gige_cameras(
+    config: &Config,
+    calibration: Option<&RigCalibration>,
+    shared: &Shared,
+) -> Result<Vec<RigCamera>, String> {
+    let camera = |(id, parameters): (CameraId, GigeParameters)| {
+        let needs_signal = parameters.trigger_mode() == GigeTrigger::Line;
+        let driver = gige_driver(&id, parameters, shared)?;
+        Ok(RigCamera {
+            id,
+            kind: CameraKind::Color,
+            needs_signal,
+            driver,
+        })
+    };
+    let cameras = staggered(config, calibration)?;
+    cameras.into_iter().map(camera).collect()
+}
+
+fn v4l2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, String> {
+    let camera = |(id, parameters): (CameraId, v4l2::Parameters)| {
+        let needs_signal = parameters.trigger() == v4l2::TriggerMode::Line;
+        let driver = v4l2_driver(&id, parameters, shared)?;
+        Ok(RigCamera {
+            id,
+            kind: CameraKind::Color,
+            needs_signal,
+            driver,
+        })
+    };
+    let cameras = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
+    duplicate_devices::check_unique_v4l2(&cameras)?;
+    cameras.into_iter().map(camera).collect()
+}
+
+fn openni2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, String> {
+    let camera = |(id, mut parameters): (CameraId, openni2::Parameters)| {
+        parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
+        let kind = if parameters.take_turns() {
+            CameraKind::DepthInTurn
+        } else {
+            CameraKind::Depth
+        };
+        let driver = openni2_driver(&id, parameters, shared)?;
+        Ok(RigCamera {
+            id,
+            kind,
+            needs_signal: false,
+            driver,
+        })
+    };
+    let cameras = checked(
+        "openni2",
+        config.openni2.each()?,
+        openni2::Parameters::checked,
+    )?;
+    duplicate_devices::check_unique_openni2(&cameras)?;
+    cameras.into_iter().map(camera).collect()
 }
 
 /// Each camera of a driver, checked, by its id.

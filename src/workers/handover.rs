@@ -51,7 +51,7 @@ pub fn folder(recordings: &Path) -> PathBuf {
 }
 
 /// Where the settings of these jobs are.
-pub fn settings(recordings: &Path) -> PathBuf {
+pub fn settings_path(recordings: &Path) -> PathBuf {
     folder(recordings).join("settings.toml")
 }
 
@@ -143,24 +143,32 @@ pub(super) fn answer_to(file: &Path) -> Option<Answer> {
     serde_json::from_slice(&bytes).ok()
 }
 
-/// Whether no worker has begun, or gone on with, a job for this long.
+/// Whether no worker has begun, or gone on with, a job for this long. If the clock was set back meanwhile, the wait
+/// begins anew, for which the file gets the present time: otherwise it would last until the clock is there again.
 pub(super) fn is_neglected(file: &Path, wait: Duration) -> bool {
-    let said = |path: PathBuf| Some((std::fs::metadata(&path).ok()?.modified().ok()?, path));
-    let last = said(file.with_extension(STARTED)).or_else(|| said(file.to_owned()));
-    let Some((last, path)) = last else {
+    let Some((last, path)) = last_sign(file) else {
         return false;
     };
     match last.elapsed() {
         Ok(silent) => silent >= wait,
         Err(ahead) => {
-            // The clock was set back: the wait begins anew, and does not last until the clock is there again.
             if ahead.duration() > Duration::from_secs(2) {
-                let now = File::options().append(true).open(&path);
-                let _ = now.and_then(|file| file.set_modified(SystemTime::now()));
+                set_modified_now(&path);
             }
             false
         }
     }
+}
+
+/// When a worker last said that it does a job, or else when the job was written; and the file that says it.
+fn last_sign(file: &Path) -> Option<(SystemTime, PathBuf)> {
+    let said = |path: PathBuf| Some((std::fs::metadata(&path).ok()?.modified().ok()?, path));
+    said(file.with_extension(STARTED)).or_else(|| said(file.to_owned()))
+}
+
+fn set_modified_now(path: &Path) {
+    let opened = File::options().append(true).open(path);
+    let _ = opened.and_then(|file| file.set_modified(SystemTime::now()));
 }
 
 /// Removes the answers about a job.

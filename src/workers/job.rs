@@ -1,7 +1,7 @@
 //! One job, as it is stored on the disk: a capture and the recording that holds it.
 
 use crate::frame::CaptureId;
-use crate::recording::{Notes, Outcome, Recording, Topic};
+use crate::recording::{CaptureOutcome, Notes, Recording, Topic};
 use crate::storage;
 use std::path::Path;
 use std::time::UNIX_EPOCH;
@@ -49,7 +49,7 @@ impl Job {
         let notes = Notes::of(recording);
         let complete: Vec<String> = records
             .filter_map(|m| recording.capture_record(m).ok())
-            .filter(|record| record.outcome == Outcome::Complete)
+            .filter(|record| record.outcome == CaptureOutcome::Complete)
             .map(|record| record.id)
             .filter(|id| !notes.on(id).is_rejected())
             .collect();

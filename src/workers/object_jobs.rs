@@ -4,7 +4,7 @@
 use super::job::{Job, set_aside};
 use super::object_find::{named, session_of};
 use crate::log;
-use crate::recording::{Outcome, Recording, Topic, finished_name};
+use crate::recording::{CaptureOutcome, Recording, Topic, finished_name};
 use crate::storage::write_atomically;
 use parking_lot::{Condvar, Mutex};
 use sha2::{Digest, Sha256};
@@ -77,7 +77,7 @@ impl ObjectJob {
         let records = recording.messages(&Topic::Capture).iter();
         let complete: Vec<String> = records
             .filter_map(|m| recording.capture_record(m).ok())
-            .filter(|record| record.outcome == Outcome::Complete)
+            .filter(|record| record.outcome == CaptureOutcome::Complete)
             .map(|record| record.id)
             .collect();
         let triggers = recording.messages(&Topic::Trigger).iter();

@@ -47,6 +47,33 @@ pub struct WorkerPlan {
     pub command: Vec<OsString>,
 }
 
+/// What is free on the models' disk, in bytes.
+struct DiskSpace {
+    free: u64,
+    /// What must stay free.
+    keep_free: u64,
+}
+
+impl DiskSpace {
+    fn is_enough(&self) -> bool {
+        self.free >= self.keep_free
+    }
+}
+
+impl WorkerPlan {
+    fn disk_space(&self) -> std::io::Result<DiskSpace> {
+        Ok(DiskSpace {
+            free: free_bytes(&self.parameters.folder)?,
+            keep_free: self.keep_free.load(Ordering::Relaxed),
+        })
+    }
+
+    /// Whether the models' disk has as much space free as must stay free; false if the system does not say it.
+    pub(super) fn has_room(&self) -> bool {
+        self.disk_space().is_ok_and(|space| space.is_enough())
+    }
+}
+
 /// A job that came to its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FinishedJob {
@@ -232,36 +259,7 @@ impl Shared {
         }
         taken.job.begun += 1;
         self.jobs.note(taken);
-        let child = Child::start(&mut self.command(&path, &taken.job));
-        let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
-        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
-        let (model, words) = match waited {
-            Err(error) => (
-                Err(format!("the worker cannot be started: {error}")),
-                "".into(),
-            ),
-            Ok((ChildExit::TimedOut, words)) => {
-                let reason = format!(
-                    "it did not finish within {} s (workers.time_limit_s)",
-                    limit.as_secs()
-                );
-                (Err(reason), words)
-            }
-            Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, &path) => {
-                let target = self.target(&complete, &taken.job);
-                let parameters = &self.plan.parameters;
-                let model = outcome::model(&target, status, &words, parameters);
-                (model, words)
-            }
-            Ok(_) => {
-                // Otherwise it counts: a job whose process is ended again and again must not block all others.
-                if self.jobs.is_stopped() || !path.exists() {
-                    taken.job.begun -= 1;
-                    self.jobs.note(taken);
-                }
-                return None;
-            }
-        };
+        let (model, words) = self.run_process(taken, &path, &complete)?;
         self.tell_missing(&words);
         Some(match model {
             Ok(model) => FinishedJob {
@@ -271,6 +269,46 @@ impl Shared {
             },
             Err(reason) => self.failed(&taken.job, &complete, reason, &words),
         })
+    }
+
+    /// Runs the process of a job to its end. Returns the model, or why there is none, and what the process said; `None`
+    /// if the job is to be done again.
+    fn run_process(
+        &self,
+        taken: &mut ClaimedJob,
+        path: &Path,
+        complete: &Path,
+    ) -> Option<(Result<Model, String>, String)> {
+        let child = Child::start(&mut self.command(path, &taken.job));
+        let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
+        let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
+        match waited {
+            Err(error) => {
+                let reason = format!("the worker cannot be started: {error}");
+                Some((Err(reason), String::new()))
+            }
+            Ok((ChildExit::TimedOut, words)) => {
+                let reason = format!(
+                    "it did not finish within {} s (workers.time_limit_s)",
+                    limit.as_secs()
+                );
+                Some((Err(reason), words))
+            }
+            Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, path) => {
+                let target = self.target(complete, &taken.job);
+                let parameters = &self.plan.parameters;
+                let model = outcome::model(&target, status, &words, parameters);
+                Some((model, words))
+            }
+            Ok(_) => {
+                // Otherwise it counts: a job whose process is ended again and again must not block all others.
+                if self.jobs.is_stopped() || !path.exists() {
+                    taken.job.begun -= 1;
+                    self.jobs.note(taken);
+                }
+                None
+            }
+        }
     }
 
     /// Whether a process ended because it was asked to, or because its recording got another name before it was opened.
@@ -313,19 +351,17 @@ impl Shared {
 
     /// Waits while the disk has less room than it is to have.
     fn wait_for_room(&self) {
-        let models = &self.plan.parameters.folder;
         let mut told = false;
-        while let Ok(free) = free_bytes(models)
-            && let keep_free = self.plan.keep_free.load(Ordering::Relaxed)
-            && free < keep_free
+        while let Ok(space) = self.plan.disk_space()
+            && !space.is_enough()
             && !self.jobs.is_stopped()
         {
             if !told {
                 log::warning!(
                     "{} has {} MB free: no model is made until {} MB are free (recording.keep_free_mb)",
-                    models.display(),
-                    free / 1_000_000,
-                    keep_free / 1_000_000
+                    self.plan.parameters.folder.display(),
+                    space.free / 1_000_000,
+                    space.keep_free / 1_000_000
                 );
                 told = true;
             }

@@ -11,11 +11,10 @@ use crate::log;
 use crate::make_model::Model;
 use crate::process::{Child, ChildExit};
 use crate::recording::{Recording, Topic, finished_name};
-use crate::storage::{self, free_bytes};
+use crate::storage;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Remakes of one capture.
@@ -59,7 +58,7 @@ struct Making {
 
 impl Making {
     fn run(&self, tell: impl Fn(RemakeResult)) {
-        let may = || self.jobs.is_idle() && self.has_room();
+        let may = || self.jobs.is_idle() && self.plan.has_room();
         while let Some(remake) = self.jobs.remakes().take(may) {
             let model = self.make(&remake);
             let _ = std::fs::remove_dir_all(self.work());
@@ -80,11 +79,6 @@ impl Making {
             // Better to report it twice, after a crash, than never.
             self.jobs.remakes().finish();
         }
-    }
-
-    fn has_room(&self) -> bool {
-        let keep_free = self.plan.keep_free.load(Ordering::Relaxed);
-        free_bytes(&self.plan.parameters.folder).is_ok_and(|free| free >= keep_free)
     }
 
     fn work(&self) -> PathBuf {

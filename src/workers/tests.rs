@@ -7,7 +7,7 @@ use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::level::Level;
 use crate::recording::{
-    CaptureRecord, Compression, Note, Outcome, Recording, Writer, note_beside, recover,
+    CaptureOutcome, CaptureRecord, Compression, Note, Recording, Writer, note_beside, recover,
     unfinished_name,
 };
 use crate::support::wait::until;
@@ -415,7 +415,7 @@ fn record(path: &Path, captures: &[(&str, u64)], complete: bool) {
         writer.trigger(&trigger(id, *ms)).unwrap();
         let record = CaptureRecord {
             id: (*id).into(),
-            outcome: Outcome::Complete,
+            outcome: CaptureOutcome::Complete,
             reason: None,
             skew_ns: None,
             cameras: Default::default(),

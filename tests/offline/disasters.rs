@@ -9,7 +9,7 @@ use crate::support::torture::{self, times};
 use scand::capture::CaptureSession;
 use scand::config::Config;
 use scand::frame::CaptureId;
-use scand::make_model::{ModelMaker, Outcome, Settings};
+use scand::make_model::{ModelMaker, ModelOutcome, Settings};
 use std::collections::BTreeMap;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -91,11 +91,11 @@ fn a_model_that_another_process_puts_into_place_meanwhile_stays() {
     let placed = Mutex::new(None);
     let other = |_: &CaptureId, stage: &str| {
         if stage == "files" {
-            assert!(matches!(make(&|_, _| ()), Outcome::Made { .. }));
+            assert!(matches!(make(&|_, _| ()), ModelOutcome::Made { .. }));
             *placed.lock().unwrap() = Some(inode());
         }
     };
-    assert!(matches!(make(&other), Outcome::Unchanged { .. }));
+    assert!(matches!(make(&other), ModelOutcome::Unchanged { .. }));
     assert_eq!(placed.into_inner().unwrap(), Some(inode()));
     assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 1);
 }

@@ -15,8 +15,8 @@ use scand::image::Grid;
 use scand::mesh;
 use scand::reconstruct::{NoProgress, Parameters, reconstruct};
 use scand::recording::{
-    CameraInCapture, CaptureRecord, ColorPart, Compression, DepthPart, Note, Outcome, Recording,
-    Topic, Writer, recover,
+    CameraInCapture, CaptureOutcome, CaptureRecord, ColorPart, Compression, DepthPart, Note,
+    Recording, Topic, Writer, recover,
 };
 use scand::sync;
 use std::collections::BTreeMap;
@@ -92,7 +92,7 @@ fn record() -> CaptureRecord {
     };
     CaptureRecord {
         id: "ball-0001".into(),
-        outcome: Outcome::Complete,
+        outcome: CaptureOutcome::Complete,
         reason: None,
         skew_ns: Some(1_110_000),
         cameras: BTreeMap::from([("c0".into(), given)]),

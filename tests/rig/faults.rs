@@ -3,7 +3,7 @@
 use super::stand::{Stand, served};
 use super::{color, network, pixels, recordings};
 use crate::support::torture::{self, times};
-use scand::recording::{ColorPart, Outcome, Recording, Topic};
+use scand::recording::{CaptureOutcome, ColorPart, Recording, Topic};
 use scand::trigger::Reply;
 use std::path::Path;
 use std::process::Command;
@@ -57,7 +57,7 @@ fn check_pictures(folder: &Path) -> usize {
         let recording = Recording::open(&file).unwrap();
         for message in recording.messages(&Topic::Capture) {
             let record = recording.capture_record(message).unwrap();
-            complete += usize::from(record.outcome == Outcome::Complete);
+            complete += usize::from(record.outcome == CaptureOutcome::Complete);
         }
         for i in 0..11 {
             let topic = color(i, ColorPart::Image);

@@ -16,7 +16,7 @@ mod stand;
 mod support;
 
 use scand::frame::{CameraId, Picture};
-use scand::recording::{ColorPart, DepthPart, Outcome, Recording, Topic};
+use scand::recording::{CaptureOutcome, ColorPart, DepthPart, Recording, Topic};
 use scand::trigger::Reply;
 use stand::{Stand, served};
 use std::collections::{BTreeMap, BTreeSet};
@@ -189,12 +189,12 @@ fn a_hundred_presses_lose_nothing_unsaid() {
                     .values()
                     .filter_map(|c| c.timestamps.as_ref());
                 match record.outcome {
-                    Outcome::Complete => {
+                    CaptureOutcome::Complete => {
                         complete += 1;
                         assert_eq!(frames.map(Vec::len).sum::<usize>(), 11 + 10);
                     }
                     // A frame that is missing has a reason that names its camera.
-                    Outcome::Failed => {
+                    CaptureOutcome::Failed => {
                         named += 1;
                         let reason = record.reason.unwrap();
                         let silent = record
@@ -380,7 +380,7 @@ fn a_late_frame_is_its_own_captures_or_nobodys() {
                         assert!(seen.insert((camera.clone(), *time)), "{camera}: twice");
                     }
                 }
-                if record.outcome == Outcome::Complete {
+                if record.outcome == CaptureOutcome::Complete {
                     let skew_ns = record.skew_ns.unwrap();
                     assert!(
                         skew_ns < 500_000_000,

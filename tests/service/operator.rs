@@ -3,7 +3,7 @@
 
 use crate::support::program::scand;
 use crate::support::wait::until_or;
-use scand::recording::{Outcome, Recording, Topic};
+use scand::recording::{CaptureOutcome, Recording, Topic};
 use scand::trigger::Event;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -176,7 +176,7 @@ fn a_day_at_a_rig_whose_cameras_are_away() {
     let outcomes: Vec<_> = records
         .map(|m| recording.capture_record(m).unwrap().outcome)
         .collect();
-    assert_eq!(outcomes, [Outcome::Failed; 2]);
+    assert_eq!(outcomes, [CaptureOutcome::Failed; 2]);
     let notes = recording.messages(&Topic::Note).iter();
     let notes: Vec<_> = notes.map(|m| recording.note(m).unwrap()).collect();
     assert_eq!(

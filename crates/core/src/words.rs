@@ -1,5 +1,5 @@
 //! Text that several rooms need: counts with their plurals, the known word that is closest to a wrong one, names as a
-//! shell takes them, and the beginnings of hostile texts.
+//! shell takes them, bytes as hexadecimal digits, and the beginnings of hostile texts.
 
 use std::path::Path;
 
@@ -7,6 +7,11 @@ use std::path::Path;
 pub fn count(number: usize, noun: &str) -> String {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")
+}
+
+/// Bytes as hexadecimal digits in lower case, two for each, as `sha256sum` prints a digest.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Enough of a hostile text to find it, and no more.
@@ -85,6 +90,11 @@ pub fn distance(a: &str, b: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_byte_has_two_hexadecimal_digits() {
+        assert_eq!(hexadecimal(&[0, 0x0f, 0xa5]), "000fa5");
+    }
 
     #[test]
     fn close_words_are_found_and_far_ones_are_not() {

@@ -42,74 +42,124 @@ pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selectio
     }
     let (files, names): (Vec<&String>, Vec<&String>) =
         words.iter().partition(|word| Path::new(word).is_file());
-    let mut found = vec![false; names.len()];
+    let mut search = Search::new(names);
     for file in files {
-        let path = PathBuf::from(file);
-        if finished_name(&path).is_some() {
-            anyhow::bail!(
-                "{file}: the recording is not complete: complete it with scand recover first"
-            );
+        search.take_file(file)?;
+    }
+    if !search.names.is_empty() {
+        for path in recordings(folder)? {
+            search.look_into(&path);
         }
+    }
+    search.finish(folder)
+}
+
+/// A search for the captures that names mean.
+struct Search<'a> {
+    names: Vec<&'a String>,
+    /// For each name whether something was found.
+    found: Vec<bool>,
+    chosen: BTreeMap<PathBuf, SelectedCaptures>,
+    /// Recordings that cannot be read, in words.
+    unread: Vec<String>,
+    /// Recordings that are not complete and have captures that are meant, in words.
+    incomplete: Vec<String>,
+}
+
+impl<'a> Search<'a> {
+    fn new(names: Vec<&'a String>) -> Self {
+        Self {
+            found: vec![false; names.len()],
+            names,
+            chosen: BTreeMap::new(),
+            unread: Vec::new(),
+            incomplete: Vec::new(),
+        }
+    }
+
+    /// Takes all captures of a recording that is named by its file.
+    ///
+    /// # Errors
+    /// If it is not complete, cannot be read or has no capture.
+    fn take_file(&mut self, file: &str) -> anyhow::Result<()> {
+        let path = PathBuf::from(file);
+        anyhow::ensure!(
+            finished_name(&path).is_none(),
+            "{file}: the recording is not complete: complete it with scand recover first"
+        );
         let session = open(&path)?;
         anyhow::ensure!(
             !session.captures().is_empty(),
             "{file} has no capture that can be read: scand info {file} lists what it has"
         );
         // A name may mean one of its captures, too.
-        take(&mut chosen, &path, session, |about, capture| {
-            let named = about.is_named(&names, capture, &mut found);
+        take(&mut self.chosen, &path, session, |about, capture| {
+            let named = about.is_named(&self.names, capture, &mut self.found);
             Some(named.unwrap_or(false))
         });
+        Ok(())
     }
-    let recordings = if names.is_empty() {
-        Vec::new()
-    } else {
-        recordings(folder)?
-    };
-    let (mut unread, mut open_ones) = (Vec::new(), Vec::new());
-    for path in recordings {
-        let session = match open(&path) {
+
+    /// Takes the captures of a recording that the names mean.
+    fn look_into(&mut self, path: &Path) {
+        let session = match open(path) {
             Ok(session) => session,
             Err(error) => {
-                unread.push(format!(
+                self.unread.push(format!(
                     "a recording was skipped, because it cannot be read: {error}"
                 ));
-                continue;
+                return;
             }
         };
-        if finished_name(&path).is_some() {
-            let about = About::of(&path, &session);
-            let mut nowhere = vec![false; names.len()];
-            let captures = session.captures();
-            let named = |c: &&CaptureSummary| about.is_named(&names, c, &mut nowhere).is_some();
-            let named = captures.iter().filter(named).count();
-            if named > 0 {
-                open_ones.push(format!(
-                    "{} has {} of them, but is not complete and not in the package: close its session, or complete it \
-                     with scand recover",
-                    path.display(),
-                    count(named, "capture")
-                ));
-            }
-            continue;
+        if finished_name(path).is_some() {
+            self.note_incomplete(path, &session);
+            return;
         }
-        take(&mut chosen, &path, session, |about, capture| {
-            about.is_named(&names, capture, &mut found)
+        take(&mut self.chosen, path, session, |about, capture| {
+            about.is_named(&self.names, capture, &mut self.found)
         });
     }
-    unread.extend(open_ones);
-    if let Some((word, _)) = names.iter().zip(&found).find(|(_, found)| !**found) {
-        let unread: String = unread.iter().map(|line| format!("\n  {line}")).collect();
-        anyhow::bail!(
-            "no capture, object or session in the recordings of {} is named {word:?}: give another folder with \
-             --recordings, or a recording's file{unread}",
-            folder.display()
-        );
+
+    /// Notes a recording that is not complete, if it has captures that the names mean.
+    fn note_incomplete(&mut self, path: &Path, session: &CaptureSession) {
+        let about = About::of(path, session);
+        let mut nowhere = vec![false; self.names.len()];
+        let captures = session.captures();
+        let named = |c: &&CaptureSummary| about.is_named(&self.names, c, &mut nowhere).is_some();
+        let named = captures.iter().filter(named).count();
+        if named > 0 {
+            self.incomplete.push(format!(
+                "{} has {} of them, but is not complete and not in the package: close its session, or complete it \
+                 with scand recover",
+                path.display(),
+                count(named, "capture")
+            ));
+        }
     }
-    Ok(Selection {
-        chosen: chosen.into_values().collect(),
-        unread,
-    })
+
+    /// # Errors
+    /// If a name means nothing.
+    fn finish(self, folder: &Path) -> anyhow::Result<Selection> {
+        let mut unread = self.unread;
+        unread.extend(self.incomplete);
+        if let Some((word, _)) = self
+            .names
+            .iter()
+            .zip(&self.found)
+            .find(|(_, found)| !**found)
+        {
+            let unread: String = unread.iter().map(|line| format!("\n  {line}")).collect();
+            anyhow::bail!(
+                "no capture, object or session in the recordings of {} is named {word:?}: give another folder with \
+                 --recordings, or a recording's file{unread}",
+                folder.display()
+            );
+        }
+        Ok(Selection {
+            chosen: self.chosen.into_values().collect(),
+            unread,
+        })
+    }
 }
 
 /// The names by which a recording can be meant.

@@ -223,8 +223,12 @@ fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) 
     let folder = &config.recording.folder;
     let (finding, writable) = check::folder(folder, daemon_answers);
     let mut findings = vec![finding];
-    let keep_free = config.recording.keep_free();
-    findings.push(check::space(free_bytes(folder), capture_bytes, keep_free));
+    let keep_free_bytes = config.recording.keep_free_bytes();
+    findings.push(check::space(
+        free_bytes(folder),
+        capture_bytes,
+        keep_free_bytes,
+    ));
     if !args.no_speed && writable && findings.iter().all(|f| f.state != State::Wrong) {
         findings.push(check::speed(folder, capture_bytes));
     }
@@ -246,6 +250,63 @@ fn output(program: &str, arguments: &[&str]) -> std::io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// What support gets of what programs print: the file in the bundle, the program, its arguments.
+const PRINTED: [(&str, &str, &[&str]); 7] = [
+    (
+        "journal.txt",
+        "journalctl",
+        &[
+            "-u",
+            "scand*",
+            "--since",
+            "-3 days",
+            "-n",
+            "20000",
+            "--no-pager",
+            "-o",
+            "short-iso",
+        ],
+    ),
+    (
+        "kernel-log.txt",
+        "journalctl",
+        &["-k", "-b", "-n", "5000", "--no-pager"],
+    ),
+    (
+        "service.txt",
+        "systemctl",
+        &[
+            "status",
+            "--no-pager",
+            "-l",
+            "scand.service",
+            "scand.socket",
+        ],
+    ),
+    ("network.txt", "ip", &["-s", "address"]),
+    ("usb.txt", "lsusb", &["-t"]),
+    ("disks.txt", "df", &["-h"]),
+    (
+        "packages.txt",
+        "dpkg",
+        &[
+            "-l",
+            "scand",
+            "libaravis-0.8-0",
+            "libopenni2-0",
+            "libusb-1.0-0",
+        ],
+    ),
+];
+
+/// What support gets of the system's own files: the file in the bundle, and where it is.
+const SYSTEM_FILES: [(&str, &str); 4] = [
+    ("os-release", "/etc/os-release"),
+    ("kernel.txt", "/proc/version"),
+    ("memory.txt", "/proc/meminfo"),
+    ("modules.txt", "/proc/modules"),
+];
+
 /// Everything that support wants to see. What is not there is left out.
 fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> Bundle {
     let mut bundle = Bundle::default();
@@ -256,71 +317,28 @@ fn pack(source: &ConfigArgs, lines: &str, findings: &Value, status: &Value) -> B
     if let Ok(text) = read_text(&source.config, LARGEST_CONFIG) {
         bundle.add("rig.toml", without_passwords(&text));
     }
-    let mut file = |name: &str, path: &Path| {
-        if std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < 1 << 30)
-            && let Ok(contents) = std::fs::read(path)
-        {
-            bundle.add(name, contents);
-        }
-    };
     if let Ok(Prepared {
         calibration: Some(calibration),
         ..
     }) = source.prepare(Clock::system())
     {
-        file("calibration.toml", &calibration);
+        add_file(&mut bundle, "calibration.toml", &calibration);
     }
-    file("os-release", Path::new("/etc/os-release"));
-    file("kernel.txt", Path::new("/proc/version"));
-    file("memory.txt", Path::new("/proc/meminfo"));
-    file("modules.txt", Path::new("/proc/modules"));
-    let journal = [
-        "-u",
-        "scand*",
-        "--since",
-        "-3 days",
-        "-n",
-        "20000",
-        "--no-pager",
-        "-o",
-        "short-iso",
-    ];
-    for (name, program, arguments) in [
-        ("journal.txt", "journalctl", &journal[..]),
-        (
-            "kernel-log.txt",
-            "journalctl",
-            &["-k", "-b", "-n", "5000", "--no-pager"],
-        ),
-        (
-            "service.txt",
-            "systemctl",
-            &[
-                "status",
-                "--no-pager",
-                "-l",
-                "scand.service",
-                "scand.socket",
-            ],
-        ),
-        ("network.txt", "ip", &["-s", "address"]),
-        ("usb.txt", "lsusb", &["-t"]),
-        ("disks.txt", "df", &["-h"]),
-        (
-            "packages.txt",
-            "dpkg",
-            &[
-                "-l",
-                "scand",
-                "libaravis-0.8-0",
-                "libopenni2-0",
-                "libusb-1.0-0",
-            ],
-        ),
-    ] {
+    for (name, path) in SYSTEM_FILES {
+        add_file(&mut bundle, name, Path::new(path));
+    }
+    for (name, program, arguments) in PRINTED {
         if let Ok(output) = output(program, arguments) {
             bundle.add(name, output);
         }
     }
     bundle
+}
+
+fn add_file(bundle: &mut Bundle, name: &str, path: &Path) {
+    if std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() < 1 << 30)
+        && let Ok(contents) = std::fs::read(path)
+    {
+        bundle.add(name, contents);
+    }
 }

@@ -35,7 +35,7 @@ impl Models {
         config: &Config,
         clock: Clock,
         interrupted: &[PathBuf],
-        keep_free: Arc<AtomicU64>,
+        keep_free_bytes: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
     ) -> anyhow::Result<[Workers; 3]> {
         self.jobs
@@ -45,7 +45,7 @@ impl Models {
             settings: config.replay_toml()?,
             clock,
             method: config.method,
-            keep_free,
+            keep_free: keep_free_bytes,
             // This very program, also when another version has been installed meanwhile.
             command: vec!["/proc/self/exe".into(), protocol::COMMAND.into()],
         };

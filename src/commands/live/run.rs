@@ -64,37 +64,18 @@ fn serve_rig(
     clock: Clock,
     socket: Option<UnixListener>,
 ) -> anyhow::Result<ExitCode> {
-    let Prepared {
-        config,
-        rig_cameras,
-        header,
-        pool,
-        calibration,
-        cutting,
-    } = prepared;
     // What systemd lends for cameras, raw sockets, is this process's alone: no hook and no worker inherits it.
     let _ = rustix::thread::clear_ambient_capability_set();
     let notifier = Arc::new(Notifier::from_environment());
     let watchdog = Watchdog::new(notifier.clone(), clock);
-    let models = Models::prepare(&config)?;
-    let plan = CapturePlan {
-        sync: config.sync.clone(),
-        capture: config.capture.clone(),
-        recording: config.recording.clone(),
-        calibration,
-        header: header.clone(),
-        pool,
-        program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
-        events: Events::default(),
-        watchdog: watchdog.clone(),
-        models: models.as_ref().map(|_| config.workers.folder.clone()),
-        jobs: models.as_ref().map(|models| models.jobs.clone()),
-        look: Some(LookPlan {
-            // This very program, also when another version has been installed meanwhile.
-            program: "/proc/self/exe".into(),
-            cutting,
-        }),
-    };
+    let models = Models::prepare(&prepared.config)?;
+    let plan = capture_plan(&prepared, &watchdog, models.as_ref());
+    let Prepared {
+        config,
+        rig_cameras,
+        header,
+        ..
+    } = prepared;
     let jobs = plan.jobs.clone();
     let frames = frames_a_shot(&rig_cameras, plan.sync.depth_frames);
     // Before the cameras start, because nothing receives their events until then.
@@ -103,31 +84,36 @@ fn serve_rig(
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted)?);
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events(), clock)?;
-    let keep_free = Arc::new(AtomicU64::new(config.recording.keep_free()));
+    let keep_free_bytes = Arc::new(AtomicU64::new(config.recording.keep_free_bytes()));
     let start = |models: Models| {
         models.start(
             &config,
             clock,
             interrupted.recordings(),
-            keep_free.clone(),
+            keep_free_bytes.clone(),
             capturing.clone(),
         )
     };
     let workers = models.map(start).transpose()?;
     interrupted.forget();
-    let packing = Packing::start(&capturing, &config.recording, keep_free.clone(), clock)?;
+    let packing = Packing::start(
+        &capturing,
+        &config.recording,
+        keep_free_bytes.clone(),
+        clock,
+    )?;
     let running = ReloadableConfig {
         source,
         config,
         header,
         jobs,
-        keep_free,
+        keep_free_bytes,
     };
     let reload = Box::new(move || running.reload(clock));
     let mut service = Service::new(notifier, &watchdog, policy, reload, clock);
     let clients = serve(&own, socket, &capturing, &mut service)?;
-    // The order of shutdown: no new captures, workers and packing, the capture in progress with its recorder and cameras,
-    // the clients' final answers, and the hooks that those caused.
+    // The order of shutdown: no new captures, workers and packing, the capture in progress with its recorder and
+    // cameras, the clients' final answers, and the hooks that those caused.
     log::notice!("the daemon is ending");
     capturing.close();
     // Models are made after the next start: the capture in progress has the machine to itself.
@@ -144,6 +130,29 @@ fn serve_rig(
     } else {
         ExitCode::from(EXIT_INCOMPLETE)
     })
+}
+
+/// How a prepared rig captures.
+fn capture_plan(prepared: &Prepared, watchdog: &Watchdog, models: Option<&Models>) -> CapturePlan {
+    let config = &prepared.config;
+    CapturePlan {
+        sync: config.sync.clone(),
+        capture: config.capture.clone(),
+        recording: config.recording.clone(),
+        calibration: prepared.calibration.clone(),
+        header: prepared.header.clone(),
+        pool: prepared.pool.clone(),
+        program: concat!("scand ", env!("CARGO_PKG_VERSION")).into(),
+        events: Events::default(),
+        watchdog: watchdog.clone(),
+        models: models.map(|_| config.workers.folder.clone()),
+        jobs: models.map(|models| models.jobs.clone()),
+        look: Some(LookPlan {
+            // This very program, also when another version has been installed meanwhile.
+            program: "/proc/self/exe".into(),
+            cutting: prepared.cutting.clone(),
+        }),
+    }
 }
 
 /// Frames that all cameras may give to one shot.

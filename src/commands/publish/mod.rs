@@ -7,7 +7,8 @@ mod viewer;
 use super::export::find_models;
 use super::{EXIT_INCOMPLETE, check_folder_of, model_notes, wrong_usage};
 use crate::publish::{
-    Address, Extra, PageOptions, STYLE, collection, gallery, manifest, object_page, scene,
+    Address, Extra, PageOptions, PublishedObject, STYLE, collection, gallery, manifest,
+    object_page, scene,
 };
 use crate::storage::StagedFolder;
 use crate::words::{closest, count, shell_word};
@@ -109,27 +110,54 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         for (name, bytes) in &files {
             folder.write(&format!("{place}/{name}"), bytes)?;
         }
-        folder.write(&format!("{place}/scene.svx.json"), &json(&scene(&object))?)?;
-        if let Some(at) = &args.address {
-            folder.write(
-                &format!("{place}/manifest.json"),
-                &json(&manifest(&object, at))?,
-            )?;
-        }
-        folder.write(
-            &format!("{place}/index.html"),
-            object_page(&object, options).as_bytes(),
-        )?;
+        write_pages_of(&folder, &place, &object, &args, options)?;
         outln!("{}: {place}", path.display());
         objects.push(object);
     }
     anyhow::ensure!(!objects.is_empty(), "nothing is left to publish");
+    write_gallery(&folder, &objects, &args, options)?;
+    folder.commit(args.force)?;
+    model_notes::tell_not_found(&not_found, &args.recordings);
+    print_result(&args, objects.len());
+    Ok(match failed {
+        0 => ExitCode::SUCCESS,
+        _ => ExitCode::from(EXIT_INCOMPLETE),
+    })
+}
+
+/// Writes what is made of an object besides its own files: its page, its scene, and its manifest where there is an
+/// address.
+fn write_pages_of(
+    folder: &StagedFolder,
+    place: &str,
+    object: &PublishedObject,
+    args: &Args,
+    options: PageOptions,
+) -> anyhow::Result<()> {
+    folder.write(&format!("{place}/scene.svx.json"), &json(&scene(object))?)?;
+    if let Some(at) = &args.address {
+        folder.write(
+            &format!("{place}/manifest.json"),
+            &json(&manifest(object, at))?,
+        )?;
+    }
+    let page = object_page(object, options);
+    Ok(folder.write(&format!("{place}/index.html"), page.as_bytes())?)
+}
+
+/// Writes what all objects share: the gallery, the collection where there is an address, the style and the viewer.
+fn write_gallery(
+    folder: &StagedFolder,
+    objects: &[PublishedObject],
+    args: &Args,
+    options: PageOptions,
+) -> anyhow::Result<()> {
     folder.write(MARK, STYLE.as_bytes())?;
-    folder.write("index.html", gallery(&objects, options).as_bytes())?;
+    folder.write("index.html", gallery(objects, options).as_bytes())?;
     if let Some(at) = &args.address {
         folder.write(
             "collection.json",
-            &json(&collection(&objects, &args.title, at))?,
+            &json(&collection(objects, &args.title, at))?,
         )?;
     }
     for (name, bytes) in [
@@ -140,13 +168,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             folder.write(name, bytes)?;
         }
     }
-    folder.commit(args.force)?;
-    model_notes::tell_not_found(&not_found, &args.recordings);
-    print_result(&args, objects.len());
-    Ok(match failed {
-        0 => ExitCode::SUCCESS,
-        _ => ExitCode::from(EXIT_INCOMPLETE),
-    })
+    Ok(())
 }
 
 /// An existing folder is replaced only if that was asked for and scand made it.

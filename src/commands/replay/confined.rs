@@ -1,7 +1,7 @@
 //! What the confined children of a replay by a fleet do: one lists the captures of a recording, one makes models that
 //! cannot travel. Each writes what it found as JSON, for the process that started it.
 
-use super::outcome::Outcome;
+use super::outcome::ReplayOutcome;
 use super::{Args, Prepared, prepare};
 use crate::capture::CaptureSession;
 use crate::frame::CaptureId;
@@ -14,7 +14,7 @@ pub(super) struct Listing {
     /// Those that are wanted.
     pub(super) wanted: Vec<ListedCapture>,
     /// The outcomes of those that are left out.
-    pub(super) left_out: Vec<Outcome>,
+    pub(super) left_out: Vec<ReplayOutcome>,
 }
 
 /// A capture that is wanted.

@@ -1,6 +1,6 @@
 //! Shows the progress of a replay (a bar on a terminal, lines on a pipe, nothing with `--quiet`) and its summary.
 
-use super::outcome::{Outcome, ReplayResult};
+use super::outcome::{ReplayOutcome, ReplayResult};
 use crate::capture::CaptureSession;
 use crate::commands::first_aid;
 use crate::level::Level;
@@ -83,7 +83,7 @@ impl Console {
     }
 
     /// Tells how a capture ended, for programs.
-    pub(super) fn outcome(&self, outcome: &Outcome) {
+    pub(super) fn outcome(&self, outcome: &ReplayOutcome) {
         if self.json {
             outln!("{}", serde_json::to_string(outcome).unwrap_or_default());
         }
@@ -100,7 +100,7 @@ impl Console {
     }
 
     /// What became of everything.
-    pub(super) fn summary(&self, outcomes: &[Outcome], out: &Path) {
+    pub(super) fn summary(&self, outcomes: &[ReplayOutcome], out: &Path) {
         for failed in outcomes.iter().filter(|o| o.is_failed()) {
             let told = failed.reasons.join("; ");
             // Most errors name their file themselves.
@@ -113,7 +113,7 @@ impl Console {
         }
     }
 
-    fn table(&self, outcomes: &[Outcome], out: &Path) {
+    fn table(&self, outcomes: &[ReplayOutcome], out: &Path) {
         for outcome in outcomes.iter().filter(|o| !o.is_failed()) {
             let total: f64 = outcome.seconds.iter().map(|(_, s)| s).sum();
             let stages: Vec<String> = outcome
@@ -158,7 +158,7 @@ impl Console {
     }
 }
 
-fn name(outcome: &Outcome) -> String {
+fn name(outcome: &ReplayOutcome) -> String {
     let recording = printable(&outcome.recording);
     match &outcome.capture {
         Some(capture) => format!("{recording}: {capture}"),

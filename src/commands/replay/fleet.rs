@@ -3,7 +3,7 @@
 
 use super::Prepared;
 use super::confined::{ListedCapture, Listing};
-use super::outcome::{Outcome, ReplayResult};
+use super::outcome::{ReplayOutcome, ReplayResult};
 use crate::commands::EXIT_INCOMPLETE;
 use crate::commands::fleet::{AccessArgs, AddressParser, KEEP_FREE, block_on, termination};
 use crate::fleet::{
@@ -57,7 +57,7 @@ struct Wanted {
 
 /// What a run found and made.
 struct Ended {
-    outcomes: Vec<Outcome>,
+    outcomes: Vec<ReplayOutcome>,
     /// Captures whose models were left for the next run.
     left: usize,
     /// Recordings that were not even listed.
@@ -87,7 +87,7 @@ impl FleetReplay<'_> {
             replace: options.force,
         };
         let mut ended = block_on(self.make(address, plan))?;
-        let key = |o: &Outcome| (o.recording.clone(), o.capture.clone());
+        let key = |o: &ReplayOutcome| (o.recording.clone(), o.capture.clone());
         ended.outcomes.sort_by_key(key);
         console.summary(&ended.outcomes, &options.out);
         if ended.defects > 0 {
@@ -150,7 +150,7 @@ impl FleetReplay<'_> {
 
     /// What is wanted, the outcomes that are known without making anything, and how many recordings were not listed
     /// because the run is to end.
-    async fn list(&self, offers: &Arc<Dispatcher>) -> (Vec<Wanted>, Vec<Outcome>, usize) {
+    async fn list(&self, offers: &Arc<Dispatcher>) -> (Vec<Wanted>, Vec<ReplayOutcome>, usize) {
         let console = &self.0.console;
         let (mut wanted, mut outcomes) = (Vec::new(), Vec::new());
         let recordings = &self.0.recordings;
@@ -215,7 +215,7 @@ impl FleetReplay<'_> {
     }
 
     /// Offers all captures to the fleet. Returns the outcomes of those that ended.
-    async fn offer(&self, offers: &Arc<Dispatcher>, wanted: Vec<Wanted>) -> Vec<Outcome> {
+    async fn offer(&self, offers: &Arc<Dispatcher>, wanted: Vec<Wanted>) -> Vec<ReplayOutcome> {
         let (console, options) = (&self.0.console, &self.0.options.fleet);
         let progress = Progress::new(wanted.len());
         let here = tokio::sync::Semaphore::new(1);
@@ -252,7 +252,7 @@ impl FleetReplay<'_> {
         here: &tokio::sync::Semaphore,
         progress: &Progress,
         wanted: Wanted,
-    ) -> Option<Outcome> {
+    ) -> Option<ReplayOutcome> {
         if offers.is_stopped() {
             return None;
         }
@@ -296,7 +296,7 @@ impl FleetReplay<'_> {
         }
     }
 
-    fn failed(&self, wanted: &Wanted, target: &Path, reason: String, words: &str) -> Outcome {
+    fn failed(&self, wanted: &Wanted, target: &Path, reason: String, words: &str) -> ReplayOutcome {
         let job = FailedJob {
             recording: &wanted.recording,
             method: self.0.settings.reconstruction.method,
@@ -316,11 +316,11 @@ impl FleetReplay<'_> {
     }
 
     /// Makes a model on this machine, as a replay without a fleet does.
-    async fn make_here(&self, offers: &Arc<Dispatcher>, wanted: Wanted) -> Outcome {
+    async fn make_here(&self, offers: &Arc<Dispatcher>, wanted: Wanted) -> ReplayOutcome {
         let mut words = vec![format!("--capture={}", wanted.id), "--quiet".to_owned()];
         words.extend(self.0.options.force.then(|| "--force".to_owned()));
         let step = step::REPLAY;
-        let made = self.child::<Vec<Outcome>>(offers, step, &wanted.recording, words);
+        let made = self.child::<Vec<ReplayOutcome>>(offers, step, &wanted.recording, words);
         match made.await.map(|(outcomes, _)| outcomes.into_iter().next()) {
             Ok(Some(outcome)) => outcome,
             Ok(None) => {
@@ -346,11 +346,11 @@ impl Wanted {
 }
 
 /// The outcome of a capture whose folder came from elsewhere.
-fn placed(wanted: &Wanted, target: &Path, ending: ReplayResult) -> Outcome {
+fn placed(wanted: &Wanted, target: &Path, ending: ReplayResult) -> ReplayOutcome {
     match ReportFile::read(target) {
         Ok(ReportFile {
             model: Some(model), ..
-        }) => Outcome {
+        }) => ReplayOutcome {
             verdict: Some(model.verdict),
             folder: Some(model.folder),
             ..ended(wanted, ending, model.reasons)
@@ -365,8 +365,8 @@ fn placed(wanted: &Wanted, target: &Path, ending: ReplayResult) -> Outcome {
     }
 }
 
-fn ended(wanted: &Wanted, result: ReplayResult, reasons: Vec<String>) -> Outcome {
-    Outcome {
+fn ended(wanted: &Wanted, result: ReplayResult, reasons: Vec<String>) -> ReplayOutcome {
+    ReplayOutcome {
         recording: wanted.recording.display().to_string(),
         capture: Some(wanted.id.to_string()),
         result,
@@ -404,7 +404,7 @@ impl Progress {
         }
     }
 
-    fn add(&self, outcome: &Outcome) {
+    fn add(&self, outcome: &ReplayOutcome) {
         let mut state = self.state.lock();
         match outcome.result {
             ReplayResult::Failed => state.failed += 1,

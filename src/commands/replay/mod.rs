@@ -23,7 +23,7 @@ use crate::recording;
 use crate::{queue, storage, sync};
 use anyhow::Context;
 use console::Console;
-use outcome::{Outcome, ReplayResult, exit_code};
+use outcome::{ReplayOutcome, ReplayResult, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use shard::Shard;
@@ -248,7 +248,7 @@ struct Prepared {
 
 impl Prepared {
     /// Reconstructs every capture in this process.
-    fn outcomes(&self) -> Vec<Outcome> {
+    fn outcomes(&self) -> Vec<ReplayOutcome> {
         let on_stage = |id: &CaptureId, stage: &str| self.console.stage(id.as_str(), stage);
         let mut outcomes = Vec::new();
         for (path, stem) in &self.recordings {
@@ -284,7 +284,7 @@ impl Prepared {
     }
 
     /// The outcome of a recording that cannot be read, if this part of the captures reports it.
-    fn unreadable(&self, path: &Path, stem: &str, error: &anyhow::Error) -> Option<Outcome> {
+    fn unreadable(&self, path: &Path, stem: &str, error: &anyhow::Error) -> Option<ReplayOutcome> {
         if self
             .options
             .shard
@@ -294,7 +294,7 @@ impl Prepared {
             self.console.line(&words);
             return None;
         }
-        let unreadable = Outcome::unreadable(path, error);
+        let unreadable = ReplayOutcome::unreadable(path, error);
         self.console.outcome(&unreadable);
         Some(unreadable)
     }
@@ -311,7 +311,7 @@ impl Prepared {
     }
 
     /// Tells how all ended.
-    fn conclude(&self, outcomes: &[Outcome]) -> ExitCode {
+    fn conclude(&self, outcomes: &[ReplayOutcome]) -> ExitCode {
         self.remove_empty_folders();
         if self.options.shard.is_some() && outcomes.is_empty() {
             self.console
@@ -349,7 +349,10 @@ struct Replay<'a> {
 
 impl Replay<'_> {
     /// A recording with the captures that are wanted, and the outcomes of those that are left out.
-    fn open(&self, path: &Path) -> anyhow::Result<(CaptureSession, Vec<CaptureId>, Vec<Outcome>)> {
+    fn open(
+        &self,
+        path: &Path,
+    ) -> anyhow::Result<(CaptureSession, Vec<CaptureId>, Vec<ReplayOutcome>)> {
         let session = CaptureSession::open(path, self.sync)?;
         let mut wanted = wanted(&session, self.only).with_context(|| path.display().to_string())?;
         wanted.retain(|id| self.is_in_shard(&session, id));
@@ -361,16 +364,16 @@ impl Replay<'_> {
             .partition(|id| !takes_all && is_rejected(id));
         self.console.file(path, &session, wanted.len());
         let left_out = left_out.iter().map(|id| self.leave_out(&session, id));
-        let left_out: Vec<Outcome> = left_out.collect();
+        let left_out: Vec<ReplayOutcome> = left_out.collect();
         Ok((session, wanted, left_out))
     }
 
     /// The outcomes of one recording's captures.
-    fn recording(&self, path: &Path) -> anyhow::Result<Vec<Outcome>> {
+    fn recording(&self, path: &Path) -> anyhow::Result<Vec<ReplayOutcome>> {
         let (session, wanted, mut outcomes) = self.open(path)?;
         let results = queue::run(self.jobs, wanted.len(), |i| {
             let made = self.maker.make(&session, &wanted[i]);
-            let outcome = Outcome::new(&session, &wanted[i], made);
+            let outcome = ReplayOutcome::new(&session, &wanted[i], made);
             if outcome.result != ReplayResult::Failed {
                 interrupt::done();
             }
@@ -378,16 +381,16 @@ impl Replay<'_> {
             self.console.outcome(&outcome);
             outcome
         });
-        let outcome = |(id, result): (&CaptureId, Result<Outcome, queue::Panicked>)| {
+        let outcome = |(id, result): (&CaptureId, Result<ReplayOutcome, queue::Panicked>)| {
             result.unwrap_or_else(|panicked| {
-                let failed = self.maker.failed(&session, id, &panicked);
-                let outcome = Outcome::new(&session, id, failed);
+                let failed = self.maker.fail_with_report(&session, id, &panicked);
+                let outcome = ReplayOutcome::new(&session, id, failed);
                 self.console.outcome(&outcome);
                 outcome
             })
         };
         outcomes.extend(wanted.iter().zip(results).map(outcome));
-        if outcomes.iter().any(Outcome::is_failed) {
+        if outcomes.iter().any(ReplayOutcome::is_failed) {
             self.tell_damage(&session);
         }
         Ok(outcomes)
@@ -409,7 +412,7 @@ impl Replay<'_> {
     }
 
     /// The outcome of a rejected capture: no model is made, and an existing one is marked.
-    fn leave_out(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
+    fn leave_out(&self, session: &CaptureSession, id: &CaptureId) -> ReplayOutcome {
         let notes = session.notes().on(id.as_str());
         let folder = self.maker.folder.join(id.as_str());
         if folder.join("report.json").exists()
@@ -419,7 +422,7 @@ impl Replay<'_> {
                 "{id}: cannot mark its model with the notes: {error}"
             ));
         }
-        let outcome = Outcome::rejected(session, id);
+        let outcome = ReplayOutcome::rejected(session, id);
         self.console.outcome(&outcome);
         outcome
     }

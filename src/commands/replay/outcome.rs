@@ -4,7 +4,7 @@ use crate::capture::CaptureSession;
 use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CaptureId;
 use crate::level::Level;
-use crate::make_model::{self, Model};
+use crate::make_model::{Model, ModelOutcome};
 use crate::notes::CaptureNotes;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -25,7 +25,7 @@ pub(super) enum ReplayResult {
 
 /// What became of a capture, or of a whole recording that could not be read.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
-pub(super) struct Outcome {
+pub(super) struct ReplayOutcome {
     /// The recording.
     pub(super) recording: String,
     /// The capture; none for a recording that could not be read.
@@ -46,13 +46,9 @@ pub(super) struct Outcome {
     pub(super) seconds: Vec<(String, f64)>,
 }
 
-impl Outcome {
+impl ReplayOutcome {
     /// Of a capture.
-    pub(super) fn new(
-        session: &CaptureSession,
-        id: &CaptureId,
-        outcome: make_model::Outcome,
-    ) -> Self {
+    pub(super) fn new(session: &CaptureSession, id: &CaptureId, outcome: ModelOutcome) -> Self {
         let recording = session.recording().path();
         let capture = Some(id.to_string());
         let notes = session.notes().on(id.as_str());
@@ -68,15 +64,15 @@ impl Outcome {
             seconds,
         };
         match outcome {
-            make_model::Outcome::Made {
+            ModelOutcome::Made {
                 model,
                 damaged,
                 seconds,
             } => of_model(ReplayResult::Done, model, damaged, seconds),
-            make_model::Outcome::Unchanged { model, damaged } => {
+            ModelOutcome::Unchanged { model, damaged } => {
                 of_model(ReplayResult::Unchanged, model, damaged, Vec::new())
             }
-            make_model::Outcome::Failed { reason } => Self {
+            ModelOutcome::Failed { reason } => Self {
                 notes,
                 capture,
                 damaged: !session.damage().is_empty(),
@@ -134,11 +130,11 @@ impl Outcome {
 
 /// 0: all done or left out as rejected. 1: nothing done, or a red verdict with `strict`. 3: done, but something was
 /// lost.
-pub(super) fn exit_code(outcomes: &[Outcome], strict: bool) -> ExitCode {
-    let all_failed = outcomes.iter().all(Outcome::is_failed);
-    if all_failed || (strict && outcomes.iter().any(Outcome::is_red)) {
+pub(super) fn exit_code(outcomes: &[ReplayOutcome], strict: bool) -> ExitCode {
+    let all_failed = outcomes.iter().all(ReplayOutcome::is_failed);
+    if all_failed || (strict && outcomes.iter().any(ReplayOutcome::is_red)) {
         ExitCode::FAILURE
-    } else if outcomes.iter().any(Outcome::has_lost) {
+    } else if outcomes.iter().any(ReplayOutcome::has_lost) {
         ExitCode::from(EXIT_INCOMPLETE)
     } else {
         ExitCode::SUCCESS

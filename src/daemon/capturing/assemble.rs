@@ -4,7 +4,9 @@
 use super::super::rig::ShotResult;
 use crate::drivers::live::{Fault, ShotStats};
 use crate::frame::{CameraId, Frame, Timestamp};
-use crate::recording::{CameraInCapture, CaptureRecord, FinishedCapture, Lost, LostParts, Outcome};
+use crate::recording::{
+    CameraInCapture, CaptureOutcome, CaptureRecord, FinishedCapture, Lost, LostParts,
+};
 use crate::sync::{Capture, Shortfall};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -27,9 +29,9 @@ pub(super) fn assemble(
     let record = CaptureRecord {
         id: trigger.id.to_string(),
         outcome: if failed {
-            Outcome::Failed
+            CaptureOutcome::Failed
         } else {
-            Outcome::Complete
+            CaptureOutcome::Complete
         },
         reason: (!reasons.is_empty()).then(|| reasons.join("; ")),
         skew_ns: Some(skew_ns),

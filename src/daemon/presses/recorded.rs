@@ -1,7 +1,7 @@
 //! Reads from recordings that a crash left open which presses their captures belong to, and how these ended.
 
 use crate::log;
-use crate::recording::{Error, Outcome, Recording, Topic, unfinished_name};
+use crate::recording::{CaptureOutcome, Error, Recording, Topic, unfinished_name};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -44,8 +44,8 @@ fn add(file: &Path, found: &mut Vec<Recorded>) -> Result<(), Error> {
             press_id: presses.remove(&record.id).flatten(),
             capture: record.id,
             end: match record.outcome {
-                Outcome::Complete => Ok((record.skew_ns.unwrap_or(0), file.into())),
-                Outcome::Failed => Err(record.reason.unwrap_or_default()),
+                CaptureOutcome::Complete => Ok((record.skew_ns.unwrap_or(0), file.into())),
+                CaptureOutcome::Failed => Err(record.reason.unwrap_or_default()),
             },
         });
     }

@@ -162,11 +162,3 @@ unsafe extern "C" {
     pub(super) fn oniRecorderStop(recorder: RecorderHandle);
     pub(super) fn oniRecorderDestroy(recorder: *mut RecorderHandle) -> c_int;
 }
-
-/// The flag by which a thread gets a working directory of its own (`linux/sched.h`).
-pub(super) const CLONE_FS: c_int = 0x200;
-
-unsafe extern "C" {
-    /// The C library's own.
-    pub(super) fn unshare(flags: c_int) -> c_int;
-}

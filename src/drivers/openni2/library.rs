@@ -179,7 +179,7 @@ fn kinect_is_plugged_in(devices: &Path) -> bool {
 /// open files just then. So this thread, and those that OpenNI starts from it, get a working directory of their own.
 fn keep_directory() {
     // SAFETY: it concerns this thread's directory, root and umask alone. Where it is not allowed, nothing has changed.
-    unsafe { ffi::unshare(ffi::CLONE_FS) };
+    unsafe { libc::unshare(libc::CLONE_FS) };
 }
 
 pub(super) fn model(info: &ffi::DeviceInfo) -> String {

@@ -1,6 +1,7 @@
 //! Lists of digests: a line for each file, with the digest, white space and the path. Lists come from outside: a path
 //! that could lead out of the package is refused.
 
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha256, Sha512};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -46,11 +47,6 @@ fn digest(mut hash: impl Digest, from: &mut impl Read) -> std::io::Result<String
             read => hash.update(&buffer[..read]),
         }
     }
-}
-
-/// Bytes as hexadecimal digits.
-pub(super) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The text of a list: paths and digests.

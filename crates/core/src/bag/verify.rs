@@ -234,26 +234,8 @@ fn lists(
         let words = "fetch.txt names files on other machines, which are never fetched";
         return Ok(Err(refused(words)));
     }
-    let Some(declaration) = text(folder, files, "bagit.txt")? else {
-        return Ok(Err(refused(
-            "bagit.txt is missing or too large: this is not a BagIt package",
-        )));
-    };
-    let declaration = declaration.trim_start_matches('\u{feff}');
-    let has = |wanted: &[&str]| {
-        declaration
-            .lines()
-            .any(|line| wanted.contains(&line.trim_end()))
-    };
-    if !has(&["BagIt-Version: 1.0", "BagIt-Version: 0.97"]) {
-        return Ok(Err(refused(
-            "bagit.txt does not say that its version is 1.0 or 0.97",
-        )));
-    }
-    if !has(&["Tag-File-Character-Encoding: UTF-8"]) {
-        return Ok(Err(refused(
-            "bagit.txt does not say that its encoding is UTF-8",
-        )));
+    if let Some(words) = problem_of_declaration(text(folder, files, "bagit.txt")?.as_deref()) {
+        return Ok(Err(refused(words)));
     }
     let mut lists = Vec::new();
     for name in files.keys() {
@@ -270,24 +252,10 @@ fn lists(
                 "{name} is larger than {LARGEST_LIST} bytes, or not UTF-8"
             ))));
         };
-        let files = match parse(&text, algorithm) {
-            Ok(files) => files,
+        match List::parse(name, of_payload, algorithm, &text) {
+            Ok(list) => lists.push(list),
             Err(problem) => return Ok(Err(refused(format!("{name}: {problem}")))),
-        };
-        if let Some(path) = files
-            .keys()
-            .find(|path| path.starts_with("data/") != of_payload)
-        {
-            return Ok(Err(refused(format!(
-                "{name}: {path:?} must not be in this list"
-            ))));
         }
-        lists.push(List {
-            name: name.clone(),
-            of_payload,
-            algorithm,
-            files,
-        });
     }
     if !lists.iter().any(|list| list.of_payload) {
         return Ok(Err(refused(
@@ -295,6 +263,43 @@ fn lists(
         )));
     }
     Ok(Ok(lists))
+}
+
+impl List {
+    fn parse(
+        name: &str,
+        of_payload: bool,
+        algorithm: Algorithm,
+        text: &str,
+    ) -> Result<Self, String> {
+        let files = parse(text, algorithm)?;
+        let is_elsewhere = |path: &&String| path.starts_with("data/") != of_payload;
+        if let Some(path) = files.keys().find(is_elsewhere) {
+            return Err(format!("{path:?} must not be in this list"));
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            of_payload,
+            algorithm,
+            files,
+        })
+    }
+}
+
+/// What is wrong with the text of `bagit.txt`; `None` if scand can check such a package.
+fn problem_of_declaration(text: Option<&str>) -> Option<&'static str> {
+    let Some(text) = text else {
+        return Some("bagit.txt is missing or too large: this is not a BagIt package");
+    };
+    let text = text.trim_start_matches('\u{feff}');
+    let has = |wanted: &[&str]| text.lines().any(|line| wanted.contains(&line.trim_end()));
+    if !has(&["BagIt-Version: 1.0", "BagIt-Version: 0.97"]) {
+        return Some("bagit.txt does not say that its version is 1.0 or 0.97");
+    }
+    if !has(&["Tag-File-Character-Encoding: UTF-8"]) {
+        return Some("bagit.txt does not say that its encoding is UTF-8");
+    }
+    None
 }
 
 /// The text of a file of the package, whose lines may end in any of the three ways that RFC 8493 allows; `None` if it

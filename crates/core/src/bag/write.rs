@@ -1,8 +1,9 @@
 //! Makes a package: under another name first, so that a folder that has its final name is complete.
 
 use super::Error;
-use super::manifest::{hexadecimal, text};
+use super::manifest::text;
 use crate::storage::{StagedFolder, sync_folder};
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha512};
 use std::collections::BTreeMap;
 use std::fs::{self, File};

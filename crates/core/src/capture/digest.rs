@@ -3,6 +3,7 @@
 
 use crate::calibration::{CalibrationVerdict, Camera};
 use crate::reconstruct::{DepthView, Scene, SilhouetteSource};
+use crate::words::hexadecimal;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
@@ -23,20 +24,20 @@ pub fn digest(
         add(part);
     }
     if let Some(verdict) = calibration {
-        // Never the name of a type: renaming one would make every model stale.
+        // Written out, and not taken from the type: renaming that would make every model stale.
         let CalibrationVerdict { level, reasons } = verdict;
         add(&format!(
             "Verdict {{ level: {level:?}, reasons: {reasons:?} }}"
         ));
     }
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over the cameras of a scene and its volume, to the last bit.
 pub fn calibration_digest(scene: &Scene) -> String {
     let mut hash = Sha256::new();
     add_rig(&mut hash, scene, |_, _| {});
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over a scene: its cameras to the last bit, the CRC-32 of each picture.
@@ -49,7 +50,7 @@ pub fn input_digest(scene: &Scene) -> String {
         hash.update(length.to_le_bytes());
         hash.update(crc.to_le_bytes());
     }
-    hexadecimal(hash)
+    hexadecimal(&hash.finalize())
 }
 
 /// SHA-256 over digests, a line each.
@@ -59,11 +60,7 @@ pub fn joint_digest(digests: &[String]) -> String {
         hash.update(digest);
         hash.update("\n");
     }
-    hexadecimal(hash)
-}
-
-fn hexadecimal(hash: Sha256) -> String {
-    format!("{:x}", hash.finalize())
+    hexadecimal(&hash.finalize())
 }
 
 /// The pixels of one picture.
@@ -101,7 +98,8 @@ fn sum(pixels: &Pixels) -> (usize, u32) {
     }
 }
 
-/// Adds the volume and all cameras of a scene; `add` adds more for each depth camera.
+/// Adds the volume and all cameras of a scene; `add` adds more for each depth camera. The texts are part of the format
+/// of models (docs/formats.md), and a test holds them: a type or a member cannot be renamed without noticing.
 fn add_rig(hash: &mut Sha256, scene: &Scene, add: impl Fn(&mut Sha256, &DepthView)) {
     hash.update(format!("{:?}", scene.volume));
     for view in &scene.colors {

@@ -5,7 +5,7 @@ use super::error::Error;
 use super::facts::{CaptureFacts, LeftOutCamera};
 use super::pictures::Backgrounds;
 use super::plan::{ColorPlan, DepthPlan, ImageBatch, Plan};
-use super::replay::{self, Event};
+use super::replay::{self, ReplayEvent};
 use super::rig::RigAt;
 use crate::calibration::CalibrationVerdict;
 use crate::frame::{CameraId, CaptureId, Timestamp, Trigger};
@@ -403,7 +403,7 @@ pub(super) fn misnamed(recording: &Recording) -> Vec<String> {
 
 /// Hands everything to the synchronisation in the order of time, as a live rig would.
 pub(super) fn assemble(
-    events: Vec<(Timestamp, Event)>,
+    events: Vec<(Timestamp, ReplayEvent)>,
     cameras: sync::Cameras,
     parameters: &sync::Parameters,
     warnings: &mut Vec<String>,
@@ -413,13 +413,13 @@ pub(super) fn assemble(
     let mut captures = Vec::new();
     for (time, event) in events {
         match event {
-            Event::Frame {
+            ReplayEvent::Frame {
                 camera,
                 stream,
                 timestamp,
                 message,
             } => synchronizer.push_frame(&camera, stream, timestamp, message),
-            Event::Trigger(request) => {
+            ReplayEvent::Trigger(request) => {
                 captures.extend(synchronizer.advance(time));
                 let id = request.trigger.id.clone();
                 if !synchronizer.push_trigger(request.trigger, request.listed) {

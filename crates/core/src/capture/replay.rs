@@ -4,13 +4,13 @@
 
 use crate::frame::{CameraId, CaptureId, Stream, Timestamp, Trigger};
 use crate::recording::{
-    CaptureRecord, ColorPart, DepthPart, Error, MessageRef, Outcome, Recording, Topic,
+    CaptureOutcome, CaptureRecord, ColorPart, DepthPart, Error, MessageRef, Recording, Topic,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What happens in a recording.
 #[derive(Clone, Debug)]
-pub(super) enum Event {
+pub(super) enum ReplayEvent {
     /// A capture was asked for.
     Trigger(ReplayedTrigger),
     /// A camera gave a frame.
@@ -39,9 +39,9 @@ pub(super) struct ReplayedTrigger {
 
 /// The events of a recording, and what could not be read of them.
 #[derive(Debug, Default)]
-pub(super) struct Events {
+pub(super) struct ReplayEvents {
     /// In the order of their timestamps.
-    pub(super) events: Vec<(Timestamp, Event)>,
+    pub(super) events: Vec<(Timestamp, ReplayEvent)>,
     /// Triggers and capture records that were left out, in words.
     pub(super) problems: Vec<String>,
 }
@@ -50,8 +50,8 @@ pub(super) struct Events {
 ///
 /// # Errors
 /// If the file cannot be read. A trigger that makes no sense is left out and named among the problems.
-pub(super) fn events(recording: &Recording) -> Result<Events, Error> {
-    let mut found = Events::default();
+pub(super) fn events(recording: &Recording) -> Result<ReplayEvents, Error> {
+    let mut found = ReplayEvents::default();
     let records = capture_records(recording, &mut found.problems)?;
     triggers(recording, &records, &mut found)?;
     for topic in recording.topics() {
@@ -62,7 +62,7 @@ pub(super) fn events(recording: &Recording) -> Result<Events, Error> {
             _ => continue,
         };
         for message in recording.messages(topic) {
-            let event = Event::Frame {
+            let event = ReplayEvent::Frame {
                 camera: camera.clone(),
                 stream,
                 timestamp: message.log_time(),
@@ -105,7 +105,7 @@ fn capture_records(
 fn triggers(
     recording: &Recording,
     records: &BTreeMap<String, (Timestamp, CaptureRecord)>,
-    found: &mut Events,
+    found: &mut ReplayEvents,
 ) -> Result<(), Error> {
     let mut with_trigger = BTreeSet::new();
     for message in recording.messages(&Topic::Trigger) {
@@ -114,7 +114,9 @@ fn triggers(
         };
         with_trigger.insert(trigger.id.to_string());
         let record = records.get(trigger.id.as_str()).map(|(_, r)| r);
-        found.events.push((trigger.time, request(trigger, record)));
+        found
+            .events
+            .push((trigger.time, trigger_event(trigger, record)));
     }
     for (id, (time, record)) in records {
         if !with_trigger.contains(id) {
@@ -130,7 +132,7 @@ fn triggers(
             if let Some(trigger) = lost {
                 found
                     .events
-                    .push((trigger.time, request(trigger, Some(record))));
+                    .push((trigger.time, trigger_event(trigger, Some(record))));
             }
         }
     }
@@ -154,18 +156,19 @@ fn trigger_of(recorded: Timestamp, record: &CaptureRecord) -> Option<Trigger> {
     })
 }
 
-fn request(trigger: Trigger, record: Option<&CaptureRecord>) -> Event {
+/// The event of a trigger, with what the record of its capture says.
+fn trigger_event(trigger: Trigger, record: Option<&CaptureRecord>) -> ReplayEvent {
     let cameras = record.into_iter().flat_map(|r| &r.cameras);
     let listed = cameras.filter_map(|(id, camera)| {
         let id = CameraId::new(id).ok()?;
         let times = camera.timestamps.clone()?;
         (!times.is_empty()).then_some((id, times))
     });
-    Event::Trigger(ReplayedTrigger {
+    ReplayEvent::Trigger(ReplayedTrigger {
         trigger,
         listed: listed.collect(),
         failed: record
-            .filter(|r| r.outcome == Outcome::Failed)
+            .filter(|r| r.outcome == CaptureOutcome::Failed)
             .map(|r| r.reason.clone().unwrap_or_else(|| "no reason given".into())),
     })
 }

@@ -5,7 +5,7 @@ use crate::frame::{CameraSettings, CaptureId, Frame, Picture, Stream, Transfer};
 use crate::image::Grid;
 use crate::reconstruct::{Scene, SilhouetteSource};
 use crate::recording::testing::*;
-use crate::recording::{CameraInCapture, CaptureRecord, Compression, Outcome, Writer};
+use crate::recording::{CameraInCapture, CaptureOutcome, CaptureRecord, Compression, Writer};
 use crate::sync;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -430,11 +430,11 @@ fn what_the_rig_wrote_of_a_capture_counts() {
             .frame(&frame(camera_id("c00"), Stream::Color, 150))
             .unwrap();
         writer
-            .capture(&record("a", Outcome::Complete, Some(150)), at(900))
+            .capture(&record("a", CaptureOutcome::Complete, Some(150)), at(900))
             .unwrap();
         rig.write_capture(writer, "b", 3000, 12);
         writer
-            .capture(&record("b", Outcome::Failed, None), at(3900))
+            .capture(&record("b", CaptureOutcome::Failed, None), at(3900))
             .unwrap();
         // A trigger that was lost: its record stands for it.
         for camera in &rig.colors {
@@ -449,7 +449,7 @@ fn what_the_rig_wrote_of_a_capture_counts() {
                 .unwrap();
         }
         writer
-            .capture(&record("c", Outcome::Complete, Some(6000)), at(6900))
+            .capture(&record("c", CaptureOutcome::Complete, Some(6000)), at(6900))
             .unwrap();
         // The same id again.
         writer.trigger(&trigger("a", 8000)).unwrap();

@@ -29,6 +29,32 @@ pub(super) fn describe(recording: &Recording, scene: &Scene, facts: &CaptureFact
     }
 }
 
+/// What the digest of a model has of these data. The names are written here, and not taken from the type: renaming one
+/// would make every model stale.
+pub(super) fn digest_text(about: &Description) -> String {
+    let Description {
+        capture,
+        captures,
+        subject,
+        title,
+        operator,
+        project,
+        rights,
+        session,
+        rig,
+        time,
+        input_sha256,
+        calibration_sha256,
+        program,
+    } = about;
+    format!(
+        "Description {{ capture: {capture:?}, captures: {captures:?}, subject: {subject:?}, title: {title:?}, \
+         operator: {operator:?}, project: {project:?}, rights: {rights:?}, session: {session:?}, rig: {rig:?}, \
+         time: {time:?}, input_sha256: {input_sha256:?}, calibration_sha256: {calibration_sha256:?}, \
+         program: {program:?} }}"
+    )
+}
+
 /// The same of a model of several captures: what it says of its input is about all of them, in this order.
 pub(super) fn of_several(about: Description, captures: &[(&Scene, &CaptureFacts)]) -> Description {
     if captures.len() < 2 {
@@ -60,4 +86,26 @@ fn listed(ids: &[&str]) -> String {
     }
     let shown = &ids[..MOST_LISTED.min(ids.len())];
     format!("{} and {} more", shown.join(", "), ids.len() - shown.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Another text makes every model of this version stale.
+    #[test]
+    fn a_digest_has_the_data_under_fixed_names() {
+        let about = Description {
+            capture: "a-0001".into(),
+            subject: Some("1884.3".into()),
+            title: Some("a \"krater\"".into()),
+            time: "1970-01-01T00:00:00.000Z".into(),
+            input_sha256: "ab".into(),
+            calibration_sha256: "cd".into(),
+            program: "scand 0.1.0".into(),
+            ..Description::default()
+        };
+        let text = r#"Description { capture: "a-0001", captures: None, subject: Some("1884.3"), title: Some("a \"krater\""), operator: None, project: None, rights: None, session: None, rig: None, time: "1970-01-01T00:00:00.000Z", input_sha256: "ab", calibration_sha256: "cd", program: "scand 0.1.0" }"#;
+        assert_eq!(digest_text(&about), text);
+    }
 }

@@ -60,7 +60,7 @@ pub struct ModelMaker<'a> {
 
 /// What became of a capture.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
+pub enum ModelOutcome {
     /// A model was made.
     Made {
         /// The model.
@@ -86,18 +86,19 @@ pub enum Outcome {
 
 impl ModelMaker<'_> {
     /// Makes the model of one capture and writes its folder, or the report of its failure.
-    pub fn make(&self, session: &CaptureSession, id: &CaptureId) -> Outcome {
+    pub fn make(&self, session: &CaptureSession, id: &CaptureId) -> ModelOutcome {
         self.try_make(session, id)
-            .unwrap_or_else(|error| self.failed(session, id, &error))
+            .unwrap_or_else(|error| self.fail_with_report(session, id, &error))
     }
 
-    /// The outcome of a capture that failed, with its report in its folder.
-    pub fn failed(
+    /// Writes the report of a capture that failed into its folder. Returns that outcome; if the report cannot be
+    /// written either, its reason says so.
+    pub fn fail_with_report(
         &self,
         session: &CaptureSession,
         id: &CaptureId,
         error: &dyn std::fmt::Display,
-    ) -> Outcome {
+    ) -> ModelOutcome {
         let mut reason = error.to_string();
         let summary = session.capture(id);
         let (time_ns, source) = summary.map(|c| (c.time, c.source)).unwrap_or_default();
@@ -118,10 +119,10 @@ impl ModelMaker<'_> {
                 reason = format!("{reason}; {also}");
             }
         }
-        Outcome::Failed { reason }
+        ModelOutcome::Failed { reason }
     }
 
-    fn try_make(&self, session: &CaptureSession, id: &CaptureId) -> Result<Outcome, Error> {
+    fn try_make(&self, session: &CaptureSession, id: &CaptureId) -> Result<ModelOutcome, Error> {
         let timer = StageTimer::new(self.on_stage, id);
         let (mut scene, mut facts) = session.load(id)?;
         if let Some(calibration) = self.calibration {
@@ -129,18 +130,21 @@ impl ModelMaker<'_> {
             facts.calibration = calibration.verdict.clone();
         }
         let about = about::describe(session.recording(), &scene, &facts);
-        let known = format!("{about:?}");
-        let (input, worth) = (&about.input_sha256, facts.calibration.as_ref());
-        let digest = capture::digest(input, worth, &self.settings.text, &known);
+        let known = about::digest_text(&about);
+        let calibration_verdict = facts.calibration.as_ref();
+        let (input, settings) = (&about.input_sha256, &self.settings.text);
+        let digest = capture::digest(input, calibration_verdict, settings, &known);
         let notes = session.notes().on(id.as_str());
         let folder = self.folder.join(id.as_str());
         let damaged = !facts.damage.is_empty();
         if let Some(model) = self.unchanged(&folder, &digest)? {
             mark(&folder, &notes)?;
-            return Ok(Outcome::Unchanged { model, damaged });
+            return Ok(ModelOutcome::Unchanged { model, damaged });
         }
-        // What is there now may be replaced: a model by force, or the report of a failure.
-        let replace = self.force || folder.exists();
+        let target = Target {
+            folder: &folder,
+            may_replace: self.force || folder.exists(),
+        };
         let reconstruction =
             reconstruct::reconstruct(&scene, &self.settings.reconstruction, &timer)?;
         timer.begin("report");
@@ -154,15 +158,15 @@ impl ModelMaker<'_> {
         };
         let path = session.recording().path();
         let origin = failure::origin(path, self.settings.reconstruction.method, &digest);
-        let verdict = match self.write((&folder, replace), made, &origin, &timer) {
+        let verdict = match self.write(target, made, &origin, &timer) {
             // Another process has made it meanwhile.
             Err(error) if error.is_taken() => {
                 let model = self.unchanged(&folder, &digest)?.ok_or(error)?;
-                return Ok(Outcome::Unchanged { model, damaged });
+                return Ok(ModelOutcome::Unchanged { model, damaged });
             }
             made => made?,
         };
-        Ok(Outcome::Made {
+        Ok(ModelOutcome::Made {
             model: Model {
                 verdict: verdict.level,
                 reasons: verdict.reasons.into_iter().map(|r| r.words).collect(),
@@ -183,7 +187,7 @@ impl ModelMaker<'_> {
         }
         match ReportFile::read(folder) {
             Ok(report) if report.digest == digest && report.model.is_some() => Ok(report.model),
-            Ok(report) if report.outcome == report::Outcome::Failed => Ok(None),
+            Ok(report) if report.outcome == report::ReportOutcome::Failed => Ok(None),
             _ => Err(Error::OtherModel(folder.into())),
         }
     }
@@ -191,12 +195,12 @@ impl ModelMaker<'_> {
     /// Judges what was made and writes its files, all or none.
     fn write(
         &self,
-        (folder, replace): (&Path, bool),
+        target: Target,
         made: Made,
         origin: &Origin,
         timer: &StageTimer,
     ) -> Result<Verdict, Error> {
-        let staged = StagedFolder::create(folder)?;
+        let staged = StagedFolder::create(target.folder)?;
         let (measured, verdict) = self.write_model(&staged, &made, Vec::new())?;
         timer.begin("files");
         let Made {
@@ -216,10 +220,12 @@ impl ModelMaker<'_> {
                 timer.timing(),
             );
             staged.write(report_file::NAME, report::to_json(&report)?.as_bytes())?;
-            staged.commit(replace).map_err(|cause| Error::NotPlaced {
-                folder: folder.into(),
-                cause,
-            })
+            staged
+                .commit(target.may_replace)
+                .map_err(|cause| Error::NotPlaced {
+                    folder: target.folder.into(),
+                    cause,
+                })
         };
         // Giving back the pictures' memory takes as long as the disk does.
         rayon::join(finish, || drop((scene, reconstruction))).0?;
@@ -266,6 +272,13 @@ impl ModelMaker<'_> {
         glb.and(ply)?;
         Ok(judged)
     }
+}
+
+/// Where a model goes.
+struct Target<'a> {
+    folder: &'a Path,
+    /// Whether what was there before the model was made may be replaced: a model by force, or the report of a failure.
+    may_replace: bool,
 }
 
 /// A capture and what was made of it.

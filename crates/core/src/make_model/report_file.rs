@@ -2,7 +2,7 @@
 //! has ended.
 
 use crate::level::Level;
-use crate::report::Outcome;
+use crate::report::ReportOutcome;
 use crate::storage;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub struct Model {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReportFile {
     /// Whether there is a model.
-    pub outcome: Outcome,
+    pub outcome: ReportOutcome,
     /// Tells inputs and settings apart from others; empty in the report of a failure.
     pub digest: String,
     /// The model, if there is one.
@@ -37,7 +37,7 @@ pub struct ReportFile {
 /// The members that are read, of a report of any version.
 #[derive(Deserialize)]
 struct Members {
-    outcome: Outcome,
+    outcome: ReportOutcome,
     #[serde(default)]
     digest: String,
     verdict: Option<Verdict>,
@@ -72,7 +72,9 @@ impl ReportFile {
         let text = text(folder)?;
         let bad = |e: serde_json::Error| format!("{}: {e}", folder.join(NAME).display());
         let members: Members = serde_json::from_str(&text).map_err(bad)?;
-        let verdict = members.verdict.filter(|_| members.outcome == Outcome::Done);
+        let verdict = members
+            .verdict
+            .filter(|_| members.outcome == ReportOutcome::Done);
         let model = |verdict: Verdict| Model {
             verdict: verdict.level,
             reasons: verdict.reasons.into_iter().map(|r| r.words).collect(),
@@ -126,7 +128,7 @@ mod tests {
         .unwrap();
         assert_eq!(
             (report.outcome, report.digest.as_str()),
-            (Outcome::Done, "abc")
+            (ReportOutcome::Done, "abc")
         );
         let model = report.model.unwrap();
         assert_eq!(model.verdict, Level::Amber);
@@ -148,7 +150,10 @@ mod tests {
         };
         report_failure(&folder, job, "no light", Some(b"words"), false).unwrap();
         let report = ReportFile::read(&folder).unwrap();
-        assert_eq!((report.outcome, report.model), (Outcome::Failed, None));
+        assert_eq!(
+            (report.outcome, report.model),
+            (ReportOutcome::Failed, None)
+        );
         assert_eq!(std::fs::read(folder.join("worker.log")).unwrap(), b"words");
     }
 

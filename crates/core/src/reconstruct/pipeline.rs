@@ -9,7 +9,7 @@ use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid, Surface};
 use super::texture;
 use super::uncertainty::{self, FairedHull};
-use super::{FusedCaptures, Model, Progress, Scene, Stage};
+use super::{FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::image::Mask;
 use crate::mesh::{
     Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
@@ -168,14 +168,7 @@ pub fn reconstruct_from(
 ) -> Result<Reconstruction, Error> {
     let begin = |stage| begin(stage, progress);
     begin(Stage::Hull)?;
-    let cones = scene
-        .colors
-        .par_iter()
-        .zip(&silhouettes)
-        .map(|(v, s)| Cone::with_unknown(&v.camera, &s.level, s.unknown.as_ref()))
-        .collect();
-    let hull =
-        Hull::new(cones, scene.volume, parameters.hull.least_views).within(&fused_captures.tables);
+    let hull = hull_of(scene, &silhouettes, fused_captures, &parameters.hull);
     let lattice = hull::lattice(&hull, &parameters.hull)?;
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
@@ -188,7 +181,7 @@ pub fn reconstruct_from(
         &parameters.hull,
     );
     let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
-        Some(Ok((faired, extracted))) => (&faired.body, extracted),
+        Some(Ok((faired, extracted))) => (&faired.solid, extracted),
         _ => (&hull, &extracted),
     };
 
@@ -211,7 +204,7 @@ pub fn reconstruct_from(
     let faired_hull = match &faired {
         Some(Ok((faired, _))) => Some(FairedHull {
             plain: &extracted.surface.mesh,
-            body: &faired.body,
+            solid: &faired.solid,
         }),
         _ => None,
     };
@@ -234,14 +227,14 @@ pub fn reconstruct_from(
     }
 
     begin(Stage::Texture)?;
-    let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
     let unproved_volume = hull.unproved_volume();
-    let (model, painting) = (&restored.model, &parameters.texture);
-    let order = texture::ViewPriority {
-        ranks: &fused_captures.ranks,
-        captures: &fused_captures.captures,
-    };
-    let texture = texture::paint_in_order(model, scene, &masks, &order, painting);
+    let texture = paint(
+        &restored.model,
+        scene,
+        &silhouettes,
+        fused_captures,
+        parameters,
+    );
     restored.model.texture = Some(texture);
     Ok(Reconstruction {
         model: restored.model,
@@ -266,6 +259,38 @@ fn begin(stage: Stage, progress: &dyn Progress) -> Result<(), Error> {
     } else {
         Ok(())
     }
+}
+
+/// The solid that the cones of all silhouettes bound, above the tables on which the object stood.
+fn hull_of<'a>(
+    scene: &'a Scene,
+    silhouettes: &'a [Silhouette],
+    fused_captures: &FusedCaptures,
+    parameters: &hull::Parameters,
+) -> Hull<'a> {
+    let cones = scene
+        .colors
+        .par_iter()
+        .zip(silhouettes)
+        .map(|(v, s)| Cone::with_unknown(&v.camera, &s.level, s.unknown.as_ref()))
+        .collect();
+    Hull::new(cones, scene.volume, parameters.least_views).within(&fused_captures.tables)
+}
+
+/// Paints a model with the pictures of the colour views, those of the captures first that have priority.
+fn paint(
+    model: &Model,
+    scene: &Scene,
+    silhouettes: &[Silhouette],
+    fused_captures: &FusedCaptures,
+    parameters: &Parameters,
+) -> Texture {
+    let masks: Vec<&Mask> = silhouettes.iter().map(|s| &s.level).collect();
+    let order = texture::ViewPriority {
+        ranks: &fused_captures.ranks,
+        captures: &fused_captures.captures,
+    };
+    texture::paint_in_order(model, scene, &masks, &order, &parameters.texture)
 }
 
 /// The hull faired, with its surface, or why it is not; `None` where that is not asked for. `is_fused` says that the
@@ -294,7 +319,7 @@ fn faired_by_touch(
 ) -> Result<(Faired, ExtractedSurface), fairing::Refusal> {
     use fairing::Refusal::{Open, OtherHandles, TooThin};
     let faired = fairing::fair_hull(hull, lattice, &extracted.surface.mesh, parameters)?;
-    let surface = hull::extract_solid(&faired.body, lattice, parameters).ok_or(TooThin)?;
+    let surface = hull::extract_solid(&faired.solid, lattice, parameters).ok_or(TooThin)?;
     if !check(&surface.surface.mesh).is_watertight() {
         return Err(Open);
     }

@@ -3,6 +3,7 @@
 
 use super::{Compression, Error, MessageRef, Recording, Topic, Writer};
 use crate::frame::Timestamp;
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
@@ -80,6 +81,6 @@ impl Content {
     }
 
     fn finish(self) -> String {
-        format!("{:x}", self.0.finalize())
+        hexadecimal(&self.0.finalize())
     }
 }

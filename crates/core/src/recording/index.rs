@@ -2,7 +2,7 @@
 //! themselves. It is filled from the records of a file, whether they are read, repaired or packed.
 
 use super::records::{self, CHUNK_HEAD_AT_MOST, MESSAGE_HEADER, Malformed, Parsed, RECORD_HEADER};
-use super::scan::{Event, LARGEST_RECORD, Scan, Span};
+use super::scan::{LARGEST_RECORD, Scan, ScanEvent, Span};
 use super::source::Source;
 use super::{Damage, Error, error::shortened};
 use mcap::Schema;
@@ -129,8 +129,8 @@ impl Index {
         let mut scan = Scan::begin(source)?;
         while let Some(event) = scan.next()? {
             match event {
-                Event::Damage(damage) => index.add_damage(damage),
-                Event::Record(span) => {
+                ScanEvent::Damage(damage) => index.add_damage(damage),
+                ScanEvent::Record(span) => {
                     let body = scan.head(&span, most_of(span.opcode))?;
                     if index.take(&span, body).is_err() {
                         index.add_damage(unparsable(&span));

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 /// How a capture ended at the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Outcome {
+pub enum CaptureOutcome {
     /// With all its frames.
     Complete,
     /// Without.
@@ -25,7 +25,7 @@ pub struct CaptureRecord {
     /// The capture.
     pub id: String,
     /// How it ended.
-    pub outcome: Outcome,
+    pub outcome: CaptureOutcome,
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,

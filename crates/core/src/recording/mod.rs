@@ -30,7 +30,7 @@ pub use container::Compression;
 pub use copied::recover_copy;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
-pub use json::{CameraInCapture, CaptureRecord, Lost, LostParts, Note, Outcome};
+pub use json::{CameraInCapture, CaptureOutcome, CaptureRecord, Lost, LostParts, Note};
 pub use notes::{Notes, WrittenNote, beside, note_beside, noted_recording};
 pub use packing::{Packed, pack};
 pub use proto::Pose;

@@ -5,7 +5,7 @@ use super::chunk;
 use super::index::{Chunk, Index, most_of};
 use super::records::{self, put_head, put_indexes};
 use super::rewriting::{copy_ownership, io, lock, remove_stale, with_ending};
-use super::scan::{Event, LARGEST_RECORD, Scan, Span};
+use super::scan::{LARGEST_RECORD, Scan, ScanEvent, Span};
 use super::source::Source;
 use super::{Damage, Error, Recording};
 use crate::storage::rename_durably;
@@ -116,10 +116,10 @@ fn each_part(
     let mut scan = Scan::begin(source)?;
     while let Some(event) = scan.next()? {
         let span = match event {
-            Event::Damage(damage) => return Err(damaged(damage)),
-            Event::Record(span) if span.opcode == op::DATA_END => break,
-            Event::Record(span) if span.opcode == op::MESSAGE_INDEX => continue,
-            Event::Record(span) => span,
+            ScanEvent::Damage(damage) => return Err(damaged(damage)),
+            ScanEvent::Record(span) if span.opcode == op::DATA_END => break,
+            ScanEvent::Record(span) if span.opcode == op::MESSAGE_INDEX => continue,
+            ScanEvent::Record(span) => span,
         };
         let unparsable = |what: &str| {
             damaged(Damage {

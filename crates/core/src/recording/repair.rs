@@ -7,7 +7,7 @@ use super::Error;
 use super::chunk;
 use super::index::{Chunk, Index, most_of};
 use super::records::{self, put, put_head, put_indexes};
-use super::scan::{Event, Scan, Span};
+use super::scan::{Scan, ScanEvent, Span};
 use super::source::Source;
 use crc32fast::Hasher;
 use mcap::MAGIC;
@@ -80,8 +80,8 @@ pub(super) fn find_end(source: &Source) -> Result<Truncated, Error> {
     let mut repair = Repair::new(source);
     while let Some(event) = scan.next()? {
         let sound = match event {
-            Event::Damage(damage) => Some(damage.offset),
-            Event::Record(span) => repair.take(&span, &mut scan)?.then_some(span.offset()),
+            ScanEvent::Damage(damage) => Some(damage.offset),
+            ScanEvent::Record(span) => repair.take(&span, &mut scan)?.then_some(span.offset()),
         };
         if let Some(sound) = sound {
             return repair.truncated(sound);

@@ -15,7 +15,7 @@ const TAIL: u64 = (RECORD_HEADER + 20 + MAGIC.len()) as u64;
 
 /// What is next in a file.
 #[derive(Debug)]
-pub(super) enum Event {
+pub(super) enum ScanEvent {
     /// A whole record.
     Record(Span),
     /// Bytes that are no record, or an end that is missing.
@@ -84,7 +84,7 @@ impl<'a> Scan<'a> {
     }
 
     /// The next event; `None` at the end of the file.
-    pub(super) fn next(&mut self) -> Result<Option<Event>, Error> {
+    pub(super) fn next(&mut self) -> Result<Option<ScanEvent>, Error> {
         match self.stage {
             Stage::Ended(_) => Ok(None),
             Stage::Footer => self.behind_footer(),
@@ -95,7 +95,7 @@ impl<'a> Scan<'a> {
                     if span.opcode == op::FOOTER {
                         self.stage = Stage::Footer;
                     }
-                    Ok(Some(Event::Record(span)))
+                    Ok(Some(ScanEvent::Record(span)))
                 }
                 Err(Broken::CutOff(_)) if self.source.being_written => {
                     self.stage = Stage::Ended(false);
@@ -124,7 +124,7 @@ impl<'a> Scan<'a> {
         self.position = position;
     }
 
-    fn behind_footer(&mut self) -> Result<Option<Event>, Error> {
+    fn behind_footer(&mut self) -> Result<Option<ScanEvent>, Error> {
         let is_complete = self.window.read(self.position, MAGIC.len())? == MAGIC;
         self.stage = Stage::Ended(is_complete);
         if !is_complete {
@@ -137,7 +137,7 @@ impl<'a> Scan<'a> {
         Ok(has_more.then(|| self.damage(self.source.length, what.into())))
     }
 
-    fn without_footer(&mut self) -> Option<Event> {
+    fn without_footer(&mut self) -> Option<ScanEvent> {
         self.stage = Stage::Ended(false);
         let is_told = self.is_damaged || self.source.being_written;
         let what = "the file ends without its footer: it was cut off or never finished";
@@ -145,10 +145,10 @@ impl<'a> Scan<'a> {
     }
 
     /// What is wrong from here to `next`.
-    fn damage(&mut self, next: u64, what: String) -> Event {
+    fn damage(&mut self, next: u64, what: String) -> ScanEvent {
         let offset = std::mem::replace(&mut self.position, next);
         self.is_damaged = true;
-        Event::Damage(Damage {
+        ScanEvent::Damage(Damage {
             offset,
             length: next - offset,
             what,

@@ -115,8 +115,8 @@ fn captures() -> Vec<CaptureRecord> {
         skew_ns: Some(u64::MAX),
         cameras: cameras(),
     };
-    let both = [Outcome::Complete, Outcome::Failed].map(|outcome| match outcome {
-        Outcome::Complete | Outcome::Failed => [empty(outcome), full(outcome)],
+    let both = [CaptureOutcome::Complete, CaptureOutcome::Failed].map(|outcome| match outcome {
+        CaptureOutcome::Complete | CaptureOutcome::Failed => [empty(outcome), full(outcome)],
     });
     both.concat()
 }

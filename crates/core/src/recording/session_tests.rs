@@ -44,7 +44,7 @@ fn kept(rig: &Rig, id: &str, ms: u64) -> FinishedCapture {
         frames,
         record: CaptureRecord {
             id: id.into(),
-            outcome: Outcome::Complete,
+            outcome: CaptureOutcome::Complete,
             reason: None,
             skew_ns: Some(0),
             cameras: BTreeMap::new(),

@@ -44,7 +44,7 @@ fn everything_written_is_read_back() {
         writer.mask(&c00, &mask, at(110)).unwrap();
         let record = CaptureRecord {
             id: "cup-1".into(),
-            outcome: Outcome::Complete,
+            outcome: CaptureOutcome::Complete,
             reason: None,
             skew_ns: Some(u64::MAX),
             cameras: BTreeMap::from([(

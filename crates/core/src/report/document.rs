@@ -39,7 +39,7 @@ pub struct StageTime {
 /// What became of a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Outcome {
+pub enum ReportOutcome {
     /// There is a model.
     Done,
     /// There is no model.
@@ -76,8 +76,8 @@ impl Origin {
 pub struct Report<'a> {
     /// [`VERSION`].
     pub version: u32,
-    /// [`Outcome::Done`].
-    pub outcome: Outcome,
+    /// [`ReportOutcome::Done`].
+    pub outcome: ReportOutcome,
     /// Where it comes from.
     #[serde(flatten)]
     pub origin: &'a Origin,
@@ -116,7 +116,7 @@ impl<'a> Report<'a> {
     ) -> Self {
         Self {
             version: VERSION,
-            outcome: Outcome::Done,
+            outcome: ReportOutcome::Done,
             origin,
             capture,
             description,
@@ -138,8 +138,8 @@ impl<'a> Report<'a> {
 pub struct Failure<'a> {
     /// [`VERSION`].
     pub version: u32,
-    /// [`Outcome::Failed`].
-    pub outcome: Outcome,
+    /// [`ReportOutcome::Failed`].
+    pub outcome: ReportOutcome,
     /// Where it comes from.
     #[serde(flatten)]
     pub origin: &'a Origin,
@@ -172,7 +172,7 @@ impl<'a> Failure<'a> {
     ) -> Self {
         Self {
             version: VERSION,
-            outcome: Outcome::Failed,
+            outcome: ReportOutcome::Failed,
             origin,
             capture,
             reason,

@@ -10,7 +10,7 @@ mod verdict;
 
 pub use calibration::{CalibrationPage, Found, ViewPicture, calibration_page};
 pub use document::{
-    FailedCapture, Failure, Origin, Outcome, Report, StageTime, Timing, VERSION, to_json,
+    FailedCapture, Failure, Origin, Report, ReportOutcome, StageTime, Timing, VERSION, to_json,
 };
 pub use measure::{
     ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera,

@@ -54,6 +54,11 @@ pub fn advice(cause: &std::io::Error) -> &'static str {
     }
 }
 
+/// What the system said about a file or folder, between its path and what a person can do about it.
+pub fn with_advice(path: &Path, cause: &std::io::Error) -> String {
+    format!("{}: {cause}{}", path.display(), advice(cause))
+}
+
 impl Error {
     fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         move |cause| Self::Io {

@@ -49,8 +49,8 @@ impl CaptureThread {
         let waiting = self.recorder.waiting() as u64 * bytes;
         // A recording has more than pictures, and a file that begins has the backgrounds.
         let rest = self.backgrounds_bytes() + bytes / 10 + 1_000_000;
-        let kept_free = self.plan.recording.keep_free_mb * 1_000_000;
-        free.checked_sub(kept_free + waiting + rest)
+        let keep_free_bytes = self.plan.recording.keep_free_bytes();
+        free.checked_sub(keep_free_bytes.saturating_add(waiting + rest))
     }
 
     /// Bytes of the backgrounds that a file begins with.

@@ -7,7 +7,7 @@ use crate::daemon::backgrounds::{self, Backgrounds};
 use crate::daemon::events::Event;
 use crate::daemon::rig::CameraKind;
 use crate::frame::{CaptureId, Timestamp, Trigger};
-use crate::recording::Outcome;
+use crate::recording::CaptureOutcome;
 use crate::sync::{self, Synchronizer};
 use crate::words::count;
 use std::collections::BTreeMap;
@@ -42,7 +42,7 @@ impl CaptureThread {
         self.note_shot(&result);
         let now = self.rig.clock().timestamp();
         let kept = assemble(capture, result, f64::INFINITY, now);
-        if kept.record.outcome == Outcome::Failed {
+        if kept.record.outcome == CaptureOutcome::Failed {
             return Err(kept.record.reason.unwrap_or_default());
         }
         let backgrounds: Backgrounds = kept

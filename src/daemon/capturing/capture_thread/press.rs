@@ -8,7 +8,7 @@ use crate::daemon::dispatcher::ReplyGuard;
 use crate::daemon::presses::{Input, Press};
 use crate::daemon::recorder::RecorderTask;
 use crate::frame::{CaptureId, Trigger};
-use crate::recording::{FinishedCapture, Outcome};
+use crate::recording::{CaptureOutcome, FinishedCapture};
 
 impl CaptureThread {
     /// Takes the captures that the press is to have: one, and others if it fails.
@@ -24,8 +24,8 @@ impl CaptureThread {
             let written = guard.of_capture(capture.to_string());
             let kept = self.take(capture, asked);
             let result = match kept.record.outcome {
-                Outcome::Complete => Ok(kept.record.skew_ns.unwrap_or(0)),
-                Outcome::Failed => Err(kept.record.reason.clone().unwrap_or_default()),
+                CaptureOutcome::Complete => Ok(kept.record.skew_ns.unwrap_or(0)),
+                CaptureOutcome::Failed => Err(kept.record.reason.clone().unwrap_or_default()),
             };
             let taken = Input::Taken(press, kept.trigger.time, result);
             next = self.dispatcher.on(taken);

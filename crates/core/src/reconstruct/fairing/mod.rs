@@ -8,15 +8,16 @@
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree;
-//! - `body` is the result as a solid.
+//! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the
+//!   lattice near the surface, and `columns` finds which of the other corners lie inside.
 
 mod accept;
-mod body;
 mod certain;
 mod columns;
 mod contour;
 mod corners;
 mod curved;
+mod faired_solid;
 mod flat;
 mod nearest;
 mod reduced;
@@ -26,12 +27,13 @@ mod sides;
 mod solve;
 mod transfer;
 
-pub use body::Body;
+pub use faired_solid::FairedSolid;
 
 use super::hull::{self, Hull};
 use super::surface::Lattice;
 use crate::mesh::{self, Mesh};
 use contour::Contour;
+use nalgebra::Point3;
 use rayon::prelude::*;
 use reduced::Reduced;
 use rounds::Round;
@@ -53,14 +55,15 @@ const LEVELS: [RefinementLevel; 2] = [
     },
 ];
 
-/// Share of the object's radius within which a surface that bends resists ever less.
+/// Share of the object's radius: where the surface bends within a smaller radius, it resists less, the sharper it
+/// bends.
 const SHARPEST: f64 = 0.2;
 /// Objects of a smaller radius keep their hull: over so few pixels the noise of contours bends as much as the object.
 const SMALLEST_RADIUS_PX: f64 = 50.0;
-/// Least and most rounds in which all resists alike, so that the hull's facets do not count as edges.
+/// Least and most rounds in which all vertices resist bending equally, so that the hull's facets do not count as edges.
 const ROUNDS_TO_SETTLE: [usize; 2] = [2, 12];
-/// It goes on while more than this share of the vertices would go farther in a round than they may: with few views the
-/// ridges between them stand off by many cells.
+/// These rounds go on while more than this share of the vertices would go farther in one than they may: with few views
+/// the ridges between them stand off by many cells.
 const SETTLED: f64 = 1e-3;
 
 struct RefinementLevel {
@@ -72,8 +75,8 @@ struct RefinementLevel {
 
 /// A faired hull.
 pub struct Faired {
-    /// It as a solid.
-    pub body: Body,
+    /// The solid that it bounds.
+    pub solid: FairedSolid,
     /// How it came out.
     pub facts: Facts,
 }
@@ -153,82 +156,127 @@ pub fn fair_hull(
     let footprint = hull.pixel_footprint(middle);
     let times = reduced::times(lattice.cell_size, footprint);
     let pixel = footprint * times as f64;
-    let cones = hull.cones();
-    let reduced: Vec<Reduced> = if times > 1 {
-        let reduce = |cone| Reduced::new(cone, times);
-        cones.par_iter().filter_map(reduce).collect()
-    } else {
-        Vec::new()
-    };
-    let contours: Vec<Contour> = if times > 1 {
-        reduced.par_iter().map(Reduced::contour).collect()
-    } else {
-        cones.par_iter().map(Contour::of).collect()
-    };
     let radius = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt();
     if radius < SMALLEST_RADIUS_PX * pixel {
         let radius_px = radius / pixel;
         return Err(Refusal::TooSmall { radius_px });
     }
+    let reduced = reduced_silhouettes(hull, times);
+    let contours: Vec<Contour> = if times > 1 {
+        reduced.par_iter().map(Reduced::contour).collect()
+    } else {
+        hull.cones().par_iter().map(Contour::of).collect()
+    };
+    let shapes = shapes_of_levels(hull, lattice, &contours, pixel, parameters)?;
+    let sides = shapes
+        .last()
+        .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, hull.volume().min.z));
+    let inputs = FairingInputs {
+        contours: &contours,
+        sides: sides.as_ref(),
+        cell_size: lattice.cell_size,
+        radius,
+    };
+    let (mut shape, start) = inputs.fair(shapes).ok_or(Refusal::TooThin)?;
+    shape.update_normals();
+    let facts = accept::keep_hull(&mut shape, &start, &contours)?;
+    let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
+    Ok(Faired { solid, facts })
+}
+
+/// The silhouettes with pixels so many times as large; none where these are the cones' own.
+fn reduced_silhouettes(hull: &Hull, times: usize) -> Vec<Reduced> {
+    if times <= 1 {
+        return Vec::new();
+    }
+    let reduce = |cone| Reduced::new(cone, times);
+    hull.cones().par_iter().filter_map(reduce).collect()
+}
+
+/// The hull's mesh for each of the [`LEVELS`], with the edges that silhouettes show.
+fn shapes_of_levels(
+    hull: &Hull,
+    lattice: &Lattice,
+    contours: &[Contour],
+    pixel: f64,
+    parameters: &hull::Parameters,
+) -> Result<Vec<Shape>, Refusal> {
     let mut shapes = Vec::new();
     for level in &LEVELS {
         let coarser = coarser(lattice, level.cells);
         let found = hull::extract(hull, &coarser, parameters).map_err(|_| Refusal::TooThin)?;
         let floor = hull.volume().min.z;
         let mut shape = Shape::new(&found.surface.mesh, floor, 0.25 * coarser.cell_size);
-        certain::mark(&mut shape, &contours, pixel);
+        certain::mark(&mut shape, contours, pixel);
         shapes.push(shape);
     }
     certain::confirm(&mut shapes);
-    let sides = shapes
-        .last()
-        .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, hull.volume().min.z));
-    let mut coarse: Option<transfer::MovedMesh> = None;
-    let mut last = None;
-    for (level, mut shape) in LEVELS.iter().zip(shapes) {
-        let cell_size = lattice.cell_size * f64::from(level.cells);
-        let start = shape.positions.clone();
-        if let Some(sides) = &sides {
-            shape.put_on(sides);
+    Ok(shapes)
+}
+
+/// What the meshes of all levels are faired with.
+struct FairingInputs<'a> {
+    contours: &'a [Contour<'a>],
+    sides: Option<&'a Sides>,
+    /// Edge of the hull's cells, in metres.
+    cell_size: f64,
+    /// The object's radius, in metres.
+    radius: f64,
+}
+
+impl FairingInputs<'_> {
+    /// Fairs the meshes of the [`LEVELS`], each of which begins on the surface that the one before became. Returns the
+    /// last one, and where its vertices were on the hull; `None` if there is none.
+    fn fair(&self, shapes: Vec<Shape>) -> Option<(Shape, Vec<Point3<f64>>)> {
+        let mut coarse: Option<transfer::MovedMesh> = None;
+        let mut last = None;
+        for (level, mut shape) in LEVELS.iter().zip(shapes) {
+            let start = shape.positions.clone();
+            if let Some(sides) = self.sides {
+                shape.put_on(sides);
+            }
+            let is_first = coarse.is_none();
+            if let Some(coarse) = coarse.take() {
+                coarse.begin(&mut shape);
+            }
+            self.fair_level(&mut shape, level, is_first);
+            coarse = Some(transfer::MovedMesh::new(&shape, &start));
+            last = Some((shape, start));
         }
-        let is_first = coarse.is_none();
-        if let Some(coarse) = coarse.take() {
-            coarse.begin(&mut shape);
-        }
+        last
+    }
+
+    /// Moves the vertices of one mesh in the rounds of its level. Those of the first level begin on the hull itself,
+    /// whose facets are no edges: they settle first.
+    fn fair_level(&self, shape: &mut Shape, level: &RefinementLevel, is_first: bool) {
         let mut round = Round {
             steps: level.steps,
-            farthest: cell_size,
+            farthest: self.cell_size * f64::from(level.cells),
             sharpest: 0.0,
         };
         let mut left = level.rounds;
         if is_first {
-            left -= settle(&mut shape, &contours, round);
+            left -= settle(shape, self.contours, round);
         }
-        round.sharpest = SHARPEST * radius;
+        round.sharpest = SHARPEST * self.radius;
         for number in 0..left {
-            shape.direct();
-            rounds::fair_once(&mut shape, &contours, round);
+            shape.update_normals();
+            rounds::fair_once(shape, self.contours, round);
             if number + 1 < left {
-                shape.even_out();
+                shape.smooth_tangentially();
             }
         }
-        coarse = Some(transfer::MovedMesh::new(&shape, &start));
-        last = Some((shape, start));
     }
-    let (mut shape, start) = last.ok_or(Refusal::TooThin)?;
-    shape.direct();
-    let facts = accept::keep_hull(&mut shape, &start, &contours)?;
-    let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
-    Ok(Faired { body, facts })
 }
 
-/// Goes the rounds in which all resists alike; how many of a level's rounds they are worth.
+/// Moves the vertices in rounds in which all of them resist bending equally, until few of them would go farther than
+/// they may. Returns how many of a level's rounds these replace.
 fn settle(shape: &mut Shape, contours: &[Contour], round: Round) -> usize {
     let [least, most] = ROUNDS_TO_SETTLE;
     for number in 1..=most {
-        shape.direct();
+        shape.update_normals();
         let held_back = rounds::fair_once(shape, contours, round);
-        shape.even_out();
+        shape.smooth_tangentially();
         if number >= least && held_back < SETTLED {
             break;
         }

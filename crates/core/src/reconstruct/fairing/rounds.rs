@@ -24,8 +24,8 @@ pub(super) struct Round {
     pub(super) steps: usize,
     /// The farthest that a vertex may move, in metres.
     pub(super) farthest: f64,
-    /// What bends within less than this radius resists ever less: edges that no cone is certain of. In metres; 0 lets
-    /// everything resist alike.
+    /// What bends within a smaller radius resists less, the sharper it bends: edges that no cone is certain of. In
+    /// metres; at 0, all vertices resist bending equally.
     pub(super) sharpest: f64,
 }
 

@@ -71,7 +71,7 @@ impl Shape {
         for v in (0..low.len()).filter(|&v| low[v]) {
             shape.positions[v].z = floor;
         }
-        shape.direct();
+        shape.update_normals();
         shape
     }
 
@@ -154,8 +154,8 @@ impl Shape {
             && level() < 1e-6
     }
 
-    /// Computes normals and directions anew.
-    pub(super) fn direct(&mut self) {
+    /// Computes the normals, and the directions that follow from them, anew.
+    pub(super) fn update_normals(&mut self) {
         let mut sums = vec![Vector3::<f64>::zeros(); self.len()];
         for t in self.triangles.iter().filter(|t| !self.is_on_table(t)) {
             let corners = three(|i| self.positions[t[i] as usize]);
@@ -208,7 +208,7 @@ impl Shape {
 
     /// Evens the vertices out along the surface: each goes half the way to the middle of its neighbours, less what
     /// lies across the surface.
-    pub(super) fn even_out(&mut self) {
+    pub(super) fn smooth_tangentially(&mut self) {
         let moved: Vec<Point3<f64>> = (0..self.len())
             .map(|v| {
                 let p = self.positions[v];

@@ -106,7 +106,7 @@ fn faired(
         .surface
         .mesh;
     let found = fair_hull(&hull, &lattice, &plain, &parameters).map(|faired| {
-        let solid = hull::extract_solid(&faired.body, &lattice, &parameters).unwrap();
+        let solid = hull::extract_solid(&faired.solid, &lattice, &parameters).unwrap();
         (faired.facts, solid)
     });
     (plain, found)

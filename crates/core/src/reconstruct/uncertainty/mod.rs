@@ -8,7 +8,7 @@ mod hollow;
 mod patches;
 mod touch;
 
-use super::fairing::Body;
+use super::fairing::FairedSolid;
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
@@ -29,7 +29,7 @@ pub struct FairedHull<'a> {
     /// The plain hull's surface.
     pub plain: &'a Mesh,
     /// The faired one.
-    pub body: &'a Body,
+    pub solid: &'a FairedSolid,
 }
 
 /// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on.
@@ -104,7 +104,7 @@ impl Evidence<'_> {
         let of_hull = of_hull.hypot(of_contour);
         let of_outside = match (&self.faired, above) {
             (Some(faired), Some(above)) => {
-                of_faired(faired.body, p, of_hull, above.distance, of_contour)
+                of_faired(faired.solid, p, of_hull, above.distance, of_contour)
             }
             _ => of_hull,
         };
@@ -120,8 +120,14 @@ impl Evidence<'_> {
 /// The expected error in metres at a point of a faired hull, which moved by `moved` from where `of_hull` is expected:
 /// on a flat side a share of that of the contours, where the hull was kept a share of its own, and elsewhere of how
 /// far the surface was moved and of what is left of the hull's own.
-fn of_faired(body: &Body, p: Point3<f64>, of_hull: f64, moved: f64, of_contour: f64) -> f64 {
-    if body.is_on_side(p) {
+fn of_faired(
+    solid: &FairedSolid,
+    p: Point3<f64>,
+    of_hull: f64,
+    moved: f64,
+    of_contour: f64,
+) -> f64 {
+    if solid.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
     }
     let much = share::MOVED_PX / CONTOUR_PX * of_contour;
@@ -130,6 +136,6 @@ fn of_faired(body: &Body, p: Point3<f64>, of_hull: f64, moved: f64, of_contour: 
         .hypot(share::OF_LEFT * left)
         .hypot(of_contour);
     let of_kept = (share::OF_KEPT * of_hull).hypot(of_contour);
-    let kept = body.kept(p);
+    let kept = solid.kept(p);
     (1.0 - kept) * of_moved + kept * of_kept
 }

@@ -5,6 +5,9 @@ use crate::frame::CameraId;
 use crate::reconstruct::Method;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 
+/// What a model is that no depth restored.
+const HOLLOWS_FILLED: &str = "the model is the visual hull, its hollows are filled";
+
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     if measured.depth_cameras == 0 {
         let why = "the rig has no depth camera";
@@ -57,7 +60,7 @@ fn only_a_hull(
         code,
         cameras: Vec::new(),
         words: format!(
-            "{why}: the model is the visual hull, its hollows are filled; any part of its {:.0} cubic centimetres may be hollow",
+            "{why}: {HOLLOWS_FILLED}; any part of its {:.0} cubic centimetres may be hollow",
             1e6 * measured.model.mesh.volume
         ),
     }
@@ -65,17 +68,24 @@ fn only_a_hull(
 
 fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
     let names: Vec<&str> = blind.iter().map(|d| d.camera.as_str()).collect();
-    let consequence = if all {
-        "the model is the visual hull, its hollows are filled"
-    } else {
-        "what only it sees stays the visual hull"
+    let is_one = names.len() == 1;
+    let consequence = match (all, is_one) {
+        (true, _) => HOLLOWS_FILLED,
+        (false, true) => "what only it sees stays the visual hull",
+        (false, false) => "what only they see stays the visual hull",
     };
+    let subject = if is_one {
+        "depth camera"
+    } else {
+        "depth cameras"
+    };
+    let verb = if is_one { "has" } else { "have" };
     Reason {
         level: Level::Amber,
         code: ReasonCode::NoDepth,
         cameras: blind.iter().map(|d| d.camera.clone()).collect(),
         words: format!(
-            "depth camera {} has no reading of the object: {consequence}",
+            "{subject} {} {verb} no reading of the object: {consequence}",
             names.join(", ")
         ),
     }
@@ -146,7 +156,9 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         &parameters.region_unread,
         each(|r| 1.0 - r.coverage).into_iter(),
         |v| format!("{} without readings", percent(v)),
-        |names| format!("the depth camera got few readings in the hollow, so its shape is interpolated: {names}"),
+        |names| {
+            format!("few depth readings lie in the hollow, so its shape is interpolated: {names}")
+        },
     ));
     into.extend(about_cameras(
         ReasonCode::RegionLarge,
@@ -155,7 +167,7 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         percent,
         |names| {
             format!(
-                "nearly everything that the depth camera sees was restored from its readings, \
+                "nearly everything in the view of a depth camera was restored from its readings, \
                 look closely: {names}"
             )
         },
@@ -165,8 +177,6 @@ fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut 
         &parameters.disagreement_mm,
         each(|r| 1e3 * r.disagreement).into_iter(),
         |v| format!("a tenth of the pixels are off by more than {v:.1} mm"),
-        |names| {
-            format!("the restored surface does not lie where the depth camera read it: {names}")
-        },
+        |names| format!("the restored surface does not lie where depth was read: {names}"),
     ));
 }

@@ -380,6 +380,21 @@ fn a_depth_camera_that_gave_nothing_is_amber() {
 }
 
 #[test]
+fn several_depth_cameras_that_gave_nothing_are_several_in_words() {
+    let mut measured = measured();
+    measured.depth_cameras = 2;
+    measured.depths = ["d00", "d01"]
+        .map(|name| crate::report::DepthMeasures::nothing(id(name)))
+        .to_vec();
+    let verdict = judged(&measured, &capture());
+    let words = &verdict.reasons[0].words;
+    assert!(
+        words.starts_with("depth cameras d00, d01 have no reading of the object: "),
+        "{words}"
+    );
+}
+
+#[test]
 fn many_cameras_make_one_reason() {
     let mut measured = measured();
     measured.colors = (0..30).map(|n| camera(&format!("c{n:02}"), 0.01)).collect();

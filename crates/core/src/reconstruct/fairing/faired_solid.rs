@@ -18,7 +18,7 @@ const SURELY: f64 = 127.5;
 const SURFACE: UndecidedConstraints = 1;
 
 /// A faired hull.
-pub struct Body {
+pub struct FairedSolid {
     curved: Curved,
     /// Whether each triangle lies on the table.
     on_table: Vec<bool>,
@@ -35,7 +35,7 @@ pub struct Body {
     values: Vec<f32>,
 }
 
-impl Body {
+impl FairedSolid {
     /// The solid that the surface of `shape`, its flat sides and the tables in `bounds` bound, to be extracted on
     /// `lattice`.
     pub(super) fn new(
@@ -54,7 +54,7 @@ impl Body {
             .iter()
             .map(|t| shape.is_on_table(t))
             .collect();
-        let mut body = Self {
+        let mut solid = Self {
             curved,
             on_table,
             kept: shape.kept.clone(),
@@ -66,15 +66,15 @@ impl Body {
             columns,
             values: Vec::new(),
         };
-        body.values = (0..body.nearest.len())
+        solid.values = (0..solid.nearest.len())
             .into_par_iter()
             .map(|i| {
-                let (at, triangle) = body.nearest.corner(i);
+                let (at, triangle) = solid.nearest.corner(i);
                 let p = lattice.origin + Vector3::from(at.map(f64::from)) * lattice.cell_size;
-                body.bounded(p, body.distance(p, triangle).1)
+                solid.bounded(p, solid.distance(p, triangle).1)
             })
             .collect();
-        body
+        solid
     }
 
     /// Whether the surface at a point near it is a flat side between certain edges.
@@ -175,7 +175,7 @@ impl Body {
     }
 }
 
-impl Solid for Body {
+impl Solid for FairedSolid {
     fn side(&self, center: Point3<f64>, half: f64, _: UndecidedConstraints) -> Side {
         let size = 2.0 * half / self.lattice.cell_size;
         let level = size.round().max(1.0).log2().round() as u32;
