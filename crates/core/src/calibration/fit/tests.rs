@@ -278,6 +278,8 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
             seen,
             at_most,
             misfit: None,
+            boards: LeftOutShare::default(),
+            change: None,
         };
         let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found.map(error))]);
         judge(&fit, &[], &depths, &Limits::default())

@@ -131,9 +131,33 @@ fn a_board_that_moved_and_one_without_readings_are_left_out_and_named() {
     frames[4] = vec![readings(&moved, &sensor(), no_pattern)];
     frames[6] = vec![Grid::filled(640, 480, 0)];
     let fit = fitted(&poses, &frames).unwrap();
-    let names: Vec<&str> = fit.left_out.iter().map(|(name, _)| name.as_str()).collect();
-    assert_eq!(names, ["p6", "p4"], "{:?}", fit.left_out);
+    let names = |all: &[(String, String)]| -> Vec<String> {
+        all.iter().map(|(name, _)| name.clone()).collect()
+    };
+    assert_eq!(names(&fit.unread), ["p6"], "{:?}", fit.unread);
+    assert_eq!(names(&fit.left_out), ["p4"], "{:?}", fit.left_out);
+    assert_eq!(fit.change, None);
     assert!(largest_bias(&fit.response, &sensor()) < 3e-4);
+}
+
+#[test]
+fn readings_that_change_during_the_session_are_told_from_boards_that_moved() {
+    let poses = poses(14);
+    let frames: Vec<_> = (poses.iter().enumerate())
+        .map(|(k, pose)| {
+            let times = if k < 9 { 1.0 } else { 1.03 };
+            let truth = readings(pose, &DepthResponse::default(), no_pattern);
+            vec![truth.map(|&r| (times * f64::from(r)).round() as u16)]
+        })
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    assert_eq!(fit.left_out.len(), 5, "{:?}", fit.left_out);
+    assert!(largest_bias(&fit.response, &DepthResponse::default()) < 3e-4);
+    let words = fit.change.unwrap().words();
+    assert_eq!(
+        words,
+        "its readings changed between p8 and p9 (3.0 % deeper)"
+    );
 }
 
 #[test]
