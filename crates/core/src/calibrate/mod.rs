@@ -10,7 +10,7 @@ mod error;
 mod import;
 mod two_pass_fit;
 
-pub use check::{Check, check};
+pub use check::{Check, CheckOptions, check};
 pub use depth::{Depth, DepthMethod, Table};
 pub use detections::{Detections, board, detect_boards, open, open_pictures, shots};
 pub use error::{Error, Rejected};

@@ -12,7 +12,7 @@ mod polynomial;
 mod reading_change;
 mod table;
 
-pub use check::{DepthCheck, DepthDeviation, check_depth};
+pub use check::{DepthCheck, DepthDeviation, DepthTolerance, TooFewBoards, check_depth};
 pub use correction::Correction;
 pub use misfit::{Cause, Misfit};
 pub use paper::PaperFit;

@@ -697,20 +697,25 @@ fn report(
     let normals = normals(planes, values, lateral, parameters);
     let doubt = jackknife::deviation(&normals, readings).max(LEAST_DOUBT);
     let is_line = spans(planes, parameters.min_span);
+    let line = [values[0], values[1]];
+    let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
+    let misfit = misfit::explain(&patches);
+    // What does not fit grows with the squared distance.
+    let unfit = misfit.as_ref().map_or(0.0, |m| m.held_out * far.powi(2));
     let response = DepthResponse {
         slope: values[0],
         intercept: values[1],
         scale: [values[2], values[3], 0.0, 0.0, 0.0],
         range: Some([near * (1.0 - BEYOND), far * (1.0 + BEYOND)]),
-        uncertainty: bias.iter().map(|b| b.bias.abs()).fold(doubt, f64::max),
+        uncertainty: bias
+            .iter()
+            .map(|b| b.bias.abs())
+            .fold(doubt.max(unfit), f64::max),
     };
     let views = planes
         .iter()
         .map(|plane| view_bias(plane, values))
         .collect();
-    let line = [values[0], values[1]];
-    let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
-    let misfit = misfit::explain(&patches);
     let correction = Correction::weigh(lens, &correction_samples(planes, values));
     let response = response.checked()?;
     Ok(PlaneFit {
