@@ -105,8 +105,8 @@ pub fn run(
                 &options.fit,
                 options.limits.placements,
             );
-            let rejected = &detections.rejected;
-            return Err(Error::unfitted(cause, findings, missing, rejected));
+            let (rejected, views) = (&detections.rejected, detections.session.views.len());
+            return Err(Error::unfitted(cause, findings, missing, rejected, views));
         }
     };
     let depth = depth::fit_responses(options.depth, recordings, &fit, &detections.depth_cameras);
