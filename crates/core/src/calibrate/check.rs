@@ -55,9 +55,8 @@ impl Check {
     /// Depth cameras that do not read what they did.
     pub fn misread_cameras(&self) -> impl Iterator<Item = &CameraId> {
         let depths = self.depths.iter();
-        depths.filter_map(|(id, found)| {
-            found.as_ref().is_ok_and(DepthCheck::is_other).then_some(id)
-        })
+        depths
+            .filter_map(|(id, found)| found.as_ref().is_ok_and(DepthCheck::is_other).then_some(id))
     }
 
     /// Whether everything that could have changed was checked.

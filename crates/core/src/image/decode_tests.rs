@@ -231,10 +231,7 @@ fn picture_files_that_are_broken_are_refused_or_read_as_they_are() {
             "bmp",
             file(&DynamicImage::ImageRgb8(rgb.clone()), ImageFormat::Bmp),
         ),
-        (
-            "pnm",
-            file(&DynamicImage::ImageRgb8(rgb), ImageFormat::Pnm),
-        ),
+        ("pnm", file(&DynamicImage::ImageRgb8(rgb), ImageFormat::Pnm)),
     ];
     for (format, file) in &files {
         assert!(rgb_from_file(format, file, (48, 41)).is_err());
@@ -259,7 +256,8 @@ fn picture_files_that_are_broken_are_refused_or_read_as_they_are() {
         }
     }
     let unread = rgb_from_file("tiff", &files[0].1, size).unwrap_err();
-    let words = "the picture's encoding is \"tiff\", expected jpeg, png, bmp or pnm (pbm, pgm, ppm)";
+    let words =
+        "the picture's encoding is \"tiff\", expected jpeg, png, bmp or pnm (pbm, pgm, ppm)";
     assert_eq!(unread.to_string(), words);
     assert!(rgb_from_file("png", &files[0].1, size).is_err());
 }

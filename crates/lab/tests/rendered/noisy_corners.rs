@@ -64,7 +64,9 @@ impl Noise {
         picture.map(|&grey| {
             let radius = (-2.0 * self.uniform().max(1e-12).ln()).sqrt();
             let normal = radius * (std::f64::consts::TAU * self.uniform()).cos();
-            (f64::from(grey) + deviation * normal).round().clamp(0.0, 255.0) as u8
+            (f64::from(grey) + deviation * normal)
+                .round()
+                .clamp(0.0, 255.0) as u8
         })
     }
 }

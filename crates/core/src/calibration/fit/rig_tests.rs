@@ -40,11 +40,23 @@ fn two_cameras_that_moved_against_each_other_are_told_so() {
     for shown in [1, 4] {
         let known = calibration(&rig(2, shown));
         let still = rig(2, shown).session(0.1, &mut Random(3));
-        let checks = check(&still, &known, &DriftLimits::default(), &Parameters::default()).unwrap();
+        let checks = check(
+            &still,
+            &known,
+            &DriftLimits::default(),
+            &Parameters::default(),
+        )
+        .unwrap();
         assert_eq!(checks.against_each_other, None);
         let moved = turned(rig(2, shown), 1, Vector3::new(1.0, 0.2, 0.4), 0.3);
         let session = moved.session(0.1, &mut Random(3));
-        let checks = check(&session, &known, &DriftLimits::default(), &Parameters::default()).unwrap();
+        let checks = check(
+            &session,
+            &known,
+            &DriftLimits::default(),
+            &Parameters::default(),
+        )
+        .unwrap();
         let pair = checks.against_each_other.unwrap();
         assert_eq!(
             pair.cameras.each_ref().map(CameraId::as_str),
@@ -64,16 +76,27 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let known = calibration(&truth);
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
-    let error = check(&session, &known, &DriftLimits::default(), &Parameters::default()).unwrap_err();
+    let error = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap_err();
     let words = error.to_string();
     assert!(
         words.contains("the board looks 4.2 % larger than checkerboard:9x6:24mm"),
         "{words}"
     );
     session.board.square = 0.026;
-    let words = check(&session, &known, &DriftLimits::default(), &Parameters::default())
-        .unwrap_err()
-        .to_string();
+    let words = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap_err()
+    .to_string();
     assert!(
         words.contains("the board looks 3.8 % smaller than"),
         "{words}"
@@ -83,7 +106,13 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
     let known = calibration(&truth);
-    let checks = check(&session, &known, &DriftLimits::default(), &Parameters::default()).unwrap();
+    let checks = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap();
     let larger = checks.against_each_other.unwrap().board_larger.unwrap();
     assert!((larger - 1.0 / 24.0).abs() < 0.002, "{larger}");
 }
@@ -94,7 +123,9 @@ fn a_camera_that_nobody_shared_a_placement_with_is_not_said_to_have_stayed() {
     let known = calibration(&truth);
     let mut session = truth.session(0.1, &mut Random(3));
     // The first two cameras share a placement, and the third one sees another.
-    session.views.retain(|v| (v.camera == 2) == (v.placement == 1));
+    session
+        .views
+        .retain(|v| (v.camera == 2) == (v.placement == 1));
     let limits = DriftLimits::default();
     let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
     let alone: Vec<&str> = checks.alone.iter().map(CameraId::as_str).collect();

@@ -611,7 +611,13 @@ fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
     );
     assert!(moved[0].off_px > 3.0 && motion.rest_px < 0.25);
     let session = truth.session(0.1, &mut Random(1));
-    let nothing = check(&session, &Default::default(), &limits, &Parameters::default()).unwrap();
+    let nothing = check(
+        &session,
+        &Default::default(),
+        &limits,
+        &Parameters::default(),
+    )
+    .unwrap();
     assert!(nothing.cameras.is_empty(), "{nothing:?}");
 }
 

@@ -201,9 +201,15 @@ mod tests {
         let told: Vec<String> = words(shape).into_iter().map(|r| r.words).collect();
         assert_eq!(told.len(), 3, "{told:?}");
         assert!(told[0].contains("bent by 0.40 ± 0.020 mm"), "{told:?}");
-        assert!(told[1].contains("more in one direction than in the other"), "{told:?}");
+        assert!(
+            told[1].contains("more in one direction than in the other"),
+            "{told:?}"
+        );
         assert!(told[2].contains("longer in one direction"), "{told:?}");
-        assert!(told[1..].iter().all(|w| w.contains("quarter turn")), "{told:?}");
+        assert!(
+            told[1..].iter().all(|w| w.contains("quarter turn")),
+            "{told:?}"
+        );
     }
 
     #[test]

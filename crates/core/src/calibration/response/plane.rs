@@ -199,7 +199,11 @@ pub fn fit_plane(
     let fit = report(lens, planes, &values, parameters)?;
     Ok(PlaneFit {
         unread,
-        left_out: consistent.left_out.iter().map(Contradiction::told).collect(),
+        left_out: consistent
+            .left_out
+            .iter()
+            .map(Contradiction::told)
+            .collect(),
         change: consistent.change(&values),
         ..fit
     })

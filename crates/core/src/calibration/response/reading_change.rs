@@ -187,12 +187,21 @@ mod tests {
     #[test]
     fn boards_that_agree_with_each_other_tell_when_the_readings_changed() {
         let told = words(|k, z| if k >= 5 { 0.03 * z } else { 0.0 }).unwrap();
-        assert_eq!(told, "its readings changed between p4 and p5 (3.0 % deeper)");
+        assert_eq!(
+            told,
+            "its readings changed between p4 and p5 (3.0 % deeper)"
+        );
         let told = words(|k, _| if k < 3 { 0.012 } else { 0.0 }).unwrap();
-        assert!(told.starts_with("its readings changed between p2 and p3 (1"), "{told}");
+        assert!(
+            told.starts_with("its readings changed between p2 and p3 (1"),
+            "{told}"
+        );
         assert!(told.ends_with(" mm nearer)"), "{told}");
         let told = words(|k, z| if (3..6).contains(&k) { -0.02 * z } else { 0.0 }).unwrap();
-        assert!(told.contains("between p2 and p3 (2.0 % nearer), and back between p5 and p6"), "{told}");
+        assert!(
+            told.contains("between p2 and p3 (2.0 % nearer), and back between p5 and p6"),
+            "{told}"
+        );
         let told = words(|k, z| if k >= 4 { 0.1 * (z - 0.84) } else { 0.0 }).unwrap();
         assert!(told.contains("deeper on average"), "{told}");
     }

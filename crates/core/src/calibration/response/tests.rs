@@ -158,7 +158,10 @@ fn bias_at_most_covers_boards_that_moved_between_colour_and_depth() {
             told.push((k, side, 1e3 * off, 1e3 * fit.response.uncertainty));
         }
     }
-    assert!(told.iter().all(|(_, _, off, most)| off <= most), "{told:#?}");
+    assert!(
+        told.iter().all(|(_, _, off, most)| off <= most),
+        "{told:#?}"
+    );
     // And it is no excuse for anything.
     assert!(told.iter().all(|(_, _, _, most)| *most < 3.0), "{told:#?}");
 }
@@ -326,11 +329,14 @@ fn checked(
     let readings: Vec<Grid<f32>> = readings
         .map(|(k, pose)| wrong(&readings_of(pose), k))
         .collect();
-    let views = poses.iter().zip(&readings).map(|(pose, readings)| PlaneView {
-        placement: "p",
-        camera_from_face: *pose,
-        readings,
-    });
+    let views = poses
+        .iter()
+        .zip(&readings)
+        .map(|(pose, readings)| PlaneView {
+            placement: "p",
+            camera_from_face: *pose,
+            readings,
+        });
     let views: Vec<PlaneView<'_>> = views.collect();
     let plane = PlaneParameters::default();
     check_depth(&lens(), &board(), &views, response, tolerance(&plane)).unwrap()

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::calibration::fit::{
-    Figures, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, Projection,
-    Uncertainty, ViewResiduals, judge,
+    Figures, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, Projection, Uncertainty,
+    ViewResiduals, judge,
 };
 use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
 use nalgebra::{Isometry3, Point2, Vector2, Vector3};
