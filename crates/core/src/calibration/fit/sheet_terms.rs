@@ -36,8 +36,8 @@ pub(super) struct TermSelection {
 }
 
 /// Settles the shape of a bundle that is adjusted with all terms free. If the pattern maps onto itself by a quarter
-/// turn, the direction of its rows is unknown, and no term is kept that depends on it. `None` if the equations cannot be
-/// solved.
+/// turn, the direction of its rows is unknown, and no term is kept that depends on it. `None` if the equations cannot
+/// be solved.
 pub(super) fn settled(mut bundle: Bundle, folds: CrossValidation) -> Option<TermSelection> {
     bundle.sheet.variance = bundle.variance();
     let whole = bundle.covariance(Loss::SQUARED)? * bundle.variance();
