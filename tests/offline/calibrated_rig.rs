@@ -6,7 +6,7 @@ use assert_cmd::Command;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use scand::calibration::{Camera, RigCalibration};
 use scand::recording::Compression;
-use scand_lab::{BoardOptions, BoardSession, Options, write_board_session};
+use scand_lab::{BoardOptions, BoardSession, Options, PlacementFault, write_board_session};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,8 @@ fn is_full() -> bool {
     std::env::var_os("SCAND_CALIBRATED_RIG").is_some_and(|size| size == "full")
 }
 
-fn session(board: &str, seed: u64) -> BoardSession {
+/// A session in which the board moves by so many millimetres at some placements.
+fn session(board: &str, seed: u64, moved_mm: &[(usize, f64)]) -> BoardSession {
     let mut options = Options {
         seed,
         ..Options::for_boards()
@@ -28,6 +29,10 @@ fn session(board: &str, seed: u64) -> BoardSession {
         boards.placements = 19;
     }
     options.depth.bias_mm = 20.0;
+    let moved = moved_mm
+        .iter()
+        .map(|&(placement, amount)| PlacementFault { placement, amount });
+    boards.faults.moved_mm = moved.collect();
     BoardSession::new(options, boards).unwrap()
 }
 
@@ -51,8 +56,11 @@ struct Calibrated {
 
 impl Calibrated {
     fn new(board: &str, seed: u64) -> Self {
+        Self::of(session(board, seed, &[]))
+    }
+
+    fn of(session: BoardSession) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let session = session(board, seed);
         let path = |name: &str| folder.path().join(name);
         write_board_session(&session, &path("session.mcap"), Compression::None).unwrap();
         let [recording, out, report, ros, kalibr] = [
@@ -312,7 +320,7 @@ fn knows_frame(measured: &Measured) {
 fn knows_depth(measured: &Measured) {
     assert!(measured.depth_bias < 1e-3, "{measured:?}");
     assert!(
-        measured.depth_bias <= 2.0 * measured.depth_uncertainty,
+        measured.depth_bias <= measured.depth_uncertainty,
         "{measured:?}"
     );
 }
@@ -395,5 +403,19 @@ mod long {
         // pulled, and the depth with them.
         knows_depth(&better);
         assert!(better.predicted_px[0] < measured.predicted_px[0]);
+    }
+
+    #[test]
+    fn what_depth_is_said_to_be_off_at_most_covers_a_board_that_moved() {
+        // The depth camera sees both placements.
+        for moved_mm in [[(6, 2.0), (12, 0.4)], [(3, 0.4), (9, 2.0)]] {
+            let moved = Calibrated::of(session("checkerboard:9x6:25mm", 1, &moved_mm));
+            let measured = Measured::of(&moved);
+            measured.say(&format!("moved {moved_mm:?}"));
+            assert!(
+                measured.depth_bias <= measured.depth_uncertainty,
+                "{measured:?}"
+            );
+        }
     }
 }

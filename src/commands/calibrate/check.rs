@@ -2,7 +2,7 @@
 
 use crate::calibrate::{Check, Detections};
 use crate::calibration::fit::{CheckedCamera, Motion, PairMotion};
-use crate::calibration::response::{DepthCheck, DepthDeviation};
+use crate::calibration::response::{DepthCheck, DepthDeviation, TooFewBoards};
 use crate::commands::EXIT_INCOMPLETE;
 use crate::frame::CameraId;
 use std::process::ExitCode;
@@ -26,11 +26,13 @@ pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: b
             "depth": depths,
             "not_in_calibration": check.unknown,
             "not_checked": check.unchecked,
+            "alone": check.alone,
             "lost": lost,
         });
         outln!("{told:#}");
     } else if !quiet {
-        check.cameras.iter().for_each(|c| outln!("{}", words(c)));
+        let cameras = check.cameras.iter();
+        cameras.for_each(|c| outln!("{}", words(c, check.alone.contains(&c.camera))));
         let depths = check.depths.iter();
         depths.for_each(|(id, found)| outln!("depth camera {id}: {}", depth_words(found)));
         check
@@ -57,12 +59,6 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
         Err(reason) => return format!("its depth was not checked: {reason}"),
     };
     let DepthDeviation { distance, off, .. } = &found.worst;
-    let beside = found.beside_px.map(|[x, y]| {
-        format!(
-            "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, and \
-             calibrate it"
-        )
-    });
     let words = match found.is_off {
         true => format!(
             "reads {:.0} mm too {} at {distance:.1} m: calibrate it again",
@@ -74,10 +70,32 @@ fn depth_words(found: &Result<DepthCheck, String>) -> String {
             1e3 * off.abs()
         ),
     };
-    words + &beside.unwrap_or_default()
+    words + &misfit_words(found).unwrap_or_default()
 }
 
-fn words(checked: &CheckedCamera) -> String {
+/// What readings have that a response cannot have, or why that was not checked.
+fn misfit_words(found: &DepthCheck) -> Option<String> {
+    if let Some(TooFewBoards { found, needed }) = found.too_few_for_misfit {
+        return Some(format!(
+            "; whether its depth lies on its colour picture (registration) was not checked: it takes boards at {needed} \
+             places, and there were {found}"
+        ));
+    }
+    if let Some([x, y]) = found.beside_px() {
+        return Some(format!(
+            "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, \
+             and calibrate it"
+        ));
+    }
+    let misfit = found.misfit.as_ref()?;
+    Some(format!(
+        "; its readings are {:.1} mm off boards at 1 m (rms) in a way that it was not calibrated for; {}",
+        1e3 * misfit.held_out,
+        misfit.words()
+    ))
+}
+
+fn words(checked: &CheckedCamera, is_alone: bool) -> String {
     let CheckedCamera {
         camera,
         views,
@@ -86,6 +104,9 @@ fn words(checked: &CheckedCamera) -> String {
     } = checked;
     match motion {
         _ if *views == 0 => format!("camera {camera}: it did not see the board"),
+        _ if is_alone => format!(
+            "camera {camera}: it saw the board only where no other camera did, so it is not known whether it moved"
+        ),
         None => format!("camera {camera}: it is as calibrated, to {off_px:.2} px"),
         Some(motion) => format!(
             "camera {camera}: it moved: the board is {off_px:.2} px off; turned by {:.3}°, shifted by {:.2} mm ({:.2} \
@@ -122,6 +143,8 @@ fn pair_words(pair: &PairMotion) -> String {
 
 fn summary(check: &Check) -> String {
     let names: Vec<&str> = check.unchecked.iter().map(|id| id.as_str()).collect();
+    let is_compared = |c: &&CheckedCamera| !check.unchecked.contains(&c.camera);
+    let compared = check.cameras.iter().filter(is_compared).count();
     let (who, rest) = match names.as_slice() {
         [] => ("no camera", String::new()),
         names => (
@@ -132,6 +155,9 @@ fn summary(check: &Check) -> String {
     let moved: Vec<&str> = check.moved().map(|id| id.as_str()).collect();
     match (&check.against_each_other, moved.as_slice()) {
         (Some(pair), _) => pair_words(pair) + &rest,
+        (None, []) if compared == 0 => format!(
+            "it is not known whether a camera moved: no two cameras of the calibration saw the board at one place{rest}"
+        ),
         (None, []) => format!("{who} moved{rest}"),
         (None, [one]) => format!("camera {one} moved: calibrate the rig again{rest}"),
         (None, several) => format!(

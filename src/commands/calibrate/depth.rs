@@ -90,7 +90,7 @@ pub(super) fn json(depth: &Depth) -> serde_json::Value {
         serde_json::json!({
             "method": "plane", "slope": r.slope, "intercept": r.intercept, "scale": r.scale, "range": r.range,
             "uncertainty": r.uncertainty, "bias": fit.bias, "views": fit.views,
-            "left_out": fit.left_out, "correction": fit.correction,
+            "unread": fit.unread, "left_out": fit.left_out, "change": fit.change, "correction": fit.correction,
         })
     };
     let mut all: serde_json::Map<_, _> = depth

@@ -11,7 +11,7 @@ mod report_pictures;
 mod summary;
 
 use super::{BadConfiguration, check_folder_of, refuse_to_replace, wrong_usage};
-use crate::calibrate::{self, Detections, Options, Outcome};
+use crate::calibrate::{self, CheckOptions, Detections, Options, Outcome};
 use crate::calibration::fit::LensModel;
 use crate::calibration::{Board, DepthResponse, RigCalibration};
 use crate::capture::Placements;
@@ -38,7 +38,7 @@ pub struct Args {
     /// Recordings in which each trigger is a placement of the board
     #[arg(required_unless_present_any = ["from", "pictures"], value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
-    /// Calibrate from picture files (PNG, JPEG) instead of recordings, such as --pictures left='left/*.png'
+    /// Calibrate from picture files (PNG, JPEG, BMP, PNM) instead of recordings, such as --pictures left='left/*.png'
     /// right='right/*.png'. The n-th picture of each camera, in the order of their names, shows one placement
     #[arg(long, value_name = "CAMERA=FILES", num_args = 1.., conflicts_with = "sessions")]
     pictures: Vec<String>,
@@ -162,7 +162,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let range = [&args.from_placement, &args.until_placement].map(Option::as_deref);
     detections.keep_placements(range[0], range[1])?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
-        let check = calibrate::check(&detections, &recordings, known, &config.calibration.watch)?;
+        let check = calibrate::check(&detections, &recordings, known, &check_options(&config))?;
         return Ok(check::print(&check, &detections, args.json, args.quiet));
     }
     let limits = config.calibration.limits.clone();
@@ -217,6 +217,17 @@ fn configuration(args: &Args) -> anyhow::Result<Config> {
         fit.table_placement = Some(placement.clone());
     }
     Ok(config)
+}
+
+/// What a check allows for.
+fn check_options(config: &Config) -> CheckOptions {
+    let calibration = config.calibration.clone();
+    CheckOptions {
+        watch: calibration.watch,
+        fit: calibration.fit,
+        plane: calibration.plane,
+        depth_bias_mm: calibration.limits.depth_bias_mm,
+    }
 }
 
 /// Calibrations that were given.

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Endings of the files that a folder's pictures have.
-const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
+const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "bmp", "pnm", "pbm", "pgm", "ppm"];
 
 /// The files of each camera: of `NAME=PATTERN`, and of what follows it without a name, as a shell leaves it that
 /// expanded a pattern. A pattern is a file, a folder, or a path whose last part has `*` or `?`.
@@ -32,7 +32,9 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
         })?;
         let found = found(pattern)?;
         if found.is_empty() {
-            return Err(format!("camera {id}: no picture matches {pattern}"));
+            return Err(format!(
+                "camera {id}: no picture matches {pattern}, expected PNG, JPEG, BMP or PNM files"
+            ));
         }
         cameras.entry(id).or_default().extend(found);
     }
@@ -159,7 +161,7 @@ mod tests {
     fn files_are_found_by_pattern_folder_and_name_in_the_order_of_their_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-        for name in ["l10.png", "l9.png", "l2.txt", "r09.jpg", ".l1.png"] {
+        for name in ["l10.png", "l9.png", "l2.txt", "r09.jpg", ".l1.png", "m.PGM"] {
             std::fs::write(at(name), "").unwrap();
         }
         let names = |arguments: &[String]| {
@@ -184,7 +186,7 @@ mod tests {
         let expanded = [format!("left={}", at("l10.png")), at("l9.png")];
         assert_eq!(names(&expanded), [left]);
         let whole = names(&[format!("a={}", folder.path().display())]);
-        assert_eq!(whole[0].1.len(), 4, "{whole:?}");
+        assert_eq!(whole[0].1.len(), 5, "{whole:?}");
         for (bad, named) in [
             (at("l9.png"), "does not name a camera"),
             (format!("Left={}", at("l9.png")), "camera id"),

@@ -3,11 +3,26 @@
 use super::depth::{BoardView, views};
 use super::{Detections, Error};
 use crate::calibration::fit::{self, CheckedCamera, DriftLimits, DriftResult, PairMotion};
-use crate::calibration::response::{DepthCheck, PlaneView, check_depth};
+use crate::calibration::response::{
+    DepthCheck, DepthTolerance, PlaneParameters, PlaneView, check_depth,
+};
 use crate::calibration::{Camera, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::frame::CameraId;
 use std::collections::{BTreeMap, BTreeSet};
+
+/// What a check allows for.
+#[derive(Clone, Debug)]
+pub struct CheckOptions {
+    /// When a camera counts as moved, and a depth camera as changed.
+    pub watch: DriftLimits,
+    /// How far a board is expected to be bent.
+    pub fit: fit::Parameters,
+    /// How boards are read in depth.
+    pub plane: PlaneParameters,
+    /// What may be left of a depth camera's readings when it is calibrated, in millimetres.
+    pub depth_bias_mm: f64,
+}
 
 /// A rig, camera by camera, against its calibration.
 #[derive(Debug)]
@@ -20,8 +35,12 @@ pub struct Check {
     pub depths: BTreeMap<CameraId, Result<DepthCheck, String>>,
     /// Cameras of the session that the calibration does not have.
     pub unknown: Vec<CameraId>,
-    /// Cameras that did not see the board, or are not in both.
+    /// Cameras that did not see the board, saw it only where no other did, or are not in both.
     pub unchecked: BTreeSet<CameraId>,
+    /// Cameras of these that saw the board, but only where no other camera saw it.
+    pub alone: BTreeSet<CameraId>,
+    /// Whether it counts as unchecked if too few boards show whether depth lies on its colour picture.
+    wants_registration: bool,
     /// What could not be read of depth.
     pub lost: Vec<String>,
 }
@@ -36,43 +55,51 @@ impl Check {
     /// Depth cameras that do not read what they did.
     pub fn misread_cameras(&self) -> impl Iterator<Item = &CameraId> {
         let depths = self.depths.iter();
-        depths.filter_map(|(id, found)| {
-            let found = found.as_ref().ok()?;
-            (found.is_off || found.beside_px.is_some()).then_some(id)
-        })
+        depths
+            .filter_map(|(id, found)| found.as_ref().is_ok_and(DepthCheck::is_other).then_some(id))
     }
 
     /// Whether everything that could have changed was checked.
     pub fn is_whole(&self) -> bool {
-        self.unchecked.is_empty() && self.lost.is_empty() && self.depths.values().all(Result::is_ok)
+        let is_checked = |found: &Result<DepthCheck, String>| {
+            let is_whole = |found: &DepthCheck| found.too_few_for_misfit.is_none();
+            match self.wants_registration {
+                true => found.as_ref().is_ok_and(is_whole),
+                false => found.is_ok(),
+            }
+        };
+        self.unchecked.is_empty() && self.lost.is_empty() && self.depths.values().all(is_checked)
     }
 }
 
 /// Checks the cameras of a session against `known`.
 ///
 /// # Errors
-/// If fewer than two cameras saw the board, it is another board, or half of three or more cameras disagree.
+/// If it is another board, or half of three or more cameras disagree.
 pub fn check(
     detections: &Detections,
     recordings: &[Placements],
     known: &RigCalibration,
-    watch: &DriftLimits,
+    options: &CheckOptions,
 ) -> Result<Check, Error> {
     let session = &detections.session;
-    let found = fit::check(session, known, watch)?;
+    let found = fit::check(session, known, &options.watch, &options.fit)?;
     let of_session = session.cameras.iter().map(|c| &c.id);
     let seeing = |id: &CameraId| found.cameras.iter().any(|c| c.camera == *id && c.views > 0);
+    let is_checked = |id: &CameraId| seeing(id) && !found.alone.contains(id);
     let all = known.cameras.keys().chain(of_session.clone());
     let mut lost = Vec::new();
-    let depths = depths(detections, recordings, known, &found, watch, &mut lost);
+    let depths = depths(detections, recordings, known, &found, options, &mut lost);
     Ok(Check {
-        unchecked: all.filter(|id| !seeing(id)).cloned().collect(),
+        unchecked: all.filter(|id| !is_checked(id)).cloned().collect(),
         unknown: of_session
             .filter(|id| !known.cameras.contains_key(*id))
             .cloned()
             .collect(),
         depths,
         lost,
+        wants_registration: options.watch.registration,
+        alone: found.alone,
         cameras: found.cameras,
         against_each_other: found.against_each_other,
     })
@@ -84,7 +111,7 @@ fn depths(
     recordings: &[Placements],
     known: &RigCalibration,
     checks: &DriftResult,
-    watch: &DriftLimits,
+    options: &CheckOptions,
     lost: &mut Vec<String>,
 ) -> BTreeMap<CameraId, Result<DepthCheck, String>> {
     let mut found = BTreeMap::new();
@@ -96,14 +123,8 @@ fn depths(
             (false, Some(_)) => Err("the recording has no depth frames from it".into()),
             (true, Some(response)) => {
                 let now = camera_now(checks, camera);
-                against(
-                    detections,
-                    recordings,
-                    checks,
-                    (&now, response),
-                    watch,
-                    lost,
-                )
+                let known = (&now, response);
+                against(detections, recordings, checks, known, options, lost)
             }
         };
         found.insert(id.clone(), checked);
@@ -124,7 +145,7 @@ fn against(
     recordings: &[Placements],
     checks: &DriftResult,
     (camera, response): (&Camera, &DepthResponse),
-    watch: &DriftLimits,
+    options: &CheckOptions,
     lost: &mut Vec<String>,
 ) -> Result<DepthCheck, String> {
     let session = &detections.session;
@@ -143,6 +164,51 @@ fn against(
         lost,
     );
     let views: Vec<PlaneView<'_>> = views.iter().map(BoardView::plane).collect();
-    let most = 1e-3 * watch.depth_mm;
-    check_depth(&camera.intrinsics, board, &views, response, most)
+    let tolerance = DepthTolerance {
+        off: 1e-3 * options.watch.depth_mm,
+        misfit: 1e-3 * options.depth_bias_mm,
+        plane: &options.plane,
+    };
+    check_depth(&camera.intrinsics, board, &views, response, tolerance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::response::{DepthDeviation, TooFewBoards};
+
+    #[test]
+    fn a_check_is_whole_only_if_boards_enough_show_where_depth_lies_in_its_picture() {
+        let deviation = DepthDeviation {
+            placement: "p0".into(),
+            distance: 1.0,
+            off: 0.001,
+            allowed: 0.005,
+        };
+        let check = |found: usize, wants_registration: bool| {
+            let needed = 5;
+            let depth = DepthCheck {
+                placements: vec![deviation.clone()],
+                worst: deviation.clone(),
+                is_off: false,
+                misfit: None,
+                too_few_for_misfit: (found < needed).then_some(TooFewBoards { found, needed }),
+            };
+            let check = Check {
+                cameras: Vec::new(),
+                against_each_other: None,
+                depths: BTreeMap::from([(CameraId::new("kinect").unwrap(), Ok(depth))]),
+                unknown: Vec::new(),
+                unchecked: BTreeSet::new(),
+                alone: BTreeSet::new(),
+                wants_registration,
+                lost: Vec::new(),
+            };
+            assert_eq!(check.misread_cameras().next(), None);
+            check.is_whole()
+        };
+        assert!(!check(1, true));
+        assert!(check(1, false));
+        assert!(check(5, true));
+    }
 }

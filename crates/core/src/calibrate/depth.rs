@@ -2,10 +2,12 @@
 
 use super::Error;
 use super::detections::placement_names;
-use crate::calibration::fit::{DepthError, DepthMisfit, Fit, FittedCamera, ReasonKind, Slope};
+use crate::calibration::fit::{
+    DepthError, DepthMisfit, Fit, FittedCamera, LeftOutShare, ReasonKind, Slope,
+};
 use crate::calibration::response::{
-    Cause, DepthTable, Misfit, PaperFit, PlaneFit, PlaneParameters, PlaneView, fit_plane,
-    mean_readings,
+    Cause, DepthTable, Misfit, PaperFit, PlaneFit, PlaneParameters, PlaneView, ReadingChange,
+    fit_plane, mean_readings,
 };
 use crate::calibration::{Board, DepthResponse};
 use crate::capture::Placements;
@@ -114,6 +116,11 @@ impl Depth {
             seen: fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max),
             at_most: fit.response.uncertainty,
             misfit: fit.misfit.as_ref().map(misfit),
+            boards: LeftOutShare {
+                read: fit.views.len() + fit.left_out.len(),
+                left_out: fit.left_out.len(),
+            },
+            change: fit.change.as_ref().map(ReadingChange::words),
         };
         let fitted = self.planes.iter();
         let fitted = fitted.map(|(id, fit)| (id, Ok(error(fit))));
@@ -144,7 +151,7 @@ impl Depth {
                 *own = own
                     .hypot(OF_POSE * along_axis(camera))
                     .min(MOST_UNCERTAINTY);
-                let left_out = found.left_out.iter();
+                let left_out = found.unread.iter().chain(&found.left_out);
                 let words = left_out.map(|(name, why)| {
                     format!("depth of {id}: placement {name} is left out: {why}")
                 });
@@ -261,7 +268,9 @@ mod tests {
             slope_deviation: None,
             bias: Vec::new(),
             views: Vec::new(),
+            unread: Vec::new(),
             left_out: Vec::new(),
+            change: None,
             correction: Correction {
                 coefficients: [0.0; 10],
                 held_out: 1e-3,

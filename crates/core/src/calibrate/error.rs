@@ -119,7 +119,7 @@ pub enum Error {
     #[error("depth table {}: {cause}", path.display())]
     Response { path: PathBuf, cause: ResponseError },
     /// Views that do not determine the rig.
-    #[error("{cause}{}", details(.causes, .missing, .reasons))]
+    #[error("{cause}{}", details(.causes, .missing, .reasons, .hint))]
     Unfitted {
         cause: fit::Error,
         /// What the views that contradict each other agree on.
@@ -128,18 +128,37 @@ pub enum Error {
         missing: Vec<String>,
         /// Why pictures show no board that can be used, and how many of each camera.
         reasons: Vec<String>,
+        /// What may be amiss, if most pictures show no whole board.
+        hint: Option<&'static str>,
     },
     /// A rig that cannot be checked.
     #[error(transparent)]
     Check(#[from] fit::CheckError),
 }
 
+/// What may be amiss where most pictures show no whole board.
+const NO_WHOLE_BOARD: &str = "in most pictures no board was found, or only some of its corners. If it is in them, it may be \
+                              another one than --board says, cut off, blurred or dark; or its rows look bent, as a fisheye \
+                              lens makes them, which is beyond the lens models: undistort such pictures first";
+
+/// Whether most of the pictures show no whole board; `views` of them show one.
+fn most_show_no_whole_board(rejected: &[Rejected], views: usize) -> bool {
+    let is_no_board = |rejected: &&Rejected| match rejected.cause {
+        fit::Rejection::Nothing | fit::Rejection::Few { .. } | fit::Rejection::Size { .. } => true,
+        fit::Rejection::Contrast { .. } => false,
+    };
+    let without = rejected.iter().filter(is_no_board).count();
+    2 * without > rejected.len() + views
+}
+
 impl Error {
+    /// An error of the fit with what explains it; `views` pictures show a board.
     pub(super) fn unfitted(
         cause: fit::Error,
         findings: Vec<fit::Finding>,
         missing: Vec<String>,
         rejected: &[Rejected],
+        views: usize,
     ) -> Self {
         let mut counts: BTreeMap<(&CameraId, &str), usize> = BTreeMap::new();
         for rejected in rejected {
@@ -155,14 +174,56 @@ impl Error {
             causes: findings.into_iter().map(|finding| finding.words).collect(),
             missing,
             reasons: counts.into_iter().take(MOST_REASONS).map(reason).collect(),
+            hint: most_show_no_whole_board(rejected, views).then_some(NO_WHOLE_BOARD),
         }
     }
 }
 
-/// Lines below the reason: what explains it, what the session lacks, and what was seen instead.
-fn details(causes: &[String], missing: &[String], reasons: &[String]) -> String {
+/// Lines below the reason: what explains it, what the session lacks, what was seen instead, and what may be amiss.
+fn details(
+    causes: &[String],
+    missing: &[String],
+    reasons: &[String],
+    hint: &Option<&str>,
+) -> String {
     let causes = causes.iter().map(|cause| format!("\n  {cause}"));
     let missing = missing.iter().map(|lack| format!("\n  missing: {lack}"));
     let reasons = reasons.iter().map(|reason| format!("\n  {reason}"));
-    causes.chain(missing).chain(reasons).collect()
+    let hint = hint.iter().map(|hint| format!("\n  {hint}"));
+    causes.chain(missing).chain(reasons).chain(hint).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_session_whose_pictures_mostly_show_no_board_is_told_what_may_be_amiss() {
+        let told = |nothing: usize, few: usize, contrast: usize, views: usize| {
+            let of = |count: usize, cause: fn() -> fit::Rejection| {
+                (0..count).map(move |k| Rejected {
+                    camera: CameraId::new("c00").unwrap(),
+                    placement: format!("p{k}"),
+                    reason: cause().to_string(),
+                    cause: cause(),
+                })
+            };
+            let nothing = of(nothing, || fit::Rejection::Nothing);
+            let few = of(few, || fit::Rejection::Few {
+                found: 9,
+                needed: 32,
+            });
+            let contrast = of(contrast, || fit::Rejection::Contrast {
+                contrast: 3.0,
+                needed: 10.0,
+            });
+            let rejected: Vec<Rejected> = nothing.chain(few).chain(contrast).collect();
+            let cause = fit::Error::Unsolvable("no lens explains it".into());
+            let error = Error::unfitted(cause, Vec::new(), Vec::new(), &rejected, views);
+            error.to_string().contains("as a fisheye lens makes them")
+        };
+        assert!(told(6, 4, 0, 3));
+        assert!(!told(6, 4, 0, 10));
+        assert!(!told(2, 0, 10, 3));
+    }
 }

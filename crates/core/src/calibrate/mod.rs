@@ -10,7 +10,7 @@ mod error;
 mod import;
 mod two_pass_fit;
 
-pub use check::{Check, check};
+pub use check::{Check, CheckOptions, check};
 pub use depth::{Depth, DepthMethod, Table};
 pub use detections::{Detections, board, detect_boards, open, open_pictures, shots};
 pub use error::{Error, Rejected};
@@ -106,8 +106,8 @@ pub fn run(
                 &options.fit,
                 options.limits.placements,
             );
-            let rejected = &detections.rejected;
-            return Err(Error::unfitted(cause, findings, missing, rejected));
+            let (rejected, views) = (&detections.rejected, detections.session.views.len());
+            return Err(Error::unfitted(cause, findings, missing, rejected, views));
         }
     };
     let depth = depth::fit_responses(options.depth, recordings, &fit, &detections.depth_cameras);

@@ -96,6 +96,9 @@ pub(super) fn read(path: &Path) -> Result<Picture, Error> {
     let format = match &data[..] {
         [0xff, 0xd8, ..] => "jpeg".to_owned(),
         [0x89, b'P', b'N', b'G', ..] => "png".to_owned(),
+        [b'B', b'M', ..] => "bmp".to_owned(),
+        [b'P', b'1'..=b'7', b' ' | b'\t' | b'\r' | b'\n' | b'#', ..] => "pnm".to_owned(),
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => "tiff".to_owned(),
         _ => path
             .extension()
             .unwrap_or_default()
@@ -204,11 +207,19 @@ mod tests {
     fn what_a_file_is_its_first_bytes_say() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.dat");
-        std::fs::write(&path, [0xff, 0xd8, 0xff]).unwrap();
-        let Picture::Compressed { format, .. } = read(&path).unwrap() else {
-            panic!("files are compressed pictures")
-        };
-        assert_eq!(format, "jpeg");
+        for (bytes, expected) in [
+            (&[0xff, 0xd8, 0xff][..], "jpeg"),
+            (b"BM\x00\x00", "bmp"),
+            (b"P5 2 1 255\n\x00\xff", "pnm"),
+            (b"II*\0", "tiff"),
+            (b"Paris", "dat"),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            let Picture::Compressed { format, .. } = read(&path).unwrap() else {
+                panic!("files are compressed pictures")
+            };
+            assert_eq!(format, expected);
+        }
         let message = read(&folder.path().join("none.png"))
             .unwrap_err()
             .to_string();

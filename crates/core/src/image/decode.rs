@@ -3,7 +3,9 @@
 
 use super::demosaic::{BayerOrder, demosaic};
 use super::{Grid, RgbImage};
+use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::png::PngDecoder;
+use ::image::codecs::pnm::PnmDecoder;
 use ::image::{DynamicImage, ImageDecoder};
 use rayon::prelude::*;
 use std::io::Cursor;
@@ -213,6 +215,11 @@ pub fn readings_from_raw(
     }
 }
 
+/// Formats of picture files, as errors name them.
+const FILE_FORMATS: &str = "jpeg, png, bmp or pnm (pbm, pgm, ppm)";
+/// Longest side in pixels of a picture file.
+const LONGEST_SIDE: usize = 1 << 14;
+
 /// Makes colours of a picture file; grey becomes three equal channels, more than 8 bits are rounded to 8,
 /// transparency is dropped, orientation is ignored.
 pub fn rgb_from_file(
@@ -227,7 +234,15 @@ pub fn rgb_from_file(
             let pixels = picture.as_chunks().0.to_vec();
             Ok(Grid::from_pixels(size.0, size.1, pixels))
         }),
-        other => Err(unknown(other, "jpeg or png")),
+        other => {
+            let format = uncompressed(other)?;
+            guarded(format, || {
+                let picture = decode_uncompressed(format, data, size)?;
+                let picture = picture.into_rgb8().into_raw();
+                let pixels = picture.as_chunks().0.to_vec();
+                Ok(Grid::from_pixels(size.0, size.1, pixels))
+            })
+        }
     }
 }
 
@@ -271,8 +286,8 @@ fn rgb_from_jpeg(data: &[u8], size: (usize, usize)) -> Result<RgbImage, DecodeEr
     // Strict, because data that end early would else be shown as grey.
     let options = DecoderOptions::default()
         .set_strict_mode(true)
-        .set_max_width(1 << 14)
-        .set_max_height(1 << 14)
+        .set_max_width(LONGEST_SIDE)
+        .set_max_height(LONGEST_SIDE)
         .jpeg_set_max_scans(32)
         .jpeg_set_out_colorspace(ColorSpace::RGB);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(data), options);
@@ -300,6 +315,43 @@ fn decode_png(data: &[u8], size: (usize, usize)) -> Result<DynamicImage, DecodeE
     let (width, height) = decoder.dimensions();
     check_size((width as usize, height as usize), size)?;
     DynamicImage::from_decoder(decoder).map_err(|e| broken("png", &e))
+}
+
+/// Formats that hold their pixels as they are, by their name or by the ending of their files.
+fn uncompressed(format: &str) -> Result<&'static str, DecodeError> {
+    match format {
+        "bmp" => Ok("bmp"),
+        "pnm" | "pbm" | "pgm" | "ppm" => Ok("pnm"),
+        other => Err(unknown(other, FILE_FORMATS)),
+    }
+}
+
+/// Reads the header of such a file.
+fn uncompressed_decoder<'a>(
+    format: &'static str,
+    data: &'a [u8],
+) -> Result<Box<dyn ImageDecoder + 'a>, DecodeError> {
+    let bytes = Cursor::new(data);
+    let decoder: Box<dyn ImageDecoder + 'a> = match format {
+        "bmp" => Box::new(BmpDecoder::new(bytes).map_err(|e| broken(format, &e))?),
+        _ => Box::new(PnmDecoder::new(bytes).map_err(|e| broken(format, &e))?),
+    };
+    let (width, height) = decoder.dimensions();
+    match width.max(height) as usize > LONGEST_SIDE {
+        true => Err(broken(format, &"it is larger than any picture")),
+        false => Ok(decoder),
+    }
+}
+
+fn decode_uncompressed(
+    format: &'static str,
+    data: &[u8],
+    size: (usize, usize),
+) -> Result<DynamicImage, DecodeError> {
+    let decoder = uncompressed_decoder(format, data)?;
+    let (width, height) = decoder.dimensions();
+    check_size((width as usize, height as usize), size)?;
+    DynamicImage::from_decoder(decoder).map_err(|e| broken(format, &e))
 }
 
 fn check_size(found: (usize, usize), expected: (usize, usize)) -> Result<(), DecodeError> {
@@ -335,7 +387,13 @@ pub fn size_of_file(format: &str, data: &[u8]) -> Result<(usize, usize), DecodeE
             let (width, height) = decoder.dimensions();
             Ok((width as usize, height as usize))
         }),
-        other => Err(unknown(other, "jpeg or png")),
+        other => {
+            let format = uncompressed(other)?;
+            guarded(format, || {
+                let (width, height) = uncompressed_decoder(format, data)?.dimensions();
+                Ok((width as usize, height as usize))
+            })
+        }
     }
 }
 

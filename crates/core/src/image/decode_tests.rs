@@ -139,8 +139,12 @@ fn jpeg(picture: &RgbImage) -> Vec<u8> {
 }
 
 fn png(picture: &DynamicImage) -> Vec<u8> {
+    file(picture, ImageFormat::Png)
+}
+
+fn file(picture: &DynamicImage, format: ImageFormat) -> Vec<u8> {
     let mut data = Cursor::new(Vec::new());
-    picture.write_to(&mut data, ImageFormat::Png).unwrap();
+    picture.write_to(&mut data, format).unwrap();
     data.into_inner()
 }
 
@@ -179,6 +183,15 @@ fn picture_files_are_read() {
         let read = rgb_from_file("png", &png(&same), size).unwrap();
         assert_eq!(read, picture, "{:?}", same.color());
     }
+    for (name, format) in [
+        ("bmp", ImageFormat::Bmp),
+        ("ppm", ImageFormat::Pnm),
+        ("pnm", ImageFormat::Pnm),
+    ] {
+        let file = file(&rgb, format);
+        assert_eq!(size_of_file(name, &file), Ok(size), "{name}");
+        assert_eq!(rgb_from_file(name, &file, size).unwrap(), picture, "{name}");
+    }
     let luma = ImageBuffer::<Luma<u8>, _>::from_fn(48, 40, |x, y| Luma([(x + y) as u8]));
     let luma = png(&DynamicImage::ImageLuma8(luma));
     let expected = Grid::from_fn(48, 40, |x, y| (x + y) as u8);
@@ -213,7 +226,12 @@ fn picture_files_that_are_broken_are_refused_or_read_as_they_are() {
     let rgb = ImageBuffer::<Rgb<u8>, _>::from_raw(48, 40, bytes).unwrap();
     let files = [
         ("jpeg", jpeg(&picture)),
-        ("png", png(&DynamicImage::ImageRgb8(rgb))),
+        ("png", png(&DynamicImage::ImageRgb8(rgb.clone()))),
+        (
+            "bmp",
+            file(&DynamicImage::ImageRgb8(rgb.clone()), ImageFormat::Bmp),
+        ),
+        ("pnm", file(&DynamicImage::ImageRgb8(rgb), ImageFormat::Pnm)),
     ];
     for (format, file) in &files {
         assert!(rgb_from_file(format, file, (48, 41)).is_err());
@@ -237,7 +255,10 @@ fn picture_files_that_are_broken_are_refused_or_read_as_they_are() {
             }
         }
     }
-    assert!(rgb_from_file("webp", &files[0].1, size).is_err());
+    let unread = rgb_from_file("tiff", &files[0].1, size).unwrap_err();
+    let words =
+        "the picture's encoding is \"tiff\", expected jpeg, png, bmp or pnm (pbm, pgm, ppm)";
+    assert_eq!(unread.to_string(), words);
     assert!(rgb_from_file("png", &files[0].1, size).is_err());
 }
 
@@ -250,6 +271,11 @@ fn a_picture_file_that_claims_to_be_huge_takes_no_memory() {
     let mut file = png(&DynamicImage::new_rgb8(48, 40));
     file[16..24].fill(0x7f);
     assert!(rgb_from_file("png", &file, (48, 40)).is_err());
+    let huge = b"P6 1000000 1000000 255\n";
+    assert!(size_of_file("ppm", huge).is_err());
+    let mut file = self::file(&DynamicImage::new_rgb8(48, 40), ImageFormat::Bmp);
+    file[18..26].fill(0x7f);
+    assert!(size_of_file("bmp", &file).is_err());
 }
 
 #[test]

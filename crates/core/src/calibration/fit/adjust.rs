@@ -4,7 +4,6 @@
 
 use super::lens::{Lens, PARAMETERS};
 use super::sheet::{PRIOR_VARIANCE, Sheet, TERMS};
-use crate::calibration::BoardShape;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix2x3, Matrix3, Matrix6, Point2, Point3, SMatrix, SVector,
     Translation3, UnitQuaternion, Vector2, Vector3, Vector6,
@@ -425,13 +424,13 @@ impl Bundle {
                 .into_owned();
             next.board_from_back = moved(&self.board_from_back, &pose);
         }
-        let mut terms = self.sheet.shape().terms();
+        let mut terms = self.sheet.terms();
         for (i, term) in terms.iter_mut().enumerate() {
             if self.sheet.free[i] {
                 *term += step[self.shape_column() + i];
             }
         }
-        next.sheet.set(BoardShape::of_terms(terms));
+        next.sheet.set_terms(terms);
         let sound = step.iter().all(|v| v.is_finite()) && next.is_sane();
         sound.then_some(next)
     }
@@ -618,7 +617,7 @@ pub(super) fn moved(pose: &Isometry3<f64>, step: &Vector6<f64>) -> Isometry3<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::Board;
+    use crate::calibration::{Board, BoardShape};
     use proptest::prelude::*;
 
     fn pose(v: [f64; 6]) -> Isometry3<f64> {
@@ -626,8 +625,8 @@ mod tests {
         moved(&Isometry3::translation(0.0, 0.0, 1.0), &(step * 0.2))
     }
 
-    /// Two cameras and a placement; one sees its front, the other its back.
-    fn bundle(poses: [[f64; 6]; 4], noise: f64) -> Bundle {
+    /// Two cameras and a placement of a board of so many columns; one sees its front, the other its back.
+    fn bundle(poses: [[f64; 6]; 4], noise: f64, columns: usize) -> Bundle {
         let lens = Lens {
             values: [
                 700.0, 705.0, 320.0, 240.0, -0.1, 0.05, 1e-3, -1e-3, 0.01, 0.0, 0.0, 0.0,
@@ -659,7 +658,7 @@ mod tests {
             weight: 0.5 + 1.5 * f64::from(u8::from(back)),
             points: (0..6).map(point).collect(),
         };
-        let board = Board::checkerboard(4, 3, 0.05).unwrap();
+        let board = Board::checkerboard(columns, 4, 0.05).unwrap();
         let shape = BoardShape::of_terms([poses[3][0], poses[3][1], poses[3][2]].map(|v| v * 0.01));
         let mut sheet = Sheet::of(&board, shape);
         sheet.free = [true; TERMS];
@@ -691,9 +690,9 @@ mod tests {
             }
             (_, l) if l < 6 => bundle.board_from_back = moved(&bundle.board_from_back, &step(l)),
             (_, l) if l < 6 + TERMS => {
-                let mut terms = bundle.sheet.shape().terms();
+                let mut terms = bundle.sheet.terms();
                 terms[l - 6] += by;
-                bundle.sheet.set(BoardShape::of_terms(terms));
+                bundle.sheet.set_terms(terms);
             }
             (_, l) => {
                 let pose = &mut bundle.placements[0].rig_from_board;
@@ -707,8 +706,9 @@ mod tests {
         #[test]
         fn gradients_are_those_of_finite_differences(
             poses in proptest::array::uniform4(proptest::array::uniform6(-0.5..0.5f64)), noise in 0.0..10.0f64,
+            columns in 4..6_usize,
         ) {
-            let bundle = bundle(poses, noise);
+            let bundle = bundle(poses, noise, columns);
             let normal = bundle.normal(Loss::SQUARED);
             prop_assert!((normal.cost - bundle.cost(Loss::SQUARED)).abs() < 1e-6 * normal.cost);
             for column in 0..2 * CAMERA + 12 + TERMS {

@@ -1,5 +1,6 @@
 //! Holds a rig's cameras at their calibrated poses, and places the board where most of them see it.
 
+use super::Parameters;
 use super::adjust::{Bundle, CameraState, Observation, PlacementState};
 use super::lens::{Lens, PARAMETERS};
 use super::planar;
@@ -38,8 +39,9 @@ pub(super) fn known_part(session: &Session, known: &RigCalibration) -> (Session,
     (part, kept.into_iter().map(|(_, camera)| camera).collect())
 }
 
-/// All cameras where they were, the board where most of them see it.
-pub(super) fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
+/// All cameras where they were, the board where most of them see it. The board may be bent as far as the parameters
+/// expect of any board.
+pub(super) fn start(mut session: Session, cameras: &[Camera], parameters: &Parameters) -> Bundle {
     let lenses: Vec<Lens> = cameras
         .iter()
         .map(|c| Lens::from_intrinsics(&c.intrinsics))
@@ -87,12 +89,14 @@ pub(super) fn start(mut session: Session, cameras: &[Camera]) -> Bundle {
         weight: 1.0,
         points: v.pairs(&session.board),
     };
+    let mut sheet = Sheet::expected(&board, parameters);
+    sheet.free.fill(true);
     Bundle {
         cameras: cameras.iter().zip(&lenses).map(state).collect(),
         placements: agreed.iter().map(placement).collect(),
         board_from_back: session.board.front_from_back(),
         back_free: false,
-        sheet: Sheet::flat(&board),
+        sheet,
         views: session.views.iter().map(seen).collect(),
     }
 }

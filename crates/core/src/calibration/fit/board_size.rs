@@ -1,5 +1,6 @@
 //! Tests whether a board of another size than the stated one explains what the cameras of a calibrated rig see.
 
+use super::Parameters;
 use super::as_calibrated::{off_px, start};
 use super::lens::Lens;
 use super::planar;
@@ -14,12 +15,18 @@ const STEP: f64 = 0.002;
 
 /// By what share the board would have to be larger than stated so that no camera is off by more than `most_px`; `None`
 /// if no size does that.
-pub(super) fn explaining(session: &Session, cameras: &[Camera], most_px: f64) -> Option<f64> {
+pub(super) fn explaining(
+    session: &Session,
+    cameras: &[Camera],
+    parameters: &Parameters,
+    most_px: f64,
+) -> Option<f64> {
     let rough = by_rays(session, cameras)?;
     if !(0.2..=5.0).contains(&rough) {
         return None;
     }
-    let costs = [rough - STEP, rough, rough + STEP].map(|times| off(session, cameras, times));
+    let off = |times: f64| off(session, cameras, parameters, times);
+    let costs = [rough - STEP, rough, rough + STEP].map(off);
     let squares = costs.map(|c| c * c);
     let curve = squares[0] - 2.0 * squares[1] + squares[2];
     let step = match curve > 0.0 {
@@ -27,7 +34,7 @@ pub(super) fn explaining(session: &Session, cameras: &[Camera], most_px: f64) ->
         false => 0.0,
     };
     let times = rough + STEP * step;
-    let explains = (times - 1.0).abs() > LEAST && off(session, cameras, times) <= most_px;
+    let explains = (times - 1.0).abs() > LEAST && off(times) <= most_px;
     explains.then_some(times - 1.0)
 }
 
@@ -61,10 +68,10 @@ fn by_rays(session: &Session, cameras: &[Camera]) -> Option<f64> {
 }
 
 /// The largest root mean square of a camera's residuals with a board that is `times` as large.
-fn off(session: &Session, cameras: &[Camera], times: f64) -> f64 {
+fn off(session: &Session, cameras: &[Camera], parameters: &Parameters, times: f64) -> f64 {
     let mut scaled = session.clone();
     scaled.board.square *= times;
-    let mut bundle = start(scaled, cameras);
+    let mut bundle = start(scaled, cameras, parameters);
     bundle.adjust_robustly(4);
     let seen = (0..cameras.len()).filter(|&c| bundle.views.iter().any(|v| v.camera == c));
     seen.map(|c| off_px(&bundle, c)).fold(0.0, f64::max)

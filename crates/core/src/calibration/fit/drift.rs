@@ -1,5 +1,6 @@
 //! Finds which cameras of a rig have moved since its calibration, and by how much, from as little as one placement.
 
+use super::Parameters;
 use super::adjust::{Bundle, CameraState, Observation, moved};
 use super::as_calibrated::{known_part, off_px, start};
 use super::board_size;
@@ -12,6 +13,7 @@ use crate::frame::CameraId;
 use crate::range;
 use crate::words::count;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
+use std::collections::BTreeSet;
 
 /// When a camera counts as moved.
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
@@ -31,6 +33,9 @@ pub struct DriftLimits {
     /// Default 5, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_mm: f64,
+    /// Whether a check counts as incomplete if a depth camera read too few boards to show whether its depth lies on its
+    /// colour picture. Default yes.
+    pub registration: bool,
 }
 
 impl Default for DriftLimits {
@@ -39,6 +44,7 @@ impl Default for DriftLimits {
             moved_px: 0.4,
             ratio: 3.0,
             depth_mm: 5.0,
+            registration: true,
         }
     }
 }
@@ -71,13 +77,6 @@ pub struct Motion {
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CheckError {
-    /// Too few cameras saw the board.
-    #[error("{found} calibrated cameras saw the board, expected at least {needed}")]
-    TooFew {
-        found: usize,
-        /// How many are needed.
-        needed: usize,
-    },
     /// The board is of another size.
     #[error("{}", other_board(*larger, board))]
     OtherBoard {
@@ -114,6 +113,8 @@ fn other_board(larger: f64, board: &str) -> String {
 pub struct DriftResult {
     /// Each camera that is in both.
     pub cameras: Vec<CheckedCamera>,
+    /// Those of them that saw the board only where no other camera saw it, so that nothing shows whether they moved.
+    pub alone: BTreeSet<CameraId>,
     /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
     /// From the board's front to the rig, for each of the session's placements that was seen.
@@ -135,34 +136,29 @@ pub struct PairMotion {
     pub board_larger: Option<f64>,
 }
 
-/// Checks the cameras of a session against their calibration. Cameras that are not in it are left out.
+/// Checks the cameras of a session against their calibration. Cameras that are not in it are left out. `parameters` say
+/// how far a board may be bent.
 ///
 /// # Errors
-/// If fewer than two cameras saw the board, the board has another size than stated, or half of three or more cameras
-/// disagree.
+/// If the board has another size than stated, or half of three or more cameras disagree.
 pub fn check(
     session: &Session,
     known: &RigCalibration,
     watch: &DriftLimits,
+    parameters: &Parameters,
 ) -> Result<DriftResult, CheckError> {
     let (session, cameras) = known_part(session, known);
-    let mut bundle = start(session.clone(), &cameras);
-    let seen: Vec<usize> = (0..cameras.len())
-        .filter(|&c| bundle.views.iter().any(|v| v.camera == c))
-        .collect();
-    if seen.len() < 2 {
-        return Err(CheckError::TooFew {
-            found: seen.len(),
-            needed: 2,
-        });
-    }
+    let mut bundle = start(session.clone(), &cameras, parameters);
+    let (seen, alone) = compared(&bundle);
     bundle.adjust_robustly(4);
     let watched = Watched {
         session: &session,
         cameras: &cameras,
+        parameters,
         seen,
     };
     let (movers, against_each_other) = match watched.seen.as_slice() {
+        [] => (Vec::new(), None),
         [first, second] => (
             Vec::new(),
             watched.moved_pair(&mut bundle, [*first, *second], watch),
@@ -187,6 +183,7 @@ pub fn check(
     let states = bundle.cameras.iter();
     Ok(DriftResult {
         cameras: cameras.iter().enumerate().map(checked).collect(),
+        alone: alone.iter().map(|&c| cameras[c].id.clone()).collect(),
         against_each_other,
         rig_from_board: placements
             .map(|p| p.free.then_some(p.rig_from_board))
@@ -199,11 +196,28 @@ pub fn check(
 /// Least root mean square in pixels by which two cameras must contradict each other to count as moved.
 const LEAST_OFF: f64 = 0.2;
 
+/// The cameras that saw the board at a place where another one saw it, and those that saw it only where no other did.
+fn compared(bundle: &Bundle) -> (Vec<usize>, Vec<usize>) {
+    let sees = |c: usize| bundle.views.iter().any(|v| v.camera == c);
+    let shares = |c: &usize| {
+        let mut own = bundle.views.iter().filter(|v| v.camera == *c);
+        own.any(|v| {
+            let mut others = bundle.views.iter().filter(|o| o.camera != *c);
+            others.any(|o| o.placement == v.placement)
+        })
+    };
+    (0..bundle.cameras.len())
+        .filter(|&c| sees(c))
+        .partition(shares)
+}
+
 /// The cameras that are checked.
 struct Watched<'a> {
     session: &'a Session,
     cameras: &'a [Camera],
-    /// Those that saw the board.
+    /// How far a board may be bent.
+    parameters: &'a Parameters,
+    /// Those that saw the board together with others.
     seen: Vec<usize>,
 }
 
@@ -225,7 +239,7 @@ impl Watched<'_> {
                 return Ok(movers);
             };
             if movers.is_empty()
-                && let Some(larger) = board_size::explaining(self.session, self.cameras, most)
+                && let Some(larger) = self.other_size(most)
             {
                 return Err(CheckError::OtherBoard {
                     larger,
@@ -248,6 +262,11 @@ impl Watched<'_> {
             }
             bundle.adjust(mild_loss(bundle), 50);
         }
+    }
+
+    /// By what share the board would have to be larger than stated so that no camera is off by more than `most` pixels.
+    fn other_size(&self, most: f64) -> Option<f64> {
+        board_size::explaining(self.session, self.cameras, self.parameters, most)
     }
 
     /// How two cameras moved against each other, the second one freed in `bundle`; `None` where they did not.
@@ -280,7 +299,7 @@ impl Watched<'_> {
         Some(PairMotion {
             cameras: pair.map(|c| self.cameras[c].id.clone()),
             motion: motion(&lens, &pairs, second, &bundle.cameras[pair[1]]),
-            board_larger: board_size::explaining(self.session, self.cameras, most),
+            board_larger: self.other_size(most),
         })
     }
 }
@@ -290,14 +309,9 @@ fn in_rig(bundle: &Bundle, camera: usize) -> Vec<(Point3<f64>, Point2<f64>)> {
     let views = bundle.views.iter().filter(|v| v.camera == camera);
     let of_view = |view: &Observation| {
         let rig_from_board = bundle.placements[view.placement].rig_from_board;
-        let pose = if view.back {
-            rig_from_board * bundle.board_from_back
-        } else {
-            rig_from_board
-        };
-        view.points
-            .iter()
-            .map(|(p, pixel)| (pose * p, *pixel))
+        let points = view.points.iter();
+        points
+            .map(|(p, pixel)| (rig_from_board * bundle.on_board(view, p), *pixel))
             .collect::<Vec<_>>()
     };
     views.flat_map(of_view).collect()

@@ -10,8 +10,6 @@ use nalgebra::{
 
 /// Points along each side of the box for which it is computed.
 const ALONG: usize = 5;
-/// Columns and rows of a picture's map.
-pub(super) const MAP: [usize; 2] = [8, 6];
 
 /// Standard deviations with which a camera sees points of the volume, both coordinates together.
 #[derive(serde::Serialize, Clone, Debug, Default, PartialEq)]
@@ -24,6 +22,11 @@ pub struct Projection {
     pub largest_at_object: f64,
     /// Over its picture, in pixels, at the distance of the volume's middle: 8 columns, 6 rows, one after the other.
     pub map_px: Vec<Option<f64>>,
+}
+
+impl Projection {
+    /// Columns and rows of its map.
+    pub const MAP: [usize; 2] = [8, 6];
 }
 
 /// Derivatives of where a camera sees a point, in metres at the point across the line of sight.
@@ -178,7 +181,7 @@ fn map(
     variance: impl Fn(&ProjectionDerivatives) -> f64,
 ) -> Vec<Option<f64>> {
     let away = (state.camera_from_rig * middle).z.max(1e-3);
-    let [columns, rows] = MAP;
+    let [columns, rows] = Projection::MAP;
     let pixels = (0..columns * rows).map(|k| {
         let part = [
             (k % columns) as f64 / columns as f64,

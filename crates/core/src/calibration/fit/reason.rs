@@ -80,6 +80,10 @@ pub enum ReasonKind {
     DepthBias,
     /// A depth camera's distances are known poorly, because boards show too little of them.
     DepthUnknown,
+    /// Too many boards that a depth camera read were left out.
+    DepthLeftOut,
+    /// A depth camera's readings changed during the session.
+    DepthChanged,
     /// Depth is displaced against its colour picture.
     DepthMisregistered,
     /// Readings differ from the middle of the picture to its corners.

@@ -71,6 +71,9 @@ pub struct FittedShape {
     pub bend: [ShapeTerm; 2],
     /// The part by which squares are longer along the rows, and shorter down the columns.
     pub stretch: ShapeTerm,
+    /// Of a board that looks the same after a quarter turn: both bends are their mean, and this is whether the views
+    /// show that they differ. As it is not known which one is which, they are not fitted.
+    pub bends_differ: Option<TermStatus>,
 }
 
 /// A term of the board's shape.
@@ -247,7 +250,12 @@ impl FittedShape {
 
     /// Standard deviation of [`BoardShape::depth`], in metres.
     pub fn depth_deviation(&self) -> f64 {
-        self.bend[0].deviation.hypot(self.bend[1].deviation)
+        let [along_rows, down_columns] = self.bend.map(|term| term.deviation);
+        match self.bends_differ {
+            // They have their errors in common.
+            Some(_) => along_rows + down_columns,
+            None => along_rows.hypot(down_columns),
+        }
     }
 }
 

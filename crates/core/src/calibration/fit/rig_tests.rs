@@ -2,7 +2,7 @@
 
 use super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::*;
-use crate::calibration::{Board, CalibrationLevel, Camera, RigCalibration};
+use crate::calibration::{Board, BoardShape, CalibrationLevel, Camera, RigCalibration};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
@@ -40,11 +40,23 @@ fn two_cameras_that_moved_against_each_other_are_told_so() {
     for shown in [1, 4] {
         let known = calibration(&rig(2, shown));
         let still = rig(2, shown).session(0.1, &mut Random(3));
-        let checks = check(&still, &known, &DriftLimits::default()).unwrap();
+        let checks = check(
+            &still,
+            &known,
+            &DriftLimits::default(),
+            &Parameters::default(),
+        )
+        .unwrap();
         assert_eq!(checks.against_each_other, None);
         let moved = turned(rig(2, shown), 1, Vector3::new(1.0, 0.2, 0.4), 0.3);
         let session = moved.session(0.1, &mut Random(3));
-        let checks = check(&session, &known, &DriftLimits::default()).unwrap();
+        let checks = check(
+            &session,
+            &known,
+            &DriftLimits::default(),
+            &Parameters::default(),
+        )
+        .unwrap();
         let pair = checks.against_each_other.unwrap();
         assert_eq!(
             pair.cameras.each_ref().map(CameraId::as_str),
@@ -64,16 +76,27 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let known = calibration(&truth);
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
-    let error = check(&session, &known, &DriftLimits::default()).unwrap_err();
+    let error = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap_err();
     let words = error.to_string();
     assert!(
         words.contains("the board looks 4.2 % larger than checkerboard:9x6:24mm"),
         "{words}"
     );
     session.board.square = 0.026;
-    let words = check(&session, &known, &DriftLimits::default())
-        .unwrap_err()
-        .to_string();
+    let words = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap_err()
+    .to_string();
     assert!(
         words.contains("the board looks 3.8 % smaller than"),
         "{words}"
@@ -82,9 +105,65 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let truth = rig(2, 1);
     let mut session = truth.session(0.1, &mut Random(3));
     session.board.square = 0.024;
-    let checks = check(&session, &calibration(&truth), &DriftLimits::default()).unwrap();
+    let known = calibration(&truth);
+    let checks = check(
+        &session,
+        &known,
+        &DriftLimits::default(),
+        &Parameters::default(),
+    )
+    .unwrap();
     let larger = checks.against_each_other.unwrap().board_larger.unwrap();
     assert!((larger - 1.0 / 24.0).abs() < 0.002, "{larger}");
+}
+
+#[test]
+fn a_camera_that_nobody_shared_a_placement_with_is_not_said_to_have_stayed() {
+    let truth = rig(3, 2);
+    let known = calibration(&truth);
+    let mut session = truth.session(0.1, &mut Random(3));
+    // The first two cameras share a placement, and the third one sees another.
+    session
+        .views
+        .retain(|v| (v.camera == 2) == (v.placement == 1));
+    let limits = DriftLimits::default();
+    let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
+    let alone: Vec<&str> = checks.alone.iter().map(CameraId::as_str).collect();
+    assert_eq!(alone, ["c02"]);
+    assert!(checks.rig_from_board.iter().all(Option::is_some));
+    // Also where it is the only one: its own picture says where the board is.
+    session.views.retain(|v| v.camera == 2);
+    let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
+    assert_eq!(checks.alone.len(), 1, "{checks:?}");
+    assert!(checks.cameras.iter().all(|c| c.motion.is_none()));
+    assert_eq!(checks.rig_from_board[0], None);
+    let seen = checks.rig_from_board[1].unwrap();
+    let off = seen.translation.vector - truth.placements[1].translation.vector;
+    assert!(off.norm() < 2e-3, "{off}");
+    // And where nobody saw it.
+    session.views.clear();
+    let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
+    assert!(checks.alone.is_empty() && checks.against_each_other.is_none());
+}
+
+#[test]
+fn a_bent_board_does_not_hide_a_camera_that_moved() {
+    let mut truth = rig(4, 1);
+    let known = calibration(&truth);
+    truth.shape = BoardShape::of_terms([1.5e-3, 0.0, 0.0]);
+    let limits = DriftLimits::default();
+    let off = |truth: &Truth| {
+        let session = truth.session(0.1, &mut Random(3));
+        let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
+        let moved = checks.cameras.iter().filter(|c| c.motion.is_some());
+        let moved: Vec<String> = moved.map(|c| c.camera.to_string()).collect();
+        let most = checks.cameras.iter().map(|c| c.off_px).fold(0.0, f64::max);
+        (moved, most)
+    };
+    let (moved, most) = off(&truth);
+    assert!(moved.is_empty() && most < 0.3, "{moved:?} {most}");
+    let (moved, _) = off(&turned(truth, 2, Vector3::new(1.0, 0.2, 0.4), 0.025));
+    assert_eq!(moved, ["c02"]);
 }
 
 /// The witnesses' readings of a rig whose board is described with squares of this size, and the verdict.

@@ -1,10 +1,15 @@
 //! The shape of the board's sheet as parameters of the fit: which of its terms are fitted, and their prior.
 
+use super::Parameters;
+use super::session::turns;
 use crate::calibration::{Board, BoardShape, Face, Surface};
 use nalgebra::{Matrix3, Point2, Point3};
 
 /// Number of the shape's terms.
 pub(super) const TERMS: usize = BoardShape::TERMS;
+
+/// Which terms there are.
+pub(super) type Mask = [bool; TERMS];
 
 /// Assumed variance of a measured coordinate, in px². It scales the priors on lenses and sheet; for the sheet, the
 /// variance of the residuals replaces it.
@@ -14,8 +19,12 @@ pub(super) const PRIOR_VARIANCE: f64 = 0.04;
 #[derive(Clone, Debug)]
 pub(super) struct Sheet {
     front: Surface,
-    /// Which of the shape's terms are fitted.
-    pub free: [bool; TERMS],
+    /// Whether the pattern maps onto itself by a quarter turn, so that nobody knows which direction is that of its
+    /// rows. The terms of such a sheet are the mean of its bends, half their difference, and the stretch: the first
+    /// alone is the same whichever way the board is read.
+    looks_turned: bool,
+    /// Which of the terms are fitted.
+    pub free: Mask,
     /// Standard deviation of each term before anything is seen; each is believed to be 0.
     pub deviation: [f64; TERMS],
     /// Variance in px² of a coordinate that this prior is weighed against.
@@ -27,6 +36,7 @@ impl Sheet {
     pub(super) fn of(board: &Board, shape: BoardShape) -> Self {
         Self {
             front: Surface::new(board, Face::Front, shape),
+            looks_turned: turns(board).len() > 2,
             free: [false; TERMS],
             deviation: [1.0; TERMS],
             variance: PRIOR_VARIANCE,
@@ -38,12 +48,52 @@ impl Sheet {
         Self::of(board, BoardShape::default())
     }
 
+    /// A flat sheet with what is expected of its terms before anything is seen.
+    pub(super) fn expected(board: &Board, parameters: &Parameters) -> Self {
+        let mut sheet = Self::flat(board);
+        let bend = 1e-3 * parameters.bend_expected_mm;
+        // The mean of two independent bends, and half their difference, vary less than either.
+        let bend = match sheet.looks_turned {
+            true => bend * std::f64::consts::FRAC_1_SQRT_2,
+            false => bend,
+        };
+        sheet.deviation = [bend, bend, 1e-2 * parameters.stretch_expected_percent];
+        sheet
+    }
+
     pub(super) fn shape(&self) -> BoardShape {
         self.front.shape()
     }
 
-    pub(super) fn set(&mut self, shape: BoardShape) {
+    /// The terms that are fitted.
+    pub(super) fn terms(&self) -> [f64; TERMS] {
+        let [along_rows, down_columns, stretch] = self.shape().terms();
+        match self.looks_turned {
+            true => [
+                0.5 * (along_rows + down_columns),
+                0.5 * (along_rows - down_columns),
+                stretch,
+            ],
+            false => [along_rows, down_columns, stretch],
+        }
+    }
+
+    /// Gives the sheet the shape of these terms.
+    pub(super) fn set_terms(&mut self, [first, second, stretch]: [f64; TERMS]) {
+        let [along_rows, down_columns] = match self.looks_turned {
+            true => [first + second, first - second],
+            false => [first, second],
+        };
+        let shape = BoardShape::of_terms([along_rows, down_columns, stretch]);
         self.front = self.front.with(shape);
+    }
+
+    /// Terms that do not depend on which direction is that of the rows, where nobody knows that.
+    pub(super) fn knowable(&self) -> Mask {
+        match self.looks_turned {
+            true => [true, false, false],
+            false => [true; TERMS],
+        }
     }
 
     /// One of its faces.
@@ -64,7 +114,15 @@ impl Sheet {
     /// Derivatives of [`Self::point`] by the terms.
     #[inline]
     pub(super) fn by_terms(&self, back: bool, p: &Point3<f64>) -> Matrix3<f64> {
-        self.face(back).by_terms([p.x, p.y])
+        let by = self.face(back).by_terms([p.x, p.y]);
+        match self.looks_turned {
+            true => Matrix3::from_columns(&[
+                by.column(0) + by.column(1),
+                by.column(0) - by.column(1),
+                by.column(2).into_owned(),
+            ]),
+            false => by,
+        }
     }
 
     /// Pairs of points and pixels with the points where they really lie.
@@ -80,7 +138,7 @@ impl Sheet {
 
     /// What the terms that are fitted are believed to be: index, weight, and how far they are from it.
     pub(super) fn priors(&self) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let terms = self.shape().terms();
+        let terms = self.terms();
         let free = (0..TERMS).filter(|&i| self.free[i]);
         free.map(move |i| (i, self.variance / self.deviation[i].powi(2), terms[i]))
     }

@@ -5,8 +5,7 @@ use super::adjust::{Bundle, Loss};
 use super::holdout::{Prediction, held_out};
 use super::outliers::mild_loss;
 use super::result::{FittedShape, HeldOut, ShapeTerm, TermStatus};
-use super::sheet::TERMS;
-use crate::calibration::BoardShape;
+use super::sheet::{Mask, TERMS};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Part by which a term has to predict placements better.
@@ -36,16 +35,10 @@ pub(super) struct TermSelection {
     pub covariance: DMatrix<f64>,
 }
 
-/// Which terms there are.
-type Mask = [bool; TERMS];
-
 /// Settles the shape of a bundle that is adjusted with all terms free. If the pattern maps onto itself by a quarter
-/// turn, the direction of its rows is unknown, and `is_square` keeps no term. `None` if the equations cannot be solved.
-pub(super) fn settled(
-    mut bundle: Bundle,
-    folds: CrossValidation,
-    is_square: bool,
-) -> Option<TermSelection> {
+/// turn, the direction of its rows is unknown, and no term is kept that depends on it. `None` if the equations cannot
+/// be solved.
+pub(super) fn settled(mut bundle: Bundle, folds: CrossValidation) -> Option<TermSelection> {
     bundle.sheet.variance = bundle.variance();
     let whole = bundle.covariance(Loss::SQUARED)? * bundle.variance();
     let joint = Estimate::of(&bundle, &whole);
@@ -54,10 +47,11 @@ pub(super) fn settled(
         folds,
         done: Vec::new(),
     };
-    let (wanted, untested) = match is_square {
-        true => ([false; TERMS], [false; TERMS]),
-        false => tried.wanted(&joint),
-    };
+    let (wanted, mut untested) = tried.wanted(&joint);
+    let (knowable, shown) = (bundle.sheet.knowable(), joint.gaining(PAYS, [true; TERMS]));
+    for i in (0..TERMS).filter(|&i| !knowable[i]) {
+        untested[i] = shown[i];
+    }
     let halves = Halves::of(&bundle);
     let terms: [ShapeTerm; TERMS] = std::array::from_fn(|i| {
         let halves = halves.as_ref().filter(|_| wanted[i]).map(|h| h.of_term(i));
@@ -76,7 +70,7 @@ pub(super) fn settled(
     let (mut settled, prediction) = tried.take(kept);
     settled.sheet.free = kept;
     let covariance = told(&whole, &joint, kept, bundle.shape_column());
-    let values = settled.sheet.shape().terms();
+    let values = settled.sheet.terms();
     let fitted: [ShapeTerm; TERMS] = std::array::from_fn(|i| ShapeTerm {
         value: if kept[i] { values[i] } else { 0.0 },
         deviation: match kept[i] {
@@ -87,13 +81,30 @@ pub(super) fn settled(
     });
     Some(TermSelection {
         bundle: settled,
-        shape: FittedShape {
-            bend: [fitted[0], fitted[1]],
-            stretch: fitted[2],
-        },
+        shape: told_shape(fitted, knowable),
         held_out: prediction.map(|p| p.held_out),
         covariance,
     })
+}
+
+/// The terms as a report has them: of a board whose directions are unknown, both bends are their mean.
+fn told_shape([first, second, stretch]: [ShapeTerm; TERMS], knowable: Mask) -> FittedShape {
+    if knowable[1] {
+        return FittedShape {
+            bend: [first, second],
+            stretch,
+            bends_differ: None,
+        };
+    }
+    let either = ShapeTerm {
+        deviation: first.deviation.hypot(second.deviation),
+        ..first
+    };
+    FittedShape {
+        bend: [either; 2],
+        stretch,
+        bends_differ: Some(second.fate),
+    }
 }
 
 /// What all placements say of the shape.
@@ -110,7 +121,7 @@ impl Estimate {
         let first = bundle.shape_column();
         let corners: usize = bundle.views.iter().map(|v| v.points.len()).sum();
         Self {
-            terms: bundle.sheet.shape().terms().into(),
+            terms: bundle.sheet.terms().into(),
             covariance: covariance.fixed_view::<3, 3>(first, first).into_owned(),
             coordinates: 2.0 * corners as f64,
         }
@@ -139,10 +150,13 @@ impl Estimate {
         (variance + self.terms[term].powi(2)).sqrt()
     }
 
-    /// The terms without which residuals grow by `least` or more. The smallest of the others is dropped first, because
-    /// it may express the same shape as a term that is kept.
-    fn gaining(&self, least: f64) -> Mask {
-        let (mut rest, mut mask) = (*self, [true; TERMS]);
+    /// The terms, of those that may be kept, without which residuals grow by `least` or more. The smallest of the
+    /// others is dropped first, because it may express the same shape as a term that is kept.
+    fn gaining(&self, least: f64, may_be_kept: Mask) -> Mask {
+        let (mut rest, mut mask) = (*self, may_be_kept);
+        for term in (0..TERMS).filter(|&i| !may_be_kept[i]) {
+            rest = rest.without(term);
+        }
         loop {
             let left = (0..TERMS).filter(|&i| mask[i]);
             let weakest = left.min_by(|&a, &b| rest.gain(a).total_cmp(&rest.gain(b)));
@@ -168,13 +182,14 @@ impl TermCandidate<'_> {
     /// The terms that predict placements better, and those for which this cannot be tested although the residuals
     /// shrink.
     fn wanted(&mut self, joint: &Estimate) -> (Mask, Mask) {
+        let knowable = self.bundle.sheet.knowable();
         if self.folds.count < 2 {
-            return (joint.gaining(PAYS), [false; TERMS]);
+            return (joint.gaining(PAYS, knowable), [false; TERMS]);
         }
-        let mut mask = joint.gaining(MAY_PAY);
+        let mut mask = joint.gaining(MAY_PAY, knowable);
         while mask.contains(&true) {
             let Some(with) = self.predicted(mask) else {
-                return ([false; TERMS], joint.gaining(PAYS));
+                return ([false; TERMS], joint.gaining(PAYS, knowable));
             };
             let without = |term: usize| {
                 let mut less = mask;
@@ -224,9 +239,9 @@ fn with_terms(bundle: &Bundle, mask: Mask) -> Bundle {
     if mask == [true; TERMS] {
         return bundle;
     }
-    let terms = bundle.sheet.shape().terms();
+    let terms = bundle.sheet.terms();
     let left = std::array::from_fn(|i| if mask[i] { terms[i] } else { 0.0 });
-    bundle.sheet.set(BoardShape::of_terms(left));
+    bundle.sheet.set_terms(left);
     bundle.sheet.free = mask;
     bundle.adjust(mild_loss(&bundle), 30);
     bundle
@@ -247,7 +262,7 @@ impl Halves {
         if half < FEWEST_IN_HALF {
             return None;
         }
-        let terms = Vector3::from(bundle.sheet.shape().terms());
+        let terms = Vector3::from(bundle.sheet.terms());
         let estimate = |part: &[(Matrix3<f64>, Vector3<f64>)]| {
             half_estimate(part, bundle.variance())
                 .map(|(step, deviation)| (terms + step, deviation))

@@ -14,7 +14,7 @@ use super::readings::Readings;
 use super::result::{
     Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
 };
-use super::session::{Corner, Session, View, turns};
+use super::session::{Corner, Session, View};
 use super::sheet::Sheet;
 use super::sheet_terms::{CrossValidation, settled};
 use super::single_camera::{self, SingleCamera};
@@ -252,7 +252,7 @@ impl<'a> Solver<'a> {
             placements,
             board_from_back: session.board.front_from_back(),
             back_free: both_faces_at_once(&session),
-            sheet: sheet(&session, parameters),
+            sheet: Sheet::expected(&session.board, parameters),
             views: session.views.iter().map(|v| seen(&session, v)).collect(),
         };
         bundle.retain_views(|_, _| true);
@@ -395,8 +395,7 @@ impl<'a> Solver<'a> {
             count: self.parameters.folds,
             min_views: self.parameters.min_views,
         };
-        let is_square = turns(&self.session.board).len() > 2;
-        let settled = settled(self.bundle, folds, is_square).ok_or_else(|| {
+        let settled = settled(self.bundle, folds).ok_or_else(|| {
             Error::Unsolvable("the views do not determine all lenses and poses".into())
         })?;
         self.bundle = settled.bundle;
@@ -579,14 +578,6 @@ impl<'a> Solver<'a> {
             .then(|| proposed(&cameras, [low, high]))
             .flatten()
     }
-}
-
-/// The sheet as it is believed to be before anything is seen.
-fn sheet(session: &Session, parameters: &Parameters) -> Sheet {
-    let bend = 1e-3 * parameters.bend_expected_mm;
-    let mut sheet = Sheet::flat(&session.board);
-    sheet.deviation = [bend, bend, 1e-2 * parameters.stretch_expected_percent];
-    sheet
 }
 
 fn seen(session: &Session, view: &View) -> Observation {

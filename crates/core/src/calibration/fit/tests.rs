@@ -173,6 +173,25 @@ fn a_bent_or_stretched_board_is_found_and_a_flat_one_stays_flat() {
 }
 
 #[test]
+fn of_a_board_that_looks_the_same_after_a_quarter_turn_the_bend_is_found_that_is_alike() {
+    let board = Board::checkerboard(8, 8, 0.025).unwrap();
+    let (kept, not_needed) = (TermStatus::Kept, TermStatus::NotNeeded);
+    let flat = shape_found(board, 2, [0.0; 3]);
+    assert_eq!(flat.terms().map(|t| t.fate), [not_needed; 3]);
+    assert_eq!(flat.bends_differ, Some(not_needed));
+    let bowl = shape_found(board, 2, [5e-4, 5e-4, 0.0]);
+    assert_eq!(bowl.terms().map(|t| t.fate), [kept, kept, not_needed]);
+    assert_eq!(bowl.bends_differ, Some(not_needed));
+    // A bend along the rows alone is not known as such, and is not passed over.
+    let mut rolled = truth(board, 20, 1);
+    rolled.cameras.truncate(2);
+    rolled.shape = BoardShape::of_terms([5e-4, 0.0, 0.0]);
+    let fit = fit(&rolled.session(0.1, &mut Random(7)), &Parameters::default()).unwrap();
+    let differ = fit.shape.bends_differ;
+    assert_eq!(differ, Some(TermStatus::NotHeld), "{:?}", fit.shape);
+}
+
+#[test]
 fn a_two_sided_board_is_bent_the_other_way_on_its_back() {
     let board = Board::charuco(11, 8, 0.025, true).unwrap();
     let found = shape_found(board, 6, [4e-4, 0.0, 0.0]);
@@ -278,6 +297,8 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
             seen,
             at_most,
             misfit: None,
+            boards: LeftOutShare::default(),
+            change: None,
         };
         let depths = BTreeMap::from([(CameraId::new("kinect").unwrap(), found.map(error))]);
         judge(&fit, &[], &depths, &Limits::default())
@@ -617,7 +638,8 @@ fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
         let before = crate::calibration::Camera::new(camera.id.clone(), camera.intrinsics, before);
         known.cameras.insert(camera.id.clone(), (before, None));
     }
-    let checked = check(&session, &known, &DriftLimits::default())
+    let limits = DriftLimits::default();
+    let checked = check(&session, &known, &limits, &Parameters::default())
         .unwrap()
         .cameras;
     let moved: Vec<_> = checked.iter().filter(|c| c.motion.is_some()).collect();
@@ -629,18 +651,15 @@ fn a_turned_camera_is_found_by_one_placement_and_by_how_much() {
         "{motion:?}"
     );
     assert!(moved[0].off_px > 3.0 && motion.rest_px < 0.25);
-    assert_eq!(
-        check(
-            &truth.session(0.1, &mut Random(1)),
-            &Default::default(),
-            &DriftLimits::default()
-        )
-        .unwrap_err(),
-        CheckError::TooFew {
-            found: 0,
-            needed: 2
-        }
-    );
+    let session = truth.session(0.1, &mut Random(1));
+    let nothing = check(
+        &session,
+        &Default::default(),
+        &limits,
+        &Parameters::default(),
+    )
+    .unwrap();
+    assert!(nothing.cameras.is_empty(), "{nothing:?}");
 }
 
 #[test]

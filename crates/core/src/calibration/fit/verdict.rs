@@ -166,6 +166,10 @@ pub struct DepthError {
     pub at_most: f64,
     /// What readings have that the response cannot have, where they do not fit it.
     pub misfit: Option<DepthMisfit>,
+    /// How many boards it read, and how many of them contradict the others and were left out.
+    pub boards: LeftOutShare,
+    /// What those that were left out agree on, in words, if they do.
+    pub change: Option<String>,
 }
 
 /// Readings that do not fit a depth camera's response.
@@ -259,28 +263,39 @@ pub fn judge(
 
 /// The shares of views that were left out: of all cameras, and of each.
 fn left_out(fit: &Fit, limits: &Limits) -> Vec<Reason> {
-    let level = |part: f64| match part {
+    let of_views = |whose: &str, share: LeftOutShare| {
+        let (level, words) = of_share(whose, "views", share, limits);
+        Reason::new(level, ReasonKind::LeftOut, words)
+    };
+    let of_all = of_views("", fit.left_out_share());
+    let of_each = fit.cameras.iter().filter_map(|camera| {
+        let share = fit.left_out_share_of(camera);
+        let whose = format!("camera {}: ", camera.camera.id);
+        (share.left_out >= FEWEST_LEFT_OUT).then(|| of_views(&whose, share))
+    });
+    std::iter::once(of_all).chain(of_each).collect()
+}
+
+/// The level that a share of what was read allows if it was left out, and its words.
+fn of_share(
+    whose: &str,
+    what: &str,
+    share: LeftOutShare,
+    limits: &Limits,
+) -> (CalibrationLevel, String) {
+    let level = match share.part() {
         p if p > limits.left_out_refused => CalibrationLevel::Refused,
         p if p > limits.left_out_doubtful => CalibrationLevel::Doubtful,
         _ => CalibrationLevel::Good,
     };
-    let reason = |whose: String, share: LeftOutShare| {
-        let words = format!(
-            "{whose}{} of {} views ({:.0} %) were left out, expected at most {:.0} %",
-            share.left_out,
-            share.read,
-            100.0 * share.part(),
-            100.0 * limits.left_out_doubtful,
-        );
-        Reason::new(level(share.part()), ReasonKind::LeftOut, words)
-    };
-    let of_all = reason(String::new(), fit.left_out_share());
-    let of_each = fit.cameras.iter().filter_map(|camera| {
-        let share = fit.left_out_share_of(camera);
-        let id = &camera.camera.id;
-        (share.left_out >= FEWEST_LEFT_OUT).then(|| reason(format!("camera {id}: "), share))
-    });
-    std::iter::once(of_all).chain(of_each).collect()
+    let words = format!(
+        "{whose}{} of {} {what} ({:.0} %) were left out, expected at most {:.0} %",
+        share.left_out,
+        share.read,
+        100.0 * share.part(),
+        100.0 * limits.left_out_doubtful,
+    );
+    (level, words)
 }
 
 /// Pairs of cameras at the same place, as exchanged streams would give.
@@ -445,25 +460,49 @@ fn uncalibrated(fit: &Fit) -> impl Iterator<Item = Reason> + '_ {
     })
 }
 
-/// The reasons that a depth camera's response gives: what boards showed and would explain it, or else what they left
-/// unknown.
+/// The reasons that a depth camera's response gives: boards that were left out, and what the others leave.
 fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) -> Vec<Reason> {
+    match found {
+        Ok(error) => {
+            let boards = of_depth_boards(id, error, limits);
+            boards.chain(of_depth_error(id, error, limits)).collect()
+        }
+        Err(why) => {
+            let words = format!("depth camera {id} has no response: {why}");
+            let (level, kind) = (CalibrationLevel::Doubtful, ReasonKind::NoResponse);
+            vec![Reason::new(level, kind, words)]
+        }
+    }
+}
+
+/// The reasons that the boards give that were left out of a depth camera's response.
+fn of_depth_boards<'a>(
+    id: &'a CameraId,
+    error: &'a DepthError,
+    limits: &'a Limits,
+) -> impl Iterator<Item = Reason> + 'a {
+    let change = error.change.iter().map(move |change| {
+        let words = format!("depth camera {id}: {change}");
+        Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthChanged, words)
+    });
+    let share = error.boards;
+    let counts = share.left_out >= FEWEST_LEFT_OUT;
+    let share = counts.then(|| {
+        let whose = format!("depth camera {id}: ");
+        let (level, words) = of_share(&whose, "boards that it read", share, limits);
+        Reason::new(level, ReasonKind::DepthLeftOut, words)
+    });
+    change.chain(share)
+}
+
+/// The reasons that a depth camera's readings give: what boards showed and would explain it, or else what they left
+/// unknown.
+fn of_depth_error(id: &CameraId, error: &DepthError, limits: &Limits) -> Vec<Reason> {
     let Limits {
         depth_bias_mm,
         depth_unknown_mm,
         ..
     } = limits;
-    let error = match found {
-        Ok(error) => error,
-        Err(why) => {
-            let words = format!("depth camera {id} has no response: {why}");
-            return vec![Reason::new(
-                CalibrationLevel::Doubtful,
-                ReasonKind::NoResponse,
-                words,
-            )];
-        }
-    };
     let [seen, at_most] = [error.seen, error.at_most].map(|metres| 1e3 * metres);
     let by_most = |found: f64, most: f64| match found > most {
         true => CalibrationLevel::Doubtful,
@@ -502,8 +541,15 @@ fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) 
 mod tests {
     use super::*;
 
+    fn judged(error: DepthError) -> Vec<Reason> {
+        let id = CameraId::new("kinect").unwrap();
+        let mut found = of_depth(&id, &Ok(error), &Limits::default());
+        found.retain(|reason| reason.level > CalibrationLevel::Good);
+        found
+    }
+
     fn told(seen_mm: f64, misfit_mm: Option<f64>) -> Vec<Reason> {
-        let error = DepthError {
+        judged(DepthError {
             seen: 1e-3 * seen_mm,
             at_most: 1e-3 * seen_mm,
             misfit: misfit_mm.map(|mm| DepthMisfit {
@@ -511,9 +557,32 @@ mod tests {
                 kind: ReasonKind::DepthBowl,
                 words: "a bowl would explain 80 % of what is left".into(),
             }),
+            boards: LeftOutShare::default(),
+            change: None,
+        })
+    }
+
+    #[test]
+    fn boards_that_a_depth_response_left_out_count_like_views() {
+        let left_out = |left_out: usize, change: Option<&str>| {
+            judged(DepthError {
+                seen: 1e-4,
+                at_most: 1e-4,
+                misfit: None,
+                boards: LeftOutShare { read: 14, left_out },
+                change: change.map(str::to_owned),
+            })
         };
-        let id = CameraId::new("kinect").unwrap();
-        of_depth(&id, &Ok(error), &Limits::default())
+        assert_eq!(left_out(1, None), []);
+        assert_eq!(left_out(2, None), []);
+        let words = "depth camera kinect: 5 of 14 boards that it read (36 %) were left out, expected at most 20 %";
+        let share = Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthLeftOut, words);
+        assert_eq!(left_out(5, None), [share.clone()]);
+        assert_eq!(left_out(6, None)[0].level, CalibrationLevel::Refused);
+        let change = "its readings changed between p08 and p09 (3.0 % deeper)";
+        let words = format!("depth camera kinect: {change}");
+        let changed = Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthChanged, words);
+        assert_eq!(left_out(5, Some(change)), [changed, share]);
     }
 
     #[test]

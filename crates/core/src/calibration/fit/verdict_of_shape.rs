@@ -14,20 +14,35 @@ pub(super) fn of_shape(
 ) -> Vec<Reason> {
     let bend = bent(shape, most_bent_mm).into_iter();
     let found = bend.chain(stretched(&shape.stretch, most_stretched_percent));
-    let names = ["along its rows", "down its columns"];
+    let names: &[&str] = match shape.bends_differ {
+        Some(_) => &["alike in both directions"],
+        None => &["along its rows", "down its columns"],
+    };
     let bends = shape.bend.iter().zip(names);
     let unheld = bends.filter_map(|(term, name)| {
         let words = halves(term, 1e3, "mm")?;
         let subject = format!("the board seems to be bent {name}, and was assumed to be flat");
         Some(not_held(format!("{subject}: {words}")))
     });
-    let stretch = halves(&shape.stretch, 2e2, "%").map(|words| {
+    let differ = (shape.bends_differ == Some(TermStatus::NotHeld)).then(|| {
+        let subject = "the board seems to be bent more in one direction than in the other, and was assumed to be bent alike";
+        not_held(format!("{subject}: {LOOKS_TURNED}"))
+    });
+    let stretch = match shape.bends_differ {
+        Some(_) => (shape.stretch.fate == TermStatus::NotHeld).then(|| LOOKS_TURNED.to_owned()),
+        None => halves(&shape.stretch, 2e2, "%"),
+    };
+    let stretch = stretch.map(|words| {
         let subject =
             "the board's squares seem to be longer in one direction, and were assumed to be equal";
         not_held(format!("{subject}: {words}"))
     });
-    found.chain(unheld).chain(stretch).collect()
+    found.chain(unheld).chain(differ).chain(stretch).collect()
 }
+
+/// Why a term is not fitted that depends on the direction of the rows.
+const LOOKS_TURNED: &str = "with equal numbers of squares in both directions it looks the same after a quarter turn, so it is \
+                            not known in which direction; use a board with unequal numbers";
 
 fn not_held(words: String) -> Reason {
     Reason::new(CalibrationLevel::Doubtful, ReasonKind::ShapeNotHeld, words)
@@ -171,6 +186,30 @@ mod tests {
             "{told}"
         );
         assert!(told.contains("is not known"), "{told}");
+    }
+
+    #[test]
+    fn a_board_whose_directions_are_unknown_is_told_once_and_with_the_reason() {
+        let shape = FittedShape {
+            bend: [kept(2e-4); 2],
+            stretch: ShapeTerm {
+                fate: TermStatus::NotHeld,
+                ..ShapeTerm::default()
+            },
+            bends_differ: Some(TermStatus::NotHeld),
+        };
+        let told: Vec<String> = words(shape).into_iter().map(|r| r.words).collect();
+        assert_eq!(told.len(), 3, "{told:?}");
+        assert!(told[0].contains("bent by 0.40 ± 0.020 mm"), "{told:?}");
+        assert!(
+            told[1].contains("more in one direction than in the other"),
+            "{told:?}"
+        );
+        assert!(told[2].contains("longer in one direction"), "{told:?}");
+        assert!(
+            told[1..].iter().all(|w| w.contains("quarter turn")),
+            "{told:?}"
+        );
     }
 
     #[test]

@@ -1,21 +1,43 @@
 //! Tests whether a depth camera's readings still match its response, on boards whose places the rig knows.
 
-use super::misfit::{self, Patch};
+use super::misfit::{self, Cause, FEWEST_BOARDS, Misfit, Patch};
 use super::plane::{Plane, PlaneParameters, PlaneView};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
+
+/// How much a depth camera may read otherwise than its response says, beyond the response's uncertainty, and how boards
+/// are read.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthTolerance<'a> {
+    /// Metres at 1 m that the mean over a board may be off; they grow with the square of the distance.
+    pub off: f64,
+    /// Metres at 1 m, as root mean square, that readings may be off in a way that a response cannot have.
+    pub misfit: f64,
+    /// How boards are read.
+    pub plane: &'a PlaneParameters,
+}
 
 /// A depth camera's readings against its response.
 #[derive(serde::Serialize, Clone, Debug, PartialEq)]
 pub struct DepthCheck {
     /// Each placement that it read, in the order given.
     pub placements: Vec<DepthDeviation>,
-    /// The placement that is the farthest off for its distance.
+    /// The placement that is the farthest off for what is allowed at its distance.
     pub worst: DepthDeviation,
-    /// Whether that is more than can be.
+    /// Whether that is more than is allowed.
     pub is_off: bool,
-    /// By how many pixels in x and y the depth is displaced against its colour picture, if several placements show
-    /// that.
-    pub beside_px: Option<[f64; 2]>,
+    /// What readings have that a response cannot have, where that is more than is allowed.
+    pub misfit: Option<Misfit>,
+    /// Whether there were boards enough to tell that: how many it read, if there were too few.
+    pub too_few_for_misfit: Option<TooFewBoards>,
+}
+
+/// Why it was not checked whether depth lies on its colour picture.
+#[derive(serde::Serialize, Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooFewBoards {
+    /// Boards that were read.
+    pub found: usize,
+    /// How many it takes.
+    pub needed: usize,
 }
 
 /// Readings of one placement.
@@ -27,17 +49,34 @@ pub struct DepthDeviation {
     pub distance: f64,
     /// Mean of measured less true depth, in metres.
     pub off: f64,
+    /// By how many metres it may be off.
+    pub allowed: f64,
 }
 
 impl DepthDeviation {
-    /// At 1 m: noise and errors of disparity grow with the square of the distance.
-    fn at_1m(&self) -> f64 {
-        self.off / self.distance.powi(2)
+    /// How many times what is allowed it is off.
+    fn times_allowed(&self) -> f64 {
+        self.off.abs() / self.allowed.max(1e-9)
     }
 }
 
-/// Holds readings against a response; `most` is by how many metres they may be off at 1 m beyond what the response's
-/// uncertainty says.
+impl DepthCheck {
+    /// Whether the camera reads something else than its response says.
+    pub fn is_other(&self) -> bool {
+        self.is_off || self.misfit.is_some()
+    }
+
+    /// By how many pixels in x and y the depth is displaced against its colour picture, if nothing else would explain
+    /// the readings nearly as well.
+    pub fn beside_px(&self) -> Option<[f64; 2]> {
+        match self.misfit.as_ref()?.causes.as_slice() {
+            [Cause::Misregistered(shift)] => Some(*shift),
+            _ => None,
+        }
+    }
+}
+
+/// Holds readings against a response.
 ///
 /// # Errors
 /// If no placement has readings enough: why, of each.
@@ -46,23 +85,21 @@ pub fn check_depth(
     board: &Board,
     views: &[PlaneView<'_>],
     response: &DepthResponse,
-    most: f64,
+    tolerance: DepthTolerance<'_>,
 ) -> Result<DepthCheck, String> {
-    let parameters = PlaneParameters::default();
     let (mut placements, mut patches, mut reasons) = (Vec::new(), Vec::new(), Vec::new());
     for view in views {
-        match Plane::gather(lens, board, view, &parameters) {
+        match Plane::gather(lens, board, view, tolerance.plane) {
             Ok(plane) => {
-                let (off, own) = against(lens, &plane, response);
-                placements.push(off);
-                patches.push(own);
+                placements.push(against(&plane, response, tolerance.off));
+                patches.push(plane.patches(lens, [response.slope, response.intercept]));
             }
             Err(reason) => reasons.push(format!("{}: {reason}", view.placement)),
         }
     }
     let worst = placements
         .iter()
-        .max_by(|a, b| a.at_1m().abs().total_cmp(&b.at_1m().abs()))
+        .max_by(|a, b| a.times_allowed().total_cmp(&b.times_allowed()))
         .cloned();
     let Some(worst) = worst else {
         return Err(match reasons.is_empty() {
@@ -70,21 +107,27 @@ pub fn check_depth(
             false => reasons.join("; "),
         });
     };
-    let allowed = most * worst.distance.powi(2).max(1.0) + response.uncertainty;
+    let most = tolerance.misfit + response.uncertainty;
     Ok(DepthCheck {
-        is_off: worst.off.abs() > allowed,
-        beside_px: misfit::shift(&patches),
+        is_off: worst.times_allowed() > 1.0,
+        misfit: misfit::explain(&patches).filter(|misfit| misfit.held_out > most),
+        too_few_for_misfit: too_few(&patches),
         placements,
         worst,
     })
 }
 
-/// What a plane's readings are off by.
-fn against(
-    lens: &Intrinsics,
-    plane: &Plane<'_>,
-    response: &DepthResponse,
-) -> (DepthDeviation, Vec<Patch>) {
+/// Why nothing can be said of what readings have that a response cannot have; `None` where there are boards enough.
+fn too_few(boards: &[Vec<Patch>]) -> Option<TooFewBoards> {
+    let found = boards.iter().filter(|board| !board.is_empty()).count();
+    (found < FEWEST_BOARDS).then_some(TooFewBoards {
+        found,
+        needed: FEWEST_BOARDS,
+    })
+}
+
+/// What a plane's readings are off by; they may be off by `most` metres at 1 m and by the response's uncertainty.
+fn against(plane: &Plane<'_>, response: &DepthResponse, most: f64) -> DepthDeviation {
     let (mut depth, mut off) = (0.0, 0.0);
     for sample in &plane.samples {
         let z = response.slope * sample.reading + response.intercept;
@@ -93,11 +136,11 @@ fn against(
         off += z - truth;
     }
     let count = plane.samples.len().max(1) as f64;
-    let line = [response.slope, response.intercept];
-    let found = DepthDeviation {
+    let distance = depth / count;
+    DepthDeviation {
         placement: plane.placement.to_owned(),
-        distance: depth / count,
+        distance,
         off: off / count,
-    };
-    (found, plane.patches(lens, line))
+        allowed: most * distance.powi(2).max(1.0) + response.uncertainty,
+    }
 }

@@ -121,7 +121,7 @@ const EXPLAINS: f64 = 0.7;
 /// Another cause is named too if it leaves at most this many times what the most likely one leaves.
 const AS_WELL: f64 = 1.15;
 /// Fewest boards that tell causes apart.
-const FEWEST_BOARDS: usize = 5;
+pub(super) const FEWEST_BOARDS: usize = 5;
 
 /// What a model adds to a line in the depth.
 type Terms = fn(&Patch, f64) -> Vec<f64>;
@@ -181,18 +181,6 @@ pub(super) fn explain(boards: &[Vec<Patch>]) -> Option<Misfit> {
         explained,
         causes: causes.collect(),
     })
-}
-
-/// By how many pixels in x and y the depth is displaced against its colour picture, if that explains the errors on
-/// boards far better than an offset and a slope do.
-pub(super) fn shift(boards: &[Vec<Patch>]) -> Option<[f64; 2]> {
-    explain(boards)?
-        .causes
-        .iter()
-        .find_map(|cause| match cause {
-            Cause::Misregistered(shift) => Some(*shift),
-            _ => None,
-        })
 }
 
 /// How far the curve lies from the straight line that fits it best over the boards' distances.

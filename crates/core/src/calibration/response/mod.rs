@@ -9,9 +9,10 @@ mod misfit;
 mod paper;
 mod plane;
 mod polynomial;
+mod reading_change;
 mod table;
 
-pub use check::{DepthCheck, DepthDeviation, check_depth};
+pub use check::{DepthCheck, DepthDeviation, DepthTolerance, TooFewBoards, check_depth};
 pub use correction::Correction;
 pub use misfit::{Cause, Misfit};
 pub use paper::PaperFit;
@@ -19,6 +20,7 @@ pub use plane::{
     DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane, mean_readings,
 };
 pub use polynomial::Polynomial;
+pub use reading_change::{Deeper, ReadingChange};
 pub use table::{DepthTable, Measurement};
 
 use std::path::PathBuf;

@@ -6,6 +6,7 @@ use super::correction::Correction;
 use super::jackknife::{self, BoardEquations, NormalEquations};
 use super::lateral::{self, Lateral};
 use super::misfit::{self, Misfit, Patch};
+use super::reading_change::{BoardError, ReadingChange};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 use crate::image::Grid;
@@ -82,8 +83,12 @@ pub struct PlaneFit {
     pub bias: Vec<DistanceBias>,
     /// Each view that was used, in the order given.
     pub views: Vec<ViewBias>,
-    /// Views that were left out, and why.
+    /// Views without enough readings, and why.
+    pub unread: Vec<(String, String)>,
+    /// Views whose readings contradict all others and were left out, and why.
     pub left_out: Vec<(String, String)>,
+    /// What those that were left out agree on, if they do.
+    pub change: Option<ReadingChange>,
     /// A smooth correction a pixel, and whether it would pay.
     pub correction: Correction,
     /// Why the line does not fit, if it does not and a cause explains it.
@@ -181,45 +186,133 @@ pub fn fit_plane(
         .par_iter()
         .map(|view| Plane::gather(lens, board, view, parameters))
         .collect();
-    let (mut planes, mut left_out) = (Vec::new(), Vec::new());
+    let (mut planes, mut unread) = (Vec::new(), Vec::new());
     for (view, plane) in views.iter().zip(gathered) {
         match plane {
             Ok(plane) => planes.push(plane),
-            Err(reason) => left_out.push((view.placement.to_owned(), reason)),
+            Err(reason) => unread.push((view.placement.to_owned(), reason)),
         }
     }
-    let values = loop {
-        if planes.len() < parameters.min_views.max(1) {
-            let reasons = left_out
-                .iter()
-                .map(|(name, reason)| format!("; {name}: {reason}"));
-            let found = format!(
-                "{} usable views{}",
-                planes.len(),
-                reasons.collect::<String>()
-            );
-            return too_little(
-                found,
-                format!(
-                    "{} or more of the board by the depth camera, near and far",
-                    parameters.min_views
-                ),
-            );
-        }
-        let values = solve(&planes, Lateral::Line, parameters);
-        match worst(&planes, &values) {
-            Some((k, bias)) => {
-                let plane = planes.remove(k);
-                let reason = format!(
-                    "its depth is {:.1} mm off what all other boards say: did the board move?",
-                    1e3 * bias
-                );
-                left_out.push((plane.placement.to_owned(), reason));
+    let consistent = Consistent::of(planes, &unread, parameters)?;
+    let planes = &consistent.planes;
+    let values = settled(planes, consistent.line, parameters);
+    let fit = report(lens, planes, &values, parameters)?;
+    Ok(PlaneFit {
+        unread,
+        left_out: consistent
+            .left_out
+            .iter()
+            .map(Contradiction::told)
+            .collect(),
+        change: consistent.change(&values),
+        ..fit
+    })
+}
+
+/// A view that contradicts all others.
+struct Contradiction<'a> {
+    /// Its place among the views with readings.
+    order: usize,
+    plane: Plane<'a>,
+    /// Metres at 1 m by which it was off.
+    off: f64,
+}
+
+impl Contradiction<'_> {
+    /// The placement, and why it was left out.
+    fn told(&self) -> (String, String) {
+        let reason = format!(
+            "its depth is {:.1} mm off what all other boards say: did the board move?",
+            1e3 * self.off
+        );
+        (self.plane.placement.to_owned(), reason)
+    }
+}
+
+/// Views that agree, and those that were left out so that they do.
+struct Consistent<'a> {
+    planes: Vec<Plane<'a>>,
+    /// The place of each among the views with readings.
+    order: Vec<usize>,
+    left_out: Vec<Contradiction<'a>>,
+    /// What fits the views that agree, with all of the lateral scale.
+    line: Values,
+}
+
+impl<'a> Consistent<'a> {
+    /// Leaves out views that contradict the others, the worst first.
+    ///
+    /// # Errors
+    /// If fewer than `min_views` are left: with what is amiss with the others.
+    fn of(
+        planes: Vec<Plane<'a>>,
+        unread: &[(String, String)],
+        parameters: &PlaneParameters,
+    ) -> Result<Self, ResponseError> {
+        let (mut order, mut planes): (Vec<usize>, Vec<Plane<'a>>) =
+            planes.into_iter().enumerate().unzip();
+        let mut left_out: Vec<Contradiction<'a>> = Vec::new();
+        loop {
+            if planes.len() < parameters.min_views.max(1) {
+                return too_few(&planes, unread, &left_out, parameters);
             }
-            None => break settled(&planes, values, parameters),
+            let line = solve(&planes, Lateral::Line, parameters);
+            match worst(&planes, &line) {
+                Some((k, off)) => left_out.push(Contradiction {
+                    order: order.remove(k),
+                    plane: planes.remove(k),
+                    off,
+                }),
+                None => {
+                    return Ok(Self {
+                        planes,
+                        order,
+                        left_out,
+                        line,
+                    });
+                }
+            }
         }
-    };
-    report(lens, &planes, &values, left_out, parameters)
+    }
+
+    /// What the views that were left out agree on, compared with the response to the others.
+    fn change(&self, values: &Values) -> Option<ReadingChange> {
+        let kept = self.order.iter().zip(&self.planes);
+        let kept = kept.map(|(order, plane)| (*order, plane, false));
+        let others = self.left_out.iter().map(|c| (c.order, &c.plane, true));
+        let mut all: Vec<(usize, &Plane<'a>, bool)> = kept.chain(others).collect();
+        all.sort_by_key(|(order, _, _)| *order);
+        let boards = all.iter().map(|(_, plane, is_left_out)| BoardError {
+            placement: plane.placement,
+            distance: plane.distance(),
+            at_1m: view_error(plane, values),
+            is_left_out: *is_left_out,
+        });
+        let boards: Vec<BoardError<'_>> = boards.collect();
+        ReadingChange::of(&boards, most_off(&self.planes, values)?)
+    }
+}
+
+/// Says why no response can be fitted.
+fn too_few<T>(
+    planes: &[Plane<'_>],
+    unread: &[(String, String)],
+    left_out: &[Contradiction<'_>],
+    parameters: &PlaneParameters,
+) -> Result<T, ResponseError> {
+    let told = left_out.iter().map(Contradiction::told);
+    let reasons = unread.iter().cloned().chain(told);
+    let reasons = reasons.map(|(name, reason)| format!("; {name}: {reason}"));
+    let found = format!(
+        "{} usable views{}",
+        planes.len(),
+        reasons.collect::<String>()
+    );
+    let expected = format!(
+        "{} or more of the board by the depth camera, near and far",
+        parameters.min_views
+    );
+    too_little(found, expected)
 }
 
 impl<'a> Plane<'a> {
@@ -289,6 +382,12 @@ impl<'a> Plane<'a> {
     /// True depth of a sample whose lateral scale is known.
     pub(super) fn depth(&self, sample: &Sample, scale: f64) -> f64 {
         self.offset / self.along(sample, scale)
+    }
+
+    /// Mean distance of its samples in metres.
+    fn distance(&self) -> f64 {
+        let sum: f64 = self.samples.iter().map(|s| self.depth(s, 1.0)).sum();
+        sum / self.samples.len() as f64
     }
 
     /// The plane's normal along a sample's ray of depth 1.
@@ -497,10 +596,7 @@ fn spans(planes: &[Plane<'_>], min_span: f64) -> bool {
 
 /// Mean distance of the nearest and the farthest view.
 fn distances(planes: &[Plane<'_>]) -> [f64; 2] {
-    let means = planes.iter().map(|plane| {
-        let sum: f64 = plane.samples.iter().map(|s| plane.depth(s, 1.0)).sum();
-        sum / plane.samples.len() as f64
-    });
+    let means = planes.iter().map(Plane::distance);
     means.fold([f64::INFINITY, 0.0], |[near, far], z| {
         [near.min(z), far.max(z)]
     })
@@ -575,9 +671,8 @@ fn worst(planes: &[Plane<'_>], values: &Values) -> Option<(usize, f64)> {
     if planes.len() < 5 {
         return None;
     }
+    let limit = most_off(planes, values)?;
     let errors: Vec<f64> = planes.iter().map(|p| view_error(p, values)).collect();
-    let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
-    let limit = (VIEW_DEVIATIONS * 1.4826 * upper_median(&mut sizes)?).max(VIEW_OFF);
     let (k, &error) = errors
         .iter()
         .enumerate()
@@ -585,11 +680,18 @@ fn worst(planes: &[Plane<'_>], values: &Values) -> Option<(usize, f64)> {
     (error.abs() > limit).then_some((k, error))
 }
 
+/// By how many metres at 1 m a view may be off what all others say; `None` without views.
+fn most_off(planes: &[Plane<'_>], values: &Values) -> Option<f64> {
+    let sizes = planes.iter().map(|p| view_error(p, values).abs());
+    let mut sizes: Vec<f64> = sizes.collect();
+    Some((VIEW_DEVIATIONS * 1.4826 * upper_median(&mut sizes)?).max(VIEW_OFF))
+}
+
+/// The response with what it leaves of the views that agree.
 fn report(
     lens: &Intrinsics,
     planes: &[Plane<'_>],
     values: &Values,
-    left_out: Vec<(String, String)>,
     parameters: &PlaneParameters,
 ) -> Result<PlaneFit, ResponseError> {
     let bias = by_distance(planes, values);
@@ -599,20 +701,25 @@ fn report(
     let normals = normals(planes, values, lateral, parameters);
     let doubt = jackknife::deviation(&normals, readings).max(LEAST_DOUBT);
     let is_line = spans(planes, parameters.min_span);
+    let line = [values[0], values[1]];
+    let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
+    let misfit = misfit::explain(&patches);
+    // What does not fit grows with the squared distance.
+    let unfit = misfit.as_ref().map_or(0.0, |m| m.held_out * far.powi(2));
     let response = DepthResponse {
         slope: values[0],
         intercept: values[1],
         scale: [values[2], values[3], 0.0, 0.0, 0.0],
         range: Some([near * (1.0 - BEYOND), far * (1.0 + BEYOND)]),
-        uncertainty: bias.iter().map(|b| b.bias.abs()).fold(doubt, f64::max),
+        uncertainty: bias
+            .iter()
+            .map(|b| b.bias.abs())
+            .fold(doubt.max(unfit), f64::max),
     };
     let views = planes
         .iter()
         .map(|plane| view_bias(plane, values))
         .collect();
-    let line = [values[0], values[1]];
-    let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
-    let misfit = misfit::explain(&patches);
     let correction = Correction::weigh(lens, &correction_samples(planes, values));
     let response = response.checked()?;
     Ok(PlaneFit {
@@ -620,7 +727,9 @@ fn report(
         slope_deviation: jackknife::slope_deviation(&normals).filter(|_| is_line),
         bias,
         views,
-        left_out,
+        unread: Vec::new(),
+        left_out: Vec::new(),
+        change: None,
         correction,
         misfit,
     })

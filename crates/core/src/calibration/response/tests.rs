@@ -131,9 +131,59 @@ fn a_board_that_moved_and_one_without_readings_are_left_out_and_named() {
     frames[4] = vec![readings(&moved, &sensor(), no_pattern)];
     frames[6] = vec![Grid::filled(640, 480, 0)];
     let fit = fitted(&poses, &frames).unwrap();
-    let names: Vec<&str> = fit.left_out.iter().map(|(name, _)| name.as_str()).collect();
-    assert_eq!(names, ["p6", "p4"], "{:?}", fit.left_out);
+    let names = |all: &[(String, String)]| -> Vec<String> {
+        all.iter().map(|(name, _)| name.clone()).collect()
+    };
+    assert_eq!(names(&fit.unread), ["p6"], "{:?}", fit.unread);
+    assert_eq!(names(&fit.left_out), ["p4"], "{:?}", fit.left_out);
+    assert_eq!(fit.change, None);
     assert!(largest_bias(&fit.response, &sensor()) < 3e-4);
+}
+
+#[test]
+fn bias_at_most_covers_boards_that_moved_between_colour_and_depth() {
+    let poses = poses(12);
+    let frames: Vec<Grid<u16>> = poses.iter().map(readings_of).collect();
+    let mut told = Vec::new();
+    for k in 0..12 {
+        for side in [-1.0, 1.0] {
+            let mut frames = frames.clone();
+            for (index, metres) in [(k, 0.002), ((k + 5) % 12, 0.0004)] {
+                let moved = Translation3::new(0.0, 0.0, side * metres) * poses[index];
+                frames[index] = readings_of(&moved);
+            }
+            let frames: Vec<Vec<Grid<u16>>> = frames.into_iter().map(|f| vec![f]).collect();
+            let fit = fitted(&poses, &frames).unwrap();
+            let off = largest_bias(&fit.response, &sensor());
+            told.push((k, side, 1e3 * off, 1e3 * fit.response.uncertainty));
+        }
+    }
+    assert!(
+        told.iter().all(|(_, _, off, most)| off <= most),
+        "{told:#?}"
+    );
+    // And it is no excuse for anything.
+    assert!(told.iter().all(|(_, _, _, most)| *most < 3.0), "{told:#?}");
+}
+
+#[test]
+fn readings_that_change_during_the_session_are_told_from_boards_that_moved() {
+    let poses = poses(14);
+    let frames: Vec<_> = (poses.iter().enumerate())
+        .map(|(k, pose)| {
+            let times = if k < 9 { 1.0 } else { 1.03 };
+            let truth = readings(pose, &DepthResponse::default(), no_pattern);
+            vec![truth.map(|&r| (times * f64::from(r)).round() as u16)]
+        })
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    assert_eq!(fit.left_out.len(), 5, "{:?}", fit.left_out);
+    assert!(largest_bias(&fit.response, &DepthResponse::default()) < 3e-4);
+    let words = fit.change.unwrap().words();
+    assert_eq!(
+        words,
+        "its readings changed between p8 and p9 (3.0 % deeper)"
+    );
 }
 
 #[test]
@@ -269,45 +319,118 @@ fn the_lateral_scale_never_runs_away() {
     assert_eq!(plain.scale[1], 0.0, "{plain:?}");
 }
 
-#[test]
-fn readings_that_are_not_those_of_the_calibration_are_told() {
-    let poses = poses(6);
-    let checked = |count: usize, times: f64, beside: usize| {
-        let views: Vec<Grid<f32>> = poses[..count]
-            .iter()
-            .map(|pose| {
-                let truth = readings(pose, &sensor(), no_pattern);
-                Grid::from_fn(640, 480, |x, y| {
-                    times as f32 * f32::from(truth[((x + beside).min(639), y)])
-                })
-            })
-            .collect();
-        let views = poses.iter().zip(&views).map(|(pose, readings)| PlaneView {
+/// Readings of boards at `poses`, each what `wrong` makes of the sensor's, against what the sensor's response says.
+fn checked(
+    poses: &[Isometry3<f64>],
+    response: &DepthResponse,
+    wrong: impl Fn(&Grid<u16>, usize) -> Grid<f32>,
+) -> DepthCheck {
+    let readings = poses.iter().enumerate();
+    let readings: Vec<Grid<f32>> = readings
+        .map(|(k, pose)| wrong(&readings_of(pose), k))
+        .collect();
+    let views = poses
+        .iter()
+        .zip(&readings)
+        .map(|(pose, readings)| PlaneView {
             placement: "p",
             camera_from_face: *pose,
             readings,
         });
-        let views: Vec<PlaneView<'_>> = views.collect();
-        check_depth(&lens(), &board(), &views, &sensor(), 0.005).unwrap()
+    let views: Vec<PlaneView<'_>> = views.collect();
+    let plane = PlaneParameters::default();
+    check_depth(&lens(), &board(), &views, response, tolerance(&plane)).unwrap()
+}
+
+fn readings_of(pose: &Isometry3<f64>) -> Grid<u16> {
+    readings(pose, &sensor(), no_pattern)
+}
+
+fn tolerance(plane: &PlaneParameters) -> DepthTolerance<'_> {
+    DepthTolerance {
+        off: 0.005,
+        misfit: 0.001,
+        plane,
+    }
+}
+
+#[test]
+fn readings_that_are_not_those_of_the_calibration_are_told() {
+    let poses = poses(6);
+    let checked = |count: usize, times: f64, beside: usize| {
+        checked(&poses[..count], &sensor(), |truth, _| {
+            Grid::from_fn(640, 480, |x, y| {
+                times as f32 * f32::from(truth[((x + beside).min(639), y)])
+            })
+        })
     };
     let sound = checked(1, 1.0, 0);
-    assert!(!sound.is_off && sound.beside_px.is_none(), "{sound:?}");
+    assert!(!sound.is_other(), "{sound:?}");
+    let too_few = TooFewBoards {
+        found: 1,
+        needed: 5,
+    };
+    assert_eq!(sound.too_few_for_misfit, Some(too_few));
     let sound = checked(6, 1.0, 0);
-    assert!(!sound.is_off && sound.beside_px.is_none(), "{sound:?}");
+    assert!(!sound.is_other() && sound.too_few_for_misfit.is_none());
     let deep = checked(1, 1.03, 0);
     let expected = 0.03 * (deep.worst.distance - sensor().intercept);
     assert!(
         deep.is_off && (deep.worst.off - expected).abs() < 1e-3,
         "{deep:?}"
     );
-    let [x, y] = checked(6, 1.0, 6).beside_px.unwrap();
+    let beside = checked(6, 1.0, 6);
+    let [x, y] = beside.beside_px().unwrap();
     assert!((x - 6.0).abs() < 1.5 && y.abs() < 1.5, "{x} {y}");
+    assert!(beside.is_other());
     let nothing = Grid::filled(640, 480, 0.0);
     let view = PlaneView {
         placement: "p7",
         camera_from_face: poses[0],
         readings: &nothing,
     };
-    let reason = check_depth(&lens(), &board(), &[view], &sensor(), 0.005).unwrap_err();
+    let plane = PlaneParameters::default();
+    let tolerance = tolerance(&plane);
+    let reason = check_depth(&lens(), &board(), &[view], &sensor(), tolerance).unwrap_err();
     assert!(reason.contains("p7: 0 of"), "{reason}");
+}
+
+#[test]
+fn each_board_is_held_against_what_is_allowed_at_its_distance() {
+    let mut poses = poses(2);
+    for (pose, z) in poses.iter_mut().zip([0.6, 1.0]) {
+        *pose = Isometry3::translation(-0.1, -0.06, z);
+    }
+    // In thousandths of a metre at slope 0.00104: 4 mm at 0.6 m are more at 1 m than 8 mm at 1 m.
+    let off = checked(&poses, &sensor(), |truth, k| {
+        truth.map(|&r| f32::from(r) + [0.004, 0.008][k] / 0.00104)
+    });
+    assert!(off.is_off, "{off:?}");
+    assert!((off.worst.distance - 1.0).abs() < 0.02, "{off:?}");
+    assert!((off.worst.off - 0.008).abs() < 5e-4, "{off:?}");
+}
+
+#[test]
+fn depth_is_said_to_be_displaced_only_where_nothing_else_would_explain_it() {
+    let poses = poses(14);
+    let bowl = |bowl: f64, response: &DepthResponse| {
+        checked(&poses, response, |truth, _| {
+            Grid::from_fn(640, 480, |x, y| {
+                let n = lens().unproject(Point2::new(x as f64, y as f64)).unwrap();
+                let z = sensor().slope * f64::from(truth[(x, y)]) + sensor().intercept;
+                let wrong = z + bowl * z * z * (n.x * n.x + n.y * n.y);
+                ((wrong - sensor().intercept) / sensor().slope) as f32
+            })
+        })
+    };
+    let strong = bowl(0.06, &sensor());
+    assert_eq!(strong.beside_px(), None, "{strong:?}");
+    let misfit = strong.misfit.as_ref().unwrap();
+    assert!(matches!(misfit.causes[0], Cause::Bowl(_)), "{strong:?}");
+    // What the calibration itself left is no change.
+    let known = DepthResponse {
+        uncertainty: misfit.held_out,
+        ..sensor()
+    };
+    assert_eq!(bowl(0.06, &known).misfit, None);
 }

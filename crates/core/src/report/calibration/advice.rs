@@ -63,6 +63,13 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
             "Show it the board at more places and tilts, together with other cameras: its own place is what is known \
              least."
         }
+        ReasonKind::DepthLeftOut => {
+            "See which boards, below. Hold the board still until all cameras have seen it, and show it again."
+        }
+        ReasonKind::DepthChanged => {
+            "Perhaps it was still warming up, or its settings changed. Show the board again, or calibrate from the sound \
+             part of the session alone."
+        }
         ReasonKind::DepthMisregistered => {
             "Let the driver register depth and colour, and check that both streams have the size for which it does so."
         }

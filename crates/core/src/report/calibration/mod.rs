@@ -7,6 +7,7 @@ mod depth;
 mod html;
 mod placements;
 mod rig;
+mod uncertainty;
 mod unseen;
 mod views;
 
@@ -71,6 +72,7 @@ pub fn calibration_page(page: &CalibrationPage<'_>) -> String {
     placements::plot(&mut html, page);
     cameras::table(&mut html, page);
     cameras::pictures(&mut html, fit);
+    uncertainty::maps(&mut html, fit);
     views::section(&mut html, page);
     no_board(&mut html, page);
     rig::top_view(&mut html, fit);

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibration::fit::{
-    Figures, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, Uncertainty,
+    Figures, FittedCamera, FittedPlacement, FittedShape, HeldOut, LeftOut, Projection, Uncertainty,
     ViewResiduals, judge,
 };
 use crate::calibration::{Board, Camera, Distortion, Face, Intrinsics};
@@ -147,6 +147,31 @@ fn what_no_session_like_this_can_show_is_said() {
     fit.links.clear();
     fit.residuals.retain(|view| view.camera == 0);
     assert!(page_of(&fit).contains(zoomed) && !page_of(&fit).contains("mirrored"));
+}
+
+#[test]
+fn the_uncertainty_of_each_line_of_sight_is_drawn_over_the_picture() {
+    let mut fit = fit();
+    let mut html = String::new();
+    uncertainty::maps(&mut html, &fit);
+    assert_eq!(html, "");
+    let cells = Projection::MAP[0] * Projection::MAP[1];
+    let mut map_px: Vec<Option<f64>> = vec![Some(0.02); cells];
+    (map_px[0], map_px[9]) = (None, Some(0.08));
+    fit.cameras[1].projection = Some(Projection {
+        rms_px: 0.03,
+        map_px,
+        ..Projection::default()
+    });
+    uncertainty::maps(&mut html, &fit);
+    assert_eq!(html.matches("<rect").count(), cells);
+    // The second cell of the second row is the darkest.
+    let darkest = "<rect x=\"40.0\" y=\"40.0\" width=\"40.0\" height=\"40.0\" fill=\"#d08020\" fill-opacity=\"0.80\"/>";
+    assert_eq!(html.matches(darkest).count(), 1, "{html}");
+    for words in [">80</text>", ">20</text>", "<b>c01</b>: 0.030 px"] {
+        assert!(html.contains(words), "{words}");
+    }
+    assert!(!html.contains("<b>c00</b>"), "{html}");
 }
 
 #[test]
