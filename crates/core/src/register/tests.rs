@@ -97,7 +97,7 @@ fn capture(balls: &[Ball], rig_from_object: &Isometry3<f64>) -> (Scene, Vec<Silh
 fn registered(captures: &[(Scene, Vec<Silhouette>)]) -> Registration {
     let captures = captures
         .iter()
-        .map(|(scene, silhouettes)| CaptureSilhouettes { scene, silhouettes });
+        .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
     register(&captures.collect::<Vec<_>>(), 0, None)
 }
 
@@ -122,7 +122,7 @@ fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
     let given = |second: Isometry3<f64>| {
         let captures = captures
             .each_ref()
-            .map(|(scene, silhouettes)| CaptureSilhouettes { scene, silhouettes });
+            .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
         register(&captures, 0, Some(&[poses[0], second])).captures[1].verdict
     };
     assert_eq!(given(poses[1]), Ok(PoseEvidence::Given));
