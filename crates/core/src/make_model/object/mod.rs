@@ -94,21 +94,7 @@ impl ModelMaker<'_> {
         match self.try_make_object(sources, request, &mut fusion) {
             Ok(outcome) => outcome,
             Err(error) => {
-                let mut reason = error.to_string();
-                // Those folders are another's.
-                let is_foreign = matches!(error, Error::OtherModel(_) | Error::NameTaken(_));
-                let replaces = (self.force || request.replaces)
-                    && is_about_the_object(&error, fusion.as_ref());
-                if !is_foreign
-                    && let Err(also) = self.report_no_object(
-                        sources,
-                        request,
-                        (&reason, fusion.as_ref()),
-                        replaces,
-                    )
-                {
-                    reason = format!("{reason}; {also}");
-                }
+                let reason = self.no_object(sources, request, &error, fusion.as_ref());
                 ObjectOutcome::Failed { reason, fusion }
             }
         }
@@ -273,22 +259,42 @@ impl ModelMaker<'_> {
         capture::digest(&inputs.join("\n"), None, &self.settings.text, &asked)
     }
 
-    /// Writes the report of why there is no model; in the place of a model only if it `replaces` one.
-    fn report_no_object(
+    /// Why there is no new model, in words, after that was reported in the object's folder.
+    fn no_object(
         &self,
         sources: &[Source],
         request: &ObjectRequest,
-        (reason, fusion): (&str, Option<&Fusion>),
-        replaces: bool,
+        error: &Error,
+        fusion: Option<&Fusion>,
+    ) -> String {
+        let reason = error.to_string();
+        // Those folders are another's.
+        if matches!(error, Error::OtherModel(_) | Error::NameTaken(_)) {
+            return reason;
+        }
+        let folder = self.object_folder(request.subject);
+        let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
+        let may_replace = self.force || request.replaces;
+        if is_model && !(may_replace && is_about_the_object(error, fusion)) {
+            return format!("{reason}; the model that was made before stays");
+        }
+        match self.report_no_object(sources, folder, &reason, fusion) {
+            Ok(()) => reason,
+            Err(also) => format!("{reason}; {also}"),
+        }
+    }
+
+    /// Writes the report of why there is no model.
+    fn report_no_object(
+        &self,
+        sources: &[Source],
+        folder: PathBuf,
+        reason: &str,
+        fusion: Option<&Fusion>,
     ) -> Result<(), Error> {
         let Some(first) = sources.first() else {
             return Ok(());
         };
-        let folder = self.object_folder(request.subject);
-        let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
-        if is_model && !replaces {
-            return Ok(());
-        }
         let recording = first.session.recording().path();
         let origin = failure::origin(recording, self.settings.reconstruction.method, "");
         let summary = first.session.capture(first.id);
