@@ -457,4 +457,19 @@ mod tests {
         assert_eq!(middle_of_wide(&[0..240, 240..480], both), None);
         assert_eq!(middle_of_wide(&[], |_| true), None);
     }
+
+    #[test]
+    fn good_turns_are_as_wide_as_the_two_that_are_farthest_apart() {
+        let turn = |degrees: f64| Isometry3::rotation(Vector3::new(0.0, 0.0, degrees.to_radians()));
+        let poses = [0.0, 1.5, 3.0, 4.5, 90.0].map(turn);
+        assert!(half_width_deg(&[1], &poses) < 1e-6);
+        assert!((half_width_deg(&[0, 1, 2], &poses) - 1.5).abs() < 1e-6);
+        assert!(half_width_deg(&[0, 1, 2, 3], &poses) > limits::DEPTH_SIGMA_DEG);
+        assert!((half_width_deg(&[0, 4], &poses) - 45.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn of_no_pose_none_is_the_best() {
+        assert_eq!(best_and_next(&[], &[], |_, _| true), None);
+    }
 }

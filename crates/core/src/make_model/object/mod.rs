@@ -439,7 +439,7 @@ fn joined(
         let place = Place {
             capture,
             object_from_rig: frame * pose.inverse(),
-            rank: rank(capture, registered, &mut leaders),
+            rank: rank(leader(capture, registered), &mut leaders),
         };
         placed.push((place, loaded));
     }
@@ -452,13 +452,18 @@ fn joined(
     ))
 }
 
-/// The rank of a capture: 0 where its turn is known, else one for all captures that follow the same turn. `leaders` are
-/// the captures whose turns are not known, as far as there were some.
-fn rank(capture: usize, registered: &Registered, leaders: &mut Vec<usize>) -> u8 {
-    if registered.verdict != Ok(PoseEvidence::Nothing) {
+/// The capture whose turn, which is not known, a capture follows; `None` where its turn is known.
+fn leader(capture: usize, registered: &Registered) -> Option<usize> {
+    let is_unknown = registered.verdict == Ok(PoseEvidence::Nothing);
+    is_unknown.then(|| registered.turns_with.unwrap_or(capture))
+}
+
+/// The rank of a capture: 0 where its turn is known, else one for all captures that follow the turn of the same
+/// `leader`. `leaders` are those that there were already.
+fn rank(leader: Option<usize>, leaders: &mut Vec<usize>) -> u8 {
+    let Some(leader) = leader else {
         return 0;
-    }
-    let leader = registered.turns_with.unwrap_or(capture);
+    };
     let known = leaders.iter().position(|l| *l == leader);
     let place = known.unwrap_or_else(|| {
         leaders.push(leader);
@@ -470,4 +475,16 @@ fn rank(capture: usize, registered: &Registered, leaders: &mut Vec<usize>) -> u8
 /// The name of a capture, as a subject where none was given.
 pub fn subject_of(captures: &[CaptureId]) -> &str {
     captures.first().map_or("", CaptureId::as_str)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn captures_that_follow_one_turn_have_one_rank() {
+        let mut leaders = Vec::new();
+        let ranks = [None, Some(4), Some(2), None, Some(4)].map(|l| rank(l, &mut leaders));
+        assert_eq!(ranks, [0, 1, 2, 0, 1]);
+    }
 }
