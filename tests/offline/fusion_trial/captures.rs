@@ -1,8 +1,8 @@
 //! Which captures of an object count: those that cannot be used are left out by name and take no model away, a copy
 //! counts once, and a file of poses fits whichever of them are left out.
 
-use super::super::desk::{Desk, said};
 use super::session;
+use crate::desk::{Desk, said};
 use scand::capture::CaptureSession;
 use scand::config::Config;
 use scand::frame::CaptureId;

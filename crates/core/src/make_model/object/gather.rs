@@ -38,8 +38,9 @@ pub struct Gathered {
 struct Found {
     time: Timestamp,
     id: CaptureId,
-    /// The path of its recording.
+    /// The path of its recording, and its last part.
     path: String,
+    file: String,
     /// The number of its recording.
     recording: usize,
     /// Why it does not count.
@@ -63,7 +64,7 @@ pub fn gather(sessions: &[CaptureSession], wanted: Wanted) -> Gathered {
             found.time,
             format!(
                 "capture {} of {} is the same as that of {}",
-                found.id, found.path, same.path
+                found.id, found.file, same.file
             ),
         ));
         same.obstacle = same.obstacle.take().or(found.obstacle.take());
@@ -100,13 +101,15 @@ fn is_same(sessions: &[CaptureSession], a: &Found, b: &Found) -> bool {
 fn found(sessions: &[CaptureSession], wanted: Wanted) -> Vec<Found> {
     let mut all: Vec<Found> = Vec::new();
     for (recording, session) in sessions.iter().enumerate() {
-        let path = session.recording().path().display().to_string();
+        let path = session.recording().path();
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
         let captures = session.captures().into_iter();
         all.extend(captures.filter(|c| is_wanted(c, wanted)).map(|c| Found {
             time: c.time,
             obstacle: obstacle(&c, wanted),
             id: c.id,
-            path: path.clone(),
+            path: path.display().to_string(),
+            file: file.clone().into_owned(),
             recording,
         }));
     }
