@@ -151,7 +151,7 @@ impl ModelMaker<'_> {
         }
         let timer = StageTimer::new(self.on_stage, first.id);
         let mut loaded = self.load_all(sources);
-        if let [only] = sources
+        if let [_] = sources
             && let Some(problem) = loaded.pop_if(|only| only.is_err()).and_then(Result::err)
         {
             return Err(problem);
