@@ -123,7 +123,7 @@ fn a_copy_of_a_recording_adds_no_capture() {
     #[rustfmt::skip]
     let fuse = |recordings: &[&str], out: &str| {
         let last = ["--capture", "ball-000", "--set", "hull.resolution=40", "-q", "--out", out];
-        desk.done(&[&["fuse"], recordings, &last].concat());
+        desk.done(&[&["fuse"][..], recordings, &last].concat());
         let folder = desk.path(out).join("ball/ball-000.object");
         let report = std::fs::read_to_string(folder.join("report.json")).unwrap();
         (std::fs::read(folder.join("model.glb")).unwrap(), report)

@@ -30,7 +30,7 @@ impl<'a> Comparisons<'a> {
 
     /// Compares those of the pairs that were not compared yet; the first of them, if there are too many.
     pub(super) fn make(&mut self, pairs: &[(usize, usize)]) {
-        let is_new = |pair: &&(usize, usize)| !self.known.contains_key(pair);
+        let is_new = |pair: &&(usize, usize)| !self.known.contains_key(*pair);
         let new: Vec<(usize, usize)> = pairs.iter().filter(is_new).copied().collect();
         let new = &new[..new.len().min(self.left)];
         self.left -= new.len();

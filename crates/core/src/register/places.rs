@@ -209,7 +209,7 @@ mod tests {
     /// Compares by a table; pairs that it does not have do not agree.
     fn table(
         pairs: &[(usize, usize, Verdict)],
-    ) -> impl Fn(usize, usize) -> Option<Decision> + Sync {
+    ) -> impl Fn(usize, usize) -> Option<Decision> + Sync + use<> {
         let pairs = pairs.to_vec();
         move |a, b| {
             let found = pairs.iter().find(|p| (p.0, p.1) == (a.min(b), a.max(b)));
@@ -250,10 +250,9 @@ mod tests {
 
     #[test]
     fn a_refusal_is_told_from_the_side_of_the_capture_that_has_no_place() {
-        let compare = |a: usize, b: usize| {
+        let compare = |a: usize, _: usize| {
             let larger_by = (a == 0).then_some(0.25);
             let verdict = if a == 0 { Err(Refusal::Scale) } else { HELD };
-            let _ = b;
             Some(Decision {
                 larger_by,
                 ..decision(verdict)
