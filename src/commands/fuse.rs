@@ -6,8 +6,8 @@ use crate::capture::CaptureSession;
 use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::make_model::{
-    ModelMaker, ObjectOutcome, ObjectRequest, Settings, Source, Wanted, gather, read_poses,
-    subject_of,
+    Gathered, ModelMaker, ObjectOutcome, ObjectRequest, Settings, Source, Wanted, gather,
+    read_poses, subject_of,
 };
 use crate::recording::finished_name;
 use crate::storage;
@@ -110,7 +110,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let given = args
         .poses
         .as_deref()
-        .map(|path| poses(path, ids.len()))
+        .map(|path| poses(path, &found))
         .transpose()?;
     let sources: Vec<Source> = found
         .captures
@@ -163,19 +163,27 @@ fn check(args: &Args, ids: &[CaptureId], left_out: &[String]) -> anyhow::Result<
     Ok(())
 }
 
-/// Reads poses, one a capture.
-fn poses(path: &Path, captures: usize) -> anyhow::Result<Vec<nalgebra::Isometry3<f64>>> {
+/// Reads poses, one for each capture of the object, or for each that counts; those of the captures that count.
+fn poses(path: &Path, found: &Gathered) -> anyhow::Result<Vec<nalgebra::Isometry3<f64>>> {
     let name = || path.display().to_string();
     let text = std::fs::read_to_string(path).with_context(name)?;
     let poses = read_poses(&text)
         .map_err(anyhow::Error::msg)
         .with_context(name)?;
+    if poses.len() == found.all {
+        return Ok(found.places.iter().map(|&place| poses[place]).collect());
+    }
+    let used = found.captures.len();
+    let expected = match found.all - used {
+        0 => String::new(),
+        left => format!(", or for each of the {used} that are not left out ({left} are)"),
+    };
     anyhow::ensure!(
-        poses.len() == captures,
-        "{}: rig_from_object has {} for {}, expected one for each",
+        poses.len() == used,
+        "{}: rig_from_object has {} for {} of the object, expected one for each{expected}",
         name(),
         count(poses.len(), "pose"),
-        count(captures, "capture")
+        count(found.all, "capture")
     );
     Ok(poses)
 }

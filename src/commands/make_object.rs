@@ -95,8 +95,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         poses: None,
     };
     if args.register && sources.len() > 1 {
-        let registering = maker.register_object(&sources, &request)?;
-        told.poses = Some(poses(&args.newest, &registering));
+        let registering = maker.register_object(&sources, &request);
+        told.poses = Some(match registering {
+            Ok(registering) => poses(&args.newest, &registering),
+            Err(error) => PosesFound::failed(&error.to_string()),
+        });
     }
     told.print();
     if args.register || (sources.len() < 2 && !told.has_folder) {

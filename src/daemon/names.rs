@@ -67,8 +67,7 @@ pub(super) fn has_capture(session: &str, captures: u32, name: &str) -> bool {
 
 /// The session that a capture's id names, as far as it is of the form `SESSION-0001` or `SESSION-0001.r1`.
 pub(super) fn session_of(capture: &str) -> &str {
-    let first = capture.split_once(".r").map_or(capture, |(first, _)| first);
-    first
+    capture
         .rsplit_once('-')
         .map_or(capture, |(session, _)| session)
 }
@@ -125,7 +124,13 @@ mod tests {
         ] {
             assert_eq!(has_capture("a", 3, name), has, "{name}");
         }
-        for (capture, session) in [("a-b-0001", "a-b"), ("a-b-0001.r2", "a-b"), ("cup", "cup")] {
+        for (capture, session) in [
+            ("a-b-0001", "a-b"),
+            ("a-b-0001.r2", "a-b"),
+            ("pot.red-0001", "pot.red"),
+            ("pot.red-0001.r2", "pot.red"),
+            ("cup", "cup"),
+        ] {
             assert_eq!(session_of(capture), session);
         }
     }

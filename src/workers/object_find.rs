@@ -42,8 +42,7 @@ fn is_stem_of(stem: &str, session: &str) -> bool {
 
 /// The session that a capture's id names: `SESSION-0001` or `SESSION-0001.r1`.
 pub(super) fn session_of(capture: &str) -> &str {
-    let first = capture.split_once(".r").map_or(capture, |(first, _)| first);
-    first
+    capture
         .rsplit_once('-')
         .map_or(capture, |(session, _)| session)
 }
@@ -51,6 +50,18 @@ pub(super) fn session_of(capture: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_session_may_have_any_name() {
+        for (capture, session) in [
+            ("a-b-0003.r1", "a-b"),
+            ("pot.red-0001", "pot.red"),
+            ("pot.red-0001.r2", "pot.red"),
+            ("cup", "cup"),
+        ] {
+            assert_eq!(session_of(capture), session);
+        }
+    }
 
     #[test]
     fn a_session_goes_on_in_numbered_files() {

@@ -3,12 +3,13 @@
 
 use super::job::{Job, set_aside};
 use super::object_find::{named, session_of};
+use crate::frame::Trigger;
 use crate::log;
 use crate::recording::{CaptureOutcome, Recording, Topic, finished_name};
 use crate::storage::write_atomically;
 use parking_lot::{Condvar, Mutex};
 use sha2::{Digest, Sha256};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -71,35 +72,47 @@ impl ObjectJob {
         format!("{letters:.24}.{ENDING}")
     }
 
-    /// The objects of a recording with two complete captures or more, rejected or not, each with the newest of them.
-    /// The recording is at `path` when it is complete.
-    fn of_recording(recording: &Recording, path: &Path) -> Vec<Self> {
-        let records = recording.messages(&Topic::Capture).iter();
-        let complete: Vec<String> = records
-            .filter_map(|m| recording.capture_record(m).ok())
-            .filter(|record| record.outcome == CaptureOutcome::Complete)
-            .map(|record| record.id)
-            .collect();
-        let triggers = recording.messages(&Topic::Trigger).iter();
+    /// The objects of a session's recordings with two complete captures or more, rejected or not, each with the newest
+    /// of them. Each recording comes with the path that it has when it is complete.
+    fn of_session(recordings: &[(&Recording, &Path)]) -> Vec<Self> {
         let mut of_subject: BTreeMap<String, (usize, Self)> = BTreeMap::new();
-        for trigger in triggers.filter_map(|m| recording.trigger(m).ok()) {
-            let Some(subject) = trigger.subject.clone() else {
-                continue;
-            };
-            if !complete.iter().any(|id| id == trigger.id.as_str()) {
-                continue;
+        for (recording, path) in recordings {
+            for (subject, trigger) in complete_captures(recording) {
+                let id = trigger.id.as_str();
+                let job = Self {
+                    newest: Job::new(path, id, trigger.time.0, &trigger.source),
+                    subject: subject.clone(),
+                    is_registered: false,
+                };
+                let (count, newest) = of_subject.entry(subject).or_insert((0, job.clone()));
+                *count += 1;
+                if job.newest.trigger_ns >= newest.newest.trigger_ns {
+                    *newest = job;
+                }
             }
-            let job = Self {
-                subject: subject.clone(),
-                newest: Job::new(path, trigger.id.as_str(), trigger.time.0, &trigger.source),
-                is_registered: false,
-            };
-            let count = of_subject.get(&subject).map_or(0, |(count, _)| *count);
-            of_subject.insert(subject, (count + 1, job));
         }
         let several = of_subject.into_values().filter(|(count, _)| *count > 1);
         several.map(|(_, job)| job).collect()
     }
+}
+
+/// The triggers of a recording's complete captures that name an object, with its number.
+fn complete_captures(recording: &Recording) -> Vec<(String, Trigger)> {
+    let records = recording.messages(&Topic::Capture).iter();
+    let complete: BTreeSet<String> = records
+        .filter_map(|m| recording.capture_record(m).ok())
+        .filter(|record| record.outcome == CaptureOutcome::Complete)
+        .map(|record| record.id)
+        .collect();
+    let triggers = recording.messages(&Topic::Trigger).iter();
+    triggers
+        .filter_map(|m| recording.trigger(m).ok())
+        .filter(|trigger| complete.contains(trigger.id.as_str()))
+        .filter_map(|trigger| {
+            let subject = trigger.subject.clone().filter(|s| !s.is_empty())?;
+            Some((subject, trigger))
+        })
+        .collect()
 }
 
 impl ObjectJobs {
@@ -155,36 +168,49 @@ impl ObjectJobs {
     }
 
     /// Takes in that somebody rejected a capture, or took that back: its object's model is made again, if it has a
-    /// subject of which there are several captures. Reads the recording.
+    /// subject of which the session has several captures. Reads the session's recordings.
     pub fn noted(&self, capture: &str) {
-        for path in named(&self.recordings, session_of(capture)) {
-            let Ok(recording) = Recording::open(&path) else {
-                continue;
-            };
-            let triggers = recording.messages(&Topic::Trigger).iter();
-            let mut triggers = triggers.filter_map(|m| recording.trigger(m).ok());
-            let Some(subject) = triggers
-                .find(|t| t.id.as_str() == capture)
-                .and_then(|t| t.subject)
-            else {
-                continue;
-            };
-            let complete = finished_name(&path).unwrap_or(path);
-            let objects = ObjectJob::of_recording(&recording, &complete).into_iter();
-            for job in objects.filter(|job| job.subject == subject) {
-                self.enqueue(ObjectJob {
-                    is_registered: true,
-                    ..job
-                });
-            }
+        let recordings = self.recordings_of(session_of(capture));
+        let is_noted = |(_, trigger): &(String, Trigger)| trigger.id.as_str() == capture;
+        let noted = recordings
+            .iter()
+            .find_map(|(recording, _)| complete_captures(recording).into_iter().find(is_noted));
+        let Some((subject, _)) = noted else {
             return;
+        };
+        let recordings: Vec<_> = recordings.iter().map(|(r, p)| (r, p.as_path())).collect();
+        let objects = ObjectJob::of_session(&recordings).into_iter();
+        for job in objects.filter(|job| job.subject == subject) {
+            self.enqueue(ObjectJob {
+                is_registered: true,
+                ..job
+            });
         }
     }
 
+    /// A session's recordings that can be read, each with the path that it has when it is complete.
+    fn recordings_of(&self, session: &str) -> Vec<(Recording, PathBuf)> {
+        let paths = named(&self.recordings, session).into_iter();
+        let read = paths.filter_map(|path| {
+            let recording = Recording::open(&path).ok()?;
+            Some((recording, finished_name(&path).unwrap_or(path)))
+        });
+        read.collect()
+    }
+
     /// Enqueues the objects of recordings that the end of an earlier run interrupted: it may have come between a
-    /// capture and its job. A job that is there already stays.
+    /// capture and its job. Captures in other recordings of the session count, too. A job that is there already stays.
     pub(super) fn enqueue_missing(&self, recording: &Recording, path: &Path) {
-        for job in ObjectJob::of_recording(recording, path) {
+        let own = complete_captures(recording);
+        let Some((_, first)) = own.first() else {
+            return;
+        };
+        let others = self.recordings_of(session_of(first.id.as_str()));
+        let others = others.iter().map(|(r, p)| (r, p.as_path()));
+        let others = others.filter(|(_, other)| *other != path);
+        let all: Vec<_> = std::iter::once((recording, path)).chain(others).collect();
+        let objects = ObjectJob::of_session(&all).into_iter();
+        for job in objects.filter(|job| own.iter().any(|(subject, _)| *subject == job.subject)) {
             let is_known = self.state.lock().entries.contains_key(&job.file_name());
             if !is_known {
                 self.enqueue(job);

@@ -121,28 +121,33 @@ impl Shared {
             return Some(true);
         };
         if taken.job.newest.begun >= MAX_STARTS {
+            self.registered(taken, PosesFound::failed(&started_too_often(taken)));
             return Some(false);
         }
         let ended = self.process(taken, &recordings, true)?;
         let Some(found) = CapturesFound::parse(&ended.words) else {
-            let why = ended.why(&self.plan);
-            log::error!("object {}: no poses were found: {why}", taken.job.subject);
+            self.registered(taken, PosesFound::failed(&ended.why(&self.plan)));
             return Some(false);
         };
         if let Some(poses) = found.poses {
-            log::notice!(
-                "object {}: capture {}: {}",
-                taken.job.subject,
-                taken.job.newest.capture,
-                poses.words
-            );
-            (self.tell)(ObjectResult::Registered {
-                subject: taken.job.subject.clone(),
-                capture: taken.job.newest.capture.clone(),
-                poses,
-            });
+            self.registered(taken, poses);
         }
         Some(found.captures < 2 && !found.has_folder)
+    }
+
+    fn registered(&self, taken: &ClaimedObjectJob, poses: PosesFound) {
+        let job = &taken.job;
+        log::notice!(
+            "object {}: capture {}: {}",
+            job.subject,
+            job.newest.capture,
+            poses.words
+        );
+        (self.tell)(ObjectResult::Registered {
+            subject: job.subject.clone(),
+            capture: job.newest.capture.clone(),
+            poses,
+        });
     }
 
     /// Makes the model.
@@ -156,11 +161,7 @@ impl Shared {
             return Some(true);
         };
         if taken.job.newest.begun >= MAX_STARTS {
-            let reason = format!(
-                "it was started {} times, and each time the daemon or the worker ended first",
-                taken.job.newest.begun
-            );
-            self.failed(taken, &recordings, reason, "");
+            self.failed(taken, &recordings, started_too_often(taken), "");
             return Some(true);
         }
         let ended = self.process(taken, &recordings, false)?;
@@ -178,9 +179,11 @@ impl Shared {
                 let model = outcome::model(&folder, status, &ended.words, parameters);
                 self.fused(taken, model, Some(&folder));
             }
-            // It has left its own report.
+            // It has left its own report, or a model that was made before.
             (Some(status), Some(folder)) if status.code() == Some(1) && found.is_some() => {
-                self.fused(taken, Err(ended.why(&self.plan)), Some(&folder));
+                let is_report = ReportFile::read(&folder).is_ok_and(|r| r.model.is_none());
+                let folder = is_report.then_some(folder.as_path());
+                self.fused(taken, Err(ended.why(&self.plan)), folder);
             }
             _ => {
                 let words = CapturesFound::others(&ended.words);
@@ -334,6 +337,13 @@ impl Shared {
             left_out,
         });
     }
+}
+
+fn started_too_often(taken: &ClaimedObjectJob) -> String {
+    format!(
+        "it was started {} times, and each time the daemon or the worker ended first",
+        taken.job.newest.begun
+    )
 }
 
 impl Ended {

@@ -86,6 +86,20 @@ pub struct PosesFound {
     pub show_next: Option<String>,
 }
 
+impl PosesFound {
+    /// Nothing, and why.
+    pub fn failed(reason: &str) -> Self {
+        Self {
+            verdict: Level::Red,
+            held_by: None,
+            words: format!("no poses were found: {reason}"),
+            left_out: Vec::new(),
+            unseen_percent: 0,
+            show_next: None,
+        }
+    }
+}
+
 impl CapturesFound {
     /// Tells the daemon.
     pub fn print(&self) {

@@ -4,7 +4,9 @@
 use super::object_protocol::{CapturesFound, PosesFound};
 use super::*;
 use crate::clock::Clock;
+use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::level::Level;
+use crate::recording::{CaptureRecord, Compression, Outcome, Writer};
 use crate::support::wait::until;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -188,8 +190,13 @@ fn a_process_that_fails_leaves_a_report_and_ends_the_job() {
     place.captured(&jobs, 1, "../17");
     place.captured(&jobs, 2, "../17");
     let (_workers, heard) = place.start(&jobs);
+    let ObjectResult::Registered { poses, .. } = heard.next() else {
+        panic!("who waits for poses was told nothing");
+    };
+    assert_eq!(poses, PosesFound::failed("no light"));
+    assert_eq!(poses.verdict, Level::Red);
     let ObjectResult::Fused { model, .. } = heard.next() else {
-        panic!("poses were reported that no process had found");
+        panic!("poses were reported twice");
     };
     assert_eq!(model.unwrap_err(), "no light");
     let report = place.path().join("models/s/%2E.%2F17.object/report.json");
@@ -199,6 +206,59 @@ fn a_process_that_fails_leaves_a_report_and_ends_the_job() {
             .contains("no light")
     );
     until("its job is done", || place.left() == 0);
+}
+
+/// A recording with a complete capture of each name and subject, a second apart.
+fn record(path: &Path, captures: &[(&str, &str)]) {
+    let mut writer = Writer::create(path, "test", Compression::None).unwrap();
+    for (i, (id, subject)) in captures.iter().enumerate() {
+        let number: u64 = id.rsplit('-').next().unwrap().parse().unwrap();
+        let time = Timestamp(1_760_000_000_000_000_000 + number * 1_000_000_000);
+        let trigger = Trigger {
+            id: CaptureId::new(id).unwrap(),
+            time,
+            source: format!("test {i}"),
+            press_id: None,
+            subject: Some((*subject).into()),
+            placement: None,
+        };
+        writer.trigger(&trigger).unwrap();
+        let record = CaptureRecord {
+            id: (*id).into(),
+            outcome: Outcome::Complete,
+            reason: None,
+            skew_ns: None,
+            cameras: Default::default(),
+        };
+        writer.capture(&record, time).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn captures_in_all_recordings_of_a_session_count_and_an_empty_subject_is_none() {
+    let place = Place::new("found 2");
+    let [first, second] = ["s.mcap", "s-002.mcap"].map(|name| place.recordings().join(name));
+    std::fs::remove_file(&first).unwrap();
+    record(
+        &first,
+        &[("s-0001", "17"), ("s-0002", ""), ("s-0003", "18")],
+    );
+    record(&second, &[("s-0004", "17"), ("s-0005", "")]);
+    let jobs = place.jobs();
+    for alone in ["s-0002", "s-0003", "s-0005", "s-0009"] {
+        jobs.objects().noted(alone);
+        assert!(jobs.objects().is_empty(), "{alone}");
+    }
+    jobs.objects().noted("s-0001");
+    assert_eq!(jobs.objects().len(), 1);
+    let taken = jobs.objects().take(true, || true).unwrap();
+    assert_eq!(taken.job.newest.capture, "s-0004");
+    assert_eq!(taken.job.newest.recording, "s-002.mcap");
+    // The same after a crash, whichever of the recordings was interrupted.
+    jobs.objects().finish(&taken);
+    jobs.enqueue_missing(&[first], &place.path().join("models"));
+    assert_eq!(jobs.objects().len(), 1);
 }
 
 #[test]

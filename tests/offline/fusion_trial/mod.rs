@@ -3,6 +3,7 @@
 //! ten shapes and prints a line for each session; the tests run a few small ones.
 
 mod bytes;
+mod captures;
 mod negatives;
 mod poses;
 mod score;

@@ -46,10 +46,28 @@ pub(super) struct Decision {
     pub(super) rivals: Vec<OtherPose>,
     pub(super) colours: Option<ColorAgreement>,
     pub(super) depth: Option<DepthWitness>,
-    /// By which share the second's lengths are larger than the first's, where the silhouettes agree without that alone.
+    /// By which share the second's lengths are larger than the first's, where the silhouettes agree without that alone,
+    /// or agree clearly better.
     pub(super) larger_by: Option<f64>,
+    /// Whether a person should look at the pose, although it is accepted.
+    pub(super) is_doubtful: bool,
     /// Standard deviations: degrees, and metres of the surface.
     pub(super) uncertainty: (f64, f64),
+}
+
+impl Decision {
+    /// The same of the second capture as the first, and the first as the second.
+    pub(super) fn reversed(&self) -> Self {
+        let turn = self.pose.rotation.inverse();
+        let stretch = self.stretch.clone();
+        Self {
+            pose: self.pose.inverse(),
+            stretch: stretch.map(|(stretch, is_second)| (stretch, !is_second)),
+            free_axis: self.free_axis.map(|axis| turn * axis),
+            larger_by: self.larger_by.map(|share| 1.0 / (1.0 + share) - 1.0),
+            ..self.clone()
+        }
+    }
 }
 
 /// Two captures that are compared.
@@ -72,6 +90,14 @@ const MOST_RIVALS: usize = 24;
 const CLOSE: f64 = 1.5;
 /// Candidates that cost more than this many times the best are left out.
 const COSTLIER: f64 = 2.5;
+/// A scale between two calibrations is significant from this share of all lengths on …
+const SCALE: f64 = 1e-3;
+/// … if silhouettes disagree by less than this share of what they do without it.
+const BETTER_SCALED: f64 = 0.9;
+/// Standard deviations of a turn that is as good as known.
+const SIGMAS: f64 = 3.0;
+/// The most degrees that so many standard deviations may be, for silhouettes alone to state a turn.
+const STATED_DEG: f64 = 1.0;
 
 /// Decides about two captures. `given` is a pose that is known, and only checked.
 pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) -> Decision {
@@ -91,6 +117,7 @@ pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) 
 }
 
 impl CapturePair<'_> {
+    /// A pose that a person gave, and that is not changed.
     fn checked(&self, pose: Isometry3<f64>) -> Decision {
         let still = Rays {
             rounds: 0,
@@ -99,10 +126,12 @@ impl CapturePair<'_> {
         let aligned = align(&self.a.body, &self.b.body, pose, still, None);
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
         decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
-        decision.depth = self.depth_at(&aligned.pose);
-        if decision.verdict.is_ok() && self.is_contradicted(&decision) {
-            decision.verdict = Err(Refusal::DepthContradicts);
+        decision.depth = self.depth_near(&aligned.pose);
+        if decision.verdict.is_ok() && self.do_colours_contradict(&aligned.pose) {
+            decision.verdict = Err(Refusal::ColoursContradict);
         }
+        // Readings on a steep wall may contradict the true pose.
+        decision.is_doubtful = self.is_contradicted(&decision);
         decision
     }
 
@@ -117,13 +146,21 @@ impl CapturePair<'_> {
         if stated.verdict.is_err() {
             return self.at_another_scale(stated);
         }
-        let determination = Determination::of(a, b, best, self.object);
+        self.doubted_for_scale(self.chosen(stated, best, &refined))
+    }
+
+    /// Chooses among the poses that the silhouettes bear, of which the best is `stated`.
+    fn chosen(&self, stated: Decision, best: &Aligned, refined: &[Aligned]) -> Decision {
+        let determination = Determination::of(&self.a.body, &self.b.body, best, self.object);
         let is_free = determination.is_free();
-        let rivals = self.rivals(best, &refined, is_free);
-        if !is_free && rivals.is_empty() {
-            return self.unique(stated);
+        let rivals = self.rivals(best, refined, is_free);
+        if is_free || !rivals.is_empty() {
+            return self.by_witnesses(stated, best, &determination, &rivals);
         }
-        self.by_witnesses(stated, best, &determination, &rivals)
+        if determination.is_loose() || SIGMAS * stated.uncertainty.0 > STATED_DEG {
+            return self.loosely_held(stated, best, &determination);
+        }
+        self.unique(stated)
     }
 
     /// Other poses that the silhouettes bear. An object that looks the same after each of two turns looks the same
@@ -134,11 +171,13 @@ impl CapturePair<'_> {
         let apart = limits::APART * a.radius;
         let is_other =
             |x: &Aligned, y: &Aligned| displacement(&x.pose, &y.pose, &a.surface) > apart;
-        let bearable = refined
-            .iter()
-            .skip(1)
-            .filter(|r| r.disagreement < self.object);
-        let mut rivals: Vec<Aligned> = bearable.filter(|r| is_other(r, best)).cloned().collect();
+        let mut rivals: Vec<Aligned> = Vec::new();
+        for found in refined.iter().skip(1) {
+            let is_new = is_other(found, best) && rivals.iter().all(|r| is_other(r, found));
+            if is_new && found.disagreement < self.object {
+                rivals.push(found.clone());
+            }
+        }
         let mut known = 0;
         while !is_free && known < rivals.len() && rivals.len() < MOST_RIVALS {
             let turns: Vec<Isometry3<f64>> = rivals
@@ -213,7 +252,7 @@ impl CapturePair<'_> {
 
     /// Silhouettes that agree in no pose: whether they would, if the lengths of the calibrations were the same.
     fn at_another_scale(&self, mut decision: Decision) -> Decision {
-        if self.a.cameras == self.b.cameras {
+        if self.share_a_calibration() {
             return decision;
         }
         let (scale, aligned) = scale::best(&self.a.body, &self.b.body, &decision.pose);
@@ -230,12 +269,42 @@ impl CapturePair<'_> {
         decision
     }
 
+    /// A pose that is accepted, of captures whose calibrations differ: doubtful if silhouettes agree clearly better with
+    /// other lengths.
+    fn doubted_for_scale(&self, mut decision: Decision) -> Decision {
+        if decision.verdict.is_err() || self.share_a_calibration() {
+            return decision;
+        }
+        let (a, b) = (&self.a.body, &self.b.body);
+        let as_it_is = align(a, b, decision.pose, Rays::MANY, None).disagreement;
+        let (scale, scaled) = scale::best(a, b, &decision.pose);
+        let larger_by = 1.0 / scale - 1.0;
+        if larger_by.abs() > SCALE && scaled.disagreement < BETTER_SCALED * as_it_is {
+            decision.larger_by = Some(larger_by);
+            decision.is_doubtful = true;
+        }
+        decision
+    }
+
+    /// Whether the cameras that both captures have are calibrated alike. One of them may lack a camera.
+    fn share_a_calibration(&self) -> bool {
+        let mut common = self.a.cameras.iter().filter_map(|camera| {
+            let same = self.b.cameras.iter().find(|other| other.id == camera.id)?;
+            Some(same == camera)
+        });
+        common
+            .next()
+            .is_some_and(|is_same| is_same && common.all(|is_same| is_same))
+    }
+
     /// A pose that the silhouettes alone hold.
-    fn unique(&self, mut decision: Decision) -> Decision {
+    pub(super) fn unique(&self, mut decision: Decision) -> Decision {
         decision.colours = Some(self.colours_at(&decision.pose, 0.0));
         decision.depth = self.depth_at(&decision.pose);
         if self.is_contradicted(&decision) {
             decision.verdict = Err(Refusal::DepthContradicts);
+        } else if self.do_colours_contradict(&decision.pose) {
+            decision.verdict = Err(Refusal::ColoursContradict);
         }
         decision
     }
@@ -281,10 +350,7 @@ impl CapturePair<'_> {
             .into_iter()
             .filter_map(|(s, is_second)| Some((s?, is_second)))
             .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
-        let own =
-            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
-        let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        let is_long = worst > limits::stretch(own[0].max(own[1]));
+        let is_long = limits::is_long(stretch.as_ref().map_or(0.0, |(s, _)| s.weight()));
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long => Err(Refusal::Stretch),
@@ -302,6 +368,7 @@ impl CapturePair<'_> {
             colours: None,
             depth: None,
             larger_by: None,
+            is_doubtful: false,
         }
     }
 

@@ -12,8 +12,12 @@ use rayon::prelude::*;
 const SLIPS_DEG: [f64; 3] = [5.0, 10.0, 30.0];
 /// Degrees of slip from which on without an objection a direction counts as free.
 pub(super) const UNDETERMINED_DEG: f64 = 10.0;
+/// Degrees of slip from which on without an objection a direction is held loosely.
+const LOOSE_DEG: f64 = 5.0;
 /// Poses along a free turn that are put back on the silhouettes.
 const ANCHORS: usize = 12;
+/// So many of them may be off for the noise of silhouettes.
+const FEW_ANCHORS: usize = 2;
 /// Directions that are made to slip, the softest first.
 const DIRECTIONS: usize = 2;
 
@@ -53,6 +57,34 @@ impl Determination {
     /// Whether a turn is free, and nothing else is.
     pub(super) fn is_free(&self) -> bool {
         self.free_deg[0] >= UNDETERMINED_DEG
+    }
+
+    /// Whether the silhouettes hold a turn, but not to the few degrees that a pose must be known to.
+    pub(super) fn is_loose(&self) -> bool {
+        self.free_deg[0] >= LOOSE_DEG
+    }
+
+    /// Poses a degree apart, up to `side` degrees from one in the softest direction, where the silhouettes do not object
+    /// by more than `limit` metres after the other directions are put back on them.
+    pub(super) fn near(
+        &self,
+        a: &Body,
+        b: &Body,
+        aligned: &Aligned,
+        side: i32,
+        limit: f64,
+    ) -> Vec<Isometry3<f64>> {
+        let at = |degrees: i32| {
+            let radians = f64::from(degrees).to_radians();
+            let slipped = moved_along(a, b, &aligned.pose, &self.softest, radians);
+            align(a, b, slipped, Rays::SOME, Some(&self.softest))
+        };
+        (-side..=side)
+            .into_par_iter()
+            .map(at)
+            .filter(|slipped| slipped.disagreement < limit)
+            .map(|slipped| slipped.pose)
+            .collect()
     }
 }
 
@@ -141,6 +173,12 @@ impl Turns {
         let anchors = self.anchors.iter();
         let bearable = anchors.filter(|(aligned, _)| aligned.disagreement < limit);
         bearable.flat_map(of_anchor).collect()
+    }
+
+    /// Whether the silhouettes bear the turn all the way round, but for a place or two where they err.
+    pub(super) fn is_whole(&self, limit: f64) -> bool {
+        let borne = self.anchors.iter().filter(|(a, _)| a.disagreement < limit);
+        borne.count() + FEW_ANCHORS >= ANCHORS
     }
 
     /// Whether a pose is one of these turns, to within `apart` metres.

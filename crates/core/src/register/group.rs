@@ -1,10 +1,12 @@
-//! Finds the poses of all captures of an object: each is compared with one that has a pose already, and at the end with
-//! all others together.
+//! Finds the poses of all captures of an object: prepares each, lets pairs be compared and groups be made of them, and
+//! states what was found of each capture.
 
 use super::body::Body;
+use super::comparisons::Comparisons;
 use super::decide::{Decision, Prepared, decide};
 use super::depth::Depths;
 use super::noise;
+use super::places::{AtOnce, Placed, Places, largest};
 use super::skin::Skin;
 use super::touch::Target;
 use super::unseen::{Unseen, unseen};
@@ -13,15 +15,16 @@ use crate::level::Level;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-/// Finds how captures lie against each other. The object's frame is that of capture `frame_of`, or of another one where
-/// that one has no place among them. `given` holds poses that are known, each mapping a point of the object into the
-/// capture's rig; they are only checked.
+/// Finds how captures lie against each other; `None` is a capture without silhouettes. The object's frame is that of
+/// capture `frame_of`, or of another one where that one has no place among them. `given` holds poses that are known,
+/// each mapping a point of the object into the capture's rig; they are only checked.
 pub fn register(
-    captures: &[CaptureSilhouettes],
+    captures: &[Option<CaptureSilhouettes>],
     frame_of: usize,
     given: Option<&[Isometry3<f64>]>,
 ) -> Registration {
-    let prepared: Vec<Option<Prepared>> = captures.par_iter().map(prepare).collect();
+    let prepared = captures.par_iter().map(|c| prepare(c.as_ref()?));
+    let prepared: Vec<Option<Prepared>> = prepared.collect();
     let usable = |i: &usize| {
         prepared[*i]
             .as_ref()
@@ -30,22 +33,21 @@ pub fn register(
     let count = captures.len();
     let order = std::iter::once(frame_of).chain((0..count).filter(|&i| i != frame_of));
     let order: Vec<usize> = order.filter(|i| *i < count).filter(usable).collect();
-    let group = Group {
-        prepared: &prepared,
-        given,
+    let compare = |a: usize, b: usize| {
+        let given = given.map(|g| g[b] * g[a].inverse());
+        Some(decide(prepared[a].as_ref()?, prepared[b].as_ref()?, given))
     };
-    let mut best = group.around(&order);
-    // The first may be the odd one out: the largest group that agrees counts.
-    for start in 1..order.len() {
-        if best.len() > 1 {
-            break;
-        }
-        let found = group.around(&order[start..]);
-        if found.len() > best.len() {
-            best = found;
-        }
-    }
-    group.registration(frame_of, order, best)
+    let against_all = |placed: &[Placed], i: usize| against_all(&prepared, placed, i);
+    let mut comparisons = Comparisons::new(&compare, order.len());
+    let places = largest(&mut comparisons, &against_all, &order);
+    let found = Found {
+        captures,
+        prepared: &prepared,
+        order: &order,
+        comparisons: &comparisons,
+        places: &places,
+    };
+    found.registration(frame_of)
 }
 
 fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
@@ -68,149 +70,56 @@ fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
     })
 }
 
+/// Whether silhouettes of one capture contradict each other: as a whole, or along a stretch, as where a prop hides a
+/// part from one camera.
 fn contradicts_itself(prepared: &Prepared) -> bool {
-    prepared.own.rms > limits::own(prepared.body.pixel)
+    let own = &prepared.own;
+    let stretch = own.stretch.as_ref().map_or(0.0, |s| s.weight());
+    own.rms > limits::own(prepared.body.pixel) || limits::is_long(stretch)
 }
 
-/// A capture with its place.
-struct Placed {
-    index: usize,
-    rig_from_object: Isometry3<f64>,
-    /// The capture that it was compared with, and what was found; `None` for the one whose frame it is.
-    found: Option<(usize, Decision)>,
-    all_at_once: Option<f64>,
+/// What all others of `placed` say against one of them.
+fn against_all(prepared: &[Option<Prepared>], placed: &[Placed], i: usize) -> Option<AtOnce> {
+    let own = &placed[i];
+    let others = placed.iter().filter(|p| p.index != own.index);
+    let targets = others.filter_map(|p| {
+        Some(Target {
+            body: &prepared[p.index].as_ref()?.body,
+            body_from_ray: p.rig_from_object * own.rig_from_object.inverse(),
+            is_self: false,
+        })
+    });
+    let targets: Vec<Target> = targets.collect();
+    let body = &prepared[own.index].as_ref()?.body;
+    let rms = noise::of_rays(body, &targets).rms;
+    let noises = placed.iter().filter_map(|p| prepared[p.index].as_ref());
+    let noise = noises.map(|p| p.own.rms).fold(0.0, f64::max);
+    Some(AtOnce {
+        rms,
+        share: rms / limits::all_at_once(noise, body.pixel),
+        is_clear: limits::is_green_at_once(rms, noise, body.pixel),
+    })
 }
 
-struct Group<'a> {
+/// All that was found, to be stated.
+struct Found<'a> {
+    captures: &'a [Option<CaptureSilhouettes<'a>>],
     prepared: &'a [Option<Prepared>],
-    given: Option<&'a [Isometry3<f64>]>,
+    /// The captures that do not contradict themselves.
+    order: &'a [usize],
+    comparisons: &'a Comparisons<'a>,
+    places: &'a Places,
 }
 
-/// Captures with a place, and what was found of those without.
-#[derive(Default)]
-struct Places {
-    placed: Vec<Placed>,
-    refused: Vec<(usize, usize, Decision)>,
-    /// Captures that agree with one other, but not with all.
-    outvoted: Vec<(usize, f64)>,
-}
-
-impl Places {
-    fn len(&self) -> usize {
-        self.placed.len()
-    }
-}
-
-impl Group<'_> {
-    fn get(&self, index: usize) -> Option<&Prepared> {
-        self.prepared[index].as_ref()
-    }
-
-    fn decide(&self, a: usize, b: usize) -> Option<Decision> {
-        let given = self.given.map(|g| g[b] * g[a].inverse());
-        Some(decide(self.get(a)?, self.get(b)?, given))
-    }
-
-    /// Places all captures of `order` around its first.
-    fn around(&self, order: &[usize]) -> Places {
-        let Some((&root, others)) = order.split_first() else {
-            return Places::default();
-        };
-        let mut places = Places::default();
-        places.placed.push(Placed {
-            index: root,
-            rig_from_object: Isometry3::identity(),
-            found: None,
-            all_at_once: None,
+impl Found<'_> {
+    fn registration(&self, wanted: usize) -> Registration {
+        let placed = &self.places.placed;
+        let frame_of = placed.first().map_or(wanted, |p| p.index);
+        let bodies = placed.iter().filter_map(|p| {
+            let prepared = self.prepared[p.index].as_ref()?;
+            Some((p.index, &prepared.body, p.rig_from_object))
         });
-        let first = others.par_iter().map(|&i| Some((i, self.decide(root, i)?)));
-        let mut open: Vec<(usize, usize, Decision)> = Vec::new();
-        for (index, decision) in first.collect::<Vec<_>>().into_iter().flatten() {
-            match decision.verdict {
-                Ok(held) if held != PoseEvidence::Nothing => places.add(root, index, decision),
-                _ => open.push((root, index, decision)),
-            }
-        }
-        self.place_against_others(&mut places, open);
-        self.check_all_at_once(&mut places);
-        places
-    }
-
-    /// What the first one does not place, another one may: a third pose in between.
-    fn place_against_others(&self, places: &mut Places, open: Vec<(usize, usize, Decision)>) {
-        for (root, index, decision) in open {
-            let known: Vec<usize> = places.placed.iter().map(|p| p.index).collect();
-            let others = known.into_iter().filter(|&k| k != root);
-            let found = others.filter_map(|k| Some((k, self.decide(k, index)?)));
-            let mut held =
-                found.filter(|(_, d)| d.verdict.is_ok_and(|h| h != PoseEvidence::Nothing));
-            if let Some((against, better)) = held.next() {
-                places.add(against, index, better);
-            } else if decision.verdict.is_ok() {
-                places.add(root, index, decision);
-            } else {
-                places.refused.push((root, index, decision));
-            }
-        }
-    }
-
-    /// Leaves out captures that the others together contradict, the worst first.
-    fn check_all_at_once(&self, places: &mut Places) {
-        if places.len() < 3 {
-            return;
-        }
-        loop {
-            let mut worst: Option<(usize, f64)> = None;
-            for i in 0..places.len() {
-                let Some(rms) = self.against_all(places, i) else {
-                    continue;
-                };
-                places.placed[i].all_at_once = Some(rms);
-                let Some(prepared) = self.get(places.placed[i].index) else {
-                    continue;
-                };
-                let noises = places.placed.iter().filter_map(|p| self.get(p.index));
-                let noise = noises.map(|p| p.own.rms).fold(0.0, f64::max);
-                let excess = rms / limits::all_at_once(noise, prepared.body.pixel);
-                if worst.is_none_or(|(_, w)| excess > w) {
-                    worst = Some((i, excess));
-                }
-            }
-            match worst {
-                Some((i, excess)) if excess > 1.0 && places.len() > 2 => {
-                    let i = if i == 0 { places.len() - 1 } else { i };
-                    let left = places.placed.remove(i);
-                    places
-                        .outvoted
-                        .push((left.index, left.all_at_once.unwrap_or(0.0)));
-                }
-                _ => return,
-            }
-        }
-    }
-
-    fn against_all(&self, places: &Places, i: usize) -> Option<f64> {
-        let own = &places.placed[i];
-        let others = places.placed.iter().filter(|p| p.index != own.index);
-        let targets = others.filter_map(|p| {
-            Some(Target {
-                body: &self.get(p.index)?.body,
-                body_from_ray: p.rig_from_object * own.rig_from_object.inverse(),
-                is_self: false,
-            })
-        });
-        let targets: Vec<Target> = targets.collect();
-        let body = &self.get(own.index)?.body;
-        Some(noise::of_rays(body, &targets).rms)
-    }
-
-    fn registration(&self, wanted: usize, order: Vec<usize>, places: Places) -> Registration {
-        let frame_of = places.placed.first().map_or(wanted, |p| p.index);
-        let of_capture = |index: usize| self.registered(index, &order, &places);
-        let placed = places.placed.iter();
-        let mut bodies: Vec<(usize, &Body, Isometry3<f64>)> = placed
-            .filter_map(|p| Some((p.index, &self.get(p.index)?.body, p.rig_from_object)))
-            .collect();
+        let mut bodies: Vec<(usize, &Body, Isometry3<f64>)> = bodies.collect();
         bodies.sort_by_key(|(index, ..)| (*index != frame_of, *index));
         let bodies: Vec<_> = bodies
             .into_iter()
@@ -221,67 +130,67 @@ impl Group<'_> {
         } else {
             unseen(&bodies)
         };
+        let numbers = 0..self.prepared.len();
         Registration {
             frame_of,
-            captures: (0..self.prepared.len()).map(of_capture).collect(),
+            captures: numbers.map(|index| self.registered(index)).collect(),
             unseen,
         }
     }
 
-    fn registered(&self, index: usize, order: &[usize], places: &Places) -> Registered {
-        let mut registered = Registered {
-            verdict: Err(Refusal::NoHull),
-            level: Level::Red,
-            rig_from_object: None,
-            against: None,
-            sigma_deg: 180.0,
-            sigma_mm: 1e3,
-            free_axis: None,
-            own_noise_mm: 0.0,
-            disagreement_mm: None,
-            accepted_mm: 0.0,
-            worst_stretch: None,
-            depth: None,
-            colours: None,
-            larger_by: None,
-            rivals: Vec::new(),
-            all_at_once_mm: None,
+    fn registered(&self, index: usize) -> Registered {
+        let Some(prepared) = &self.prepared[index] else {
+            return nothing_known(match self.captures[index] {
+                Some(_) => Refusal::NoHull,
+                None => Refusal::Unusable,
+            });
         };
-        let Some(prepared) = self.get(index) else {
-            return registered;
-        };
+        let mut registered = nothing_known(Refusal::NotCompared);
         registered.own_noise_mm = 1e3 * prepared.own.rms;
         registered.accepted_mm = 1e3 * limits::own(prepared.body.pixel);
-        if !order.contains(&index) {
+        if !self.order.contains(&index) {
             registered.verdict = Err(Refusal::ContradictsItself);
             let stretch = prepared.own.stretch.clone();
             registered.worst_stretch = stretch.map(|s| (index, s));
-            return registered;
-        }
-        if let Some(placed) = places.placed.iter().find(|p| p.index == index) {
-            registered.rig_from_object = Some(placed.rig_from_object);
-            registered.all_at_once_mm = placed.all_at_once.map(|m| 1e3 * m);
-            let Some((against, decision)) = &placed.found else {
-                registered.verdict = Ok(PoseEvidence::Frame);
-                registered.level = Level::Green;
-                (registered.sigma_deg, registered.sigma_mm) = (0.0, 0.0);
-                return registered;
-            };
-            self.fill(&mut registered, *against, index, decision);
-            let axis = decision.free_axis;
-            registered.free_axis = axis.map(|a| placed.rig_from_object.rotation.inverse() * a);
-        } else if let Some((against, _, decision)) = places.refused.iter().find(|r| r.1 == index) {
-            self.fill(&mut registered, *against, index, decision);
-        } else {
+        } else if let Some(placed) = self.places.of(index) {
+            self.fill_placed(&mut registered, placed);
+        } else if let Some(outvoted) = self.places.outvoted.iter().find(|o| o.0 == index) {
             registered.verdict = Err(Refusal::AllAtOnce);
-            let found = places.outvoted.iter().find(|o| o.0 == index);
-            registered.all_at_once_mm = found.map(|o| 1e3 * o.1);
+            registered.all_at_once_mm = Some(1e3 * outvoted.1);
+        } else {
+            let placed: Vec<usize> = self.places.placed.iter().map(|p| p.index).collect();
+            if let Some((against, decision)) = self.comparisons.refusal(index, &placed) {
+                self.fill(&mut registered, against, index, &decision);
+            }
         }
         registered
     }
 
+    fn fill_placed(&self, into: &mut Registered, placed: &Placed) {
+        into.rig_from_object = Some(placed.rig_from_object);
+        into.all_at_once_mm = placed.at_once.map(|a| 1e3 * a.rms);
+        let Some((against, decision)) = &placed.found else {
+            into.verdict = Ok(PoseEvidence::Frame);
+            into.level = Level::Green;
+            (into.sigma_deg, into.sigma_mm) = (0.0, 0.0);
+            return;
+        };
+        self.fill(into, *against, placed.index, decision);
+        let axis = decision.free_axis;
+        into.free_axis = axis.map(|a| placed.rig_from_object.rotation.inverse() * a);
+        if placed.at_once.is_some_and(|a| !a.is_clear) {
+            into.level = into.level.max(Level::Amber);
+        }
+        if let Some(leader) = placed.turns_with {
+            into.verdict = Ok(PoseEvidence::Nothing);
+            into.level = Level::Amber;
+            into.turns_with = (leader != placed.index).then_some(leader);
+        }
+    }
+
     fn fill(&self, into: &mut Registered, against: usize, index: usize, decision: &Decision) {
-        let pixel = self.get(index).map_or(0.0, |p| p.body.pixel);
+        let prepared = self.prepared[index].as_ref();
+        let pixel = prepared.map_or(0.0, |p| p.body.pixel);
         into.against = Some(against);
         into.verdict = decision.verdict;
         into.sigma_deg = decision.uncertainty.0;
@@ -299,22 +208,31 @@ impl Group<'_> {
         into.level = match decision.verdict {
             Err(_) => Level::Red,
             Ok(PoseEvidence::Nothing | PoseEvidence::Depth) => Level::Amber,
-            Ok(_) if is_clear => Level::Green,
+            Ok(_) if is_clear && !decision.is_doubtful => Level::Green,
             Ok(_) => Level::Amber,
         };
     }
 }
 
-impl Places {
-    fn add(&mut self, against: usize, index: usize, decision: Decision) {
-        let Some(base) = self.placed.iter().find(|p| p.index == against) else {
-            return;
-        };
-        self.placed.push(Placed {
-            index,
-            rig_from_object: decision.pose * base.rig_from_object,
-            found: Some((against, decision)),
-            all_at_once: None,
-        });
+/// A capture of which nothing is known but why it has no pose.
+fn nothing_known(refusal: Refusal) -> Registered {
+    Registered {
+        verdict: Err(refusal),
+        level: Level::Red,
+        rig_from_object: None,
+        against: None,
+        sigma_deg: 180.0,
+        sigma_mm: 1e3,
+        free_axis: None,
+        turns_with: None,
+        own_noise_mm: 0.0,
+        disagreement_mm: None,
+        accepted_mm: 0.0,
+        worst_stretch: None,
+        depth: None,
+        colours: None,
+        larger_by: None,
+        rivals: Vec::new(),
+        all_at_once_mm: None,
     }
 }

@@ -1,6 +1,8 @@
 //! The limits by which poses are accepted or refused, all in one place. `design/fusion.md` has the measurements that
 //! they come from.
 
+use super::ColorAgreement;
+
 /// Own noise beyond this many metres, or beyond [`OWN_PX`], is a contradiction.
 const OWN: f64 = 0.15e-3;
 /// Pixels of the same.
@@ -19,9 +21,16 @@ const OBJECTION_MORE_PX: f64 = 0.12;
 const ALL_AT_ONCE: f64 = 2.5;
 /// … or so many pixels more than it.
 const ALL_AT_ONCE_MORE_PX: f64 = 0.2;
-/// A stretch of contour may miss by so many square pixels, length by depth, or by twice what it misses in its own
-/// capture.
+/// In the lower half of that, it says so many times the own noise at most …
+const AT_ONCE_GREEN: f64 = 2.0;
+/// … or so many pixels more than it.
+const AT_ONCE_GREEN_MORE_PX: f64 = 0.16;
+/// A stretch of contour may miss by so many square pixels, length by depth.
 const STRETCH_PX2: f64 = 70.0;
+/// Comparisons of two captures that are made at most: so many for each capture …
+const COMPARISONS_EACH: usize = 2;
+/// … and so many more. All of up to six captures can be compared.
+const COMPARISONS_MORE: usize = 12;
 
 /// Poses that move the surface by more than this share of its radius differ.
 pub(super) const APART: f64 = 0.13;
@@ -31,11 +40,15 @@ pub(super) const SAME: f64 = 0.025;
 pub(super) const MOST_TURNS: usize = 2;
 
 /// Colours decide from this correlation on …
-pub(super) const CORRELATION: f64 = 0.35;
+const CORRELATION: f64 = 0.35;
 /// … if it is larger than any other pose's by this.
-pub(super) const CORRELATION_MARGIN: f64 = 0.12;
+const CORRELATION_MARGIN: f64 = 0.12;
 /// Contrast of the logarithm of brightness below which a surface is plain.
 pub(super) const PLAIN: f64 = 0.06;
+/// Patterns that correlate by less than this have nothing in common …
+pub(super) const NOTHING_IN_COMMON: f64 = 0.1;
+/// … if they are compared at so many points at least.
+pub(super) const COMMON_POINTS: usize = 500;
 
 /// Share of depth readings beyond which they contradict a pose.
 pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
@@ -46,8 +59,15 @@ pub(super) const DEPTH_OBJECTS_TO: f64 = 0.4;
 pub(super) const DEPTH_OBJECTS_IN_A_ROW_DEG: f64 = 45.0;
 /// A part of a free turn that depth finds equally good is wide from these degrees on: it claims no turn.
 pub(super) const DEPTH_WIDE_DEG: f64 = 75.0;
-/// Poses that depth finds equally good may differ by this share of the radius and still count as one.
+/// Poses that depth finds equally good may differ by this share of the radius and still count as one …
 pub(super) const DEPTH_SPREAD: f64 = 0.12;
+/// … if their turns lie within so many degrees of their middle.
+pub(super) const DEPTH_SIGMA_DEG: f64 = 2.0;
+
+/// Whether colours choose the pose at which they agree best.
+pub(super) fn do_colours_decide(colours: &ColorAgreement) -> bool {
+    colours.best > CORRELATION && colours.best - colours.next > CORRELATION_MARGIN
+}
 
 /// The most own noise that a capture may have, in metres.
 pub(super) fn own(pixel: f64) -> f64 {
@@ -71,9 +91,15 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
-/// The largest weight of a stretch that is accepted, given the worst of the captures by themselves.
-pub(super) fn stretch(own: f64) -> f64 {
-    STRETCH_PX2.max(2.0 * own)
+/// Whether a stretch of contour of this weight in square pixels contradicts what it is held against: another capture,
+/// or the other contours of its own.
+pub(super) fn is_long(stretch: f64) -> bool {
+    stretch > STRETCH_PX2
+}
+
+/// How many comparisons of two captures are made at most, of so many captures.
+pub(super) fn comparisons(captures: usize) -> usize {
+    COMPARISONS_EACH * captures + COMPARISONS_MORE
 }
 
 /// The most contradicting share that is borne where the least of any turn is known.
@@ -84,4 +110,9 @@ pub(super) fn depth(least: f64) -> f64 {
 /// The most that all other captures may say against one, in metres.
 pub(super) fn all_at_once(noise: f64, pixel: f64) -> f64 {
     (ALL_AT_ONCE * noise).max(noise + ALL_AT_ONCE_MORE_PX * pixel)
+}
+
+/// Whether what all others say lies in the lower half of that.
+pub(super) fn is_green_at_once(rms: f64, noise: f64, pixel: f64) -> bool {
+    rms <= (AT_ONCE_GREEN * noise).max(noise + AT_ONCE_GREEN_MORE_PX * pixel)
 }

@@ -7,22 +7,27 @@
 //! - `body` prepares a capture: its outlines, viewing rays and hull;
 //! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
+//! - `loose` asks colours where silhouettes hold a pose, but hold it loosely;
 //! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
 //! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice, and with a `scale` where
-//!   their calibrations differ; `group` does so for all;
+//!   their calibrations differ; `comparisons` keeps what was found of pairs, `places` makes groups of it, and `group`
+//!   does so for all and states what was found;
 //! - `unseen` measures what no camera faced.
 
 mod align;
 mod body;
+mod comparisons;
 mod contour;
 mod decide;
 mod depth;
 mod determination;
 mod group;
 mod limits;
+mod loose;
 mod motion;
 mod noise;
 mod outline;
+mod places;
 mod scale;
 mod search;
 mod skin;
@@ -78,6 +83,8 @@ pub enum PoseEvidence {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {
+    /// It could not be read, or has no silhouettes.
+    Unusable,
     /// Its silhouettes contradict each other.
     ContradictsItself,
     /// It has no hull.
@@ -91,10 +98,14 @@ pub enum Refusal {
     Stretch,
     /// Depth contradicts the pose that silhouettes or colours chose.
     DepthContradicts,
+    /// Both captures show a pattern, and the patterns have nothing in common at the pose that silhouettes chose.
+    ColoursContradict,
     /// Several poses differ in more than the silhouettes show, and nothing decides.
     Undecided,
     /// It agrees with another capture, but not with all.
     AllAtOnce,
+    /// Too many captures were compared before its turn came.
+    NotCompared,
 }
 
 /// Another pose that agrees with the silhouettes.
@@ -145,6 +156,9 @@ pub struct Registered {
     pub sigma_mm: f64,
     /// The axis in the object's frame about which its turn is not known from form.
     pub free_axis: Option<UnitVector3<f64>>,
+    /// The number of another capture whose turn is not known, and against which this one's pose was found: both follow
+    /// one turn.
+    pub turns_with: Option<usize>,
     /// How far its silhouettes contradict each other, in millimetres.
     pub own_noise_mm: f64,
     /// How far silhouettes contradict the pose, in millimetres.
@@ -158,7 +172,7 @@ pub struct Registered {
     /// How well colours agree at the pose.
     pub colours: Option<ColorAgreement>,
     /// By which share the lengths of its calibration are larger than those of the capture that it was compared with,
-    /// if the silhouettes would agree without that; `None` where that explains nothing.
+    /// if the silhouettes would agree without that, or agree clearly better; `None` where that explains nothing.
     pub larger_by: Option<f64>,
     /// Other poses that agree with the silhouettes.
     pub rivals: Vec<OtherPose>,

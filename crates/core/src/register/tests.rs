@@ -94,10 +94,50 @@ fn capture(balls: &[Ball], rig_from_object: &Isometry3<f64>) -> (Scene, Vec<Silh
     (scene, silhouettes)
 }
 
+/// Paints a capture's pictures: brightness of a point of the object's frame, 0 to 1, where a camera sees a ball.
+fn painted(
+    (mut scene, silhouettes): (Scene, Vec<Silhouette>),
+    balls: &[Ball],
+    rig_from_object: &Isometry3<f64>,
+    brightness: fn(Point3<f64>) -> f64,
+) -> (Scene, Vec<Silhouette>) {
+    for view in &mut scene.colors {
+        let camera = &view.camera;
+        let eye = rig_from_object.inverse() * camera.center();
+        let color = |x: usize, y: usize| {
+            let ray = camera.ray(Point2::new(x as f64, y as f64)).unwrap();
+            let ray = rig_from_object.rotation.inverse() * ray;
+            let hits = balls.iter().filter_map(|(center, radius)| {
+                let to_center = center - eye;
+                let along = to_center.dot(&ray);
+                let squared = radius * radius - (to_center - ray * along).norm_squared();
+                (squared > 0.0).then(|| along - squared.sqrt())
+            });
+            let nearest = hits.fold(f64::INFINITY, f64::min);
+            let value = if nearest.is_finite() {
+                40.0 + 180.0 * brightness(eye + ray * nearest)
+            } else {
+                120.0
+            };
+            [value.round() as u8; 3]
+        };
+        view.image = RgbImage::from_fn(SIZE.0, SIZE.1, color);
+    }
+    (scene, silhouettes)
+}
+
+fn stripes(p: Point3<f64>) -> f64 {
+    0.5 + 0.25 * ((p.x * 450.0).sin() + (p.z * 430.0).cos())
+}
+
+fn other_stripes(p: Point3<f64>) -> f64 {
+    0.5 + 0.25 * (((p.x + p.y) * 330.0).cos() + ((p.z - p.y) * 370.0 + 1.0).sin())
+}
+
 fn registered(captures: &[(Scene, Vec<Silhouette>)]) -> Registration {
     let captures = captures
         .iter()
-        .map(|(scene, silhouettes)| CaptureSilhouettes { scene, silhouettes });
+        .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
     register(&captures.collect::<Vec<_>>(), 0, None)
 }
 
@@ -122,7 +162,7 @@ fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
     let given = |second: Isometry3<f64>| {
         let captures = captures
             .each_ref()
-            .map(|(scene, silhouettes)| CaptureSilhouettes { scene, silhouettes });
+            .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
         register(&captures, 0, Some(&[poses[0], second])).captures[1].verdict
     };
     assert_eq!(given(poses[1]), Ok(PoseEvidence::Given));
@@ -197,4 +237,148 @@ fn the_turn_of_a_plain_body_of_revolution_is_not_claimed() {
         let p = poses[0] * center;
         assert!((found * p - truth * p).norm() < 3e-4, "{second:?}");
     }
+}
+
+#[test]
+fn the_odd_first_capture_keeps_its_reason_when_others_agree() {
+    let poses = [
+        pose([0.0, 0.0, 1.0], 0.3),
+        pose([1.0, 0.3, 0.2], 2.6),
+        pose([0.0, 1.0, 0.2], 1.5),
+    ];
+    let mut changed = crooked();
+    changed[2].0.z += 0.004;
+    let captures = [
+        capture(&changed, &poses[0]),
+        capture(&crooked(), &poses[1]),
+        capture(&crooked(), &poses[2]),
+    ];
+    let found = registered(&captures);
+    assert_eq!((found.placed(), found.frame_of), (vec![1, 2], 1));
+    let first = &found.captures[0];
+    let why = first.verdict.unwrap_err();
+    assert!(
+        matches!(why, Refusal::NoPose | Refusal::Stretch),
+        "{first:?}"
+    );
+    assert_eq!((first.against, first.all_at_once_mm), (Some(1), None));
+    assert!(first.disagreement_mm.unwrap() > 0.1, "{first:?}");
+}
+
+#[test]
+fn a_capture_without_silhouettes_hinders_no_other() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let captures = poses.map(|p| capture(&crooked(), &p));
+    let of = |i: usize| {
+        Some(CaptureSilhouettes {
+            scene: &captures[i].0,
+            silhouettes: &captures[i].1,
+        })
+    };
+    let found = register(&[of(0), None, of(1)], 1, None);
+    assert_eq!((found.placed(), found.frame_of), (vec![0, 2], 0));
+    assert_eq!(found.captures[1].verdict, Err(Refusal::Unusable));
+    let none = register(&[None, None], 0, None);
+    assert!(none.placed().is_empty());
+}
+
+#[test]
+fn equal_forms_with_other_patterns_are_not_one_object() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([0.1, 0.2, 1.0], 1.4)];
+    let with = |i: usize, brightness: fn(Point3<f64>) -> f64| {
+        painted(
+            capture(&crooked(), &poses[i]),
+            &crooked(),
+            &poses[i],
+            brightness,
+        )
+    };
+    let same = [with(0, stripes), with(1, stripes)];
+    let second = registered(&same).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
+    let other = [with(0, stripes), with(1, other_stripes)];
+    let second = registered(&other).captures.remove(1);
+    assert_eq!(
+        second.verdict,
+        Err(Refusal::ColoursContradict),
+        "{second:?}"
+    );
+    // One that is plain contradicts no pattern.
+    let plain = [with(0, stripes), capture(&crooked(), &poses[1])];
+    let second = registered(&plain).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
+}
+
+#[test]
+fn a_prop_that_one_camera_sees_beside_the_object_spoils_its_capture() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let mut captures = poses.map(|p| capture(&crooked(), &p));
+    let mut with_prop = crooked();
+    with_prop.push(ball(0.0, -0.012, 0.022, 0.012));
+    let camera = captures[1].0.colors[4].camera.clone();
+    captures[1].1[4].level = level(&camera, &with_prop, &poses[1]);
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(
+        second.verdict,
+        Err(Refusal::ContradictsItself),
+        "{second:?}"
+    );
+    // As a whole it hardly contradicts itself.
+    assert!(second.own_noise_mm < second.accepted_mm, "{second:?}");
+}
+
+#[test]
+fn a_camera_that_one_capture_lacks_is_no_other_calibration() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let mut larger = crooked();
+    for (center, radius) in &mut larger {
+        (*center, *radius) = (*center * 1.012, *radius * 1.012);
+    }
+    let mut captures = [capture(&crooked(), &poses[0]), capture(&larger, &poses[1])];
+    captures[1].0.colors.remove(3);
+    captures[1].1.remove(3);
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(
+        (second.verdict, second.larger_by),
+        (Err(Refusal::NoPose), None)
+    );
+}
+
+#[test]
+fn a_small_scale_between_calibrations_makes_a_pose_doubtful() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let mut captures = poses.map(|p| capture(&crooked(), &p));
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!((second.level, second.larger_by), (Level::Green, None));
+    for view in &mut captures[1].0.colors {
+        let mut longer = view.camera.rig_from_camera;
+        longer.translation.vector *= 1.003;
+        view.camera = Camera::new(view.camera.id.clone(), view.camera.intrinsics, longer);
+    }
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
+    assert_eq!(second.level, Level::Amber, "{second:?}");
+    let larger_by = second.larger_by.unwrap();
+    assert!((larger_by - 0.003).abs() < 0.0015, "{larger_by}");
+}
+
+/// A body that is nearly one of revolution: outlines bear a turn of 5 degrees, and not one of 10.
+fn nearly_round() -> Vec<Ball> {
+    vec![ball(0.0, 0.0, 0.0, 0.03), ball(0.0025, 0.0, 0.035, 0.018)]
+}
+
+#[test]
+fn a_turn_that_outlines_hold_loosely_is_doubtful_unless_colours_decide_it() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([0.1, 0.2, 1.0], 1.4)];
+    let plain = poses.map(|p| capture(&nearly_round(), &p));
+    let second = registered(&plain).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
+    assert_eq!(second.level, Level::Amber, "{second:?}");
+    assert!(second.sigma_deg > 1.0, "{second:?}");
+    let with_stripes =
+        poses.map(|p| painted(capture(&nearly_round(), &p), &nearly_round(), &p, stripes));
+    let second = registered(&with_stripes).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Colours), "{second:?}");
+    let error = (poses[1] * poses[0].inverse()).inverse() * second.rig_from_object.unwrap();
+    assert!(error.rotation.angle().to_degrees() < 1.0, "{second:?}");
 }

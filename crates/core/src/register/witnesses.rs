@@ -6,10 +6,10 @@ use super::body::Body;
 use super::decide::{CapturePair, Decision};
 use super::depth::{Contradiction, contradiction};
 use super::determination::{Determination, Turns, axis, polished};
-use super::motion::displacement;
+use super::motion::{Twist, displacement, moved};
 use super::skin::agreement;
 use super::{ColorAgreement, DepthWitness, PoseEvidence, Refusal, limits};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -18,12 +18,16 @@ const FEW_POINTS: usize = 1500;
 const MANY_POINTS: usize = 6000;
 /// Degrees between turns that are compared.
 const TURN_DEG: f64 = 1.5;
+/// Degrees by which a given pose is turned about each axis, to learn what depth says beside it.
+const NEAR_DEG: [f64; 4] = [-6.0, -3.0, 3.0, 6.0];
 
 /// Poses that agree with the silhouettes, among which colours or depth decide.
 struct Candidates {
     poses: Vec<Isometry3<f64>>,
     /// Where each free turn lies among the poses, all the way round; empty where no turn is free.
     turns: Vec<Range<usize>>,
+    /// Whether silhouettes bear each of these turns all the way round.
+    are_whole: bool,
 }
 
 /// How far depth contradicts each of the candidates, and the least and most that are known.
@@ -47,6 +51,12 @@ impl Contradictions {
         }
     }
 
+    /// Whether depth tells something of most of the candidates.
+    fn are_known(&self) -> bool {
+        let known = self.shares.iter().filter(|s| s.is_finite()).count();
+        2 * known > self.shares.len()
+    }
+
     /// Whether depth contradicts some of the candidates by more than others.
     fn differ(&self) -> bool {
         self.least.is_finite() && self.most > limits::depth(self.least)
@@ -67,17 +77,22 @@ impl CapturePair<'_> {
         decision.free_axis = is_free.then(|| axis(&determination.softest)).flatten();
         let candidates = self.candidates(best, determination, rivals);
         let poses = &candidates.poses;
-        let (top, colours) = self.best_by_colours(poses);
+        let (a, apart) = (&self.a.body, limits::APART * self.a.body.radius);
+        let is_other =
+            |x: &Isometry3<f64>, y: &Isometry3<f64>| displacement(x, y, &a.surface) > apart;
+        let Some((top, colours)) = self.best_by_colours(poses, &is_other) else {
+            decision.verdict = Err(Refusal::Undecided);
+            return decision;
+        };
         decision.colours = Some(colours);
         let contradiction = |p| contradiction(&self.a.depths, &self.b.depths, p);
         let share = |found: Option<Contradiction>| found.map_or(f64::NAN, |found| found.share);
         let shares = poses.par_iter().map(|p| share(contradiction(p))).collect();
         let depth = Contradictions::new(shares);
-        let margin = colours.best - colours.next;
-        if colours.best > limits::CORRELATION && margin > limits::CORRELATION_MARGIN {
+        if limits::do_colours_decide(&colours) {
             return self.by_colours(decision, poses[top], is_free, depth.least);
         }
-        let is_plain = self.a.skin.contrast.min(self.b.skin.contrast) < limits::PLAIN;
+        let is_plain = colours.contrast < limits::PLAIN;
         let knows_nothing = is_plain && is_free;
         let limit = limits::depth(depth.least);
         let mut turns = candidates.turns.iter();
@@ -91,10 +106,11 @@ impl CapturePair<'_> {
             };
             return self.by_depth(decision, turns, poses, &depth.shares, depth.least);
         }
-        decision.depth = self.depth_at(&decision.pose);
-        decision.verdict = if self.is_contradicted(&decision) {
+        let at_pose = self.depth_at(&decision.pose);
+        decision.depth = at_pose.filter(|_| depth.are_known());
+        decision.verdict = if at_pose.is_some_and(is_too_much) {
             Err(Refusal::DepthContradicts)
-        } else if !is_plain {
+        } else if !is_plain || !candidates.are_whole {
             Err(Refusal::Undecided)
         } else {
             // Whichever of these poses is right, silhouettes and depth cannot tell its form from another's.
@@ -116,6 +132,7 @@ impl CapturePair<'_> {
             return Candidates {
                 poses: std::iter::once(best.pose).chain(rivals).collect(),
                 turns: Vec::new(),
+                are_whole: true,
             };
         }
         let mut free = vec![Turns::of(a, b, best, &determination.softest)];
@@ -131,29 +148,35 @@ impl CapturePair<'_> {
             poses.extend(turn.bearable(a, b, TURN_DEG, self.object));
             turns.push(begin..poses.len());
         }
-        Candidates { poses, turns }
+        Candidates {
+            poses,
+            turns,
+            are_whole: free.iter().all(|turn| turn.is_whole(self.object)),
+        }
     }
 
-    /// The pose at which colours agree best, and how well they agree there and at the next one that is not the same.
-    fn best_by_colours(&self, poses: &[Isometry3<f64>]) -> (usize, ColorAgreement) {
-        let a = &self.a.body;
-        let apart = limits::APART * a.radius;
+    /// The pose at which colours agree best, and how well they agree there and at the next one that is apart from it;
+    /// `None` of no pose.
+    pub(super) fn best_by_colours(
+        &self,
+        poses: &[Isometry3<f64>],
+        apart: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> bool,
+    ) -> Option<(usize, ColorAgreement)> {
         let rated: Vec<f64> = poses
             .par_iter()
             .map(|p| agreement(&self.a.skin, &self.b.skin, p, FEW_POINTS).correlation)
             .collect();
-        let is_other = |x: &_, y: &_| displacement(x, y, &a.surface) > apart;
-        let (top, next) = best_and_next(poses, &rated, is_other);
+        let (top, next) = best_and_next(poses, &rated, apart)?;
         let colours = ColorAgreement {
             best: rated[top],
             next,
-            contrast: self.a.skin.contrast.min(self.b.skin.contrast),
+            contrast: self.contrast(),
         };
-        (top, colours)
+        Some((top, colours))
     }
 
     /// The pose that colours chose, refined by silhouettes and colours.
-    fn by_colours(
+    pub(super) fn by_colours(
         &self,
         decision: Decision,
         mut pose: Isometry3<f64>,
@@ -215,7 +238,10 @@ impl CapturePair<'_> {
         let spread = good
             .iter()
             .map(|&i| displacement(&poses[i], &poses[top], &a.surface));
-        let is_one = spread.fold(0.0, f64::max) < near && least < limits::DEPTH_CONTRADICTS;
+        let sigma_deg = half_width_deg(&good, poses);
+        let is_one = spread.fold(0.0, f64::max) < near
+            && sigma_deg <= limits::DEPTH_SIGMA_DEG
+            && least < limits::DEPTH_CONTRADICTS;
         let fixed = decision
             .free_axis
             .is_some()
@@ -236,8 +262,9 @@ impl CapturePair<'_> {
             contradicting: shares[top],
             least,
         });
-        // A turn that depth holds is known to degrees, not to tenths.
-        settled.uncertainty.0 = settled.uncertainty.0.max(2.0);
+        // A turn that depth holds is known to the degrees that it finds equally good, and no closer than they are tried.
+        let step_deg = if fixed.is_some() { TURN_DEG } else { 0.0 };
+        settled.uncertainty.0 = settled.uncertainty.0.max(sigma_deg).max(step_deg);
         settled
     }
 
@@ -245,8 +272,42 @@ impl CapturePair<'_> {
         ColorAgreement {
             best: agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS).correlation,
             next,
-            contrast: self.a.skin.contrast.min(self.b.skin.contrast),
+            contrast: self.contrast(),
         }
+    }
+
+    /// The contrast of the plainer capture.
+    fn contrast(&self) -> f64 {
+        self.a.skin.contrast.min(self.b.skin.contrast)
+    }
+
+    /// Whether both captures show a pattern, and the patterns have nothing in common at a pose.
+    pub(super) fn do_colours_contradict(&self, pose: &Isometry3<f64>) -> bool {
+        let found = agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS);
+        self.contrast() >= limits::PLAIN
+            && found.points >= limits::COMMON_POINTS
+            && found.correlation < limits::NOTHING_IN_COMMON
+    }
+
+    /// What depth says of a pose, with the least that it says of poses near it.
+    pub(super) fn depth_near(&self, pose: &Isometry3<f64>) -> Option<DepthWitness> {
+        let center = self.b.body.center;
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let turns = axes
+            .iter()
+            .flat_map(|axis| NEAR_DEG.map(|degrees| axis * degrees));
+        let shares = turns.filter_map(|turn| {
+            let turn = turn.map(f64::to_radians);
+            let twist = Twist::new(0.0, 0.0, 0.0, turn.x, turn.y, turn.z);
+            self.depth_at(&moved(pose, center, &twist))
+        });
+        let least = shares
+            .map(|d| d.contradicting)
+            .fold(f64::INFINITY, f64::min);
+        self.depth_at(pose).map(|d| DepthWitness {
+            least: least.min(d.contradicting),
+            ..d
+        })
     }
 
     pub(super) fn depth_at(&self, pose: &Isometry3<f64>) -> Option<DepthWitness> {
@@ -257,10 +318,23 @@ impl CapturePair<'_> {
     }
 
     pub(super) fn is_contradicted(&self, decision: &Decision) -> bool {
-        decision.depth.is_some_and(|d| {
-            d.contradicting > limits::DEPTH_CONTRADICTS || d.contradicting > limits::depth(d.least)
-        })
+        decision.depth.is_some_and(is_too_much)
     }
+}
+
+/// Whether so many readings contradict a pose that it is not accepted.
+fn is_too_much(depth: DepthWitness) -> bool {
+    depth.contradicting > limits::DEPTH_CONTRADICTS
+        || depth.contradicting > limits::depth(depth.least)
+}
+
+/// Half the largest turn between two of the good poses, in degrees.
+fn half_width_deg(good: &[usize], poses: &[Isometry3<f64>]) -> f64 {
+    let turns = good.iter().flat_map(|&i| {
+        let of = move |&j: &usize| poses[i].rotation.angle_to(&poses[j].rotation);
+        good.iter().map(of)
+    });
+    0.5 * turns.fold(0.0, f64::max).to_degrees()
 }
 
 /// A pose measured against the silhouettes, and not moved.
@@ -317,13 +391,12 @@ fn best_and_next(
     poses: &[Isometry3<f64>],
     rated: &[f64],
     apart: impl Fn(&Isometry3<f64>, &Isometry3<f64>) -> bool,
-) -> (usize, f64) {
-    let top = (0..poses.len())
-        .max_by(|&i, &j| rated[i].total_cmp(&rated[j]).then(j.cmp(&i)))
-        .unwrap_or(0);
+) -> Option<(usize, f64)> {
+    let numbers = 0..poses.len();
+    let top = numbers.max_by(|&i, &j| rated[i].total_cmp(&rated[j]).then(j.cmp(&i)))?;
     let others = (0..poses.len()).filter(|&i| apart(&poses[i], &poses[top]));
     let next = others.map(|i| rated[i]).fold(0.0, f64::max);
-    (top, next)
+    Some((top, next))
 }
 
 #[cfg(test)]
@@ -383,5 +456,20 @@ mod tests {
         let both = |i: usize| near(10, 80)(i % 240);
         assert_eq!(middle_of_wide(&[0..240, 240..480], both), None);
         assert_eq!(middle_of_wide(&[], |_| true), None);
+    }
+
+    #[test]
+    fn good_turns_are_as_wide_as_the_two_that_are_farthest_apart() {
+        let turn = |degrees: f64| Isometry3::rotation(Vector3::new(0.0, 0.0, degrees.to_radians()));
+        let poses = [0.0, 1.5, 3.0, 4.5, 90.0].map(turn);
+        assert!(half_width_deg(&[1], &poses) < 1e-6);
+        assert!((half_width_deg(&[0, 1, 2], &poses) - 1.5).abs() < 1e-6);
+        assert!(half_width_deg(&[0, 1, 2, 3], &poses) > limits::DEPTH_SIGMA_DEG);
+        assert!((half_width_deg(&[0, 4], &poses) - 45.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn of_no_pose_none_is_the_best() {
+        assert_eq!(best_and_next(&[], &[], |_, _| true), None);
     }
 }

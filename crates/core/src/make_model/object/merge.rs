@@ -34,13 +34,14 @@ pub(super) struct Merged {
     pub(super) facts: CaptureFacts,
 }
 
-/// Joins the captures at `places`. The scene's frame is the rig of capture `frame_of`, which is one of them.
-pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) -> Merged {
+/// Joins captures at their places. The scene's frame is the rig of capture `frame_of`; `None` if it is none of them.
+pub(super) fn merge(captures: Vec<(Place, Loaded)>, frame_of: usize) -> Option<Merged> {
+    let (_, frame) = captures.iter().find(|(p, _)| p.capture == frame_of)?;
     let mut merged = Merged {
         scene: Scene {
             colors: Vec::new(),
             depths: Vec::new(),
-            volume: captures[frame_of].scene.volume,
+            volume: frame.scene.volume,
         },
         silhouettes: Vec::new(),
         standing: FusedCaptures {
@@ -53,18 +54,15 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
             left_out: Vec::new(),
             warnings: Vec::new(),
             damage: Vec::new(),
-            ..captures[frame_of].facts.clone()
+            ..frame.facts.clone()
         },
     };
     let (mut depth_ranks, mut depth_captures) = (Vec::new(), Vec::new());
-    for (number, capture) in captures.into_iter().enumerate() {
-        let Some(place) = places.iter().find(|p| p.capture == number) else {
-            continue;
-        };
+    for (place, capture) in captures {
         depth_ranks.extend(capture.scene.depths.iter().map(|_| place.rank));
-        depth_captures.extend(capture.scene.depths.iter().map(|_| number as u16));
-        let is_frame = number == frame_of;
-        merged.add(capture, place, (!is_frame).then_some(number + 1));
+        depth_captures.extend(capture.scene.depths.iter().map(|_| place.capture as u16));
+        let is_frame = place.capture == frame_of;
+        merged.add(capture, &place, (!is_frame).then_some(place.capture + 1));
     }
     let Merged {
         scene, standing, ..
@@ -72,7 +70,7 @@ pub(super) fn merge(captures: Vec<Loaded>, places: &[Place], frame_of: usize) ->
     debug_assert_eq!(standing.ranks.len(), scene.colors.len());
     standing.ranks.extend(depth_ranks);
     standing.captures.extend(depth_captures);
-    merged
+    Some(merged)
 }
 
 impl Merged {

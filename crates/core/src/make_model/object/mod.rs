@@ -20,7 +20,7 @@ use crate::capture;
 use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
 use crate::reconstruct::{self, FusedCaptures, MOST_CAPTURES};
-use crate::register::{self, CaptureSilhouettes, PoseEvidence, Registered, Registration};
+use crate::register::{self, CaptureSilhouettes, PoseEvidence, Refusal, Registered, Registration};
 use crate::report;
 use crate::storage::StagedFolder;
 use merge::{Loaded, Place, merge};
@@ -67,7 +67,7 @@ pub enum ObjectOutcome {
     Failed {
         /// Why.
         reason: String,
-        /// How far the fusion came; `None` if a capture could not be read.
+        /// How far the fusion came; `None` if captures were not compared.
         fusion: Option<Fusion>,
     },
 }
@@ -94,50 +94,41 @@ impl ModelMaker<'_> {
         match self.try_make_object(sources, request, &mut fusion) {
             Ok(outcome) => outcome,
             Err(error) => {
-                let mut reason = error.to_string();
-                if !matches!(error, Error::OtherModel(_))
-                    && let Err(also) =
-                        self.report_no_object(sources, request, &reason, fusion.as_ref())
-                {
-                    reason = format!("{reason}; {also}");
-                }
+                let reason = self.no_object(sources, request, &error, fusion.as_ref());
                 ObjectOutcome::Failed { reason, fusion }
             }
         }
     }
 
-    /// Finds how the captures lie against each other, and makes nothing of it.
+    /// Finds how the captures lie against each other, and makes nothing of it. A capture that cannot be read, or that
+    /// has no silhouettes, has no pose.
     ///
     /// # Errors
-    /// If a capture cannot be read, or has no silhouettes.
+    /// If there are too many captures.
     pub fn register_object(
         &self,
         sources: &[Source],
         request: &ObjectRequest,
     ) -> Result<Registering, Error> {
-        let loaded = self.load_all(sources)?;
-        Ok(registering(sources, request, &loaded))
+        check_count(sources)?;
+        Ok(registering(sources, request, &self.load_all(sources)))
     }
 
-    fn load_all(&self, sources: &[Source]) -> Result<Vec<Loaded>, Error> {
-        let load = |source: &Source| -> Result<Loaded, Error> {
-            let (mut scene, mut facts) = source.session.load(source.id)?;
-            if let Some(calibration) = self.calibration {
-                capture::replace_cameras(&mut scene, calibration)?;
-                facts.calibration = calibration.verdict.clone();
-            }
-            Ok(Loaded {
-                silhouettes: Vec::new(),
-                scene,
-                facts,
-            })
-        };
-        let mut loaded: Vec<Loaded> = sources.iter().map(load).collect::<Result<_, _>>()?;
-        for capture in &mut loaded {
-            let parameters = &self.settings.reconstruction;
-            capture.silhouettes = reconstruct::silhouettes(&capture.scene, parameters)?;
+    fn load_all(&self, sources: &[Source]) -> Vec<Result<Loaded, Error>> {
+        sources.iter().map(|source| self.load(source)).collect()
+    }
+
+    fn load(&self, source: &Source) -> Result<Loaded, Error> {
+        let (mut scene, mut facts) = source.session.load(source.id)?;
+        if let Some(calibration) = self.calibration {
+            capture::replace_cameras(&mut scene, calibration)?;
+            facts.calibration = calibration.verdict.clone();
         }
-        Ok(loaded)
+        Ok(Loaded {
+            silhouettes: reconstruct::silhouettes(&scene, &self.settings.reconstruction)?,
+            scene,
+            facts,
+        })
     }
 
     fn try_make_object(
@@ -147,9 +138,7 @@ impl ModelMaker<'_> {
         into: &mut Option<Fusion>,
     ) -> Result<ObjectOutcome, Error> {
         let first = sources.first().ok_or(Error::NoCaptures)?;
-        if sources.len() > MOST_CAPTURES {
-            return Err(Error::TooManyCaptures(sources.len()));
-        }
+        check_count(sources)?;
         let folder = self.object_folder(request.subject);
         let name = folder.file_name().unwrap_or_default().to_string_lossy();
         if first
@@ -161,8 +150,13 @@ impl ModelMaker<'_> {
             return Err(Error::NameTaken(folder));
         }
         let timer = StageTimer::new(self.on_stage, first.id);
-        let loaded = self.load_all(sources)?;
-        let digest = self.object_digest(&loaded, request);
+        let mut loaded = self.load_all(sources);
+        if let [_] = sources
+            && let Some(problem) = loaded.pop_if(|only| only.is_err()).and_then(Result::err)
+        {
+            return Err(problem);
+        }
+        let digest = self.object_digest((sources, &loaded), request);
         match self.unchanged(&folder, &digest) {
             Ok(Some(model)) => {
                 let left_out = ReportFile::left_out(&folder);
@@ -180,22 +174,21 @@ impl ModelMaker<'_> {
         }
         let frame = &sources[found.frame_of];
         let path = frame.session.recording().path();
-        let about = about::describe(
-            frame.session.recording(),
-            &loaded[found.frame_of].scene,
-            &loaded[found.frame_of].facts,
-        );
+        let of_frame = loaded[found.frame_of].as_ref();
+        let of_frame = of_frame.map_err(|_| Error::NoCaptures)?;
+        let recording = frame.session.recording();
+        let about = about::describe(recording, &of_frame.scene, &of_frame.facts);
         let placed = found.placed().into_iter();
-        let placed: Vec<_> = placed
-            .map(|i| (&loaded[i].scene, &loaded[i].facts))
-            .collect();
+        let placed = placed.filter_map(|i| loaded[i].as_ref().ok());
+        let placed: Vec<_> = placed.map(|l| (&l.scene, &l.facts)).collect();
         let about = about::of_several(about, &placed);
         let notes = match sources {
             [only] => only.session.notes().on(only.id.as_str()),
             _ => CaptureNotes::default(),
         };
         let captures = captures_of(&loaded, &found);
-        let (scene, facts, silhouettes, standing) = joined(loaded, &found);
+        let (scene, facts, silhouettes, standing) =
+            joined(loaded, &found).ok_or(Error::NoCaptures)?;
         let parameters = &self.settings.reconstruction;
         let reconstruction =
             reconstruct::reconstruct_from(&scene, silhouettes, &standing, parameters, &timer)?;
@@ -236,11 +229,23 @@ impl ModelMaker<'_> {
     }
 
     /// Of the captures in their order, the settings, and what was asked for.
-    fn object_digest(&self, loaded: &[Loaded], request: &ObjectRequest) -> String {
-        let inputs = loaded.iter().map(|l| {
-            let calibration = format!("{:?}", l.facts.calibration);
-            let id = &l.facts.id;
-            format!("{id} {} {calibration}", capture::input_digest(&l.scene))
+    fn object_digest(
+        &self,
+        (sources, loaded): (&[Source], &[Result<Loaded, Error>]),
+        request: &ObjectRequest,
+    ) -> String {
+        let inputs = sources.iter().zip(loaded).map(|(source, loaded)| {
+            let id = source.id;
+            match loaded {
+                Ok(loaded) => {
+                    let calibration = format!("{:?}", loaded.facts.calibration);
+                    format!(
+                        "{id} {} {calibration}",
+                        capture::input_digest(&loaded.scene)
+                    )
+                }
+                Err(problem) => format!("{id} {problem}"),
+            }
         });
         let inputs: Vec<String> = inputs.collect();
         let ObjectRequest {
@@ -254,21 +259,42 @@ impl ModelMaker<'_> {
         capture::digest(&inputs.join("\n"), None, &self.settings.text, &asked)
     }
 
-    fn report_no_object(
+    /// Why there is no new model, in words, after that was reported in the object's folder.
+    fn no_object(
         &self,
         sources: &[Source],
         request: &ObjectRequest,
+        error: &Error,
+        fusion: Option<&Fusion>,
+    ) -> String {
+        let reason = error.to_string();
+        // Those folders are another's.
+        if matches!(error, Error::OtherModel(_) | Error::NameTaken(_)) {
+            return reason;
+        }
+        let folder = self.object_folder(request.subject);
+        let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
+        let may_replace = self.force || request.replaces;
+        if is_model && !(may_replace && is_about_the_object(error, fusion)) {
+            return format!("{reason}; the model that was made before stays");
+        }
+        match self.report_no_object(sources, folder, &reason, fusion) {
+            Ok(()) => reason,
+            Err(also) => format!("{reason}; {also}"),
+        }
+    }
+
+    /// Writes the report of why there is no model.
+    fn report_no_object(
+        &self,
+        sources: &[Source],
+        folder: PathBuf,
         reason: &str,
         fusion: Option<&Fusion>,
     ) -> Result<(), Error> {
         let Some(first) = sources.first() else {
             return Ok(());
         };
-        let folder = self.object_folder(request.subject);
-        let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
-        if is_model && !self.force && !request.replaces {
-            return Ok(());
-        }
         let recording = first.session.recording().path();
         let origin = failure::origin(recording, self.settings.reconstruction.method, "");
         let summary = first.session.capture(first.id);
@@ -285,6 +311,22 @@ impl ModelMaker<'_> {
             .commit(true)
             .map_err(|cause| Error::NotPlaced { folder, cause })
     }
+}
+
+/// Refuses more captures than can be fused.
+fn check_count(sources: &[Source]) -> Result<(), Error> {
+    if sources.len() > MOST_CAPTURES {
+        return Err(Error::TooManyCaptures(sources.len()));
+    }
+    Ok(())
+}
+
+/// Whether a failure says something of the object, so that a model of it that was made before is out of date: all its
+/// captures were compared. A capture that cannot be read, or a disk that is full, takes no model away.
+fn is_about_the_object(error: &Error, fusion: Option<&Fusion>) -> bool {
+    let is_of_disk = matches!(error, Error::Storage(_) | Error::NotPlaced { .. });
+    let is_compared = |c: &FusedCapture| c.refused != Some(Refusal::Unusable);
+    !is_of_disk && fusion.is_some_and(|fusion| fusion.captures.iter().all(is_compared))
 }
 
 /// A report with what it says of the fusion.
@@ -304,29 +346,40 @@ fn write_report(
     Ok(staged.write(report_file::NAME, json.as_bytes())?)
 }
 
-fn registering(sources: &[Source], request: &ObjectRequest, loaded: &[Loaded]) -> Registering {
+fn registering(
+    sources: &[Source],
+    request: &ObjectRequest,
+    loaded: &[Result<Loaded, Error>],
+) -> Registering {
     let upright = |id: &str| sources.iter().position(|s| s.id.as_str() == id);
     let frame_of = request.upright.and_then(upright).unwrap_or(0);
-    let captures: Vec<CaptureSilhouettes> = loaded
-        .iter()
-        .map(|l| CaptureSilhouettes {
-            scene: &l.scene,
-            silhouettes: &l.silhouettes,
+    let captures = loaded.iter().map(|loaded| {
+        let loaded = loaded.as_ref().ok()?;
+        Some(CaptureSilhouettes {
+            scene: &loaded.scene,
+            silhouettes: &loaded.silhouettes,
         })
-        .collect();
+    });
+    let captures: Vec<Option<CaptureSilhouettes>> = captures.collect();
     let found = register::register(&captures, frame_of, request.given);
     let known: Vec<Known> = sources.iter().zip(loaded).map(known).collect();
-    let fusion = Fusion::new(request.subject, &known, &found, request.not_used.clone());
+    let fusion = Fusion::new(
+        request.subject,
+        (&known, request.given.is_some()),
+        &found,
+        request.not_used.clone(),
+    );
     Registering { found, fusion }
 }
 
-fn known((source, loaded): (&Source, &Loaded)) -> Known {
+fn known((source, loaded): (&Source, &Result<Loaded, Error>)) -> Known {
     let path = source.session.recording().path();
-    let cameras = loaded.scene.colors.iter().map(|v| v.camera.id.to_string());
+    let cameras = loaded.iter().flat_map(|loaded| &loaded.scene.colors);
     Known {
         recording: file_name(path),
         id: source.id.clone(),
-        cameras: cameras.collect(),
+        cameras: cameras.map(|view| view.camera.id.to_string()).collect(),
+        problem: loaded.as_ref().err().map(ToString::to_string),
     }
 }
 
@@ -336,69 +389,102 @@ fn file_name(path: &Path) -> String {
 }
 
 /// The captures with a pose, and which views of the scene will be theirs; none for a single one.
-fn captures_of(loaded: &[Loaded], found: &Registration) -> Vec<report::CaptureViews> {
+fn captures_of(
+    loaded: &[Result<Loaded, Error>],
+    found: &Registration,
+) -> Vec<report::CaptureViews> {
     let mut captures = Vec::new();
     let mut next = 0;
-    for i in found.placed().into_iter().filter(|_| loaded.len() > 1) {
-        let end = next + loaded[i].scene.colors.len();
-        captures.push((loaded[i].facts.id.to_string(), next..end));
+    let placed = found.placed().into_iter().filter(|_| loaded.len() > 1);
+    for loaded in placed.filter_map(|i| loaded[i].as_ref().ok()) {
+        let end = next + loaded.scene.colors.len();
+        captures.push((loaded.facts.id.to_string(), next..end));
         next = end;
     }
     captures
 }
 
-/// The captures with a pose as one scene. A single capture is what it was.
+/// The captures with a pose as one scene. A single capture is what it was. `None` if the capture whose rig is the
+/// frame has no pose.
 fn joined(
-    mut loaded: Vec<Loaded>,
+    mut loaded: Vec<Result<Loaded, Error>>,
     found: &Registration,
-) -> (
+) -> Option<(
     reconstruct::Scene,
     capture::CaptureFacts,
     Vec<reconstruct::silhouette::Silhouette>,
     FusedCaptures,
-) {
+)> {
     if loaded.len() == 1
-        && let Some(only) = loaded.pop()
+        && let Some(Ok(only)) = loaded.pop()
     {
-        return (
+        return Some((
             only.scene,
             only.facts,
             only.silhouettes,
             FusedCaptures::default(),
-        );
+        ));
     }
-    let frame = found.captures[found.frame_of].rig_from_object;
+    let frame = found.captures.get(found.frame_of)?.rig_from_object;
     let frame = frame.unwrap_or_else(Isometry3::identity);
-    let mut next_rank = 0;
-    let mut rank = |c: &Registered| match c.verdict {
-        Ok(PoseEvidence::Nothing) => {
-            next_rank += 1;
-            next_rank
-        }
-        _ => 0,
-    };
-    let mut places = Vec::new();
-    for capture in found.placed() {
-        let registered = &found.captures[capture];
+    let mut leaders = Vec::new();
+    let mut placed = Vec::new();
+    for (capture, (registered, loaded)) in found.captures.iter().zip(loaded).enumerate() {
+        let (true, Ok(loaded)) = (registered.is_placed(), loaded) else {
+            continue;
+        };
         let pose = registered
             .rig_from_object
             .unwrap_or_else(Isometry3::identity);
-        places.push(Place {
+        let place = Place {
             capture,
             object_from_rig: frame * pose.inverse(),
-            rank: rank(registered),
-        });
+            rank: rank(leader(capture, registered), &mut leaders),
+        };
+        placed.push((place, loaded));
     }
-    let merged = merge(loaded, &places, found.frame_of);
-    (
+    let merged = merge(placed, found.frame_of)?;
+    Some((
         merged.scene,
         merged.facts,
         merged.silhouettes,
         merged.standing,
-    )
+    ))
+}
+
+/// The capture whose turn, which is not known, a capture follows; `None` where its turn is known.
+fn leader(capture: usize, registered: &Registered) -> Option<usize> {
+    let is_unknown = registered.verdict == Ok(PoseEvidence::Nothing);
+    is_unknown.then(|| registered.turns_with.unwrap_or(capture))
+}
+
+/// The rank of a capture: 0 where its turn is known, else one for all captures that follow the turn of the same
+/// `leader`. `leaders` are those that there were already.
+fn rank(leader: Option<usize>, leaders: &mut Vec<usize>) -> u8 {
+    let Some(leader) = leader else {
+        return 0;
+    };
+    let known = leaders.iter().position(|l| *l == leader);
+    let place = known.unwrap_or_else(|| {
+        leaders.push(leader);
+        leaders.len() - 1
+    });
+    u8::try_from(place + 1).unwrap_or(u8::MAX)
 }
 
 /// The name of a capture, as a subject where none was given.
 pub fn subject_of(captures: &[CaptureId]) -> &str {
     captures.first().map_or("", CaptureId::as_str)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn captures_that_follow_one_turn_have_one_rank() {
+        let mut leaders = Vec::new();
+        let ranks = [None, Some(4), Some(2), None, Some(4)].map(|l| rank(l, &mut leaders));
+        assert_eq!(ranks, [0, 1, 2, 0, 1]);
+    }
 }

@@ -8,6 +8,11 @@ use crate::register::{
 use crate::report::{Reason, ReasonCode};
 use serde::Serialize;
 
+/// Degrees of a turn's standard deviation from which on the words say that silhouettes hold it loosely.
+const LOOSE_DEG: f64 = 1.0 / 3.0;
+/// Share of depth readings that contradict a given pose, from which on the words say so.
+const DEPTH_TOLD: f64 = 0.05;
+
 /// How captures were fused.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fusion {
@@ -52,6 +57,8 @@ pub struct FusedCapture {
     pub sigma_mm: Option<f64>,
     /// The axis, in the object's frame, about which the form leaves the turn open.
     pub free_axis: Option<[f64; 3]>,
+    /// Another capture whose turn is not known, and which this one's turn follows.
+    pub turns_with: Option<CaptureId>,
     /// How far its silhouettes contradict each other.
     pub own_noise_mm: f64,
     /// How far silhouettes contradict its pose.
@@ -63,7 +70,7 @@ pub struct FusedCapture {
     /// The stretch of contour that misses most.
     pub worst_stretch: Option<WorstStretch>,
     /// By which share the lengths of its calibration are larger than those of `compared_with`, where that alone keeps
-    /// the silhouettes from agreeing.
+    /// the silhouettes from agreeing, or from agreeing clearly better.
     pub larger_by: Option<f64>,
     /// What depth says.
     pub depth: Option<DepthWitness>,
@@ -102,18 +109,25 @@ pub(super) struct Known {
     pub(super) recording: String,
     pub(super) id: CaptureId,
     pub(super) cameras: Vec<String>,
+    /// Why it could not be compared with others.
+    pub(super) problem: Option<String>,
 }
 
 impl Fusion {
-    /// Of a registration.
+    /// Of a registration; whether its poses were given.
     pub(super) fn new(
         subject: &str,
-        known: &[Known],
+        (known, is_given): (&[Known], bool),
         found: &Registration,
         not_used: Vec<String>,
     ) -> Self {
         let is_one = found.placed().len() > 1 || known.len() == 1;
-        let capture = |i: usize| fused_capture(i, known, &found.captures[i], is_one);
+        let told = Told {
+            known,
+            is_given,
+            is_one,
+        };
+        let capture = |i: usize| fused_capture(i, &told, &found.captures[i]);
         Self {
             subject: subject.to_owned(),
             frame_of: known[found.frame_of].id.clone(),
@@ -180,8 +194,18 @@ fn side(found: &Registration) -> &'static str {
     }
 }
 
-fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) -> FusedCapture {
-    let is_fused = found.is_placed() && is_one;
+/// What the words of a capture depend on besides what was found of it.
+struct Told<'a> {
+    known: &'a [Known],
+    /// Whether a person gave the poses.
+    is_given: bool,
+    /// Whether there is a model.
+    is_one: bool,
+}
+
+fn fused_capture(i: usize, told: &Told, found: &Registered) -> FusedCapture {
+    let known = told.known;
+    let is_fused = found.is_placed() && told.is_one;
     let held_by = found.verdict.ok();
     let used_for = match held_by {
         _ if !is_fused => vec![],
@@ -203,7 +227,7 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
         held_by,
         refused: found.verdict.err(),
         level: found.level,
-        words: words(found, known),
+        words: told.words(i, found),
         rig_from_object: found
             .rig_from_object
             .filter(|_| found.is_placed())
@@ -212,6 +236,7 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
         sigma_deg: is_known.then_some(found.sigma_deg),
         sigma_mm: is_known.then_some(found.sigma_mm),
         free_axis: found.free_axis.map(|a| a.into_inner().into()),
+        turns_with: found.turns_with.map(|leader| known[leader].id.clone()),
         own_noise_mm: found.own_noise_mm,
         disagreement_mm: found.disagreement_mm,
         accepted_mm: found.accepted_mm,
@@ -230,81 +255,179 @@ fn fused_capture(i: usize, known: &[Known], found: &Registered, is_one: bool) ->
     }
 }
 
-/// What was found of a capture, and what a person can do about it.
-fn words(found: &Registered, known: &[Known]) -> String {
-    let name = |i: usize| {
-        full_name(
-            &known[i].id,
-            &known[i].recording,
-            known.iter().map(|k| &k.id),
+/// What no silhouette shows: a dent in the middle of a side changes no outline.
+const NOT_SEEN: &str =
+    "a change within the outlines, such as a new dent in a side, is not seen by outlines";
+/// What helps where evidence lacks or contradicts.
+const ADVICE: &str = "put a mark in view of both captures, or add a capture in a pose in between";
+
+impl Told<'_> {
+    fn name(&self, i: usize) -> String {
+        let ids = self.known.iter().map(|k| &k.id);
+        full_name(&self.known[i].id, &self.known[i].recording, ids)
+    }
+
+    /// What was found of a capture, and what a person can do about it.
+    fn words(&self, i: usize, found: &Registered) -> String {
+        match found.verdict {
+            Ok(held_by) => self.words_of_pose(held_by, found),
+            Err(refusal) => self.words_of_refusal(i, refusal, found),
+        }
+    }
+
+    fn words_of_pose(&self, held_by: PoseEvidence, found: &Registered) -> String {
+        let doubts: String = self
+            .doubts(found)
+            .map(|doubt| format!("; {doubt}"))
+            .collect();
+        match held_by {
+            PoseEvidence::Frame if self.is_one => "the model has the frame of its rig".to_owned(),
+            PoseEvidence::Frame => "the others were compared with it".to_owned(),
+            PoseEvidence::Silhouettes => format!(
+                "its pose was found by the silhouettes alone, to {:.2} degrees{doubts}; {NOT_SEEN}",
+                found.sigma_deg
+            ),
+            PoseEvidence::Colours => {
+                let colours = found.colours.map_or((0.0, 0.0), |c| (c.best, c.next));
+                format!(
+                    "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn{doubts}; \
+                     {NOT_SEEN}",
+                    colours.0, colours.1
+                )
+            }
+            PoseEvidence::Depth => format!(
+                "its turn was found by depth alone, to about {:.1} degrees: look at the hollow for steps{doubts}; {NOT_SEEN}",
+                found.sigma_deg
+            ),
+            PoseEvidence::Nothing => format!("{}{doubts}; {NOT_SEEN}", self.words_of_turn(found)),
+            PoseEvidence::Given => format!(
+                "its pose was given; silhouettes disagree with it by {:.2} mm{doubts}; {NOT_SEEN}",
+                found.disagreement_mm.unwrap_or(0.0)
+            ),
+        }
+    }
+
+    /// Of a capture whose turn is not known.
+    fn words_of_turn(&self, found: &Registered) -> String {
+        if let Some(leader) = found.turns_with {
+            return format!(
+                "its pose was found against {}, whose own turn about the axis cannot be known: both follow one turn. The \
+                 form does not depend on it",
+                self.name(leader)
+            );
+        }
+        let asked = match found.depth {
+            Some(_) => "neither form nor colours nor depth tell one turn from another",
+            None => {
+                "neither form nor colours tell one turn from another, and hollows were not compared, because depth read too \
+                 little in both captures"
+            }
+        };
+        format!(
+            "its turn about the axis cannot be known: {asked}. The form of the outside does not depend on it; each side has \
+             the colours and the depth of one capture"
         )
-    };
-    let to = found.against.map_or_else(|| "the others".to_owned(), name);
-    let off = found.disagreement_mm.unwrap_or(0.0);
-    let most = found.accepted_mm;
-    let place = found
-        .worst_stretch
-        .as_ref()
-        .map_or_else(String::new, |(of, s)| {
-            let (id, camera) = (name(*of), &known[*of].cameras[s.camera]);
+    }
+
+    /// Why a person should look at a pose that is accepted.
+    fn doubts<'a>(&'a self, found: &'a Registered) -> impl Iterator<Item = String> + 'a {
+        let is_loose =
+            found.verdict == Ok(PoseEvidence::Silhouettes) && found.sigma_deg > LOOSE_DEG;
+        let loose = is_loose.then(|| {
+            "they hold one turn loosely, and colours do not decide it: look for steps".to_owned()
+        });
+        let larger = found.larger_by.map(|share| {
+            let other = found.against.map_or_else(String::new, |i| self.name(i));
             format!(
-                " (worst in camera {camera} of {id}: {:.0} px of contour are off by {:.1} px)",
-                s.length_px, s.miss_px
+                "silhouettes agree clearly better if its lengths differ from those of {other} by {:.1} %: the calibrations \
+                 may differ by that",
+                100.0 * share.abs()
             )
         });
-    // A dent in the middle of a side changes no outline.
-    let unseen = "outlines do not show a change within them, such as a new dent in a side";
-    match found.verdict {
-        Ok(PoseEvidence::Frame) => "the model has the frame of its rig".to_owned(),
-        Ok(PoseEvidence::Silhouettes) => format!(
-            "its pose was found by the silhouettes alone, to {:.2} degrees; {unseen}",
-            found.sigma_deg
-        ),
-        Ok(PoseEvidence::Colours) => {
-            let colours = found.colours.map_or((0.0, 0.0), |c| (c.best, c.next));
+        let is_given = found.verdict == Ok(PoseEvidence::Given);
+        let depth = found
+            .depth
+            .filter(|d| is_given && d.contradicting > DEPTH_TOLD);
+        let depth = depth.map(|d| {
             format!(
-                "its turn was found by colours: they correlate by {:.2}, and by {:.2} at the next best turn; {unseen}",
-                colours.0, colours.1
+                "depth contradicts it in {:.0} % of what both captures read",
+                100.0 * d.contradicting
             )
+        });
+        loose.into_iter().chain(larger).chain(depth)
+    }
+
+    fn words_of_refusal(&self, i: usize, refusal: Refusal, found: &Registered) -> String {
+        let to = found
+            .against
+            .map_or_else(|| "the others".to_owned(), |against| self.name(against));
+        let off = found.disagreement_mm.unwrap_or(0.0);
+        let most = found.accepted_mm;
+        let place = self.place_of_stretch(found);
+        match refusal {
+            Refusal::Unusable => format!(
+                "it cannot be used: {}; take this capture again",
+                self.known[i].problem.as_deref().unwrap_or("it has no silhouettes")
+            ),
+            Refusal::ContradictsItself => format!(
+                "its silhouettes contradict each other by {:.2} mm{place}: a prop, a lost piece of a silhouette, or \
+                 something moved while the cameras took their pictures; take this capture again",
+                found.own_noise_mm
+            ),
+            Refusal::NoHull => "no solid fits all its silhouettes; take this capture again".to_owned(),
+            Refusal::NoPose if self.is_given => format!(
+                "in the pose that was given its silhouettes disagree with those of {to} by {off:.2} mm, at most {most:.2} mm \
+                 were expected{place}. The pose is not right, or it is not this object, or it changed"
+            ),
+            Refusal::NoPose => format!(
+                "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
+                 {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"
+            ),
+            Refusal::Scale => format!(
+                "its silhouettes agree with those of {to} only if lengths differ by {:.1} %: the calibrations may differ by \
+                 that. Take all captures under one calibration; if both are right, it is another object",
+                100.0 * found.larger_by.unwrap_or(0.0).abs()
+            ),
+            Refusal::Stretch if self.is_given => format!(
+                "in the pose that was given a part of its outline disagrees with {to}{place}: the pose is not right, or the \
+                 object changed there, or something hid it"
+            ),
+            Refusal::Stretch => format!(
+                "a part of its outline disagrees with {to}{place}: the object changed there, or something hid it"
+            ),
+            Refusal::DepthContradicts => format!(
+                "depth contradicts the pose in which its silhouettes agree with {to}: {ADVICE}"
+            ),
+            Refusal::ColoursContradict => format!(
+                "its form agrees with {to}, but not its colours, which correlate by {:.2}: it is another object of the same \
+                 form, or its surface changed",
+                found.colours.map_or(0.0, |c| c.best)
+            ),
+            Refusal::Undecided => format!(
+                "its silhouettes agree with {to} in several poses that differ in colours or hollows, and nothing decides \
+                 between them: {ADVICE}"
+            ),
+            Refusal::AllAtOnce => format!(
+                "it agrees with one capture, but not with all others together ({:.2} mm): take this capture again",
+                found.all_at_once_mm.unwrap_or(0.0)
+            ),
+            Refusal::NotCompared => {
+                "too many captures disagree for it to be compared with all of them: fuse those that show one object".to_owned()
+            }
         }
-        Ok(PoseEvidence::Depth) => {
-            "its turn was found by depth alone, to about 2 degrees: look at the hollow for steps".to_owned()
-        }
-        Ok(PoseEvidence::Nothing) => {
-            "its turn about the axis cannot be known: neither form nor colours nor depth tell one turn from another. The \
-             form does not depend on it; each side has the colours and the depth of one capture"
-                .to_owned()
-        }
-        Ok(PoseEvidence::Given) => format!("its pose was given; silhouettes disagree with it by {off:.2} mm"),
-        Err(Refusal::ContradictsItself) => format!(
-            "its silhouettes contradict each other by {:.2} mm{place}: a prop, a lost piece of a silhouette, or something \
-             moved while the cameras took their pictures; take this capture again",
-            found.own_noise_mm
-        ),
-        Err(Refusal::NoHull) => "no solid fits all its silhouettes; take this capture again".to_owned(),
-        Err(Refusal::NoPose) => format!(
-            "in no pose do its silhouettes agree with those of {to}: they disagree by {off:.2} mm at best, at most \
-             {most:.2} mm were expected{place}. It is not this object, or it changed, or something hid a part of it"
-        ),
-        Err(Refusal::Scale) => format!(
-            "its silhouettes agree with those of {to} only if lengths differ by {:.1} %: the calibrations may differ by that. \
-             Take all captures under one calibration; if both are right, it is another object",
-            100.0 * found.larger_by.unwrap_or(0.0).abs()
-        ),
-        Err(Refusal::Stretch) => format!(
-            "a part of its outline disagrees with {to}{place}: the object changed there, or something hid it"
-        ),
-        Err(Refusal::DepthContradicts) => format!(
-            "depth contradicts the pose in which its silhouettes agree with {to}: put a mark in view, or add a capture in a \
-             pose in between"
-        ),
-        Err(Refusal::Undecided) => format!(
-            "its silhouettes agree with {to} in several poses that differ in colours or hollows, and nothing decides \
-             between them: put a mark in view of both captures, or add a capture in a pose in between"
-        ),
-        Err(Refusal::AllAtOnce) => format!(
-            "it agrees with one capture, but not with all others together ({:.2} mm): take this capture again",
-            found.all_at_once_mm.unwrap_or(0.0)
-        ),
+    }
+
+    /// The worst stretch of contour, in parentheses.
+    fn place_of_stretch(&self, found: &Registered) -> String {
+        found
+            .worst_stretch
+            .as_ref()
+            .map_or_else(String::new, |(of, s)| {
+                let (id, camera) = (self.name(*of), &self.known[*of].cameras[s.camera]);
+                format!(
+                    " (worst in camera {camera} of {id}: {:.0} px of contour are off by {:.1} px)",
+                    s.length_px, s.miss_px
+                )
+            })
     }
 }
