@@ -139,8 +139,10 @@ impl Sessions {
         if state.wrong.len() >= MOST_TRIES {
             return Err(Error::TooManyTries);
         }
-        let waiting = state.pairings.remove(&Hash::of(token));
+        let hash = Hash::of(token);
+        let waiting = state.pairings.get(&hash).copied();
         let Some((role, _)) = waiting.filter(|(_, made)| made.elapsed() < PAIRING) else {
+            state.pairings.remove(&hash);
             state.wrong.push_back(Instant::now());
             return Err(Error::Unknown);
         };
@@ -149,7 +151,9 @@ impl Sessions {
         } else {
             self.viewer
         };
+        // Only then is the link used up: where no session can begin, it works once that is mended.
         let secret = self.add(&mut state, role, lasts)?;
+        state.pairings.remove(&hash);
         Ok((secret, role, lasts))
     }
 
@@ -312,6 +316,28 @@ mod tests {
         let secret = sessions.metrics().unwrap();
         sessions.state.lock().sessions[0].begun_s = now_s() + 3600;
         assert_eq!(sessions.role(&secret), None);
+    }
+
+    #[test]
+    fn a_link_that_could_begin_no_session_is_not_used_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let sessions = open(folder.path());
+        let token = sessions.pair(Role::Viewer).unwrap();
+        let kept = vec![
+            StoredSessions {
+                hash: Hash::of("another"),
+                role: Role::Viewer,
+                begun_s: now_s(),
+                ends_s: now_s() + 3600,
+            };
+            MOST_SESSIONS
+        ];
+        sessions.state.lock().sessions = kept;
+        let full = sessions.begin(&token);
+        assert!(matches!(full, Err(Error::TooManySessions)));
+        sessions.state.lock().sessions.clear();
+        sessions.begin(&token).unwrap();
+        assert!(matches!(sessions.begin(&token), Err(Error::Unknown)));
     }
 
     #[test]
