@@ -81,17 +81,29 @@ mod tests {
     #[test]
     fn the_port_of_the_scheme_is_left_out_as_browsers_leave_it_out() {
         for (given, text, authority) in [
-            ("https://Rig.example:443", "https://rig.example", "rig.example"),
+            (
+                "https://Rig.example:443",
+                "https://rig.example",
+                "rig.example",
+            ),
             ("http://localhost:80", "http://localhost", "localhost"),
             ("https://[fe80::1]:443", "https://[fe80::1]", "[fe80::1]"),
-            ("https://rig.example:80", "https://rig.example:80", "rig.example:80"),
+            (
+                "https://rig.example:80",
+                "https://rig.example:80",
+                "rig.example:80",
+            ),
             ("http://[::1]", "http://[::1]", "[::1]"),
         ] {
             let origin = parse(given).unwrap();
             let found = (origin.text.as_str(), origin.authority.as_str());
             assert_eq!(found, (text, authority), "{given}");
         }
-        for refused in ["https://rig.example:", "https://:443", "http://rig.example:80"] {
+        for refused in [
+            "https://rig.example:",
+            "https://:443",
+            "http://rig.example:80",
+        ] {
             parse(refused).unwrap_err();
         }
     }

@@ -28,6 +28,8 @@ pub(super) struct Summary {
     pub(super) notes: Vec<Note>,
     pub(super) has_preview: bool,
     pub(super) has_model: bool,
+    /// Differs between one state of the model's file and another.
+    pub(super) model_tag: Option<String>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

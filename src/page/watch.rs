@@ -169,6 +169,9 @@ mod tests {
         }
         let made: Vec<_> = std::iter::from_fn(|| watch.take_made()).collect();
         let (first, last) = (&made[0][1], &made[MOST_MADE - 1][1]);
-        assert_eq!((first.as_str(), last.clone()), ("a-1", format!("a-{MOST_MADE}")));
+        assert_eq!(
+            (first.as_str(), last.clone()),
+            ("a-1", format!("a-{MOST_MADE}"))
+        );
     }
 }

@@ -4,7 +4,8 @@ use super::files::takes_gzip;
 use super::guard::visitor;
 use super::reply::{Refusal, answer, json, typed};
 use super::{App, HttpRequest};
-use crate::page::models::ModelFile;
+use crate::page::models::{ModelFile, Models};
+use crate::page::now::CaptureEntry;
 use crate::page::views::View;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
@@ -47,21 +48,34 @@ pub(super) async fn recordings(State(app): State<Arc<App>>, request: HttpRequest
     let allowed = visitor(&app, &request).map(drop);
     let listed = async {
         allowed?;
-        let models = app.models.clone();
-        let recordings = blocking(move || models.recordings()).await?;
-        let at = Instant::now();
-        let seen: Vec<_> = app.watch.look(|now| {
-            let seen = now.captures().rev();
-            seen.map(|seen| {
-                json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
-                    "sign": seen.sign, "reasons": seen.reasons,
-                    "age_ms": at.saturating_duration_since(seen.begun).as_millis() as u64 })
-            })
-            .collect()
+        let (models, watch) = (app.models.clone(), app.watch.clone());
+        let listed = blocking(move || {
+            let listing = models.recordings();
+            let seen: Vec<_> = watch.look(|now| now.captures().rev().cloned().collect());
+            (listing, without_report(&models, seen))
         });
-        Ok(json(&json!({ "recordings": recordings, "seen": seen })))
+        let (recordings, seen) = listed.await?;
+        let at = Instant::now();
+        let seen = seen.iter().map(|seen| {
+            json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
+                "sign": seen.sign, "reasons": seen.reasons,
+                "age_ms": at.saturating_duration_since(seen.begun).as_millis() as u64 })
+        });
+        let seen: Vec<_> = seen.collect();
+        Ok(json(
+            &json!({ "recordings": recordings.newest, "all": recordings.all, "seen": seen }),
+        ))
     };
     answer(listed.await)
+}
+
+/// Without the captures of which there is a report, whether the page heard of that or not.
+fn without_report(models: &Models, mut seen: Vec<CaptureEntry>) -> Vec<CaptureEntry> {
+    seen.retain(|seen| {
+        let recording = seen.recording.as_deref();
+        !recording.is_some_and(|recording| models.has_report(recording, &seen.capture))
+    });
+    seen
 }
 
 /// The captures of a recording.
@@ -76,7 +90,9 @@ pub(super) async fn captures(
         let models = app.models.clone();
         let captures = blocking(move || models.captures(&recording)).await?;
         let captures = captures.ok_or_else(no_model)?;
-        Ok(json(&json!({ "captures": captures })))
+        Ok(json(
+            &json!({ "captures": captures.newest, "all": captures.all }),
+        ))
     };
     answer(listed.await)
 }
