@@ -3,7 +3,7 @@
 
 use super::control;
 use super::daemon::Daemon;
-use super::http::{App, router};
+use super::http::{App, READERS, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::sessions::{self, Sessions};
@@ -14,6 +14,7 @@ use crate::log;
 use axum::Router;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use rustix::net::sockopt;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
@@ -32,11 +33,12 @@ const CONNECTIONS: usize = 256;
 pub(super) const HEADERS: Duration = Duration::from_secs(5);
 /// How long the other side may refuse to read.
 const STALL: Duration = Duration::from_secs(20);
+/// How long, in milliseconds, the other side may acknowledge nothing of what was sent: a tablet that left the network
+/// without a word does not keep its streams open.
+const UNACKNOWLEDGED_MS: u32 = 20_000;
 /// Most headers of a request, and bytes that are read ahead.
 const MOST_HEADERS: usize = 64;
 const BUFFER: usize = 16 << 10;
-/// Threads that read files.
-const READERS: usize = 16;
 
 /// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
@@ -239,6 +241,8 @@ struct StallGuard {
 impl StallGuard {
     fn new(stream: TcpStream) -> Self {
         let _ = stream.set_nodelay(true);
+        // Where it is refused, the system's own limit holds, a quarter of an hour.
+        let _ = sockopt::set_tcp_user_timeout(&stream, UNACKNOWLEDGED_MS);
         Self {
             stream,
             stalled: None,
@@ -291,5 +295,25 @@ impl AsyncWrite for StallGuard {
         context: &mut Context<'_>,
     ) -> Poll<std::io::Result<()>> {
         Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_connection_whose_other_side_acknowledges_nothing_is_given_up() {
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let address = listener.local_addr().unwrap();
+            let _client = TcpStream::connect(address).await.unwrap();
+            let (stream, _) = listener.accept().await.unwrap();
+            let guard = StallGuard::new(stream);
+            let limit = sockopt::tcp_user_timeout(&guard.stream);
+            assert_eq!(limit.unwrap(), UNACKNOWLEDGED_MS);
+        });
     }
 }

@@ -252,10 +252,10 @@ async fn ask(app: &App, request: Request) -> Result<Response, Refusal> {
 /// that may press gets it.
 fn told(reply: Result<Reply, daemon::Error>) -> Result<Response, Refusal> {
     let reply = reply.map_err(|error| {
-        let code = if matches!(error, daemon::Error::Full) {
-            "full"
-        } else {
-            "away"
+        let code = match error {
+            daemon::Error::Full => "full",
+            daemon::Error::Unsure => "unsure",
+            _ => "away",
         };
         Refusal::new(StatusCode::SERVICE_UNAVAILABLE, code, error.to_string())
     })?;

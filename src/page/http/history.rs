@@ -344,3 +344,36 @@ async fn blocking<T: Send + 'static>(
         Refusal::new(status, "internal", "the page failed to read the models")
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::page::http::{DOWNLOADS, READERS, SMALL};
+    use tokio::sync::Semaphore;
+
+    #[test]
+    fn clients_that_do_not_read_their_files_keep_no_list_waiting() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(64 << 20).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .max_blocking_threads(READERS)
+            .build()
+            .unwrap();
+        runtime.block_on(async {
+            let slots = Arc::new(Semaphore::new(DOWNLOADS + SMALL));
+            let mut unread = Vec::new();
+            while let Ok(slot) = slots.clone().try_acquire_owned() {
+                let file = file.try_clone().unwrap();
+                let sent = send(file, 64 << 20, "model/gltf-binary", Coding::None, slot);
+                unread.push(sent);
+            }
+            assert_eq!(unread.len(), DOWNLOADS + SMALL);
+            // All of them have begun to read, and wait for their clients.
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            let listed = tokio::time::timeout(Duration::from_secs(20), blocking(|| 7));
+            assert!(matches!(listed.await, Ok(Ok(7))));
+            drop(unread);
+        });
+    }
+}

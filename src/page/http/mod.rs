@@ -35,6 +35,10 @@ const DOWNLOADS: usize = 12;
 /// Small forms of them that are made and sent at a time; others wait.
 const SMALL: usize = 4;
 
+/// Threads that read files. Each of those that are sent to a slow client keeps one for as long as that takes, and lists
+/// do not wait for them.
+pub(super) const READERS: usize = DOWNLOADS + SMALL + 16;
+
 /// Requests for pictures of the cameras that wait at a time.
 const LOOKING: usize = 16;
 
