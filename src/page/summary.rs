@@ -158,3 +158,32 @@ fn shorten(text: &mut String) {
         text.truncate(end);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    #[test]
+    fn the_catalogue_has_a_sentence_for_every_reason_in_each_language() {
+        let schema: Value =
+            serde_json::from_str(include_str!("../../docs/report.schema.json")).unwrap();
+        let codes = &schema["$defs"]["reason"]["properties"]["code"]["enum"];
+        let codes = codes.as_array().unwrap().iter().filter_map(Value::as_str);
+        let codes: Vec<_> = codes.chain(["failed"]).collect();
+        for (language, words) in [
+            ("en", include_str!("../../ui/src/words/en.ts")),
+            ("de", include_str!("../../ui/src/words/de.ts")),
+        ] {
+            let keys = words
+                .lines()
+                .filter_map(|line| line.trim().split_once(": \""));
+            let mut known: Vec<_> = keys
+                .filter_map(|(key, _)| key.strip_prefix("reason_"))
+                .collect();
+            let mut codes = codes.clone();
+            known.sort_unstable();
+            codes.sort_unstable();
+            assert_eq!(known, codes, "{language}");
+        }
+    }
+}
