@@ -3,7 +3,7 @@
 
 use super::control;
 use super::daemon::Daemon;
-use super::http::{App, READERS, router};
+use super::http::{App, Client, READERS, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::sessions::{self, Sessions};
@@ -12,6 +12,9 @@ use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use rustix::net::sockopt;
@@ -190,7 +193,7 @@ pub(super) async fn accept(
 ) {
     let slots = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, address)) = listener.accept().await else {
             // No file descriptors are left, for example.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
@@ -201,14 +204,15 @@ pub(super) async fn accept(
         let router = router.clone();
         let acceptor = tls.as_ref().map(|tls| tls.acceptor());
         let stream = StallGuard::new(stream);
+        let client = Client(address.ip());
         tokio::spawn(async move {
             match acceptor {
-                None => serve_one(stream, router, patience).await,
+                None => serve_one(stream, client, router, patience).await,
                 Some(acceptor) => {
                     // One that greets too slowly, or not at all, is left as one with slow headers is.
                     let greeted = tokio::time::timeout(patience, acceptor.accept(stream)).await;
                     if let Ok(Ok(stream)) = greeted {
-                        serve_one(stream, router, patience).await;
+                        serve_one(stream, client, router, patience).await;
                     }
                 }
             }
@@ -219,15 +223,21 @@ pub(super) async fn accept(
 
 async fn serve_one(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    client: Client,
     router: Router,
     patience: Duration,
 ) {
+    let routes = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(client);
+        routes.call(request)
+    });
     let connection = hyper::server::conn::http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(patience)
         .max_headers(MOST_HEADERS)
         .max_buf_size(BUFFER)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(stream), service);
     // A connection that breaks, or is broken off, is its other side's affair.
     let _ = connection.await;
 }
